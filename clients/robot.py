@@ -14,6 +14,7 @@ from robocorba.clients.cooperation import Cooperation
 from robocorba.collision_avoidance.neighbours import PoolNearby
 from robocorba.control.agent import AgentState, ControlAgent
 from robocorba.control.model_switcher import AdaptorContext
+from robocorba.control.posture_report import INTERVAL_S, PostureReport
 from robocorba.control.realtime import raise_process_priority
 from robocorba.control.tick_file import TickFile
 from robocorba.corba.calls import error_of
@@ -101,6 +102,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 follower.pool.change_floor(floor)
 
         stack.callback(Repeating("floor", follow_floor, FLOOR_CHECK_S).start().close)
+        posture = PostureReport(lambda: agent.state.actor.joints, session.report_posture)
+        stack.callback(Repeating("posture", posture.update, INTERVAL_S).start().close)
         path = f"{ROBOTS}/{settings.name}"
         pool = orb.activate(DataPoolServant(follower.pool, plans), f"{path}/pool")
         orb.serve({path: RobotAgentServant(agent, pool, settings.channel, others)})

@@ -1,4 +1,4 @@
-"""How long a robot waits for others before it gives way in another manner."""
+"""How long a robot waits for others before it steps aside or takes another path."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ class GivingWayPolicy:
     parked_s: float = 2.0
     #: Time after which Blocked is raised [s], for a robot blocked by a parked robot or a wall.
     blocked_by_parked_s: float = 0.5
-    #: The same for a robot blocked by one with an earlier name [s].
+    #: The same for a robot blocked by one whose name is earlier in the alphabet, which has priority [s].
     blocked_by_earlier_s: float = 1.0
-    #: The same for a robot blocked by one with a later name, which should step aside first [s].
+    #: The same for a robot blocked by one whose name is later, which should step aside first [s].
     blocked_by_later_s: float = 4.0
     #: A drive fails when it is blocked more often than this.
     max_blockages: int = 8
     #: Time for which a blocked robot searches for a path around the other one [s]; then it takes the path of the map.
-    max_pause_s: float = 10.0
+    max_search_s: float = 10.0
     #: Maximum numbers of robots and of objects in one path request.
     max_robots: int = 20
     max_objects: int = 30

@@ -14,8 +14,8 @@ from robocorba.spatial.pose import XY
 DIRECTIONS, DISTANCES_M = 16, (0.15, 0.3, 0.5, 0.8, 1.2)
 #: Step at which the straight line to a candidate is checked [m].
 CHECK_STEP_M = 0.1
-#: Minimum clearance of a candidate [m], or that of the present place if it is smaller.
-MIN_CLEARANCE_M = 0.03
+#: Minimum gap between the robot's rim and obstacles at a candidate [m], or that of the present place if it is smaller.
+MIN_GAP_M = 0.03
 #: Beyond this gap between the robot's rim and the lane [m], the score of a candidate does not increase.
 LANE_GAP_M = 0.15
 #: Beyond this gap between the two robots' rims [m], the score of a candidate does not increase.
@@ -28,10 +28,10 @@ FACING_RAD = math.radians(60)
 
 def place_aside(nearby: Nearby, here: XY, other: OtherRobot) -> XY | None:
     """The best place (x, y) [m] to step aside for `other`; None if `here` is as good. Raises NotReachable."""
-    lane, contact_m = _lane(here, other), RADIUS_M + other.radius_m
+    lane_direction, contact_m = _lane_direction(here, other), RADIUS_M + other.radius_m
 
     def score_m(place: XY) -> float:
-        from_lane_m = min(_distance_from_ray(place, (other.x, other.y), lane), contact_m + LANE_GAP_M)
+        from_lane_m = min(_distance_from_ray(place, (other.x, other.y), lane_direction), contact_m + LANE_GAP_M)
         from_robot_m = min(math.dist(place, (other.x, other.y)), contact_m + ROBOT_GAP_M)
         return from_lane_m + from_robot_m - DRIVING_COST * math.dist(here, place)
 
@@ -39,10 +39,9 @@ def place_aside(nearby: Nearby, here: XY, other: OtherRobot) -> XY | None:
     return best if score_m(best) > score_m(here) + 0.01 else None
 
 
-def _lane(here: XY, other: OtherRobot) -> float:
-    """The direction in which another robot wants to drive [rad]: its heading if it approaches, else towards this robot.
-
-    Robots face their direction of travel, but may have turned for their goal."""
+def _lane_direction(here: XY, other: OtherRobot) -> float:
+    """The direction in which another robot wants to drive [rad]: towards this robot, which is in its way, or its own
+    heading if that is within FACING_RAD of it. A robot that waits may have turned for its goal."""
     bearing = math.atan2(here[1] - other.y, here[0] - other.x)
     is_approaching = abs(math.remainder(other.heading - bearing, math.tau)) < FACING_RAD
     return other.heading if is_approaching else bearing
@@ -56,12 +55,12 @@ def _distance_from_ray(place: XY, start: XY, direction: float) -> float:
 def _free_places(nearby: Nearby, here: XY) -> Iterator[XY]:
     """Candidates that the robot can reach on a straight line."""
     others = nearby.others(*here)
-    least_m = min(RADIUS_M + MIN_CLEARANCE_M, nearby.clearance_m(*here) - 1e-3)
+    least_m = min(RADIUS_M + MIN_GAP_M, nearby.clearance_m(*here) - 1e-3)
 
     def is_free(place: XY) -> bool:
         for other in others:
             distance_m = math.dist(place, (other.x, other.y))
-            if distance_m < min(RADIUS_M + other.radius_m + MIN_CLEARANCE_M, math.dist(here, (other.x, other.y))):
+            if distance_m < min(RADIUS_M + other.radius_m + MIN_GAP_M, math.dist(here, (other.x, other.y))):
                 return False
         return nearby.clearance_m(*place) >= least_m
 

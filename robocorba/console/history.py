@@ -97,6 +97,15 @@ class History:
                 raise UnknownFloor("floor", floor, [name for name, kept in self._moments.items() if kept])
             return moments[max(0, bisect.bisect_right(moments, at_s, key=lambda moment: moment.at) - 1)]
 
+    def between(self, floor: str, begin_s: float, end_s: float) -> list[Moment]:
+        """Moments of a floor in a span of POSIX times [s], with the state at `begin_s` as the first one.
+
+        Raises UnknownFloor."""
+        first = self.at(floor, begin_s)
+        first = first._replace(at=max(first.at, begin_s))
+        with self._lock:
+            return [first] + [moment for moment in self._moments[floor] if first.at < moment.at <= end_s]
+
     def frame(self, floor: str, at_s: float) -> bytes:
         """The frame of a floor at POSIX time `at_s` [s]. Raises UnknownFloor."""
         moment = self.at(floor, at_s)

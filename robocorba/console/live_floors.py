@@ -41,6 +41,11 @@ class LiveFloor:
         """Version of the content; WHOLE before there is any."""
         return self._view.version
 
+    @property
+    def time(self) -> float:
+        """Simulated time of the content [s]."""
+        return self._view.time
+
     def follow(self, database: RemoteDatabase, history: History) -> bool:
         """Update the content; whether it has changed. Raises UnknownFloor, NotReachable."""
         update = database.changes(self._view.floor, self._view.version)

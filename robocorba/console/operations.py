@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from robocorba.console.arguments import InvalidArguments
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent, robots
 from robocorba.errors.base import RoboCorbaError
@@ -16,10 +17,6 @@ STOP_LIMIT_S = 3.0
 #: Timeout for finding a robot [s].
 RESOLVE_TIMEOUT_S = 1.0
 Operation = Callable[..., Any]
-
-
-class InvalidArguments(RoboCorbaError):
-    """Arguments that the operation does not have, or that it misses."""
 
 
 class Operations:

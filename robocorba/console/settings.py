@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 import getpass
+import importlib.util
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from robocorba.errors.services import ServiceError
+from robocorba.names import SUPERVISOR
 from robocorba.settings import Address, InvalidSetting, Settings
 
 #: Default port of the console.
@@ -18,12 +21,20 @@ MIN_PASSWORD = 8
 LOOPBACK_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
 
 
+def check_installed() -> None:
+    """Raises ServiceError without the packages of the console."""
+    if importlib.util.find_spec("nicegui") is None:
+        raise ServiceError("the console's packages are not installed: pip install 'robocorba[console]'")
+
+
 @dataclass(frozen=True)
 class ConsoleSettings:
     """Settings of the console.
 
     port: 0 for any free one. password: empty for none. certificate, key: PEM files, None without TLS.
-    administrator: file with the reference of the simulation's administrator, None for no such rights."""
+    administrator: file with the reference of the simulation's administrator, None for no such rights.
+    supervisor: file with the reference of the system's supervisor; it need not exist. recording: a file to look at
+    beside the running system, or None."""
 
     common: Settings
     host: str
@@ -32,6 +43,8 @@ class ConsoleSettings:
     certificate: Path | None
     key: Path | None
     administrator: Path | None
+    supervisor: Path
+    recording: Path | None = None
 
     @property
     def hosts(self) -> frozenset[str]:
@@ -41,7 +54,7 @@ class ConsoleSettings:
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ConsoleSettings:
         """From `[--host H] [--port N] [--password-file FILE] [--certificate FILE --key FILE] [--administrator FILE]
-        [--naming HOST:PORT] [--state DIR]`.
+        [--supervisor FILE] [--recording FILE] [--naming HOST:PORT] [--state DIR]`.
 
         Asks for a password where one is needed and none is given. Raises InvalidSetting; SystemExit with a usage line
         for unknown arguments."""
@@ -59,6 +72,13 @@ class ConsoleSettings:
             metavar="FILE",
             help="administrator.ior of the state folder: allows to pause, evict and place robots",
         )
+        parser.add_argument(
+            "--supervisor",
+            type=Path,
+            metavar="FILE",
+            help="the system's supervisor, for processes and robots [supervisor.ior of the state folder]",
+        )
+        parser.add_argument("--recording", type=Path, metavar="FILE", help="a recording to look at")
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
         given = parser.parse_args(arguments)
@@ -68,17 +88,22 @@ class ConsoleSettings:
             Address.checked(given.host, 1, "--host")
         if (given.certificate is None) != (given.key is None):
             raise InvalidSetting("--certificate", str(given.certificate), "a certificate and its --key go together")
-        for option, file in (("--certificate", given.certificate), ("--key", given.key)):
+        files = {"--certificate": given.certificate, "--key": given.key}
+        files |= {"--administrator": given.administrator, "--supervisor": given.supervisor}
+        for option, file in files.items():
             if file is not None and not file.is_file():
                 raise InvalidSetting(option, str(file), "there is no such file")
+        common = Settings.read(given.naming, given.state)
         return cls(
-            Settings.read(given.naming, given.state),
+            common,
             given.host,
             given.port,
             _password(given.host, given.password_file),
             given.certificate,
             given.key,
             given.administrator,
+            given.supervisor or common.state / SUPERVISOR,
+            given.recording,
         )
 
 

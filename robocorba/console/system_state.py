@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from robocorba.corba.orb import Orb
-from robocorba.corba.plain import plain
-from robocorba.corba.remote.remote_object import RemoteObject
+from robocorba.corba.remote.system_state import Question, channel_state, robot_state, server_state
 from robocorba.errors.base import RoboCorbaError
 from robocorba.names import CHANNELS, ROBOTS
 from robocorba.repeating import Repeating
-from robocorba.stubs import RoboCorba
 
 #: Interval between the requests of each object [s].
 INTERVAL_S = 0.5
-#: Timeout of a call [s]. An object that does not answer is asked again after RETRY_S [s].
-CALL_LIMIT_S, RETRY_S = 1.0, 3.0
-#: Objects asked at the same time; those that hang occupy one thread each for CALL_LIMIT_S in RETRY_S.
+#: An object that does not answer is asked again after this time [s].
+RETRY_S = 3.0
+#: Objects asked at the same time; those that hang occupy one thread each for 1 s in RETRY_S.
 THREADS = 16
 Answer = dict[str, Any]
 
@@ -28,8 +25,7 @@ Answer = dict[str, Any]
 class _Source:
     """A remote object that is asked again and again, never twice at the same time."""
 
-    def __init__(self, orb: Orb, name: str, interface: Any, ask: Callable[[Any], Any]) -> None:
-        self._remote = RemoteObject(orb, name, interface, name.rpartition("/")[2], CALL_LIMIT_S, CALL_LIMIT_S)
+    def __init__(self, ask: Question) -> None:
         self._ask = ask
         self.answer: Any = None
         #: Time of the last answer on the monotonic clock [s]; and why there is no newer one.
@@ -44,7 +40,7 @@ class _Source:
 
     def _refresh(self) -> None:
         try:
-            self.answer = self._remote.call(self._ask)
+            self.answer = self._ask()
             self.answered_at, self.problem = time.monotonic(), ""
             self._next_s = self.answered_at + INTERVAL_S
         except RoboCorbaError as error:
@@ -66,7 +62,7 @@ class SystemState:
         self._orb = orb
         self._threads = ThreadPoolExecutor(THREADS, "console")
         self._lock = threading.Lock()
-        self._server = _Source(orb, "SimulationServer", RoboCorba.SimulationServer, _server)
+        self._server = _Source(server_state(orb))
         self._robots: dict[str, _Source] = {}
         self._channels: dict[str, _Source] = {}
         self._bound: dict[str, frozenset[str]] = {ROBOTS: frozenset(), CHANNELS: frozenset()}
@@ -108,30 +104,12 @@ class SystemState:
 
     def _read_names(self) -> None:
         try:
-            for path, sources, interface, ask in (
-                (ROBOTS, self._robots, RoboCorba.RobotAgent, _robot),
-                (CHANNELS, self._channels, RoboCorba.EventChannel, _channel),
-            ):
+            of_kind = ((ROBOTS, self._robots, robot_state), (CHANNELS, self._channels, channel_state))
+            for path, sources, question in of_kind:
                 self._bound[path] = frozenset(self._orb.names(path))
                 with self._lock:
                     for name in sorted(self._bound[path] - sources.keys()):
-                        sources[name] = _Source(self._orb, f"{path}/{name}", interface, ask)
+                        sources[name] = _Source(question(self._orb, name))
             self._names_problem = ""
         except RoboCorbaError as error:
             self._names_problem = str(error)
-
-
-def _server(server: Any) -> Answer:
-    return {
-        "state": plain(server._get_state()),
-        "clients": [plain(client) for client in server.clients()],
-        "sensors": [plain(sensor) for sensor in server.sensors()],
-    }
-
-
-def _robot(agent: Any) -> Any:
-    return plain(agent._get_state())
-
-
-def _channel(channel: Any) -> Any:
-    return plain(channel.state())

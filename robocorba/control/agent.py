@@ -28,7 +28,7 @@ from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED,
 from robocorba.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.planning.request import PathPoint
 from robocorba.programs.base_checks import Planner
-from robocorba.programs.program import Program
+from robocorba.programs.program import Program, require_cooperative
 from robocorba.programs.report import CheckReport
 from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
@@ -41,13 +41,13 @@ FOLLOW_VALID_S = 0.1
 #: Distance of the body from its actual robot above which the body counts as blocked by an obstacle in the building [m].
 #: The robot's motion fails then, as if the obstacle blocked the robot.
 BODY_BLOCKED_M = 0.1
-#: Number of control cycles for which such a distance may grow before the body counts as blocked. A body that was only
-#: late, because its robot's process got no processor time, needs 19 to reach the robot's speed.
+#: Number of control cycles above that distance, without getting closer, after which the body counts as blocked. A body
+#: that was only late, because its robot's process got no processor time, took up to 19 cycles to get closer.
 BODY_BLOCKED_CYCLES = 25
 #: Distance above which the body can't follow any more, and the robot counts as lost [m].
 BODY_LOST_M = 1.0
 #: Interval between renewals of the lease [s], independent of commands.
-LEASE_CHECK_S = 0.5
+LEASE_RENEWAL_S = 0.5
 #: Timeout for the end of an aborted program [s].
 END_LIMIT_S = 5.0
 
@@ -55,7 +55,8 @@ _log = logging.getLogger(__name__)
 
 
 class AgentCondition(Enum):
-    """Condition of a control agent."""
+    """Condition of a control agent. IDLE: no program runs, also after its end. STOPPED: by an emergency stop or a
+    fault, until it is reset."""
 
     IDLE = 0
     RUNNING = 1
@@ -126,7 +127,7 @@ class ControlAgent:
         self._blocked_at_m = math.inf
         self._body_distance_m = 0.0
         self._cycles_falling_behind = 0
-        self._lease = Repeating("lease", self._renew, LEASE_CHECK_S)
+        self._lease = Repeating("lease", self._renew, LEASE_RENEWAL_S)
 
     # ---- start and end ----
 
@@ -149,10 +150,10 @@ class ControlAgent:
         """Replace the adaptor. The previous one is stopped first, and restarted if the new one can't be started. Raises
         UnknownAdaptor, AdaptorFailed; IllegalOrder while a program runs."""
         with self._lock:
-            self._refuse_while_running("switch to another robot")
+            self._refuse_while_running("switch the adaptor")
             controller, before = self._controller, self._adaptor
             if controller is None:
-                raise IllegalOrder("switch to another robot", "was never started")
+                raise IllegalOrder("switch the adaptor", "was never started")
             argv_before = controller.argv
             model_switcher.make(adaptor, self._context)  # raises UnknownAdaptor before anything is stopped
             controller.close()
@@ -194,6 +195,7 @@ class ControlAgent:
     def start_mission(self, mission: str, program: Program) -> None:
         """Load and run a program of one cooperative icon as the mission of this name. Raises InvalidProgram,
         IllegalOrder."""
+        require_cooperative(program)
         with self._lock:
             self.load(program)
             self.run(mission=mission)
@@ -423,7 +425,8 @@ class ControlAgent:
 
 
 def _blocked_reason(body: SessionState, distance_m: float) -> str:
-    return f"its body in the building is {distance_m:.2f} m away, held by {body.touched or 'a wall'}"
+    obstacle = f"; it last touched {body.touched}" if body.touched else ""
+    return f"its body in the simulation is {distance_m:.2f} m away, as if an obstacle blocked it{obstacle}"
 
 
 def _follow_velocity(robot: RobotState, body: Pose) -> Velocity:

@@ -138,7 +138,7 @@ class BaseMovements(Movements):
 
     def _path_after_blockage(self, nearby: Nearby, other: OtherRobot, goal: Place, speed: float) -> list[PathPoint]:
         """A path around another robot as soon as there is one; after the policy's longest pause the map's path."""
-        deadline = self.clock() + nearby.policy.max_pause_s
+        deadline = self.clock() + nearby.policy.max_search_s
         while self.clock() < deadline:
             if points := self._path_around(goal, speed, other.name):
                 return points

@@ -1,4 +1,4 @@
-"""A robot's virtual sensors: the laser at its waist, and the ring of proximity sensors."""
+"""A robot's virtual sensors: the laser, and the ring of proximity sensors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from robocorba.sensing.virtual_sensor import Mount, ScanSpec
 from robocorba.simulation.registry import Pose
 from robocorba.spatial.grids import Floats
 
-WAIST = Mount()
+#: Scans are measured from the centre of the robot.
+CENTRE = Mount()
 
 
 class Sensors:
@@ -25,12 +26,12 @@ class Sensors:
         self._laser, self._ring = ScanSpec(LASER), ScanSpec(PROXIMITY, radius_m)
 
     def laser(self) -> Floats:
-        """Distances (181,) from the waist [m], from right to left. Raises SensingError, RobotLost."""
-        return self._session.scan(self._at(), WAIST, self._laser)
+        """Distances (181,) from the centre [m], from right to left. Raises SensingError, RobotLost."""
+        return self._session.scan(self._at(), CENTRE, self._laser)
 
     def proximity(self) -> Floats:
         """Distances (8,) from the rim [m], counter-clockwise from ahead. Raises SensingError, RobotLost."""
-        return self._session.scan(self._at(), WAIST, self._ring)
+        return self._session.scan(self._at(), CENTRE, self._ring)
 
     def nearest_m(self, sensor: str) -> float:
         """The least distance that a sensor measures [m]; its range if it sees nothing. sensor: its name in programs.

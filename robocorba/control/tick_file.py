@@ -27,7 +27,7 @@ COLUMNS = (
 MAX_TICKS = 180_000
 #: Maximum number of queued ticks, while the disk is slow.
 MAX_QUEUED = 500
-#: Timeout of `close` for writing the queued ticks [s].
+#: Timeout of `close` for each of: queueing the end, and writing the queued ticks [s].
 END_LIMIT_S = 5.0
 
 _log = logging.getLogger(__name__)
@@ -47,8 +47,9 @@ class Tick(NamedTuple):
 
 
 class TickFile:
-    """Creates a file. A separate thread writes it, so `add` never blocks a robot; ticks that exceed the queue are
-    dropped, and `close` logs their number. Raises RoboCorbaError if the file can't be created."""
+    """Creates a file. A separate thread writes it, so `add` never blocks a robot; ticks
+    beyond the queue or `max_ticks` are dropped, and `close` logs their number. Raises RoboCorbaError if the file can't
+    be created."""
 
     def __init__(self, file: Path, max_ticks: int = MAX_TICKS) -> None:
         try:
@@ -56,7 +57,7 @@ class TickFile:
         except OSError as error:
             raise RoboCorbaError(f"can't create {file}: {error.strerror or error}") from None
         self._waiting: queue.Queue[Tick | None] = queue.Queue(MAX_QUEUED)
-        self._left, self.left_out = max_ticks, 0
+        self._remaining, self.dropped = max_ticks, 0
         self._thread = threading.Thread(target=self._write, name="tick file", daemon=True)
         self._thread.start()
 
@@ -71,13 +72,13 @@ class TickFile:
     def add(self, tick: Tick) -> None:
         """Queue a tick. One thread at a time; the caller no longer changes the tick's content."""
         try:
-            if self._left:
+            if self._remaining:
                 self._waiting.put_nowait(tick)
-                self._left -= 1
+                self._remaining -= 1
                 return
         except queue.Full:
             pass
-        self.left_out += 1
+        self.dropped += 1
 
     def close(self) -> None:
         """Write the queued ticks, and close the file."""
@@ -85,8 +86,8 @@ class TickFile:
             if self._thread.is_alive():
                 self._waiting.put(None, timeout=END_LIMIT_S)
         self._thread.join(END_LIMIT_S)
-        if self.left_out:
-            _log.warning("%s lacks %d ticks: the disk was too slow or the file is full", self._file.name, self.left_out)
+        if self.dropped:
+            _log.warning("%s lacks %d ticks: the disk was too slow or the file is full", self._file.name, self.dropped)
 
     def _write(self) -> None:
         try:

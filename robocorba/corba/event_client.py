@@ -43,7 +43,8 @@ _log = logging.getLogger(__name__)
 
 
 class Event(NamedTuple):
-    """An event as a consumer receives it. time: s since 1970. expiry: s after that, 0 for never."""
+    """An event as a consumer receives it. time: s since 1970. expiry: s after that, 0 for never. origin: the channel
+    that received it first, number: its count there; empty and 0 for an event of OMG's plain push."""
 
     type: str
     source: str
@@ -56,13 +57,14 @@ class Event(NamedTuple):
 
 
 class EventClient:
-    """A connection to channel `channel`. source: the source of the events that it pushes.
+    """A connection to channel `channel`. source: the source of the events that it pushes; if it is not empty, also the
+    name of a permanent proxy, by which the channel knows this supplier again.
 
     Raises NotReachable if the channel is not found within `timeout_s`."""
 
     def __init__(self, orb: Orb, channel: str, source: str = "", timeout_s: float = 10.0) -> None:
         self.channel = orb.resolve(f"{CHANNELS}/{channel}", RoboCorba.EventChannel, timeout_s)
-        self.source = self._name = source
+        self.source = self._proxy_name = source
         self._orb = orb
         self._proxy: Any = None
         self._subscriptions: list[EventSubscription] = []
@@ -81,7 +83,7 @@ class EventClient:
         Raises InvalidEvent; NotReachable if the channel has not received the event; Unconfirmed if it may have."""
         header = self._header(type, priority, expiry_s)
         event = RoboCorba.Event(header, _packed(payload))
-        self._call(lambda: self._supplier().pushEvent(event), retry_s)
+        self._call(lambda: self._proxy_consumer().pushEvent(event), retry_s)
 
     def push_many(
         self,
@@ -96,7 +98,7 @@ class EventClient:
         packed = [_packed(payload) for payload in payloads]
         now = time.time()
         run = RoboCorba.EventRun(self._header(type, priority, expiry_s), [now] * len(packed), packed)
-        self._call(lambda: self._supplier().pushRuns([run]), retry_s)
+        self._call(lambda: self._proxy_consumer().pushRuns([run]), retry_s)
 
     def subscribe(
         self,
@@ -130,7 +132,7 @@ class EventClient:
         """End all subscriptions; durable ones collect events for the next process."""
         for subscription in self._subscriptions[:]:
             subscription.end()
-        if self._proxy and not self._name:  # a named proxy is permanent, and possibly shared
+        if self._proxy and not self._proxy_name:  # a named proxy is permanent, and possibly shared
             try:
                 self._proxy.disconnect_push_consumer()
             except CORBA.Exception as error:
@@ -160,9 +162,9 @@ class EventClient:
     def _header(self, type: str, priority: int, expiry_s: float) -> Any:
         return RoboCorba.EventHeader(type, self.source, "", 0, time.time(), priority, expiry_s, RoboCorba.MSGPACK)
 
-    def _supplier(self) -> Any:
+    def _proxy_consumer(self) -> Any:
         if self._proxy is None:
-            self._proxy = self.channel.supply(self._name)
+            self._proxy = self.channel.supply(self._proxy_name)
         return self._proxy
 
     def _call(self, operation: Callable[[], None], retry_s: float) -> None:
@@ -193,7 +195,8 @@ class EventSubscription:
         self._client, self._orb, self._consumer = client, orb, consumer
 
     def change(self, *patterns: str | tuple[str, str]) -> None:
-        """Replace the patterns of the subscription. Raises InvalidSubscription, NotReachable."""
+        """Replace the subscription by these patterns, as `subscribe` takes them. Raises InvalidSubscription,
+        NotReachable."""
         wanted = events.subscription(checked([([_pair(pattern)], 0.0) for pattern in patterns or ("*",)]))
         try:
             self.proxy.changeSubscription(wanted)
@@ -235,7 +238,9 @@ class _EventConsumerServant(RoboCorba__POA.EventConsumer):
 
     def push(self, value: Any) -> None:
         batch = events.batch_of_any(value)
-        self._guard(self._receive, Event(batch.header.type, batch.header.source, value.value(), batch.times[0], "", 0))
+        event = Event(batch.header.type, batch.header.source, value.value(), batch.times[0], "", 0)
+        with self._lock:
+            self._guard(self._receive, event)
 
     def pushRuns(self, runs: Any) -> None:
         with self._lock:

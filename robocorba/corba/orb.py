@@ -162,11 +162,12 @@ class Orb:
         OBJECT_NOT_EXIST. Call it once. Names may have several parts, such as EventChannels/hall."""
         self._install_signal_handlers()
         served = {name: self.activate(servant, name) for name, servant in servants.items()}
-        self._accept_calls()
+        self.accept_calls()
         self._bound_names.start(served)
 
     def activate(self, servant: Any, key: str = "") -> Any:
-        """A reference to an object that lives until `deactivate`, at most as long as this process.
+        """A reference to an object that lives until `deactivate`, or with a key `deactivate_key`, at most as long as
+        this process.
 
         With a `key`, which must differ from all served names, the reference is valid again whenever a process has
         activated an object with the same key at the same endpoint. Objects whose references others may have kept must
@@ -176,17 +177,25 @@ class Orb:
                 self._named_adapter.activate_object_with_id(key.encode(), servant)
             return self._named_adapter.id_to_reference(key.encode())
         if self.endpoint is None:
-            self._accept_calls()
+            self.accept_calls()
         return self._root_adapter.id_to_reference(self._root_adapter.activate_object(servant))
 
     def deactivate(self, servant: Any) -> None:
-        """Deactivate a servant; calls in progress are finished, later ones get OBJECT_NOT_EXIST."""
+        """Deactivate a servant without a key; calls in progress are finished, later ones get OBJECT_NOT_EXIST."""
         self._root_adapter.deactivate_object(self._root_adapter.servant_to_id(servant))
 
     def deactivate_key(self, key: str) -> None:
         """Deactivate the object with a key or a name, if there is one; the name stays bound."""
         with contextlib.suppress(PortableServer.POA.ObjectNotActive):
             self._named_adapter.deactivate_object(key.encode())
+
+    def is_own(self, reference: Any) -> bool:
+        """Whether this process serves the object of a reference under a name or a key."""
+        try:
+            self._named_adapter.reference_to_id(reference)
+        except (PortableServer.POA.WrongAdapter, CORBA.SystemException):
+            return False
+        return True
 
     def uri(self, reference: Any) -> str:
         """The stringified form of a reference, which `reference` converts back in any process."""
@@ -215,7 +224,7 @@ class Orb:
     def run(self) -> None:
         """Serve until SIGTERM, SIGINT or `stop`; then the `with` must end within SHUTDOWN_LIMIT_S. Main thread only."""
         gc.freeze()  # the objects loaded so far stay; traversing them in each collection would delay calls
-        self._accept_calls()
+        self.accept_calls()
         self._install_signal_handlers()
         try:
             self._stop.get()
@@ -237,7 +246,8 @@ class Orb:
         while self._handlers:
             signal.signal(*self._handlers.popitem())
 
-    def _accept_calls(self) -> None:
+    def accept_calls(self) -> None:
+        """Accept calls of active objects; for a process that has objects, but no names for `serve`."""
         for adapter in (self._named_adapter, self._root_adapter):
             adapter._get_the_POAManager().activate()
         _gate.set()

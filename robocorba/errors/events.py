@@ -39,6 +39,10 @@ class AlreadyConnected(EventError):
     """The proxy already has a client."""
 
 
+class OwnProxy(EventError):
+    """The client of a proxy is a proxy of the same channel: its events would circulate for ever."""
+
+
 class Disconnected(EventError):
     """The proxy has no client."""
 

@@ -14,9 +14,11 @@ from typing import NamedTuple, Protocol
 from robocorba.errors.events import ProxyGone
 from robocorba.events.account import Account
 from robocorba.events.event import EventBatch, EventHeader
+from robocorba.events.event_numbers import is_plausible
 from robocorba.events.federation import Federation
 from robocorba.events.feed import Feed
 from robocorba.events.proxy_supplier import ProxySupplier
+from robocorba.events.queue import MAX_BLOCK_S
 from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription, patterns_of, union
 from robocorba.events.watermarks import Watermarks
 
@@ -43,6 +45,15 @@ class Sink(Protocol):
 
 #: A batch, and the sinks for which the calling thread has claimed it.
 Claims = tuple[EventBatch, list[Sink]]
+
+
+class Forwarded(NamedTuple):
+    """What became of forwarded events. claims: the caller must pass them to `deliver`. duplicates, refused: their
+    numbers."""
+
+    claims: list[Claims]
+    duplicates: int
+    refused: int
 
 
 class _Route(NamedTuple):
@@ -124,13 +135,16 @@ class Channel:
             _deliver(batch, claims)
 
     def _publish_blocking(self, batch: EventBatch, max_events: int) -> None:
-        """Publish pieces of at most `max_events`, each when the queues have room or their time limit has passed."""
+        """Publish pieces of at most `max_events`, each when the queues have room or their time limit has passed.
+
+        The waits of all pieces for all queues together last at most MAX_BLOCK_S."""
         header = batch.header
+        deadline = time.monotonic() + MAX_BLOCK_S
         for start in range(0, len(batch), max_events):
             piece = batch.part(start, start + max_events)
             with self.lock:
                 for proxy in self._find_route(header).blocking:
-                    proxy.wait_for_room(len(piece))
+                    proxy.wait_for_room(len(piece), deadline - time.monotonic())
                 route = self._find_route(header)  # it may have changed during the wait
                 piece.header = route.header
                 piece.first = self._number + 1
@@ -138,15 +152,18 @@ class Channel:
                 claims = route.accept(piece, time.time())
             _deliver(piece, claims)
 
-    def forward(self, batches: list[EventBatch]) -> tuple[list[Claims], int]:
-        """Accept events from a peer, in their order. Returns what the caller must pass to `deliver`, and the number of
-        duplicates. Never waits for room in a queue: that would block the link."""
+    def forward(self, batches: list[EventBatch]) -> Forwarded:
+        """Accept events from a peer, in their order. Refuses numbers that their origin cannot have reached: they would
+        make all its later events look like duplicates. Never waits for room in a queue: that would block the link."""
         result = []
-        duplicates = 0
+        duplicates = refused = 0
         now = time.time()
         with self.lock:
             for batch in batches:
                 origin = batch.header.origin
+                if not is_plausible(batch.last, now):
+                    refused += len(batch)
+                    continue
                 seen = self._watermarks.last(origin) - batch.first + 1
                 if origin == self.name or seen >= len(batch):
                     duplicates += len(batch)
@@ -158,7 +175,7 @@ class Channel:
                 alive = batch.unexpired(now)
                 if alive and not self.is_destroyed:
                     result.append((alive, self._find_route(alive.header).accept(alive, now)))
-        return result, duplicates
+        return Forwarded(result, duplicates, refused)
 
     @staticmethod
     def deliver(claimed: list[Claims]) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import msgspec
 
+from robocorba.events.event_numbers import first_number_of, start_second
 from robocorba.events.federation import Advertisement
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import Subscription
@@ -19,10 +20,6 @@ from robocorba.record_file import RecordFile
 #: "RoCe", the application id in the header of the SQLite file.
 APPLICATION_ID = 0x526F4365
 SCHEMA_VERSION = 1
-#: 2020-01-01 [s since 1970]. The upper bits of an event number are the start time of the process since then [s].
-FIRST_SECOND = 1_577_836_800
-#: The lower bits of an event number, which count the events of a process.
-COUNT_BITS = 32
 #: Proxy ids begin with the creation time of the file [s], shifted left by this many bits.
 ID_BITS = 10
 
@@ -60,17 +57,17 @@ class ChannelStore(RecordFile):
 
     def __init__(self, file: Path) -> None:
         # If an older file was lost, its ids must not be reused: clients still hold them.
-        first_id = (int(time.time()) - FIRST_SECOND) << ID_BITS
+        first_id = start_second(time.time()) << ID_BITS
         super().__init__(file, APPLICATION_ID, SCHEMA_VERSION, (*_TABLES, f"INSERT INTO ids VALUES ({first_id})"))
 
     def first_number(self) -> int:
         """The number of the first event after this start: higher than all earlier ones, even if this file was lost."""
         with self._guarded():
             last = self._db.execute("SELECT max(second) FROM starts").fetchone()[0]
-            second = max(int(time.time()) - FIRST_SECOND, (last or 0) + 1)
+            second = max(start_second(time.time()), (last or 0) + 1)
             self._db.execute("DELETE FROM starts")
             self._db.execute("INSERT INTO starts VALUES (?)", (second,))
-        return (second << COUNT_BITS) + 1
+        return first_number_of(second)
 
     def next_id(self) -> int:
         """An id that no proxy of this channel had before."""

@@ -160,12 +160,15 @@ class ForeignLink:
         """Publish an event from the foreign channel, unless it is an echo or a duplicate."""
         batch.via = self.name
         if batch.header.origin:
-            claimed, duplicates = self._channel.forward([batch])  # claimed: what this thread must deliver
+            claimed, duplicates, refused = self._channel.forward([batch])  # claimed: what this thread must deliver
+            if refused:
+                _log.warning("%s delivered an event with a number that it cannot have; refused", self.name)
             self.duplicates += duplicates
             with self._channel.lock:
                 self._account.received += 1 - duplicates
                 self._account.delivered += len(claimed)
-                self._account.expired += 1 - duplicates - len(claimed)
+                self._account.discarded += refused
+                self._account.expired += 1 - duplicates - refused - len(claimed)
             self._channel.deliver(claimed)
         elif content is not None and self._echoes.recognise(content):
             self.duplicates += 1

@@ -144,7 +144,9 @@ class Gateway:
     def _accept(self, packet: list[EventBatch]) -> list[Claims]:
         for batch in packet:
             batch.via = self.peer
-        claimed, duplicates = self._channel.forward(packet)
+        claimed, duplicates, refused = self._channel.forward(packet)
+        if refused:
+            _log.warning("%s forwarded %d events with numbers that they cannot have; refused", self.peer, refused)
         count = sum(map(len, packet))
         delivered = sum(len(batch) for batch, _ in claimed)
         self._packets += 1
@@ -152,7 +154,8 @@ class Gateway:
         self._duplicates += duplicates
         self._account.received += count - duplicates
         self._account.delivered += delivered
-        self._account.expired += count - duplicates - delivered
+        self._account.discarded += refused
+        self._account.expired += count - duplicates - refused - delivered
         if claimed:
             self._lag_s = max(0.0, time.time() - claimed[-1][0].times[-1])
         return claimed

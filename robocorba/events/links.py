@@ -70,6 +70,7 @@ class Links:
         self._foreign: dict[str, ForeignLink] = {}
         self._removed: set[str] = set()
         self._lock = threading.RLock()  # guards the set of links
+        self._saving = threading.Lock()  # older advertisements never replace newer ones in the store
 
     def restore(self) -> None:
         """Restore the links that the store holds."""
@@ -143,12 +144,13 @@ class Links:
 
     def send_advertisements(self) -> None:
         """Save the advertisements, and send the new ones to the peers."""
-        with self._channel.lock:
-            advertisements = self._channel.federation.advertisements
-        try:
-            self._store.save_advertisements(advertisements)
-        except ServiceError as error:  # after a restart the peers send the advertisements again
-            _log.error("%s", error)
+        with self._saving:
+            with self._channel.lock:
+                advertisements = self._channel.federation.advertisements
+            try:
+                self._store.save_advertisements(advertisements)
+            except ServiceError as error:  # after a restart the peers send the advertisements again
+                _log.error("%s", error)
         with self._lock:
             gateways = [link.gateway for link in self._links.values()]
         for gateway in gateways:

@@ -89,6 +89,7 @@ class ProxyPushSupplier(ProxySupplier):
     def leave(self) -> None:
         """The consumer of a durable subscription has left; events wait for the next consumer."""
         self.client, self.condition, self._inline = None, ProxyCondition.WAITING, 0
+        self._room.notify_all()  # suppliers no longer wait for it
 
     def suspend(self) -> None:
         """Let events wait; a stalled consumer is not probed meanwhile."""
@@ -245,6 +246,7 @@ class ProxyPushSupplier(ProxySupplier):
                 if self.condition is ProxyCondition.CONNECTED:
                     self.condition, self._inline = ProxyCondition.STALLED, 0
                     self._changed.notify()  # the thread may be waiting for work
+                    self._room.notify_all()  # suppliers no longer wait for it
                     _log.info("the consumer of %s at %s is stalled (%s)", self.id, client.address, failure)
             is_lost = isinstance(failure, ClientGone) or (
                 self.failures >= self._delivery.max_failures and not self.name

@@ -27,6 +27,8 @@ class ProxySupplier(Proxy):
         self._queue = EventQueue(policy)
         self._selection = Selection(subscription, policy.size)
         self._in_flight = 0
+        #: Whether it let a supplier wait in vain since it last took an event.
+        self._is_too_slow = False
 
     @property
     def subscription(self) -> Subscription:
@@ -65,13 +67,20 @@ class ProxySupplier(Proxy):
         self._wake()
         return False
 
-    def wait_for_room(self, count: int) -> None:
-        """Wait for room for `count` events, at most for the queue's time limit; releases the lock meanwhile."""
+    def wait_for_room(self, count: int, limit_s: float) -> None:
+        """Wait for room for `count` events, at most for `limit_s` and the queue's time limit; releases the lock
+        meanwhile.
+
+        Not for a consumer that is away or does not answer; one that let a supplier wait in vain is not waited for again
+        until it has taken an event."""
 
         def has_room() -> bool:
-            return self.is_ended or not self.is_blocking or self._queue.room >= min(count, self.policy.size)
+            is_here = self.condition in (ProxyCondition.CONNECTED, ProxyCondition.SUSPENDED)
+            is_waited_for = self.is_blocking and is_here and not self._is_too_slow
+            return self.is_ended or not is_waited_for or self._queue.room >= min(count, self.policy.size)
 
-        self._room.wait_for(has_room, self.policy.block_limit)
+        if not self._room.wait_for(has_room, max(0.0, min(limit_s, self.policy.block_limit))):
+            self._is_too_slow = True
 
     def deliver(self, batch: EventBatch) -> bool:
         raise NotImplementedError
@@ -99,6 +108,7 @@ class ProxySupplier(Proxy):
         """The next items to deliver; empty if all queued events have expired."""
         items, expired = self._queue.take(max_events, time.time(), max_bytes)
         self.account.expired += expired
+        self._is_too_slow = False
         if self.is_blocking:
             self._room.notify_all()
         return items

@@ -10,10 +10,12 @@ from __future__ import annotations
 import mmap
 import os
 import struct
+import time
 from pathlib import Path
 from types import TracebackType
 
 from robocorba.errors.services import ServiceError
+from robocorba.events.event_numbers import is_plausible
 
 #: Maximum number of origins; beyond that the least recently used one is dropped.
 MAX_ORIGINS = 256
@@ -30,7 +32,7 @@ class Watermarks:
         try:
             descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
             try:
-                os.ftruncate(descriptor, size)
+                os.posix_fallocate(descriptor, 0, size)  # a hole would end the process by SIGBUS on a full disk
                 self._map = mmap.mmap(descriptor, size)
             finally:
                 os.close(descriptor)
@@ -43,7 +45,7 @@ class Watermarks:
         for slot in range(MAX_ORIGINS):
             number, used, name = _ENTRY.unpack_from(self._map, slot * _ENTRY.size)
             origin = name.rstrip(b"\0").decode(errors="replace")
-            if origin:
+            if origin and is_plausible(number, time.time()):
                 self._last[origin], self._slots[origin], self._used[origin] = number, slot, used
                 self._clock = max(self._clock, used)
 

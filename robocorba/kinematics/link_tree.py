@@ -51,8 +51,29 @@ def links() -> list[Link]:
     return found
 
 
+class Mount(NamedTuple):
+    """A place on a link, with axes of its own: a hand's control point, the laser, a proximity sensor. at: [m].
+    attitude: quaternion w, x, y, z in the link's frame; x out of the hand or sensor."""
+
+    name: str
+    link: str
+    at: tuple[float, float, float]
+    attitude: tuple[float, float, float, float]
+
+
+def mounts() -> list[Mount]:
+    """left_hand, right_hand, laser, proximity_1 to _8."""
+    model = specification().compile()
+    found = []
+    for number in range(model.nsite):
+        site = model.site(number)
+        w, x, y, z = map(float, site.quat)
+        found.append(Mount(site.name, model.body(int(site.bodyid[0])).name, _vector(site.pos), (w, x, y, z)))
+    return found
+
+
 def as_json() -> dict[str, Any]:
-    """Links, parts and paints for a viewer; lengths in m, angles in rad."""
+    """Links, mounts, joints, parts and paints for a viewer; lengths in m, angles in rad."""
     return {
         "links": [
             {
@@ -63,6 +84,8 @@ def as_json() -> dict[str, Any]:
             }
             for link in links()
         ],
+        "mounts": [mount._asdict() for mount in mounts()],
+        "joints": JOINTS,
         "parts": [part._asdict() | {"shape": part.shape.value} for part in parts()],
         "paints": PAINTS,
     }

@@ -51,6 +51,11 @@ class Session:
         self.client.renew_lease(time.monotonic())
         return self.robot.state()
 
+    def report_posture(self, joints: Sequence[float]) -> None:
+        """Publish the robot's joint angles, in the order of its model [rad]. Raises InvalidCommand."""
+        self.client.renew_lease(time.monotonic())
+        self.robot.report_posture(joints)
+
     def heartbeat(self) -> None:
         """Renew the lease."""
         self.client.renew_lease(time.monotonic())

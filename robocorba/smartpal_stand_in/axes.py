@@ -75,7 +75,7 @@ class AxesUnit(Unit):
     def _brake_axes(self) -> None:
         """One step of braking as hard as the axes can."""
         for axis, limit in zip(self._axes, self.max_acceleration.tolist(), strict=True):
-            axis.step_at(0.0, BRAKING_FACTOR * limit)
+            axis.step_at_velocity(0.0, BRAKING_FACTOR * limit)
 
     def _step_axes(self, speeds: Sequence[float], accelerations: Sequence[float]) -> None:
         """One step at these speeds [rad/s], as far as the position limits allow."""
@@ -83,7 +83,7 @@ class AxesUnit(Unit):
         for axis, speed, acceleration, (lower, upper) in zip(self._axes, speeds, accelerations, limits, strict=True):
             min_speed = -braking_speed(max(0.0, axis.position - lower), acceleration)
             max_speed = braking_speed(max(0.0, upper - axis.position), acceleration)
-            axis.step_at(min(max(speed, min_speed), max_speed), acceleration)
+            axis.step_at_velocity(min(max(speed, min_speed), max_speed), acceleration)
 
     def _is_stuck(self) -> bool:
         wanted = np.array([axis.position for axis in self._axes])
@@ -142,14 +142,14 @@ class PositionUnit(AxesUnit):
     def _move(self) -> None:
         if self._is_paused:
             for axis in self._axes:
-                axis.step_at(0.0, self._acceleration)
+                axis.step_at_velocity(0.0, self._acceleration)
         elif all(target is None for target in self._targets):
             self._brake_axes()
         else:
             for number, (axis, target) in enumerate(zip(self._axes, self._targets, strict=True)):
                 if target is None:
                     continue
-                axis.step_to(target, self._speed, self._acceleration)
+                axis.step_towards(target, self._speed, self._acceleration)
                 if axis.position == target:
                     self._targets[number] = None
 

@@ -236,9 +236,9 @@ class Mobility(Unit):
         speed = min(self._speed / max(length_m, 1e-9), self._turn / max(turn, 1e-9))
         acceleration = min(self._acceleration / max(length_m, 1e-9), self._turn_acceleration / max(turn, 1e-9))
         if self._is_paused:
-            self._progress.step_at(0.0, acceleration)
+            self._progress.step_at_velocity(0.0, acceleration)
         else:
-            self._progress.step_to(1.0, speed, acceleration)
+            self._progress.step_towards(1.0, speed, acceleration)
         fraction = min(self._progress.position, 1.0)
         errors = [wanted - actual for wanted, actual in zip(segment.at(fraction), self._pose, strict=True)]
         derivative = zip(_derivative(segment, fraction), errors, strict=True)

@@ -32,9 +32,9 @@ class UnitMotion:
     def step(self, is_paused: bool) -> tuple[Floats, Floats]:
         """Joint positions (7,) and velocities (7,) after one step [rad, rad/s]."""
         if is_paused:
-            self._progress.step_at(0.0, self._acceleration)
+            self._progress.step_at_velocity(0.0, self._acceleration)
         else:
-            self._progress.step_to(1.0, self._rate, self._acceleration)
+            self._progress.step_towards(1.0, self._rate, self._acceleration)
         intervals = len(self.points) - 1
         progress = min(max(self._progress.position, 0.0), 1.0) * intervals
         index = min(int(progress), intervals - 1)

@@ -13,7 +13,7 @@ class Setpoint:
     def __init__(self, position: float = 0.0, speed: float = 0.0) -> None:
         self.position, self.speed = position, speed
 
-    def step_to(self, target: float, max_speed: float, acceleration: float) -> None:
+    def step_towards(self, target: float, max_speed: float, acceleration: float) -> None:
         """One step towards `target`; it stops there."""
         distance = target - self.position
         change = acceleration * STEP_S
@@ -21,9 +21,9 @@ class Setpoint:
             self.position, self.speed = target, 0.0
             return
         wanted = math.copysign(min(max_speed, braking_speed(abs(distance), acceleration)), distance)
-        self.step_at(wanted, acceleration)
+        self.step_at_velocity(wanted, acceleration)
 
-    def step_at(self, wanted_speed: float, acceleration: float) -> None:
+    def step_at_velocity(self, wanted_speed: float, acceleration: float) -> None:
         """One step; the speed approaches `wanted_speed` within `acceleration`."""
         change = acceleration * STEP_S
         self.speed += min(max(wanted_speed - self.speed, -change), change)

@@ -281,7 +281,7 @@ def test_corners_are_passed_with_clearance_to_a_place_beside_another_robot() -> 
 
 
 def test_the_blocking_robot_is_named() -> None:
-    policy = GivingWayPolicy(max_blockages=1, max_pause_s=1.0)
+    policy = GivingWayPolicy(max_blockages=1, max_search_s=1.0)
     crowd = Crowd(room(8.0, 1.0), {"A": (1.0, 0.5, 0.0), "B": (4.0, 0.5, 0.0)}, policy)
     wrong = crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 0.5))
     assert wrong["A"].endswith("B is in the way")

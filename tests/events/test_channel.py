@@ -11,6 +11,8 @@ import pytest
 from robocorba.errors.events import ProxyGone
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
+from robocorba.events.event import EventBatch
+from robocorba.events.event_numbers import first_number_of, start_second
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import ALL, Pattern, Subscription
@@ -87,19 +89,37 @@ def test_events_that_arrive_expired_get_no_number(channel: Channel) -> None:
     assert (channel.last_number, account.expired) == (101, 3)
 
 
+def from_hall(first: int, count: int = 1) -> EventBatch:
+    batch = events(first, count)
+    batch.header = batch.header._replace(origin="hall")
+    return batch
+
+
 def test_duplicates_from_a_peer_are_recognised(channel: Channel) -> None:
     proxy = consumer(channel, "1")
 
     def forward(first: int, count: int, origin: str = "hall") -> int:
         batch = events(first, count)
         batch.header = batch.header._replace(origin=origin)
-        claimed, duplicates = channel.forward([batch])
+        claimed, duplicates, _ = channel.forward([batch])
         channel.deliver(claimed)
         return duplicates
 
     assert [forward(1, 3), forward(2, 4), forward(1, 5), forward(7, 1), forward(6, 1)] == [0, 2, 5, 0, 1]
     assert forward(50, 2, origin="lab") == 2  # its own
     assert [number for number, _ in pulled(proxy)] == [1, 2, 3, 4, 5, 7]
+
+
+def test_numbers_of_the_future_are_refused(channel: Channel) -> None:
+    """One of them would make all later events of its origin look like duplicates."""
+    proxy = consumer(channel, "1")
+    latest = first_number_of(start_second(time.time()))
+    forged = (1 << 63, latest + (3600 << 32), (1 << 64) - 1)
+    for number in forged:
+        assert channel.forward([from_hall(number)]) == ([], 0, 1)
+    _, duplicates, refused = channel.forward([from_hall(latest)])
+    assert (duplicates, refused) == (0, 0)
+    assert [number for number, _ in pulled(proxy)] == [latest]
 
 
 def test_a_destroyed_channel_accepts_no_events(channel: Channel) -> None:

@@ -324,6 +324,31 @@ def test_a_blocked_supplier_loses_no_event(channel: Channel) -> None:
     assert received(consumer) == list(range(12))
 
 
+@pytest.mark.parametrize("how", ["has left", "takes no event", "does not answer"])
+def test_an_absent_consumer_blocks_nobody(channel: Channel, how: str) -> None:
+    """A wait of 10 s for each event would let this test take 100 s."""
+    consumer = Consumer()
+    if how == "does not answer":
+        consumer.answer, consumer.is_alive = failing(*[NotDelivered("away")] * 100), lambda: False
+    limit_s = 0.05 if how == "takes no event" else 10.0
+    proxy = push_supplier_of(channel, consumer, QueuePolicy(1, OverflowRule.BLOCK_SUPPLIER, limit_s), name="logger")
+    with channel.lock:
+        if how == "has left":
+            proxy.leave()
+        elif how == "takes no event":
+            proxy.suspend()
+    if how == "does not answer":
+        publish(channel, 0)
+        eventually(lambda: proxy.condition is ProxyCondition.STALLED)
+    waits = []
+    wait_for = proxy._room.wait_for
+    proxy._room.wait_for = lambda *args: (waits.append(wait_for(*args)), waits[-1])[1]  # type: ignore[method-assign]
+    for number in range(10):
+        publish(channel, number)
+    assert is_balanced(totals(proxy)) and totals(proxy).queued == 1
+    assert waits.count(False) == (how == "takes no event")
+
+
 def test_after_the_block_limit_the_newest_events_are_discarded(channel: Channel) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer, QueuePolicy(2, OverflowRule.BLOCK_SUPPLIER, 0.01))

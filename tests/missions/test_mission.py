@@ -37,7 +37,7 @@ LEADING = LeaderPolicy(
 )
 #: The arms stay where they begin.
 TAKING_PART = MemberPolicy(leader_timeout_s=1.5, end_order_timeout_s=3.0, final_state_s=0.5, driving_posture="home")
-GIVING_WAY = GivingWayPolicy(max_pause_s=2.0, blocked_by_parked_s=0.2, blocked_by_later_s=1.0)
+GIVING_WAY = GivingWayPolicy(max_search_s=2.0, blocked_by_parked_s=0.2, blocked_by_later_s=1.0)
 
 
 @pytest.fixture(scope="module")

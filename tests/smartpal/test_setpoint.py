@@ -24,7 +24,7 @@ def test_a_setpoint_reaches_its_target_within_its_limits(
     limit_s = 2 * abs(target - at) / most + 4 * most / acceleration + 1.0
     before = setpoint.speed
     for _ in range(round(limit_s / STEP_S)):
-        setpoint.step_to(target, most, acceleration)
+        setpoint.step_towards(target, most, acceleration)
         assert abs(setpoint.speed) <= most + 1e-9
         assert abs(setpoint.speed - before) <= acceleration * STEP_S + 1e-9
         before = setpoint.speed
@@ -34,6 +34,6 @@ def test_a_setpoint_reaches_its_target_within_its_limits(
 def test_it_stops_within_its_braking_distance() -> None:
     setpoint = Setpoint(0.0, 1.0)
     for _ in range(round(0.5 / STEP_S)):
-        setpoint.step_at(0.0, 2.0)
+        setpoint.step_at_velocity(0.0, 2.0)
     assert setpoint.speed == 0.0
     assert abs(setpoint.position - 0.25) < 0.002

@@ -135,6 +135,19 @@ def test_pull_supplier_nil_is_a_bad_param(lab: Lab) -> None:
     proxy.connect_pull_supplier(lab.reference(PullSupplier()))
 
 
+def test_a_proxy_of_the_same_channel_is_refused(lab: Lab) -> None:
+    """Each event would come back to the channel for ever."""
+    pushing, pulled = lab.supplier(), lab.for_pull_consumer()
+    with pytest.raises(CosEventChannelAdmin.TypeError):
+        lab.for_push_consumer().connect_push_consumer(pushing)
+    with pytest.raises(CosEventChannelAdmin.TypeError):
+        lab.for_pull_supplier().connect_pull_supplier(pulled)
+    pulled.connect_pull_consumer(None)
+    pushing.push(text("a"))
+    assert pulled.pull().value() == "a"
+    assert not pulled.try_pull()[1]
+
+
 @pytest.mark.parametrize("first_is_nil", [False, True])
 def test_a_second_connect_is_already_connected(lab: Lab, first_is_nil: bool) -> None:
     def of(servant: Any) -> Any:

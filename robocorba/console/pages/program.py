@@ -18,5 +18,6 @@ def add_page() -> None:
 
     @ui.page("/program")
     def program() -> None:
+        ui.add_head_html('<link rel="stylesheet" href="/static/program.css">')
         with page_frame(TITLE):
             ProgramPage()

@@ -1,9 +1,15 @@
 // Draws a floor on a canvas, +y up, with pan, zoom and picking: the plan, bodies, and the overlays of its owner.
+// The plan is drawn to a canvas of its own, and again only when the view or the map has changed.
+import { LabelPlacer, around } from "/static/label_placement.js";
 
 const MARGIN_PX = 24;
+// Room at the right for the buttons of a page [px].
+const TOOLS_PX = 36;
 const MIN_PX_PER_M = 0.5;
 const MAX_PX_PER_M = 2000;
 const PICK_PX = 10;
+const LABEL_FONT = "12px system-ui, sans-serif";
+const LABEL_PX = 14;
 
 // Colours that are told apart without red and green (after Okabe and Ito), for light and dark pages.
 export const COLORS = {
@@ -11,13 +17,13 @@ export const COLORS = {
     ground: "#ffffff", outside: "#eef0f2", grid: "#e3e6ea", wall: "#2b3036", object: "#8d96a0", movable: "#b5651d",
     door: "#0072b2", locked: "#b00068", area: "#5a6570", node: "#00674b", edge: "#58a58c", robot: "#0072b2",
     lost: "#9aa1a9", carried: "#e69f00", laser: "#d55e00", text: "#14181c", shaft: "#c9cfd6", cabin: "#e6b800",
-    selected: "#d55e00", path: "#6a3d9a", reserved: "#cc79a7", collision: "#b00068",
+    selected: "#d55e00", path: "#6a3d9a", reserved: "#cc79a7", collision: "#b00068", proximity: "#0e7c86",
   },
   dark: {
     ground: "#1a1e22", outside: "#101316", grid: "#262b31", wall: "#d8dde3", object: "#78828d", movable: "#d99152",
     door: "#56b4e9", locked: "#ff7ac6", area: "#9aa5b1", node: "#4fd1a5", edge: "#2f7d66", robot: "#56b4e9",
     lost: "#6b737c", carried: "#e69f00", laser: "#ff9d5c", text: "#eef1f4", shaft: "#3a4149", cabin: "#8a7000",
-    selected: "#ff9d5c", path: "#b79ae0", reserved: "#cc79a7", collision: "#ff7ac6",
+    selected: "#ff9d5c", path: "#b79ae0", reserved: "#cc79a7", collision: "#ff7ac6", proximity: "#5fd0da",
   },
 };
 
@@ -27,12 +33,19 @@ export class FloorCanvas {
   constructor(canvas, handlers = {}) {
     this.canvas = canvas;
     this.context = canvas.getContext("2d");
+    this.layer = document.createElement("canvas");
+    this.layerContext = this.layer.getContext("2d");
+    this.layerOf = [];
+    this.labels = new LabelPlacer();
     this.handlers = handlers;
     this.plan = null;
     this.paths = null;
     this.floor = null;
     this.underlay = null;
+    // Each may have below, above (metres) and labels (pixels), called with the context and the canvas.
     this.overlays = [];
+    // Of a robot: {color, note}, a colour other than its usual one, and a word to its name. Either may be missing.
+    this.describe = () => ({});
     this.selected = "";
     this.isShownRoadmap = false;
     this.areNamesShown = true;
@@ -42,6 +55,7 @@ export class FloorCanvas {
     this.isDrawn = false;
     this.drag = null;
     this.pointers = new Map();
+    this.covered = [];
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(canvas.parentElement);
     this.listeners = {
@@ -92,6 +106,11 @@ export class FloorCanvas {
     this.canvas.height = Math.round(box.height * ratio);
     this.canvas.style.width = `${box.width}px`;
     this.canvas.style.height = `${box.height}px`;
+    // Where buttons cover the canvas, labels are not put [px].
+    this.covered = [...this.canvas.parentElement.querySelectorAll(".console-tools")].map((tools) => {
+      const { left, top, right, bottom } = tools.getBoundingClientRect();
+      return [left - box.left - 4, top - box.top - 4, right - box.left + 4, bottom - box.top + 4];
+    });
     if (this.isFitted) this.fit();
     this.redraw();
   }
@@ -99,10 +118,10 @@ export class FloorCanvas {
   fit() {
     if (!this.plan || !this.width) return;
     const [x0, y0, x1, y1] = this.plan.bounds;
-    const across = (this.width - 2 * MARGIN_PX) / Math.max(x1 - x0, 0.1);
+    const across = (this.width - 2 * MARGIN_PX - TOOLS_PX) / Math.max(x1 - x0, 0.1);
     const down = (this.height - 2 * MARGIN_PX) / Math.max(y1 - y0, 0.1);
     this.scale = Math.min(Math.max(Math.min(across, down), MIN_PX_PER_M), MAX_PX_PER_M);
-    this.centre = [(x0 + x1) / 2, (y0 + y1) / 2];
+    this.centre = [(x0 + x1) / 2 + TOOLS_PX / 2 / this.scale, (y0 + y1) / 2];
     this.isFitted = true;
     this.redraw();
   }
@@ -214,40 +233,64 @@ export class FloorCanvas {
   draw() {
     const { context, colors } = this;
     const ratio = this.canvas.width / this.width;
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    context.fillStyle = colors.outside;
-    context.fillRect(0, 0, this.width, this.height);
-    if (!this.plan) return;
-    this.inWorld(ratio);
-    this.drawPlan();
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    if (!this.plan) {
+      context.fillStyle = colors.outside;
+      context.fillRect(0, 0, this.canvas.width, this.canvas.height);
+      return;
+    }
+    this.drawLayer(ratio);
+    context.drawImage(this.layer, 0, 0);
+    this.inWorld(context, ratio);
     if (this.floor) this.drawElevators();
     for (const overlay of this.overlays) overlay.below?.(context, this);
     if (this.floor) this.drawBodies();
     for (const overlay of this.overlays) overlay.above?.(context, this);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.labels.begin(this.width, this.height, this.covered);
     if (this.areNamesShown) this.drawNames();
     for (const overlay of this.overlays) overlay.labels?.(context, this);
-    this.drawScaleBar();
+    this.labels.end();
   }
 
-  inWorld(ratio) {
+  // The plan, if it is not there already.
+  drawLayer(ratio) {
+    const { layer, layerContext: context, colors, paths, scale, centre } = this;
+    const of = [
+      paths, colors, scale, ...centre, this.canvas.width, this.canvas.height, this.isShownRoadmap, this.underlay?.image,
+      this.underlay?.x, this.underlay?.y, this.underlay?.resolution, Boolean(this.floor),
+    ];
+    if (of.every((value, index) => value === this.layerOf[index])) return;
+    this.layerOf = of;
+    if (layer.width !== this.canvas.width) layer.width = this.canvas.width;
+    if (layer.height !== this.canvas.height) layer.height = this.canvas.height;
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.fillStyle = colors.outside;
+    context.fillRect(0, 0, this.width, this.height);
+    this.inWorld(context, ratio);
+    this.drawPlan(context);
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.drawScaleBar(context);
+  }
+
+  inWorld(context, ratio) {
     const [px, py] = this.pixel(0, 0);
     const scale = this.scale * ratio;
-    this.context.setTransform(scale, 0, 0, -scale, px * ratio, py * ratio);
+    context.setTransform(scale, 0, 0, -scale, px * ratio, py * ratio);
   }
 
   px(pixels) {
     return pixels / this.scale;
   }
 
-  drawPlan() {
-    const { context, colors, paths } = this;
+  drawPlan(context) {
+    const { colors, paths } = this;
     context.lineJoin = "round";
     context.lineCap = "round";
     context.fillStyle = colors.ground;
     context.fill(paths.ground);
-    this.drawUnderlay();
-    this.drawGrid();
+    this.drawUnderlay(context);
+    this.drawGrid(context);
     context.globalAlpha = 0.08;
     context.fillStyle = colors.area;
     context.fill(paths.areas);
@@ -288,10 +331,9 @@ export class FloorCanvas {
     }
   }
 
-  drawUnderlay() {
+  drawUnderlay(context) {
     if (!this.underlay?.image) return;
     const { image, x, y, resolution } = this.underlay;
-    const { context } = this;
     context.save();
     context.globalAlpha = 0.45;
     context.translate(x, y + image.height * resolution);
@@ -300,8 +342,8 @@ export class FloorCanvas {
     context.restore();
   }
 
-  drawGrid() {
-    const { context, colors } = this;
+  drawGrid(context) {
+    const { colors } = this;
     const step = gridStep(this.scale);
     const [x0, y1] = this.world(0, 0);
     const [x1, y0] = this.world(this.width, this.height);
@@ -354,7 +396,7 @@ export class FloorCanvas {
         context.fill();
         context.restore();
       } else {
-        context.fillStyle = colors.robot;
+        context.fillStyle = this.describe(body).color ?? colors.robot;
         disc(context, body.x, body.y, body.radius);
         const radius = body.radius;
         context.strokeStyle = "#ffffff";
@@ -387,41 +429,80 @@ export class FloorCanvas {
     line(context, to, [to[0] - head * (ux - uy * 0.5), to[1] - head * (uy + ux * 0.5)]);
   }
 
+  // Robots always have their names; objects and areas where there is room.
   drawNames() {
     const { context, colors } = this;
-    context.font = "12px system-ui, sans-serif";
     context.textAlign = "center";
     context.textBaseline = "middle";
-    context.fillStyle = colors.area;
-    for (const area of this.plan.areas) {
-      const [px, py] = this.pixel(...middleOf(area.polygon));
-      if (this.isVisible(px, py)) context.fillText(shortened(area.name, 24), px, py);
+    context.lineJoin = "round";
+    const bodies = [...(this.floor?.bodies.values() ?? [])].filter((body) => this.isVisible(...this.pixel(body.x, body.y)));
+    const robots = bodies.filter((body) => body.kind !== "object");
+    for (const body of robots) {
+      const size = 2 * body.radius * this.scale;
+      this.labels.block(...this.pixel(body.x, body.y), size, size);
     }
-    for (const elevator of this.plan.elevators) {
-      const [px, py] = this.pixel(...elevator.at);
-      if (this.isVisible(px, py)) context.fillText(shortened(elevator.name, 16), px, py);
+    robots.sort((a, b) => (b.name === this.selected) - (a.name === this.selected));
+    for (const body of robots) {
+      const { note } = this.describe(body);
+      this.drawLabel(body.number, shortened(body.name, 20), body, { note, isBold: body.name === this.selected, mustShow: true });
     }
-    context.textBaseline = "bottom";
-    for (const body of this.floor?.bodies.values() ?? []) {
-      const [px, py] = this.pixel(body.x, body.y);
-      if (!this.isVisible(px, py)) continue;
-      context.font = `${body.name === this.selected ? "bold " : ""}12px system-ui, sans-serif`;
-      const text = shortened(body.name, 20);
-      const top = py - body.radius * this.scale - 3;
-      context.lineWidth = 3;
-      context.strokeStyle = colors.ground;
-      context.strokeText(text, px, top);
-      context.fillStyle = colors.text;
-      context.fillText(text, px, top);
-    }
+    for (const body of bodies) if (body.kind === "object") this.drawLabel(body.number, shortened(body.name, 20), body);
+    for (const elevator of this.plan.elevators) this.drawAreaName(this.elevatorText(elevator.name), elevator.at);
+    for (const area of this.plan.areas) this.drawAreaName(shortened(area.name, 24), middleOf(area.polygon));
+    context.fillStyle = colors.text;
+  }
+
+  // An elevator's name, where its cabin is and how many wait.
+  elevatorText(name) {
+    const state = this.floor?.elevators[name];
+    const text = shortened(name, 16);
+    if (!state) return text;
+    const where = state.cabin === this.plan.name ? "" : state.cabin ? ` at ${shortened(state.cabin, 8)}` : " moving";
+    return `${text}${where}${state.queue.length ? `, ${state.queue.length} waiting` : ""}`;
+  }
+
+  // A name beside a disc {x, y, radius} of the floor.
+  drawLabel(key, text, disc, { note = "", isBold = false, mustShow = false } = {}) {
+    const { context, colors } = this;
+    context.font = isBold ? `bold ${LABEL_FONT}` : LABEL_FONT;
+    const lines = note ? [text, note] : [text];
+    const width = Math.max(...lines.map((line) => this.labels.width(context, line))) + 4;
+    const height = LABEL_PX * lines.length;
+    const [px, py] = this.pixel(disc.x, disc.y);
+    const place = this.labels.place(key, around(px, py, disc.radius * this.scale, width, height), width, height, mustShow);
+    if (!place) return;
+    lines.forEach((line, index) => {
+      const y = place[1] - height / 2 + LABEL_PX * (index + 0.5);
+      this.drawText(line, place[0], y, index ? colors.collision : colors.text);
+    });
+  }
+
+  drawAreaName(text, at) {
+    const { context, colors } = this;
+    context.font = LABEL_FONT;
+    const [px, py] = this.pixel(...at);
+    if (!this.isVisible(px, py)) return;
+    const offers = [0, 1, -1, 2, -2].map((lines) => [px, py + lines * LABEL_PX]);
+    const place = this.labels.place(`area ${text}`, offers, this.labels.width(context, text) + 4, LABEL_PX);
+    if (place) this.drawText(text, ...place, colors.area);
+  }
+
+  // A line of text in the context's font, with a halo.
+  drawText(text, px, py, color) {
+    const { context, colors } = this;
+    context.lineWidth = 3;
+    context.strokeStyle = colors.ground;
+    context.strokeText(text, px, py);
+    context.fillStyle = color;
+    context.fillText(text, px, py);
   }
 
   isVisible(px, py) {
     return px > -50 && py > -20 && px < this.width + 50 && py < this.height + 20;
   }
 
-  drawScaleBar() {
-    const { context, colors } = this;
+  drawScaleBar(context) {
+    const { colors } = this;
     const step = gridStep(this.scale);
     const length = step * this.scale;
     context.strokeStyle = context.fillStyle = colors.text;

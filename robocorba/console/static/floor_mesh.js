@@ -2,17 +2,18 @@
 import { THREE } from "nicegui-scene";
 import { merged } from "/static/robot_model.js";
 
-const WALL_M = 0.10;
+const WALL_M = 0.10, CUT_M = 0.03;
 const COLORS = {
-  ground: [0.86, 0.87, 0.88], wall: [0.80, 0.79, 0.76], object: [0.55, 0.58, 0.62], door: [0.10, 0.45, 0.70],
+  ground: [0.90, 0.91, 0.92], wall: [0.83, 0.82, 0.79], cut: [0.33, 0.34, 0.36], object: [0.55, 0.58, 0.62], door: [0.10, 0.45, 0.70],
   locked: [0.69, 0.0, 0.41], shaft: [0.66, 0.68, 0.70], cabin: [0.90, 0.72, 0.0],
 };
 
 export class FloorMesh {
-  constructor(plan, cutHeight) {
+  // z: height at which the floor is drawn [m].
+  constructor(plan, cutHeight, z) {
     this.plan = plan;
     this.group = new THREE.Group();
-    this.group.position.z = plan.elevation;
+    this.group.position.z = z;
     this.material = new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.DoubleSide });
     this.movables = new Map();
     this.build(cutHeight);
@@ -26,13 +27,13 @@ export class FloorMesh {
     pieces.push([prism(outline, 0.05).translate(0, 0, -0.05), COLORS.ground]);
     for (const wall of plan.walls) {
       for (const piece of wall.pieces) {
-        pieces.push([slab(piece[0], piece[piece.length - 1], Math.min(wall.height, cutHeight)), COLORS.wall]);
+        pieces.push(...cutWall(piece[0], piece[piece.length - 1], Math.min(wall.height, cutHeight)));
       }
     }
     if (plan.outline.length) {
       plan.outline.forEach((point, index) => {
         const next = plan.outline[(index + 1) % plan.outline.length];
-        pieces.push([slab(point, next, Math.min(plan.height, cutHeight)), COLORS.wall]);
+        pieces.push(...cutWall(point, next, Math.min(plan.height, cutHeight)));
       });
     }
     for (const object of plan.objects) {
@@ -137,6 +138,12 @@ function slab(a, b, height, thickness = WALL_M) {
     .translate(0, 0, height / 2)
     .rotateZ(Math.atan2(b[1] - a[1], b[0] - a[0]))
     .translate((a[0] + b[0]) / 2, (a[1] + b[1]) / 2, 0);
+}
+
+// A wall whose cut is dark, so that rooms are seen from above.
+function cutWall(a, b, height) {
+  const cut = slab(a, b, CUT_M, WALL_M + 0.002).translate(0, 0, height - CUT_M + 0.001);
+  return [[slab(a, b, height), COLORS.wall], [cut, COLORS.cut]];
 }
 
 function solid(object, height) {

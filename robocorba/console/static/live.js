@@ -1,14 +1,33 @@
 // The connection of a page to the console's server: live floors as binary frames, everything else as JSON.
 //
 // `live` is shared by all components of a page. It reconnects by itself; listeners are called with the kind of news:
-// "connection", "floor", "plan", "state", "past".
+// "connection", "floor", "plan", "state", "past", "scans", "postures" (both with the floor), "reservations",
+// "missions".
+//
+// A page says what it wants: {"watch": [floors], "scans": [floors], "postures": [floors], "reservations": true}; all
+// but `watch` may be missing. Beside frames it gets, as JSON:
+//   {"scans": {"floor": "L1", "whole": true, "scans": [scan, ...], "gone": [key, ...]}}
+//     a scan: {"key": "R1/laser", "robot": "R1", "sensor": "laser", "time": 12.3, "pose": {"x", "y", "heading"},
+//     "mount": {"ahead", "left", "heading"}, "angles": {"first", "step", "count"}, "range": 8, "rim": 0,
+//     "ranges": [...], "hits": [0, 1, ...]}. `pose` is the robot's, `mount` that of the sensor in the robot's frame;
+//     ray k points to the mount's heading + first + k * step; `ranges` are its lengths from the sensor's middle, where
+//     hits[k] is 0 to the end of its reach; rays begin at `rim`. `sensor` is "laser", "proximity", or "sensor 1" and so
+//     on for others.
+//   {"postures": {"floor": "L1", "whole": true, "robots": {"R1": [joints]}, "gone": ["R2"]}}
+//   {"reservations": [{"robot": "R1", "phase": "granted" or "waiting", "ahead": 0, "left": 12.0,
+//     "areas": [{"floor": "L1", "polygon": [[x, y], ...]}]}]}
+//   {"missions": [row, ...], "whole": true, "version": 3, "now": 1700000000.5}, if it wants {"missions": true}; the rows
+//     are those of RoboCorba::MissionState, in snake case, with `result` "running", "done", "aborted" or "failed".
+// `whole` means that the message holds all of the floor; without it, what has changed. Lengths in m, angles in rad,
+// times in simulated s.
 
 const RECONNECT_MS = [250, 500, 1000, 2000];
 // The server sends something at least once a second; without news for this time the connection is regarded as lost.
 const SILENCE_MS = 4000;
 const WORDS = ["number", "x", "y", "heading", "vx", "vy", "turn"];
 
-// A floor as the last frames left it. Bodies by number: {number, kind, name, radius, outline, x, y, heading, vx, vy, turn}.
+// A floor as the last frames left it.
+// Bodies by number: {number, kind, name, radius, outline, x, y, heading, vx, vy, turn}.
 export class Floor {
   constructor(name) {
     this.name = name;
@@ -64,6 +83,15 @@ class Live {
     this.stateAt = 0;
     this.isConnected = false;
     this.problems = {};
+    // Scans by floor and key, with `receivedAt`; joint angles by robot; all reservations of areas.
+    this.scans = new Map();
+    this.postures = new Map();
+    this.postureFloors = new Map();
+    this.reservations = [];
+    // Missions by name, and whether they are known; the console's clock is ahead of ours by `aheadS`.
+    this.missions = new Map();
+    this.missionsKnown = false;
+    this.aheadS = 0;
     this.wanted = new Map();
     this.listeners = new Set();
     this.attempts = 0;
@@ -78,7 +106,8 @@ class Live {
     return () => this.listeners.delete(listener);
   }
 
-  // What a component wants to see: {floors: [names], scans: bool}. Without arguments: nothing any more.
+  // What a component wants to see: {floors: [names], scans: [names], postures: [names], reservations: bool, missions:
+  // bool}; for scans and postures, true stands for `floors`. Replaces what it wanted before; without arguments: nothing any more.
   want(component, what) {
     if (what) this.wanted.set(component, what);
     else this.wanted.delete(component);
@@ -92,8 +121,18 @@ class Live {
 
   // Joint angles of a robot [rad], or undefined for one that reports none.
   joints(name) {
-    const joints = this.postures?.get(name) ?? this.state?.robots[name]?.state?.actor.joints;
+    const joints = this.postures.get(name) ?? this.state?.robots[name]?.state?.actor.joints;
     return joints?.length ? joints : undefined;
+  }
+
+  // The last scan of each sensor on a floor.
+  scansOn(floor) {
+    return [...(this.scans.get(floor)?.values() ?? [])];
+  }
+
+  // The time of the console's computer, s since 1970.
+  serverNow() {
+    return Date.now() / 1000 + this.aheadS;
   }
 
   // The plan of a floor, or undefined until it is loaded; "plan" news follow.
@@ -146,13 +185,30 @@ class Live {
 
   sendWanted() {
     if (!this.isConnected) return;
-    const floors = new Set();
-    let scans = false;
+    const watch = new Set();
+    const scans = new Set();
+    const postures = new Set();
+    let reservations = false;
+    let missions = false;
     for (const what of this.wanted.values()) {
-      for (const floor of what.floors) floors.add(floor);
-      scans ||= Boolean(what.scans);
+      const floors = what.floors ?? [];
+      const add = (set, names) => (names === true ? floors : names || []).forEach((name) => set.add(name));
+      add(watch, floors);
+      add(scans, what.scans);
+      add(postures, what.postures);
+      reservations ||= Boolean(what.reservations);
+      missions ||= Boolean(what.missions);
     }
-    this.socket.send(JSON.stringify({ watch: [...floors], scans }));
+    for (const floor of this.scans.keys()) if (!scans.has(floor)) this.scans.delete(floor);
+    for (const [robot, floor] of this.postureFloors) {
+      if (!postures.has(floor)) {
+        this.postures.delete(robot);
+        this.postureFloors.delete(robot);
+      }
+    }
+    if (!reservations) this.reservations = [];
+    const message = { watch: [...watch], scans: [...scans], postures: [...postures], reservations, missions };
+    this.socket.send(JSON.stringify(message));
   }
 
   receive(data) {
@@ -175,6 +231,44 @@ class Live {
       this.stateAt = performance.now();
       this.notify("state");
     }
+    if (news.scans) this.receiveScans(news.scans);
+    if (news.postures) this.receivePostures(news.postures);
+    if (news.reservations) {
+      this.reservations = news.reservations;
+      this.notify("reservations");
+    }
+    if (news.missions) this.receiveMissions(news);
+  }
+
+  receiveMissions({ missions, whole, now }) {
+    if (whole) this.missions.clear();
+    for (const mission of missions) this.missions.set(mission.name, mission);
+    this.missionsKnown = true;
+    this.aheadS = now - Date.now() / 1000;
+    this.notify("missions");
+  }
+
+  receiveScans({ floor, whole, scans, gone }) {
+    if (whole || !this.scans.has(floor)) this.scans.set(floor, new Map());
+    const known = this.scans.get(floor);
+    for (const key of gone) known.delete(key);
+    for (const scan of scans) known.set(scan.key, { ...scan, receivedAt: performance.now() });
+    this.notify("scans", floor);
+  }
+
+  receivePostures({ floor, whole, robots, gone }) {
+    const left = new Set(gone);
+    for (const [robot, on] of this.postureFloors) if (whole && on === floor && !(robot in robots)) left.add(robot);
+    for (const robot of left) {
+      if (this.postureFloors.get(robot) !== floor) continue; // it is on another floor meanwhile
+      this.postures.delete(robot);
+      this.postureFloors.delete(robot);
+    }
+    for (const [robot, joints] of Object.entries(robots)) {
+      this.postures.set(robot, joints);
+      this.postureFloors.set(robot, floor);
+    }
+    this.notify("postures", floor);
   }
 
   setConnected(isConnected) {

@@ -3,8 +3,11 @@
 // A node is {id, icon, values, bodies}: `values` holds the parameters (a condition or a destination is an object of its
 // own), `bodies` the lists of icons by parameter.
 
-const BODIES = { repeat: ["icons"], stop_if_closer: ["icons"], branch: ["then", "otherwise"] };
+// Steps that can be undone, and the length of their states together [characters].
 const MAX_UNDO = 200;
+const MAX_UNDO_LENGTH = 20_000_000;
+// Limits of the file format; what is pasted or opened is refused above them.
+const MAX_NESTING = 8;
 
 let lastId = 0;
 
@@ -20,11 +23,27 @@ export class Schema {
     }
   }
 
-  // Parameters of an icon or condition, in order: {name, isRequired, ...} and the members of its JSON schema.
+  // Parameters of an icon or condition, in order: {name, isRequired, isCondition, ...} and the members of its JSON
+  // schema. Those that hold icons are not among them.
   parameters(definition) {
     return Object.entries(definition.properties)
-      .filter(([name]) => !["icon", "when", "icons", "then", "otherwise"].includes(name))
-      .map(([name, property]) => ({ name, isRequired: definition.required.includes(name), ...this.resolved(property) }));
+      .filter(([name, property]) => name !== "icon" && name !== "when" && !this.isBody(property))
+      .map(([name, property]) => ({
+        ...this.resolved(property),
+        name,
+        isRequired: (definition.required ?? []).includes(name),
+        isCondition: property.discriminator?.propertyName === "when",
+      }));
+  }
+
+  // Names of the parameters of an icon that hold icons.
+  bodies(icon) {
+    const properties = this.icons.get(icon)?.properties ?? {};
+    return Object.keys(properties).filter((name) => this.isBody(properties[name]));
+  }
+
+  isBody(property) {
+    return property.items?.discriminator?.propertyName === "icon";
   }
 
   resolved(property) {
@@ -37,43 +56,63 @@ export class Schema {
   }
 }
 
-export function newNode(icon) {
-  const values = {};
-  if (icon === "wait_until" || icon === "branch") values.condition = { when: "closer_than" };
-  if (icon === "move_table") values.to = {};
-  const bodies = Object.fromEntries((BODIES[icon] ?? []).map((name) => [name, []]));
-  return { id: ++lastId, icon, values, bodies };
+// An icon without parameters.
+export function newNode(schema, icon) {
+  const bodies = Object.fromEntries(schema.bodies(icon).map((name) => [name, []]));
+  return { id: ++lastId, icon, values: {}, bodies };
 }
 
-export function nodeOf(plain) {
-  const node = newNode(plain.icon);
-  node.values = {};
+// The node of an icon in JSON. Throws an Error with a message for the user.
+export function nodeOf(schema, plain, path = "icons", depth = 1) {
+  if (typeof plain !== "object" || plain === null || Array.isArray(plain)) throw new Error(`${path} is not an icon`);
+  if (!schema.icons.has(plain.icon)) throw new Error(`${path}: there is no icon ${shortJson(plain.icon)}`);
+  if (depth > MAX_NESTING) throw new Error(`${path}: more than ${MAX_NESTING} icons inside of each other`);
+  const node = newNode(schema, plain.icon);
   for (const [name, value] of Object.entries(plain)) {
-    if (name in node.bodies) node.bodies[name] = value.map(nodeOf);
-    else if (name !== "icon") node.values[name] = structuredClone(value);
+    if (name in node.bodies) node.bodies[name] = nodesOf(schema, value, `${path}.${name}`, depth + 1);
+    else if (name !== "icon") node.values[name] = copied(value);
   }
   return node;
 }
 
-// The JSON of a node; parameters without a value are left out.
-export function plainOf(node) {
-  const plain = { icon: node.icon };
-  for (const [name, value] of Object.entries(node.values)) {
-    const kept = withoutEmpty(value);
-    if (kept !== undefined) plain[name] = kept;
-  }
-  for (const [name, body] of Object.entries(node.bodies)) {
-    if (body.length || name !== "otherwise") plain[name] = body.map(plainOf);
-  }
-  return plain;
+function nodesOf(schema, plain, path, depth = 1) {
+  if (!Array.isArray(plain)) throw new Error(`${path} is not a list of icons`);
+  return plain.map((each, index) => nodeOf(schema, each, `${path}[${index}]`, depth));
 }
 
-function withoutEmpty(value) {
-  if (value === "" || value === null || value === undefined) return undefined;
-  if (Array.isArray(value) || typeof value !== "object") return value;
-  return Object.fromEntries(
-    Object.entries(value).map(([name, each]) => [name, withoutEmpty(each)]).filter(([, each]) => each !== undefined),
-  );
+function shortJson(value) {
+  return (JSON.stringify(value) ?? "without a name").slice(0, 60);
+}
+
+// A program in JSON text: {name, icons}, the icons as nodes. Throws an Error with a message for the user. Icons may be
+// incomplete, since programs are saved while they are edited.
+export function readProgram(schema, text) {
+  let plain;
+  try {
+    plain = JSON.parse(text);
+  } catch (error) {
+    throw new Error(`it is not JSON: ${error.message}`);
+  }
+  if (typeof plain !== "object" || plain === null || !("icons" in plain)) throw new Error("it is not a program");
+  if (plain.format !== undefined && plain.format !== 1) throw new Error(`its format is ${shortJson(plain.format)}, not 1`);
+  const unknown = Object.keys(plain).find((key) => !["format", "name", "robot", "icons"].includes(key));
+  if (unknown) throw new Error(`it is not a program: ${unknown.slice(0, 60)} is unknown`);
+  return { name: String(plain.name ?? "program").slice(0, 200), icons: nodesOf(schema, plain.icons, "icons") };
+}
+
+// The JSON of a node.
+export function plainOf(node) {
+  const bodies = Object.entries(node.bodies).filter(([name, body]) => body.length || name !== "otherwise");
+  return {
+    icon: node.icon,
+    ...copied(node.values),
+    ...Object.fromEntries(bodies.map(([name, body]) => [name, body.map(plainOf)])),
+  };
+}
+
+// A copy of JSON values; members without a value are left out.
+export function copied(value) {
+  return value === undefined ? undefined : JSON.parse(JSON.stringify(value));
 }
 
 export class ProgramModel {
@@ -84,14 +123,15 @@ export class ProgramModel {
     this.done = [];
   }
 
-  load(plain) {
+  // Replace everything by a program as `readProgram` gives it.
+  load({ name, icons }) {
     this.remember();
-    this.name = plain.name;
-    this.icons = plain.icons.map(nodeOf);
+    this.name = name;
+    this.icons = icons;
   }
 
-  plain() {
-    return { name: this.name, icons: this.icons.map(plainOf) };
+  plain(icons = this.icons) {
+    return { format: 1, name: this.name, robot: "SmartPal", icons: icons.map(plainOf) };
   }
 
   // ---- undo ----
@@ -102,7 +142,8 @@ export class ProgramModel {
     this.lastKind = kind;
     this.done.push(this.state());
     this.undone = [];
-    if (this.done.length > MAX_UNDO) this.done.shift();
+    const length = () => this.done.reduce((sum, state) => sum + state.length, 0);
+    while (this.done.length > MAX_UNDO || (this.done.length > 1 && length() > MAX_UNDO_LENGTH)) this.done.shift();
   }
 
   undo() {
@@ -128,9 +169,9 @@ export class ProgramModel {
 
   // ---- tree ----
 
-  // Where a node is: {list, index, parent, path}, or undefined.
+  // Where a node is: {list, index, parent, path, node}, or undefined.
   find(id) {
-    for (const place of this.walk()) if (place.list[place.index].id === id) return place;
+    for (const place of this.walk()) if (place.node.id === id) return place;
     return undefined;
   }
 
@@ -148,13 +189,29 @@ export class ProgramModel {
     return undefined;
   }
 
-  body(parentId, name) {
-    return parentId === null ? this.icons : this.find(parentId).list[this.find(parentId).index].bodies[name];
+  // Name of the list where a place of `find` or `walk` is.
+  listName(place) {
+    if (!place.parent) return "icons";
+    return Object.entries(place.parent.bodies).find(([, list]) => list === place.list)[0];
   }
+
+  body(parentId, name) {
+    return parentId === null ? this.icons : this.find(parentId).node.bodies[name];
+  }
+
+  // ---- changes ----
 
   insert(node, parentId, name, index) {
     this.remember();
     this.body(parentId, name).splice(index, 0, node);
+  }
+
+  // Insert a node after another one; without one at the end.
+  insertAfter(id, node) {
+    const place = this.find(id);
+    this.remember();
+    if (place) place.list.splice(place.index + 1, 0, node);
+    else this.icons.push(node);
   }
 
   // Move a node to a list; returns false if the list is inside of the node.
@@ -162,6 +219,7 @@ export class ProgramModel {
     if (parentId !== null && this.contains(id, parentId)) return false;
     const from = this.find(id);
     const to = this.body(parentId, name);
+    if (!from || !to) return false;
     this.remember();
     const [node] = from.list.splice(from.index, 1);
     to.splice(from.list === to && from.index < index ? index - 1 : index, 0, node);
@@ -181,108 +239,42 @@ export class ProgramModel {
     list.splice(index, 1);
   }
 
-  copy(id) {
-    const { list, index, node } = this.find(id);
-    this.remember();
-    const copied = nodeOf(plainOf(node));
-    list.splice(index + 1, 0, copied);
-    return copied;
+  set(id, name, value, kind = `${id} ${name}`) {
+    const { node } = this.find(id);
+    this.remember(kind);
+    if (value === undefined) delete node.values[name];
+    else node.values[name] = value;
   }
 
-  // Move a node one place up or down, out of its body at the ends.
+  // Move a node one place up (-1) or down (1); at the end of a list to the next list of its parent, or out of it.
+  // Returns false if it is at the very end.
   shift(id, by) {
-    const { list, index, parent } = this.find(id);
-    const target = index + by;
-    this.remember();
-    const [node] = list.splice(index, 1);
-    if (target >= 0 && target <= list.length) {
-      list.splice(target, 0, node);
-    } else if (parent) {
-      const outer = this.find(parent.id);
-      outer.list.splice(outer.index + (by > 0 ? 1 : 0), 0, node);
-    } else {
-      list.splice(index, 0, node);
+    const place = this.find(id);
+    const { list, index, parent } = place, name = this.listName(place), target = index + by;
+    if (target >= 0 && target < list.length) {
+      return this.move(id, parent?.id ?? null, name, by > 0 ? target + 1 : target);
     }
+    if (!parent) return false;
+    const names = Object.keys(parent.bodies);
+    const next = names[names.indexOf(name) + by];
+    if (next) return this.move(id, parent.id, next, by > 0 ? 0 : parent.bodies[next].length);
+    const outer = this.find(parent.id);
+    return this.move(id, outer.parent?.id ?? null, this.listName(outer), outer.index + (by > 0 ? 1 : 0));
   }
-}
 
-// Parameters that a node lacks or whose value is out of range: [{parameter, reason}].
-export function missing(schema, node) {
-  const found = [];
-  const definition = schema.icons.get(node.icon);
-  collect(schema, definition, node.values, "", found);
-  for (const [name, body] of Object.entries(node.bodies)) {
-    if (!body.length && name !== "otherwise") found.push({ parameter: name, reason: "has no icons yet" });
+  // Move a node into the icon before it, if that holds icons.
+  enter(id) {
+    const { list, index } = this.find(id);
+    const before = list[index - 1];
+    const name = Object.keys(before?.bodies ?? {}).pop();
+    return name ? this.move(id, before.id, name, before.bodies[name].length) : false;
   }
-  return found;
-}
 
-function collect(schema, definition, values, prefix, found) {
-  for (const parameter of schema.parameters(definition)) {
-    const value = values?.[parameter.name], name = prefix + parameter.name;
-    if (parameter.name === "condition") {
-      collect(schema, schema.conditions.get(value?.when), value, "condition.", found);
-    } else if (parameter.properties) {
-      collect(schema, parameter, value, `${name}.`, found);
-    } else if (value === undefined || value === null || value === "") {
-      if (parameter.isRequired) found.push({ parameter: name, reason: "is missing" });
-    } else if (Array.isArray(value) && parameter.prefixItems) {
-      parameter.prefixItems.forEach((item, index) => {
-        if (typeof value[index] !== "number") found.push({ parameter: `${name}[${index}]`, reason: "is missing" });
-      });
-    } else if (parameter.type === "number" || parameter.type === "integer") {
-      const reason = outOfRange(parameter, value);
-      if (reason) found.push({ parameter: name, reason });
-    }
-  }
-}
-
-function outOfRange(parameter, value) {
-  const { minimum, maximum, exclusiveMinimum } = parameter;
-  if (typeof value !== "number" || !Number.isFinite(value)) return "is not a number";
-  if (minimum !== undefined && value < minimum) return `is less than ${Number(minimum.toFixed(4))}`;
-  if (exclusiveMinimum !== undefined && value <= exclusiveMinimum) return `is not more than ${exclusiveMinimum}`;
-  if (maximum !== undefined && value > maximum) return `is more than ${Number(maximum.toFixed(4))}`;
-  return "";
-}
-
-// What an icon does, in a few words.
-export function summary(node) {
-  const v = node.values;
-  const number = (value) => (typeof value === "number" ? Number(value.toFixed(3)) : "?");
-  const degrees = (value) => (typeof value === "number" ? `${Math.round((value * 180) / Math.PI)}\u00b0` : "?");
-  const point = (to) => `${to?.floor ?? "?"} ${number(to?.x)}, ${number(to?.y)}`;
-  switch (node.icon) {
-    case "mbase_path": return `to ${point(v)}`;
-    case "mbase_to": return `to ${number(v.x)}, ${number(v.y)}`;
-    case "mbase_by": return `${number(v.ahead ?? 0)} m ahead, ${number(v.left ?? 0)} m left, ${degrees(v.turn ?? 0)}`;
-    case "mbase_velocity": return `${number(v.ahead)} m/s, ${number(v.left)} m/s, ${degrees(v.turn)}/s for ${number(v.seconds)} s`;
-    case "mhand_posture": return `${v.hand ?? "?"}: ${v.posture ?? "?"}`;
-    case "mhand_pose": return `${v.hand ?? "?"} to ${number(v.x)}, ${number(v.y)}, ${number(v.z)}`;
-    case "mhand_offset": return `${v.hand ?? "?"} by ${number(v.dx ?? 0)}, ${number(v.dy ?? 0)}, ${number(v.dz ?? 0)}`;
-    case "mhand_joints": return `${v.hand ?? "?"}: ${(v.joints ?? []).map(degrees).join(" ")}`;
-    case "lumbar": return `${degrees(v.lower)}, ${degrees(v.upper)}`;
-    case "gripper": return `${v.action ?? "?"} ${v.hand ?? "?"}${v.object ? `: ${v.object}` : ""}`;
-    case "wait": return `${number(v.seconds)} s`;
-    case "wait_until": return `${conditionText(v.condition)}, at most ${number(v.seconds)} s`;
-    case "stop_if_closer": return `${v.sensor ?? "?"} closer than ${number(v.distance)} m`;
-    case "repeat": return `${v.times ?? "?"} times`;
-    case "branch": return `if ${conditionText(v.condition)}`;
-    case "say": return `${v.type ?? "?"}`;
-    case "move_table": return `${v.table ?? "?"} to ${point(v.to)}`;
-    case "hand_over": return `${v.object ?? "?"} to ${v.taker ?? "?"}`;
-    default: return "";
-  }
-}
-
-function conditionText(condition) {
-  if (!condition) return "?";
-  const distance = condition.distance ?? "?";
-  switch (condition.when) {
-    case "closer_than": return `${condition.sensor ?? "?"} closer than ${distance} m`;
-    case "farther_than": return `${condition.sensor ?? "?"} farther than ${distance} m`;
-    case "holding": return `${condition.hand ?? "?"} holds something`;
-    case "event": return `event ${condition.type ?? "*"} from ${condition.source ?? "*"}`;
-    default: return `result is ${condition.result ?? "?"}`;
+  // Move a node out of the icon that holds it, behind that.
+  leave(id) {
+    const { parent } = this.find(id);
+    if (!parent) return false;
+    const outer = this.find(parent.id);
+    return this.move(id, outer.parent?.id ?? null, this.listName(outer), outer.index + 1);
   }
 }

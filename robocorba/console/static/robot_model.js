@@ -1,7 +1,13 @@
 // Articulated robots and plain bodies for three.js, from the part list that the server sends (kinematics/appearance.py).
 import { THREE } from "nicegui-scene";
 
-const SEGMENTS = 20;
+const SEGMENTS = 24, COARSE_SEGMENTS = 8;
+// Colour of the display and its sign in each of the paper's states: a shape beside the colour.
+const SCREENS = {
+  working: ["#0b5d3b", "\u25b6"],
+  waiting: ["#174a7c", "\u2016"],
+  exceptional: ["#9b0d4c", "\u26a0"],
+};
 
 // Merge geometries into one with a colour at each vertex. pieces: [geometry, colour].
 export function merged(pieces) {
@@ -13,7 +19,8 @@ export function merged(pieces) {
     const { position, normal } = geometry.attributes;
     positions.set(position.array, 3 * offset);
     normals.set(normal.array, 3 * offset);
-    for (let vertex = 0; vertex < position.count; vertex++) colors.set(color, 3 * (offset + vertex));
+    const linear = new THREE.Color().setRGB(...color, THREE.SRGBColorSpace).toArray();
+    for (let vertex = 0; vertex < position.count; vertex++) colors.set(linear, 3 * (offset + vertex));
     offset += position.count;
   }
   const geometry = new THREE.BufferGeometry();
@@ -23,20 +30,36 @@ export function merged(pieces) {
   return geometry;
 }
 
-function partGeometry(part) {
+function partGeometry(part, segments = SEGMENTS) {
   let geometry;
   if (part.shape === "box") {
     geometry = new THREE.BoxGeometry(...part.size);
   } else if (part.shape === "ellipsoid") {
-    geometry = new THREE.SphereGeometry(1, SEGMENTS, SEGMENTS / 2).scale(...part.size);
+    geometry = new THREE.SphereGeometry(1, segments, segments / 2).scale(...part.size);
   } else {
     const [x, y, top, height] = part.size;
-    geometry = new THREE.CylinderGeometry(top, 1, height, SEGMENTS).rotateX(Math.PI / 2).scale(x, y, 1);
+    geometry = new THREE.CylinderGeometry(top, 1, height, segments).rotateX(Math.PI / 2).scale(x, y, 1);
     geometry.computeVertexNormals();
   }
   const [roll, pitch, yaw] = part.rpy;
   geometry.applyMatrix4(new THREE.Matrix4().makeRotationFromEuler(new THREE.Euler(roll, pitch, yaw, "ZYX")));
   return geometry.translate(...part.at);
+}
+
+let loading;
+
+// The robot's shape, loaded once a page. Throws an Error if the server has none; then the next call tries again.
+export function loadRobotShape() {
+  loading ??= fetch("/robot-model")
+    .then(async (answer) => {
+      if (!answer.ok) throw new Error("the robot's model is not available");
+      return new RobotShape(await answer.json());
+    })
+    .catch((error) => {
+      loading = undefined;
+      throw error;
+    });
+  return loading;
 }
 
 // Geometry of the links, shared by all robots.
@@ -47,13 +70,19 @@ export class RobotShape {
     this.display = model.parts.find((part) => part.paint === "display");
     for (const link of model.links) {
       const pieces = model.parts
-        .filter((part) => part.link === link.name && part.paint !== "display")
+        .filter((part) => part.link === link.name)
         .map((part) => [partGeometry(part), model.paints[part.paint]]);
       if (pieces.length) this.geometries.set(link.name, merged(pieces));
     }
-    this.displayGeometry = partGeometry({ ...this.display, at: [0, 0, 0], rpy: [0, 0, 0] });
+    // The display's picture is on its front, which faces ahead.
+    const [depth, width, height] = this.display.size;
+    const upright = new THREE.Matrix4().makeBasis(
+      new THREE.Vector3(0, 1, 0), new THREE.Vector3(0, 0, 1), new THREE.Vector3(1, 0, 0),
+    );
+    this.displayGeometry = new THREE.PlaneGeometry(width, height).applyMatrix4(upright).translate(depth / 2 + 0.001, 0, 0);
+    this.plain = plainGeometry(model);
     this.material = new THREE.MeshLambertMaterial({ vertexColors: true });
-    this.ghostMaterial = new THREE.MeshBasicMaterial({ color: 0x6a3d9a, transparent: true, opacity: 0.3, depthWrite: false });
+    this.ghostMaterial = new THREE.MeshLambertMaterial({ color: 0xa878d8, transparent: true, opacity: 0.45 });
   }
 }
 
@@ -93,34 +122,48 @@ export class ArticulatedRobot {
     canvas.height = 180;
     this.screen = canvas.getContext("2d");
     this.texture = new THREE.CanvasTexture(canvas);
-    const plain = new THREE.MeshBasicMaterial({ color: 0x10151a });
+    this.texture.colorSpace = THREE.SRGBColorSpace;
     this.front = new THREE.MeshBasicMaterial({ map: this.texture });
-    const mesh = new THREE.Mesh(displayGeometry, [this.front, plain, plain, plain, plain, plain]);
+    const mesh = new THREE.Mesh(displayGeometry, this.front);
     mesh.position.set(...display.at);
     mesh.rotation.set(...display.rpy, "ZYX");
     this.links.get(display.link).add(mesh);
     this.show("waiting", "");
   }
 
-  // Write the robot's state on its display: working, waiting or exceptional, as in the paper.
-  show(state, text) {
+  // Write the robot's state on its display: working, waiting or exceptional, as in the paper; below it what it does.
+  show(state, text = "") {
     if (this.shown === `${state} ${text}` || !this.screen) return;
     this.shown = `${state} ${text}`;
     const { screen } = this;
-    screen.fillStyle = { working: "#0b5d3b", waiting: "#174a7c", exceptional: "#9b0d4c" }[state];
+    const [color, sign] = SCREENS[state];
+    screen.fillStyle = color;
     screen.fillRect(0, 0, 256, 180);
-    screen.save();
-    screen.translate(128, 90);
-    screen.rotate(Math.PI / 2); // +x faces of boxes are turned by a quarter
     screen.fillStyle = "#ffffff";
     screen.textAlign = "center";
     screen.textBaseline = "middle";
-    screen.font = "bold 30px sans-serif";
-    screen.fillText(state, 0, text ? -14 : 0, 170);
-    screen.font = "20px sans-serif";
-    screen.fillText(text, 0, 22, 170);
-    screen.restore();
+    screen.font = "bold 54px sans-serif";
+    screen.fillText(sign, 128, 44);
+    screen.font = "bold 38px sans-serif";
+    screen.fillText(state, 128, 102, 244);
+    screen.font = "26px sans-serif";
+    screen.fillText([...text].slice(0, 40).join(""), 128, 148, 240);
     this.texture.needsUpdate = true;
+  }
+
+  // Where a mount (such as left_hand) is in the robot's frame: {position, quaternion}.
+  mount(name) {
+    const { link, at, attitude } = this.shape.model.mounts.find((mount) => mount.name === name);
+    this.group.updateMatrixWorld(true);
+    const own = new THREE.Matrix4().compose(
+      new THREE.Vector3(...at),
+      new THREE.Quaternion(attitude[1], attitude[2], attitude[3], attitude[0]),
+      new THREE.Vector3(1, 1, 1),
+    );
+    const pose = this.group.matrixWorld.clone().invert().multiply(this.links.get(link).matrixWorld).multiply(own);
+    const found = { position: new THREE.Vector3(), quaternion: new THREE.Quaternion() };
+    pose.decompose(found.position, found.quaternion, new THREE.Vector3());
+    return found;
   }
 
   // joints: angles [rad] in the order of the model.
@@ -129,18 +172,35 @@ export class ArticulatedRobot {
   }
 
   close() {
+    this.group.removeFromParent();
     this.texture?.dispose();
     this.front?.dispose();
   }
 }
 
-// All robots without joints, in one draw call.
+// A robot at rest in one piece and with few faces, for robots far away.
+function plainGeometry(model) {
+  const origins = new Map();
+  for (const { name, parent, at } of model.links) {
+    const from = origins.get(parent) ?? [0, 0, 0];
+    origins.set(name, at.map((value, axis) => value + from[axis]));
+  }
+  const isSeen = ({ shape, size }) => {
+    const [x, y, z] = shape === "cone" ? [2 * size[0], 2 * size[1], size[3]] : size.map((side) => side * (shape === "box" ? 1 : 2));
+    return x * y * z > 2e-4;
+  };
+  const pieces = model.parts.filter(isSeen).map((part) => [
+    partGeometry(part, COARSE_SEGMENTS).translate(...origins.get(part.link)),
+    model.paints[part.paint],
+  ]);
+  return merged(pieces);
+}
+
+// All robots far away, in one draw call.
 export class PlainRobots {
-  constructor(capacity = 16) {
-    const body = new THREE.CylinderGeometry(0.92, 1, 0.9, SEGMENTS).rotateX(Math.PI / 2).translate(0, 0, 0.45);
-    const nose = new THREE.BoxGeometry(0.5, 0.34, 0.2).translate(0.72, 0, 0.7);
-    this.geometry = merged([[body, [0.30, 0.52, 0.72]], [nose, [0.12, 0.14, 0.17]]]);
-    this.material = new THREE.MeshLambertMaterial({ vertexColors: true });
+  constructor(shape, capacity = 16) {
+    this.geometry = shape.plain;
+    this.material = shape.material;
     this.group = new THREE.Group();
     this.grow(capacity);
   }
@@ -154,17 +214,16 @@ export class PlainRobots {
     this.group.add(this.mesh);
   }
 
-  // bodies: [{x, y, z, heading, radius, isLost}].
-  set(bodies) {
-    if (bodies.length > this.capacity) this.grow(2 * bodies.length);
+  // robots: [{x, y, z, heading, isLost}].
+  set(robots) {
+    if (robots.length > this.capacity) this.grow(2 * robots.length);
     const matrix = new THREE.Matrix4(), color = new THREE.Color();
-    bodies.forEach((body, index) => {
-      matrix.makeRotationZ(body.heading).scale(new THREE.Vector3(body.radius, body.radius, 0.8));
-      matrix.setPosition(body.x, body.y, body.z);
+    robots.forEach((robot, index) => {
+      matrix.makeRotationZ(robot.heading).setPosition(robot.x, robot.y, robot.z);
       this.mesh.setMatrixAt(index, matrix);
-      this.mesh.setColorAt(index, color.set(body.isLost ? 0x888888 : 0xffffff));
+      this.mesh.setColorAt(index, color.set(robot.isLost ? 0x777777 : 0xffffff));
     });
-    this.mesh.count = bodies.length;
+    this.mesh.count = robots.length;
     this.mesh.instanceMatrix.needsUpdate = true;
     if (this.mesh.instanceColor) this.mesh.instanceColor.needsUpdate = true;
   }

@@ -1,247 +1,474 @@
-// The 3D simulator: floors with walls cut away, articulated robots at their joint angles, plain bodies for the rest.
-import { OrbitControls, THREE } from "nicegui-scene";
+// The 3D simulator: floors with walls cut away, from the live system or from a robot's data pool; robots at their joint
+// angles with what their display shows, their rays, and the ghost of the selected one at its target.
+import { THREE } from "nicegui-scene";
+import { HandSteps, inWords, stepByKey } from "/static/arm_poser.js";
 import { FloorMesh } from "/static/floor_mesh.js";
+import { HandTarget } from "/static/hand_target.js";
 import { live } from "/static/live.js";
-import { ArticulatedRobot, PlainRobots, RobotShape } from "/static/robot_model.js";
+import { RayFans } from "/static/ray_fans.js";
+import { RobotCrowd } from "/static/robot_crowd.js";
+import { RobotLink } from "/static/robot_link.js";
+import { ArticulatedRobot, loadRobotShape } from "/static/robot_model.js";
+import { SceneView } from "/static/scene_view.js";
 
-const CUT_M = 1.3;
+const CUT_M = 1.1;
+// A click is not a drag up to this distance [px].
+const CLICK_PX = 5;
+// A robot without news for this time is lost [s].
+const LOST_S = 3;
+// In the stack heights are drawn larger by this factor.
+const STACK_SPREAD = 2.5;
+const STACKED = "\u0000stack";
 
 export default {
+  components: { HandSteps },
   template: `
-    <div style="display: flex; flex-direction: column; min-height: 0">
-      <div class="console-tabs" role="tablist" aria-label="Floors">
-        <button v-for="floor in floors" :key="floor" role="tab" :aria-selected="!isStacked && floor === current"
-                @click="show(floor)">{{ floor }}</button>
-        <button role="tab" :aria-selected="isStacked" @click="stack">all floors</button>
-        <span style="flex: 1"></span>
-        <label style="display: flex; align-items: center; gap: 6px">robot
-          <select v-model="followed" aria-label="Follow a robot"><option value="">free camera</option>
+    <div class="scene-page">
+      <div class="console-tabs">
+        <div role="tablist" aria-label="Floors" class="scene-floors">
+          <button v-for="floor in floors" :key="floor" role="tab" :aria-selected="floor === current" :disable="isPool"
+                  :title="floor" @click="show(floor)"><bdi>{{ floor }}</bdi> <small>{{ counts[floor] || "" }}</small></button>
+          <button v-if="floors.length > 1" role="tab" :aria-selected="isStacked" @click="show(stacked)">all floors</button>
+        </div>
+        <label class="scene-field">scene of
+          <select v-model="source" aria-label="Source of the scene"><option value="">the simulation</option>
+            <option v-for="name in robots" :key="name" :value="name">{{ name }}'s data pool</option></select></label>
+        <label class="scene-field">robot
+          <select v-model="selected" aria-label="Robot"><option value="">none</option>
             <option v-for="name in robots" :key="name" :value="name">{{ name }}</option></select></label>
-        <label style="display: flex; align-items: center; gap: 6px">walls
-          <input type="range" min="0.1" max="3" step="0.1" v-model.number="cut" @change="rebuild" aria-label="Height of walls"></label>
+        <label class="scene-field">walls
+          <input type="range" min="0.1" max="3" step="0.1" v-model.number="cut" aria-label="Height of walls"></label>
       </div>
-      <div class="console-scene" ref="scene"><canvas ref="canvas" tabindex="0" aria-label="3D view"></canvas>
-        <div v-if="message" class="console-overlay">{{ message }}</div></div>
+      <div class="console-scene" ref="scene">
+        <div v-if="message" class="console-overlay"><span>{{ message }}</span></div>
+        <div class="console-tools">
+          <q-btn dense round color="primary" icon="fit_screen" aria-label="Show everything" title="show everything (0)" @click="lookAtAll" />
+          <q-btn dense round color="primary" icon="add" aria-label="Enlarge" @click="view.turn(0, 0, 0.8)" />
+          <q-btn dense round color="primary" icon="remove" aria-label="Reduce" @click="view.turn(0, 0, 1.25)" />
+          <q-btn dense round :color="isFollowing ? 'accent' : 'primary'" icon="my_location" :disable="!selected" :aria-pressed="isFollowing"
+                 aria-label="Follow the robot" title="follow the robot" @click="isFollowing = !isFollowing" />
+          <q-btn dense round :color="hasRays ? 'accent' : 'primary'" icon="sensors" :aria-pressed="hasRays"
+                 aria-label="Rays of the sensors" title="rays of the sensors" @click="hasRays = !hasRays" />
+          <q-btn dense round :color="hasNames ? 'accent' : 'primary'" icon="label" :aria-pressed="hasNames"
+                 aria-label="Names" title="names" @click="hasNames = !hasNames" />
+          <q-btn dense round :color="isPosing ? 'accent' : 'primary'" icon="back_hand" :disable="!selected" :aria-pressed="isPosing"
+                 aria-label="Pose a hand" title="pose a hand" @click="isPosing = !isPosing" />
+          <q-btn dense round color="primary" icon="download" aria-label="The robot as URDF" title="the robot as URDF" type="a" href="/robot.urdf" />
+        </div>
+        <section v-if="selected" class="scene-facts" aria-label="Selected robot">
+          <h2 class="console-heading"><bdi>{{ selected }}</bdi></h2>
+          <dl class="console-facts"><template v-for="[name, value] in facts" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></template></dl>
+          <template v-if="isPosing">
+            <div class="console-actions">
+              <label>hand <select v-model="side" aria-label="Hand"><option>left</option><option>right</option><option>both</option></select></label>
+              <q-btn dense flat no-caps size="sm" icon="accessibility_new" label="as it stands" @click="pose" />
+            </div>
+            <hand-steps :target="() => target"></hand-steps>
+            <div class="scene-words" :class="{ 'is-problem': problem }" role="status">{{ problem || words }}</div>
+          </template>
+        </section>
+      </div>
     </div>`,
   data() {
-    return { floors: [], current: "", isStacked: false, robots: [], followed: "", cut: CUT_M, message: "connecting" };
+    return {
+      floors: [], counts: {}, current: "", stacked: STACKED, source: "", robots: [], selected: "", isFollowing: false,
+      hasRays: true, hasNames: true, isPosing: false, cut: CUT_M, message: "loading the robot's model", side: "left",
+      facts: [], words: "", problem: "",
+    };
+  },
+  computed: {
+    isStacked() { return this.current === STACKED; },
+    isPool() { return Boolean(this.source); },
   },
   async mounted() {
-    this.three = { floors: new Map(), articulated: new Map() };
-    this.unlisten = live.listen((kind, name) => this.news(kind, name));
-    this.recolor = () => this.setBackground();
-    window.addEventListener("robocorba-colors", this.recolor);
-    const answer = await fetch("/robot-model").catch(() => null);
-    if (!answer?.ok) {
-      this.message = "the robot's model is not available";
+    this.meshes = new Map();
+    const wanted = new URLSearchParams(location.search);
+    try {
+      const shape = await loadRobotShape();
+      if (this.isGone) return;
+      this.shape = shape;
+      this.view = new SceneView(this.$refs.scene, {
+        told: (message) => this.told(message), key: (event) => this.key(event),
+        pointer: (kind, event) => this.pointer(kind, event), moved: () => this.crowd?.update(),
+      });
+    } catch (error) {
+      this.message = error.message;
       return;
     }
-    this.three.shape = new RobotShape(await answer.json());
-    this.setUp();
+    this.crowd = new RobotCrowd(this.view, this.shape);
+    this.rays = new RayFans(this.view, this.shape);
+    this.unlisten = live.listen((kind, name) => this.news(kind, name));
+    this.timer = setInterval(() => this.second(), 500);
+    this.wanted = { floor: wanted.get("floor") ?? "", robot: wanted.get("robot") ?? "" };
     this.news("connection");
   },
   unmounted() {
-    this.unlisten();
+    this.isGone = true;
+    clearInterval(this.timer);
+    this.unlisten?.();
     live.want(this);
-    window.removeEventListener("robocorba-colors", this.recolor);
-    cancelAnimationFrame(this.frame);
-    this.observer?.disconnect();
-    this.three.renderer?.dispose();
+    this.link?.close();
+    this.endPose();
+    for (const mesh of this.meshes?.values() ?? []) mesh.close();
+    this.crowd?.close();
+    this.rays?.close();
+    this.view?.close();
   },
   methods: {
-    setUp() {
-      const { three } = this;
-      three.scene = new THREE.Scene();
-      three.camera = new THREE.PerspectiveCamera(45, 1, 0.05, 500);
-      three.camera.up.set(0, 0, 1);
-      three.scene.add(new THREE.HemisphereLight(0xffffff, 0x667788, 2.2));
-      const sun = new THREE.DirectionalLight(0xffffff, 1.4);
-      sun.position.set(-8, -14, 20);
-      three.scene.add(sun);
-      three.plain = new PlainRobots();
-      three.scene.add(three.plain.group);
-      this.makeRenderer();
-      this.observer = new ResizeObserver(() => this.resize());
-      this.observer.observe(this.$refs.scene);
-      this.resize();
-      this.setBackground();
-      const loop = () => {
-        this.frame = requestAnimationFrame(loop);
-        if (this.isDirty || this.three.controls.update()) this.draw();
-      };
-      loop();
+    told(message) {
+      this.graphics = message;
+      this.say();
     },
-    makeRenderer() {
-      const canvas = this.$refs.canvas;
-      this.three.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, powerPreference: "low-power" });
-      this.three.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 1.5));
-      this.three.controls ??= new OrbitControls(this.three.camera, canvas);
-      this.three.controls.maxPolarAngle = 1.5;
-      canvas.addEventListener("webglcontextlost", (event) => {
-        event.preventDefault();
-        this.message = "the graphics were reset; waiting";
-      });
-      canvas.addEventListener("webglcontextrestored", () => {
-        this.message = "";
-        this.isDirty = true;
-      });
-    },
-    setBackground() {
-      if (!this.three?.scene) return;
-      this.three.scene.background = new THREE.Color(document.body.classList.contains("body--dark") ? 0x14181c : 0xdfe6ec);
-      this.isDirty = true;
-    },
-    resize() {
-      const box = this.$refs.scene.getBoundingClientRect();
-      if (!box.width || !box.height) return;
-      this.three.renderer.setSize(box.width, box.height);
-      this.three.camera.aspect = box.width / box.height;
-      this.three.camera.updateProjectionMatrix();
-      this.isDirty = true;
+    // What stands in the way of seeing the scene.
+    say() {
+      if (this.graphics) this.message = this.graphics;
+      else if (this.isPool && this.link?.problem) this.message = this.link.problem;
+      else if (this.isPool && !this.link?.floor) this.message = `waiting for ${this.source}'s data pool`;
+      else if (!this.floors.length) this.message = live.problems.floors || "connecting";
+      else if (!this.meshes.size) this.message = live.problems.map || "loading the map";
+      else this.message = live.isConnected ? "" : "the connection is lost; this is the last that was seen";
     },
     news(kind, name) {
-      if (!this.three.scene) return;
       if (kind === "connection") {
         this.floors = live.names;
-        if (!this.floors.includes(this.current) && this.floors.length) this.show(this.floors[0]);
-        this.message = this.floors.length ? "" : live.problems.floors || "connecting";
+        const first = this.wanted.floor && this.floors.includes(this.wanted.floor) ? this.wanted.floor : this.floors[0];
+        if (!this.isStacked && !this.floors.includes(this.current) && first) this.show(first);
+        if (this.isStacked) this.want();
       }
       if (kind === "connection" || kind === "plan") this.loadPlans();
-      if (kind === "floor" || kind === "state" || kind === "postures") this.update();
+      if (kind === "floor" && !this.isPool && this.meshes.has(name)) this.update();
+      if (kind === "postures" || kind === "state") this.update();
+      if (kind === "state") this.updateRobots();
+      if (kind === "scans") this.updateRays();
     },
-    show(floor) {
-      this.isStacked = false;
-      this.current = floor;
-      this.followed = "";
-      live.want(this, { floors: [floor], postures: true });
-      this.loadPlans();
-      this.look();
-    },
-    stack() {
-      this.isStacked = true;
-      live.want(this, { floors: this.floors, postures: true });
-      this.loadPlans();
-      this.look();
+    // Floors that are stacked are drawn apart, so that one sees into each.
+    drawn(height) {
+      return this.isStacked ? STACK_SPREAD * height : height;
     },
     shown() {
+      if (this.isPool) return this.link?.floor ? [this.link.floor.name] : [];
       return this.isStacked ? this.floors : [this.current].filter(Boolean);
     },
+    floor(name) {
+      return this.isPool ? this.link.floor : live.floor(name);
+    },
+    show(floor) {
+      this.current = floor;
+      if (this.source) this.source = "";
+      this.isFollowing = false;
+      this.isNew = true;
+      this.want();
+      this.loadPlans();
+    },
+    want() {
+      const floors = this.shown();
+      live.want(this, { floors: this.isPool ? [] : floors, postures: this.isPool ? [] : floors, scans: this.hasRays ? floors : [] });
+    },
     loadPlans() {
-      const { floors, scene } = this.three;
-      for (const [name, mesh] of floors) {
-        if (!this.shown().includes(name) || mesh.plan !== live.plan(name)) {
-          mesh.close();
-          floors.delete(name);
-        }
+      if (!this.view) return;
+      const shown = this.shown();
+      for (const [name, mesh] of this.meshes) {
+        if (shown.includes(name) && mesh.plan === live.plan(name) && mesh.group.position.z === this.drawn(mesh.plan.elevation)) continue;
+        mesh.close();
+        this.meshes.delete(name);
       }
-      for (const name of this.shown()) {
+      for (const name of shown) {
         const plan = live.plan(name);
-        if (!plan || floors.has(name)) continue;
-        const mesh = new FloorMesh(plan, this.cut);
-        floors.set(name, mesh);
-        scene.add(mesh.group);
-        if (floors.size === 1) this.look();
+        if (!plan || this.meshes.has(name)) continue;
+        const mesh = new FloorMesh(plan, this.cut, this.drawn(plan.elevation));
+        this.meshes.set(name, mesh);
+        this.view.scene.add(mesh.group);
       }
+      if (this.isNew && shown.length && this.meshes.size === shown.length) {
+        this.isNew = false;
+        if (!this.isFollowing) this.look();
+      }
+      this.say();
       this.update();
     },
-    rebuild() {
-      for (const mesh of this.three.floors.values()) mesh.build(this.cut);
-      this.update();
+    lookAtAll() {
+      this.isFollowing = false;
+      this.look();
     },
     look() {
-      const plans = this.shown().map((name) => live.plan(name)).filter(Boolean);
+      const plans = [...this.meshes.values()].map((mesh) => mesh.plan);
       if (!plans.length) return;
-      const [x0, y0, x1, y1] = plans[0].bounds;
-      const height = plans.reduce((sum, plan) => sum + plan.elevation, 0) / plans.length;
-      const size = Math.max(x1 - x0, y1 - y0);
-      this.three.controls.target.set((x0 + x1) / 2, (y0 + y1) / 2, height);
-      this.three.camera.position.set((x0 + x1) / 2 - size * 0.15, y0 - size * 0.55, height + size * 0.75);
-      this.isDirty = true;
+      const of = (most, index) => most(...plans.map((plan) => plan.bounds[index]));
+      const heights = plans.map((plan) => this.drawn(plan.elevation));
+      const low = [of(Math.min, 0), of(Math.min, 1), Math.min(...heights)];
+      const high = [of(Math.max, 2), of(Math.max, 3), Math.max(...heights) + this.cut];
+      this.view.fit([low, high], this.isStacked ? [-0.5, -0.9, 0.75] : undefined);
     },
+    // ---- what is in the scene ----
     update() {
-      const { three } = this;
-      const plain = [], names = [], present = new Set();
-      for (const [floorName, mesh] of three.floors) {
-        const floor = live.floor(floorName);
+      if (!this.crowd) return;
+      const robots = [];
+      for (const [name, mesh] of this.meshes) {
+        const floor = this.floor(name);
+        if (!floor) continue;
         const bodies = [...floor.bodies.values()];
         mesh.setElevators(floor.elevators);
-        mesh.setObjects(bodies.filter((body) => body.kind === "object"));
-        for (const body of bodies) {
-          if (body.kind !== "robot") continue;
-          names.push(body.name);
-          const z = this.heightOf(body, mesh.plan, floor);
-          const joints = live.joints(body.name);
-          if (joints) {
-            present.add(body.name);
-            this.articulate(body, z, joints);
-          } else {
-            plain.push({ ...body, z });
-          }
+        const here = bodies.filter((body) => body.kind === "robot").map((body) => this.robotOf(body, mesh.plan, floor));
+        robots.push(...here);
+        mesh.setObjects(bodies.filter((body) => body.kind === "object"), this.hands(here));
+      }
+      this.crowd.hasNames = this.hasNames;
+      this.crowd.set(robots, this.selected);
+      this.updateGhost();
+      this.follow();
+      if (this.target) this.placePose();
+    },
+    robotOf(body, plan, floor) {
+      const row = live.state?.robots[body.name];
+      const agent = row?.state;
+      return {
+        name: body.name, x: body.x, y: body.y, z: this.drawn(heightOf(body, plan, floor)), heading: body.heading, radius: body.radius,
+        speed: Math.hypot(body.vx, body.vy), floor: plan.name, joints: this.joints(body.name), ...displayed(agent),
+        isLost: Boolean(row) && row.age !== null && row.age > LOST_S,
+      };
+    },
+    joints(robot) {
+      return (this.isPool && this.link?.joints.get(robot)) || live.joints(robot);
+    },
+    // Where hands are that may hold something: those of articulated robots.
+    hands(robots) {
+      const found = [];
+      for (const robot of robots) {
+        const model = this.crowd.articulated.get(robot.name);
+        if (!model) continue;
+        for (const side of ["left", "right"]) {
+          const at = model.group.localToWorld(model.mount(`${side}_hand`).position);
+          found.push({ x: at.x, y: at.y, z: at.z - robot.z });
         }
       }
-      for (const [name, robot] of three.articulated) {
-        if (present.has(name)) continue;
-        robot.group.removeFromParent();
-        robot.close();
-        three.articulated.delete(name);
-      }
-      three.plain.set(plain);
-      names.sort();
-      if (names.join() !== this.robots.join()) this.robots = names;
-      this.follow();
-      this.isDirty = true;
+      return found;
     },
-    // A robot in a cabin that travels has the height of the cabin.
-    heightOf(body, plan, floor) {
-      for (const state of Object.values(floor.elevators)) if (state.riders.includes(body.name)) return state.height;
-      return plan.elevation;
-    },
-    articulate(body, z, joints) {
-      const { articulated, shape, scene } = this.three;
-      let robot = articulated.get(body.name);
-      if (!robot) {
-        robot = new ArticulatedRobot(shape);
-        articulated.set(body.name, robot);
-        scene.add(robot.group);
+    updateRobots() {
+      const names = Object.keys(live.state.robots).sort();
+      if (names.join("\n") !== this.robots.join("\n")) this.robots = names;
+      this.counts = {};
+      for (const client of live.state.server.state?.clients ?? []) {
+        this.counts[client.at.floor] = (this.counts[client.at.floor] ?? 0) + 1;
       }
-      robot.group.position.set(body.x, body.y, z);
-      robot.group.rotation.z = body.heading;
-      robot.pose(joints);
-      const agent = live.state?.robots[body.name]?.state;
-      robot.show(displayed(agent), agent?.program.kind ?? "");
+      if (this.wanted.robot && names.includes(this.wanted.robot)) {
+        this.selected = this.wanted.robot;
+        this.wanted.robot = "";
+        this.isFollowing = true;
+      }
+      this.updateFacts();
+    },
+    updateFacts() {
+      const agent = live.state?.robots[this.selected]?.state;
+      const robot = this.crowd?.robot(this.selected);
+      const rows = [];
+      if (agent) {
+        const { display, words } = displayed(agent);
+        rows.push(["display", words ? `${display}: ${words}` : display]);
+        rows.push(["at", `${agent.at.floor} ${agent.at.x.toFixed(2)}, ${agent.at.y.toFixed(2)} m`]);
+        if (agent.reason) rows.push(["reason", agent.reason]);
+      } else {
+        rows.push(["", "no news of it"]);
+      }
+      if (robot) rows.push(["speed", `${robot.speed.toFixed(2)} m/s`]);
+      if (this.isPool && this.link?.pool) rows.push(["data pool", `${(1000 * this.link.pool.lag).toFixed(0)} ms old`]);
+      if (this.link?.path.length) rows.push(["path", `${this.link.path.length} points`]);
+      this.facts = rows;
+    },
+    updateRays() {
+      if (!this.rays) return;
+      const scans = [];
+      for (const [name, mesh] of this.hasRays ? this.meshes : []) {
+        for (const scan of live.scansOn(name)) scans.push({ ...scan, z: mesh.group.position.z });
+      }
+      // Those of the selected robot first, since the number of rays is limited.
+      scans.sort((one, other) => (other.robot === this.selected) - (one.robot === this.selected));
+      this.rays.set(scans);
+    },
+    updateGhost() {
+      const path = [];
+      let heading = 0;
+      for (const point of this.link && this.link.robot === this.selected ? this.link.path : []) {
+        const mesh = this.meshes.get(point.floor);
+        if (!mesh) continue;
+        path.push({ x: point.x, y: point.y, z: mesh.group.position.z });
+        heading = point.heading;
+      }
+      const robot = this.crowd.robot(this.selected);
+      const end = path[path.length - 1];
+      const isThere = !robot || (end && Math.hypot(end.x - robot.x, end.y - robot.y) < 0.05);
+      const key = isThere ? "" : JSON.stringify([path, robot?.joints]);
+      if (key === this.ghostKey) return;
+      this.ghostKey = key;
+      this.crowd.setGhost(isThere ? null : path, heading, robot?.joints);
+    },
+    // The connection for the path of the selected robot, and for the data pool that is shown.
+    connect() {
+      const robot = this.source || this.selected;
+      if (this.link && this.link.robot === robot && this.link.withPool === this.isPool) return;
+      this.link?.close();
+      this.link = robot ? new RobotLink(robot, this.isPool, () => this.linkNews()) : null;
+    },
+    linkNews() {
+      if (this.isGone) return;
+      const floor = this.isPool ? this.link?.floor?.name : "";
+      if (this.isPool && floor !== this.poolFloor) {
+        this.poolFloor = floor;
+        this.isNew = true;
+        this.current = floor ?? "";
+        this.want();
+        this.loadPlans();
+      }
+      this.say();
+      this.update();
+    },
+    // ---- the camera ----
+    second() {
+      this.say();
+      this.updateFacts();
+      this.crowd?.update();
     },
     follow() {
-      if (!this.followed) return;
-      for (const name of this.three.floors.keys()) {
-        const body = live.floor(name).body(this.followed);
-        if (!body) continue;
-        const target = this.three.controls.target;
-        const moved = new THREE.Vector3(body.x, body.y, this.heightOf(body, live.plan(name), live.floor(name)) + 0.7).sub(target);
-        if (this.followedBefore !== this.followed) {
-          this.three.camera.position.set(body.x - 2.6 * Math.cos(body.heading - 0.5), body.y - 2.6 * Math.sin(body.heading - 0.5), target.z + moved.z + 1.3);
-        } else {
-          this.three.camera.position.add(moved);
-        }
-        target.add(moved);
+      const robot = this.crowd.robot(this.selected);
+      if (!this.isFollowing) return;
+      if (!robot) {
+        this.findFloor();
+        return;
       }
-      this.followedBefore = this.followed;
+      const { camera, orbit } = this.view;
+      const moved = new THREE.Vector3(robot.x, robot.y, robot.z + 0.75).sub(orbit.target);
+      if (this.followed !== robot.name) {
+        const bearing = robot.heading - 0.55;
+        camera.position.set(robot.x + 2.7 * Math.cos(bearing), robot.y + 2.7 * Math.sin(bearing), robot.z + 1.75);
+        this.followed = robot.name;
+      } else if (moved.length() > 1e-4) {
+        camera.position.add(moved);
+      } else {
+        return;
+      }
+      orbit.target.add(moved);
+      orbit.update();
+      this.view.redraw();
     },
-    draw() {
-      this.isDirty = false;
-      this.three.renderer.render(this.three.scene, this.three.camera);
-      this.pictures = (this.pictures ?? 0) + 1;
+    // The followed robot is on another floor: it has taken an elevator.
+    findFloor() {
+      const floor = live.state?.robots[this.selected]?.state?.at.floor;
+      if (!floor || this.isPool || floor === this.current || !this.floors.includes(floor) || this.isStacked) return;
+      this.show(floor);
+      this.isNew = false;
+      this.isFollowing = true;
+    },
+    pointer(kind, event) {
+      if (kind === "pointerdown") this.pressed = [event.offsetX, event.offsetY];
+      else if (this.pressed && Math.hypot(event.offsetX - this.pressed[0], event.offsetY - this.pressed[1]) < CLICK_PX) {
+        const robot = this.crowd?.at([event.offsetX, event.offsetY]);
+        if (robot) this.selected = robot.name;
+      }
+    },
+    key(event) {
+      if (this.target && stepByKey(this.target, event)) return;
+      const step = 0.12;
+      const turns = {
+        ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step],
+        "+": [0, 0, 0.85], "-": [0, 0, 1.18],
+      };
+      if (turns[event.key]) this.view.turn(...turns[event.key]);
+      else if (event.key === "0") this.lookAtAll();
+      else return;
+      event.preventDefault();
+    },
+    // ---- posing a hand ----
+    pose() {
+      const robot = this.crowd.robot(this.selected);
+      if (!robot) {
+        this.isPosing = false;
+        return;
+      }
+      if (!this.target) {
+        this.figure = new ArticulatedRobot(this.shape, { isGhost: true });
+        this.view.scene.add(this.figure.group);
+        this.target = new HandTarget(this.figure, this.view, {
+          changed: (result) => (this.words = inWords(result.pose)), told: (problem) => (this.problem = problem),
+          redraw: () => this.view.redraw(),
+        });
+      }
+      this.placePose();
+      this.target.set(robot.joints?.length ? robot.joints : new Array(18).fill(0), { side: this.side });
+      this.words = inWords(this.target.pose);
+    },
+    placePose() {
+      const robot = this.crowd.robot(this.selected);
+      if (!robot) return;
+      this.figure.group.position.set(robot.x, robot.y, robot.z);
+      this.figure.group.rotation.z = robot.heading;
+    },
+    endPose() {
+      this.target?.close();
+      this.figure?.close();
+      this.target = this.figure = null;
+      this.view?.redraw();
     },
   },
   watch: {
-    followed() {
-      if (this.three?.scene) this.follow();
-      this.isDirty = true;
+    source() {
+      this.isFollowing = false;
+      this.isNew = true;
+      if (this.source) this.selected = this.source;
+      this.connect();
+      this.want();
+      this.loadPlans();
     },
+    selected() {
+      this.isPosing = false;
+      this.followed = "";
+      if (!this.selected) this.isFollowing = false;
+      this.connect();
+      this.updateFacts();
+      this.update();
+      if (this.selected && !this.crowd?.robot(this.selected)) {
+        this.isFollowing = true;
+        this.follow();
+      }
+    },
+    isFollowing() {
+      this.followed = "";
+      this.update();
+    },
+    cut() {
+      for (const mesh of this.meshes.values()) mesh.build(this.cut);
+      this.update();
+    },
+    hasRays() {
+      this.want();
+      this.updateRays();
+    },
+    hasNames() { this.update(); },
+    isPosing() {
+      if (!this.isPosing) {
+        this.endPose();
+        return;
+      }
+      this.isFollowing = true;
+      this.pose();
+    },
+    side() { this.pose(); },
   },
 };
 
-// The paper's states of the robot's display.
+// A robot in a cabin that travels has the height of the cabin.
+function heightOf(body, plan, floor) {
+  for (const state of Object.values(floor.elevators)) if (state.riders.includes(body.name)) return state.height;
+  return plan.elevation;
+}
+
+// What a robot's display shows: the paper's working, waiting or exceptional, and more about it.
 function displayed(agent) {
-  if (!agent || agent.condition === "IDLE" || agent.condition === "PAUSED") return "waiting";
-  return agent.condition === "STOPPED" ? "exceptional" : "working";
+  if (!agent) return { display: "waiting", words: "" };
+  const { condition, program } = agent;
+  if (condition === "STOPPED") return { display: "exceptional", words: "stopped" };
+  if (condition === "PAUSED") return { display: "waiting", words: "paused" };
+  if (condition === "RUNNING") {
+    const isWait = program.kind === "wait" || program.kind === "wait_until";
+    return { display: isWait ? "waiting" : "working", words: program.kind };
+  }
+  return program.result === "FAILED" ? { display: "exceptional", words: "program failed" } : { display: "waiting", words: "" };
 }

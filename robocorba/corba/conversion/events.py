@@ -375,4 +375,5 @@ register_with(errors.SessionOver, RoboCorba.SessionOver, lambda e: RoboCorba.Ses
 register_with(
     errors.AlreadyConnected, CosEventChannelAdmin.AlreadyConnected, lambda e: CosEventChannelAdmin.AlreadyConnected()
 )
+register_with(errors.OwnProxy, CosEventChannelAdmin.TypeError, lambda e: CosEventChannelAdmin.TypeError())
 register_with(errors.Disconnected, CosEventComm.Disconnected, lambda e: CosEventComm.Disconnected())

@@ -101,6 +101,16 @@ def program_check(report: CheckReport) -> Any:
     return RoboCorba.ProgramCheck([*errors_found, *notes], report.is_valid)
 
 
+def program_check_of(struct: Any) -> CheckReport:
+    report = CheckReport()
+    for found in struct.findings:
+        if found.kind == RoboCorba.PROGRAM_NOTE:
+            report.add_note(found.icon, found.reason)
+        else:
+            report.add_finding(found.icon, found.parameter, found.reason)
+    return report
+
+
 def begun(icon: IconBegun) -> Any:
     return RoboCorba.IconBegun(*icon)
 
@@ -109,8 +119,6 @@ def begun_of(struct: Any) -> IconBegun:
     return IconBegun(struct.number, struct.icon, struct.kind, struct.seconds)
 
 
-register(errors.InvalidProgram, RoboCorba.InvalidProgram, "icon", "parameter", "reason")
-register(errors.IllegalOrder, RoboCorba.IllegalOrder, "order", "condition")
 register(errors.UnknownAdaptor, RoboCorba.UnknownAdaptor, "name", "known")
 register(errors.AdaptorFailed, RoboCorba.AdaptorFailed, "cause")
 for _kind in (errors.UnitFailed, errors.RobotLost):

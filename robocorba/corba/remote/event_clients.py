@@ -13,7 +13,7 @@ from omniORB import CORBA
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
 from robocorba.corba.orb import Orb
-from robocorba.errors.events import ClientGone, EventError, InvalidEvent, NotDelivered, Refused, Unconfirmed
+from robocorba.errors.events import ClientGone, EventError, InvalidEvent, NotDelivered, OwnProxy, Refused, Unconfirmed
 from robocorba.events.event import CorrelatedEvents, EventBatch
 from robocorba.events.proxy import ProxyKind
 from robocorba.events.queue import QueueItem
@@ -153,7 +153,9 @@ class RemoteClients:
         self._orb = orb
 
     def of(self, kind: ProxyKind, reference: Any) -> Any:
-        """The client of a proxy of this kind; None for nil."""
+        """The client of a proxy of this kind; None for nil. Raises OwnProxy."""
+        if kind in (ProxyKind.PUSH_SUPPLIER, ProxyKind.PULL_CONSUMER):
+            self._refuse_own(reference)
         return None if reference is None else self.find(kind.value, self._orb.uri(reference))
 
     def find(self, kind: str, reference: str) -> Any:
@@ -168,8 +170,13 @@ class RemoteClients:
         return makers[kind](self._orb, reference)
 
     def event_consumer(self, reference: Any) -> RemoteEventConsumer:
-        """A consumer that takes batches."""
+        """A consumer that takes batches. Raises OwnProxy."""
+        self._refuse_own(reference)
         return RemoteEventConsumer(self._orb, self._orb.uri(reference))
+
+    def _refuse_own(self, reference: Any) -> None:
+        if reference is not None and self._orb.is_own(reference):
+            raise OwnProxy("a proxy of this channel can't be the client of another one: its events would circulate")
 
 
 def _type_id(ior: str) -> str:

@@ -13,8 +13,8 @@ from robocorba.maps.losses import Losses
 from robocorba.maps.model import Elevator, PathEdge, PathNode, TopologicalMap
 
 #: Parameters of lanes and vertices that a building keeps.
-_LANE_KEYS = {"bidirectional", "is_bidirectional", "graph_idx", "speed_limit", "name", "clearance"}
-_VERTEX_KEYS = {"lift_cabin"}
+_KEPT_LANE_PARAMETERS = {"bidirectional", "is_bidirectional", "graph_idx", "speed_limit", "name", "clearance"}
+_KEPT_VERTEX_PARAMETERS = {"lift_cabin"}
 
 
 class UniqueNames:
@@ -72,7 +72,7 @@ def _nodes(level: Level, lifts: dict[str, Elevator], left_out: Collection[str], 
         cabin = cabin or next((lift for lift, shaft in shafts.items() if shaft.contains(point)), "")
         found[index] = PathNode(name=name, at=vertex.at, elevator=cabin)
         for key, value in vertex.params.items():
-            if key not in _VERTEX_KEYS and value.value:
+            if key not in _KEPT_VERTEX_PARAMETERS and value.value:
                 losses.add(f"vertex property {key}: not kept: {{names}}", f"{level.name} {name}")
     return found
 
@@ -86,11 +86,11 @@ def _edges(level: Level, nodes: dict[int, str], graphs: dict[int, str], losses: 
             continue
         pairs.setdefault((lane.b, lane.a) if (lane.b, lane.a) in pairs else (lane.a, lane.b), []).append(lane)
         for key, value in lane.params.items():
-            if key not in _LANE_KEYS and value.value:
+            if key not in _KEPT_LANE_PARAMETERS and value.value:
                 losses.add(f"lane property {key}: not kept: {{names}}", f"{level.name} {nodes[lane.a]}-{nodes[lane.b]}")
     for (a, b), lanes in pairs.items():
-        merged = _merged_lanes(level, (a, b), lanes, graphs, losses)
-        for (forward, backward, speed, clearance, name), members in merged.items():
+        merged = _merged_lanes(f"{level.name} {nodes[a]}-{nodes[b]}", a, lanes, graphs, losses)
+        for (forward, backward, speed, clearance, name), graph_names in merged.items():
             start, end = (a, b) if forward else (b, a)
             yield PathEdge(
                 name=name,
@@ -99,29 +99,30 @@ def _edges(level: Level, nodes: dict[int, str], graphs: dict[int, str], losses: 
                 one_way=not (forward and backward),
                 speed_limit=speed,
                 clearance=clearance,
-                graphs=tuple(member for member in members if member),
+                graphs=tuple(filter(None, graph_names)),
             )
 
 
-_LaneKey = tuple[bool, bool, float, float, str]
+_MergedLane = tuple[bool, bool, float, float, str]
 
 
 def _merged_lanes(
-    level: Level, pair: tuple[int, int], lanes: list[Link], graphs: dict[int, str], losses: Losses
-) -> dict[_LaneKey, list[str]]:
-    """Graphs by (forward, backward, speed, clearance, name). Opposite lanes of a graph become a two-way edge."""
-    single: dict[tuple[str, float, float, str], list[bool]] = {}
+    where: str, start: int, lanes: list[Link], graphs: dict[int, str], losses: Losses
+) -> dict[_MergedLane, list[str]]:
+    """Names of graphs by (forward, backward, speed, clearance, name), for lanes between two vertices; forward is from
+    vertex `start`. Opposite lanes of a graph become a two-way edge. where: the lanes in messages."""
+    directions_of: dict[tuple[str, float, float, str], list[bool]] = {}
     for lane in lanes:
         graph = _graph(lane, graphs)
         key = graph, _non_negative(lane, "speed_limit"), _non_negative(lane, "clearance"), lane.text("name")
         both = flag(lane.params, "bidirectional") or flag(lane.params, "is_bidirectional")
-        forward, backward = both or lane.a == pair[0], both or lane.a != pair[0]
-        directions = single.setdefault(key, [False, False])
+        forward, backward = both or lane.a == start, both or lane.a != start
+        directions = directions_of.setdefault(key, [False, False])
         if (not forward or directions[0]) and (not backward or directions[1]):
-            losses.add("lanes drawn twice: {n} left out: {names}", f"{level.name} {lane.a}-{lane.b}")
+            losses.add("lanes drawn twice: {n} left out: {names}", where)
         directions[0], directions[1] = directions[0] or forward, directions[1] or backward
-    found: dict[_LaneKey, list[str]] = {}
-    for (graph, speed, clearance, name), (forward, backward) in single.items():
+    found: dict[_MergedLane, list[str]] = {}
+    for (graph, speed, clearance, name), (forward, backward) in directions_of.items():
         found.setdefault((forward, backward, speed, clearance, name), []).append(graph)
     return found
 

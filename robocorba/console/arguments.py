@@ -1,0 +1,45 @@
+"""Checks of operations' arguments, which come from a browser as any JSON: each returns the value or raises."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from robocorba.errors.base import RoboCorbaError
+
+#: Maximum length of a text [characters].
+MAX_TEXT = 4096
+
+
+class InvalidArguments(RoboCorbaError):
+    """Arguments that the operation does not have, that it misses, or with impossible values."""
+
+
+def text(name: str, value: Any) -> str:
+    """Raises InvalidArguments unless it is a text that CORBA can send."""
+    if not isinstance(value, str) or len(value) > MAX_TEXT:
+        raise InvalidArguments(f"{name} is not a text of at most {MAX_TEXT} characters")
+    if "\0" in value or any("\ud800" <= character <= "\udfff" for character in value):
+        raise InvalidArguments(f"{name} has characters that are no text")
+    return value
+
+
+def texts(name: str, values: Any) -> tuple[str, ...]:
+    """Raises InvalidArguments unless it is a list of texts."""
+    if not isinstance(values, list):
+        raise InvalidArguments(f"{name} is not a list")
+    return tuple(text(name, value) for value in values)
+
+
+def number(name: str, value: Any) -> float:
+    """Raises InvalidArguments unless it is a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InvalidArguments(f"{name} is not a number")
+    return float(value)
+
+
+def count(name: str, value: Any, maximum: int) -> int:
+    """Raises InvalidArguments unless it is a whole number from 1 to `maximum`."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= maximum:
+        raise InvalidArguments(f"{name} is not a whole number from 1 to {maximum}")
+    return value
