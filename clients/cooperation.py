@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -107,7 +108,8 @@ class Cooperation:
     @property
     def mission(self) -> str:
         """The mission that the robot leads or takes part in; empty for none."""
-        return self._led or (self._missions.mission if self._missions else "")
+        attempt = self._missions.mission if self._missions else ""
+        return self._led or re.sub(r"\.\d+$", "", attempt)  # leaders number their attempts to find robots
 
     @property
     def led_mission(self) -> str:

@@ -105,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         posture = PostureReport(lambda: agent.state.actor.joints, session.report_posture)
         stack.callback(Repeating("posture", posture.update, INTERVAL_S).start().close)
         path = f"{ROBOTS}/{settings.name}"
-        pool = orb.activate(DataPoolServant(follower.pool, plans), f"{path}/pool")
+        pool = orb.activate(DataPoolServant(follower.pool, plans, follower.postures), f"{path}/pool")
         orb.serve({path: RobotAgentServant(agent, pool, settings.channel, others)})
         others.start(agent, follower.pool)
         if wanted:

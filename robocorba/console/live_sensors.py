@@ -12,9 +12,9 @@ from robocorba.console.sensor_feed import NOTHING, Feed, ScanFeed
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.repeating import Repeating
-from robocorba.simulation.building import Posture
 from robocorba.simulation.reservations import ReservedAreas
 from robocorba.simulation.robot_scans import RobotScan
+from robocorba.spatial.posture import Posture
 
 #: Interval between requests for scans and postures, and for reservations [s].
 INTERVAL_S, RESERVATIONS_S = 0.1, 0.5

@@ -28,10 +28,12 @@ class Operations:
         self.add(self)
 
     def add(self, part: object) -> None:
-        """Add the public methods of `part`."""
-        for name, method in inspect.getmembers(part, inspect.ismethod):
+        """Add the public methods of `part`. Raises ValueError for a name that another part has."""
+        for name, _ in inspect.getmembers(type(part), inspect.isfunction):
             if not name.startswith("_") and name not in ("add", "call"):
-                self._known[name] = method
+                if name in self._known:
+                    raise ValueError(f"two operations are called {name}")
+                self._known[name] = getattr(part, name)
 
     def call(self, name: str, arguments: dict[str, Any]) -> Any:
         """The answer of an operation, as JSON types. Raises RoboCorbaError."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
-import logging
+import errno
+import socket
 import tempfile
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -18,6 +18,7 @@ from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
 from robocorba.console.access import Access
+from robocorba.console.calls import answer_call
 from robocorba.console.films import Films, InvalidFilm
 from robocorba.console.history import History
 from robocorba.console.kinematics_operations import KinematicsOperations
@@ -45,13 +46,10 @@ from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.corba.remote.robot_view import RemoteRobotView
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import PortInUse, ServiceError
 from robocorba.errors.simulation import InvalidRecording
 
-_log = logging.getLogger(__name__)
-
 STATIC = Path(__file__).parent / "static"
-#: Largest body of a call [bytes].
-MAX_BODY = 8 * 1024 * 1024
 #: Largest recording that a user may open [bytes].
 MAX_RECORDING = 512 * 1024 * 1024
 #: The server ends at most this long after a signal, also while browsers are connected [s].
@@ -193,29 +191,7 @@ class Console:
             return JSONResponse({"error": str(error)}, 404)
 
     async def _call(self, name: str, request: Request) -> Response:
-        try:
-            arguments = await _json(request)
-            return JSONResponse({"answer": await asyncio.to_thread(self.operations.call, name, arguments)})
-        except RoboCorbaError as error:
-            return JSONResponse({"error": str(error)})
-        except Exception:
-            _log.exception("operation %r failed", name[:80])
-            return JSONResponse({"error": "the console failed; its log says why"})
-
-
-async def _json(request: Request) -> dict[str, Any]:
-    body = b""
-    async for piece in request.stream():
-        body += piece
-        if len(body) > MAX_BODY:
-            raise RoboCorbaError(f"the request is longer than {MAX_BODY} bytes")
-    try:
-        arguments = json.loads(body)
-    except ValueError as error:
-        raise RoboCorbaError(f"the request is not JSON: {error}") from None
-    if request.headers.get("content-type") != "application/json" or not isinstance(arguments, dict):
-        raise RoboCorbaError("the request is not a JSON object")
-    return arguments
+        return await answer_call(self.operations, name, request)
 
 
 class _Static(StaticFiles):
@@ -228,28 +204,40 @@ class _Static(StaticFiles):
 
 
 def serve(console: Console, settings: ConsoleSettings) -> None:
-    """Serve until SIGINT or SIGTERM."""
+    """Serve until SIGINT or SIGTERM. Raises PortInUse, ServiceError."""
     config = uvicorn.Config(
         console.app(),
-        host=settings.host,
-        port=settings.port,
         log_level="warning",
         ssl_certfile=settings.certificate,
         ssl_keyfile=settings.key,
         timeout_graceful_shutdown=SHUTDOWN_S,
         ws_max_size=64 * 1024,
     )
-    _Server(config).run()
+    with listening(settings.host, settings.port) as listener:
+        _Server(config, settings.host).run([listener])
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """A socket that listens there. Raises PortInUse, ServiceError."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, port), family=family, backlog=128)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise PortInUse(host, port, "the console") from None
+        raise ServiceError(f"can't listen on {host}, port {port}: {error.strerror}") from None
 
 
 class _Server(uvicorn.Server):
-    """Prints the address when it accepts connections."""
+    """Prints its address when it accepts connections."""
 
-    async def startup(self, sockets: list[Any] | None = None) -> None:
+    def __init__(self, config: uvicorn.Config, host: str) -> None:
+        super().__init__(config)
+        self._host = host if ":" not in host else f"[{host}]"
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
-        if self.started:
-            port = self.servers[0].sockets[0].getsockname()[1]
+        if self.started and sockets:
             scheme = "https" if self.config.ssl_certfile else "http"
-            host = self.config.host if ":" not in self.config.host else f"[{self.config.host}]"
-            print(f"{scheme}://{host}:{port}/", flush=True)
+            print(f"{scheme}://{self._host}:{sockets[0].getsockname()[1]}/", flush=True)
             print("ready", flush=True)

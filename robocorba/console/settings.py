@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import getpass
 import importlib.util
+import ssl
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -93,6 +94,8 @@ class ConsoleSettings:
         for option, file in files.items():
             if file is not None and not file.is_file():
                 raise InvalidSetting(option, str(file), "there is no such file")
+        if given.certificate is not None:
+            _check_certificate(given.certificate, given.key)
         common = Settings.read(given.naming, given.state)
         return cls(
             common,
@@ -105,6 +108,15 @@ class ConsoleSettings:
             given.supervisor or common.state / SUPERVISOR,
             given.recording,
         )
+
+
+def _check_certificate(certificate: Path, key: Path) -> None:
+    """Raises InvalidSetting for files that a server cannot use."""
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")
+    except (ssl.SSLError, OSError) as error:
+        reason = getattr(error, "reason", "") or error.strerror or str(error)
+        raise InvalidSetting("--certificate", str(certificate), f"not usable with {key} ({reason})") from None
 
 
 def _password(host: str, file: Path | None) -> str:
@@ -120,7 +132,10 @@ def _password(host: str, file: Path | None) -> str:
         raise InvalidSetting("--host", host, "other machines reach this address: give a --password-file")
     else:
         print(f"Other machines reach {host}: choose a password for the console.", file=sys.stderr)
-        password = getpass.getpass("Password: ")
+        try:
+            password = getpass.getpass("Password: ")
+        except EOFError:
+            raise InvalidSetting("password", "", "none was given") from None
     if len(password) < MIN_PASSWORD:
         raise InvalidSetting("--password-file" if file else "password", "", f"shorter than {MIN_PASSWORD} characters")
     return password

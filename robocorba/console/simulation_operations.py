@@ -39,30 +39,29 @@ class SimulationOperations:
 
     def pause_simulation(self) -> None:
         """Pause simulated time."""
-        self._administrator.pause()
+        self._administrator().pause()
 
     def resume_simulation(self) -> None:
         """Let simulated time go on."""
-        self._administrator.resume()
+        self._administrator().resume()
 
     def set_pace(self, pace: float) -> None:
         """Set the simulated seconds per second; 1: real time, 0: as many as possible, at most 1000."""
-        self._administrator.set_pace(number("pace", pace))
+        self._administrator().set_pace(number("pace", pace))
 
     def step_simulation(self, steps: int = 1) -> None:
         """Simulate some steps of 0.02 s while time is paused."""
-        self._administrator.step(count("steps", steps, MAX_STEPS))
+        self._administrator().step(count("steps", steps, MAX_STEPS))
 
     def evict(self, robot: str) -> None:
         """Log a robot off."""
-        self._administrator.evict(text("robot", robot))
+        self._administrator().evict(text("robot", robot))
 
     def place(self, body: str, floor: str, x: float, y: float, heading: float = 0.0) -> None:
         """Put a robot or a movable object at a place [m, rad], at rest; an object that is held is released."""
         at = Pose(text("floor", floor), number("x", x), number("y", y), number("heading", heading))
-        self._administrator.place(text("body", body), at)
+        self._administrator().place(text("body", body), at)
 
-    @property
     def _administrator(self) -> RemoteAdministrator:
         if self._remote is None:
             raise NoRights()

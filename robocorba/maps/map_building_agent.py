@@ -7,7 +7,7 @@ current snapshot and never wait.
 An edit names the version of the element that its author read. If the element has changed
 since, the edit raises StaleEdit. Edits of different elements never conflict.
 
-`undo` and `redo` concern the edits of everybody. An author's own are undone in a session (edit_session.py).
+`undo` and `redo` concern the edits of everybody. An author's own are undone in a session (EditSession).
 """
 
 from __future__ import annotations
@@ -32,24 +32,22 @@ from robocorba.errors.maps import (
     TransactionClosed,
     UnknownElement,
 )
-from robocorba.maps.changes import Change, ElementKey, apply, difference, elements_of, inverse, key, key_of, ordered
-from robocorba.maps.draft import Draft, EditorState, Versions
-from robocorba.maps.edit_session import (
+from robocorba.maps.author_history import (
     AuthorHistory,
-    EditSession,
     OwnEdit,
     check_author,
     foreign_changes,
     repeating,
     reverting,
 )
+from robocorba.maps.changes import Change, ElementKey, apply, difference, elements_of, inverse, key, key_of, ordered
+from robocorba.maps.draft import Draft, EditorState, Versions
 from robocorba.maps.edits import EditRecord, Finding, renamed, shortened, summary_of
 from robocorba.maps.element_rules import size_of
 from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap, with_topology
 from robocorba.maps.places import placed
 from robocorba.maps.renaming import rename_changes
 from robocorba.maps.store import DEFAULT_LIMITS, NO_NOTE, CommitKind, EditNote, MapLimits, MapStore, StoredBuilding
-from robocorba.maps.transaction import Transaction
 from robocorba.maps.underlays import Underlay, check_underlay
 from robocorba.maps.validation import change_problems, check_change, problems
 
@@ -437,6 +435,124 @@ class BuildingEditor:
         after = apply(state.building, changes)
         found += change_problems(after, [change.key for change in changes], state.building, MAX_PROBLEMS)
         return [placed(problem, after, state.building) for problem in found]
+
+
+class Transaction:
+    """Several edits that take effect together or not at all. Nobody else sees them before `commit`.
+
+    The version of an element does not rise within a transaction: a second change of an element
+    expects the same version as the first, and 0 for an element that the transaction created.
+    Each edit checks the rules of its element alone; `commit` checks those between elements.
+    Every operation raises TransactionClosed if the transaction is closed or has timed out."""
+
+    def __init__(self, editor: BuildingEditor, now: float, by: AuthorHistory | None = None) -> None:
+        self._editor, self._used_at, self._by = editor, now, by
+        self._draft = Draft()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it was neither committed nor rolled back, also not by its timeout."""
+        return self in self._editor._open
+
+    def create(self, floor: str, element: Element) -> None:
+        """As BuildingEditor.create."""
+        self._editor._add_edit(self, lambda draft, state: draft.create(state, floor, element), element)
+
+    def change(self, floor: str, element: Element, expected: int) -> None:
+        """As BuildingEditor.change."""
+        self._editor._add_edit(self, lambda draft, state: draft.change(state, floor, element, expected), element)
+
+    def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> None:
+        """As BuildingEditor.remove."""
+        self._editor._add_edit(self, lambda draft, state: draft.remove(state, kind, floor, name, expected), None)
+
+    def problems(self) -> list[Finding]:
+        """Every rule that `commit` would break now, and every edit of others that it would overwrite, with places.
+
+        Changes nothing. Conflicts are listed alone: the rules depend on their solution."""
+        return self._editor._problems(self)
+
+    def commit(self) -> int:
+        """Make all edits as one, and close the transaction. Returns the building's version, new if anything was edited.
+
+        Raises StaleEdit, DuplicateElement or UnknownElement if another client changed a touched element,
+        InvalidElement if the result breaks a rule. The building is unchanged then."""
+        return self._editor._close(self, commit=True)
+
+    def roll_back(self) -> None:
+        """Discard all edits."""
+        self._editor._close(self, commit=False)
+
+
+class EditSession:
+    """The edits of one author. Every method raises SessionEnded after `close`, or after an hour without a call.
+
+    Edits as in BuildingEditor; they return the building's new version."""
+
+    def __init__(self, editor: BuildingEditor, author: str, now: float) -> None:
+        self._editor, self._used_at = editor, now
+        self._history = AuthorHistory(author)
+
+    @property
+    def author(self) -> str:
+        """The author's name."""
+        return self._history.author
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it was neither closed nor has timed out."""
+        return self in self._editor._sessions
+
+    @property
+    def undoable(self) -> str:
+        """A summary of the edit that `undo` would revert; empty if there is none."""
+        done = self._in_use().done
+        return done[-1].summary if done else ""
+
+    @property
+    def redoable(self) -> str:
+        """A summary of the edit that `redo` would repeat; empty if there is none."""
+        undone = self._in_use().undone
+        return undone[-1].summary if undone else ""
+
+    def create(self, floor: str, element: Element) -> int:
+        """As BuildingEditor.create."""
+        return self._editor.create(floor, element, self._in_use())
+
+    def change(self, floor: str, element: Element, expected: int) -> int:
+        """As BuildingEditor.change."""
+        return self._editor.change(floor, element, expected, self._in_use())
+
+    def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> int:
+        """As BuildingEditor.remove."""
+        return self._editor.remove(kind, floor, name, expected, self._in_use())
+
+    def rename(self, kind: ElementKind, floor: str, name: str, new_name: str, expected: int) -> int:
+        """As BuildingEditor.rename."""
+        return self._editor.rename(kind, floor, name, new_name, expected, self._in_use())
+
+    def begin(self) -> Transaction:
+        """As BuildingEditor.begin; its commit is one edit of this author."""
+        return self._editor.begin(self._in_use())
+
+    def undo(self) -> int:
+        """Revert this author's last edit.
+
+        Raises NothingToUndo, InvalidElement if the result would break a rule, and EditedByOthers if somebody else has
+        changed an element of the edit since. The next undo then takes the author's edit before it."""
+        return self._editor.undo_own(self._in_use())
+
+    def redo(self) -> int:
+        """Repeat the edit that this author undid last. Raises NothingToRedo, InvalidElement, EditedByOthers."""
+        return self._editor.redo_own(self._in_use())
+
+    def close(self) -> None:
+        """End the session. Its edits stay."""
+        self._editor.close_session(self)
+
+    def _in_use(self) -> AuthorHistory:
+        self._editor.use_session(self)
+        return self._history
 
 
 def _editor_state(stored: StoredBuilding) -> EditorState:

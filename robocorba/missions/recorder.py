@@ -153,7 +153,7 @@ class LedMission:
         if is_aborted and result is not MissionResult.DONE:
             result = MissionResult.ABORTED
         self._end(result, report.reason, report.ended)
-        self._content = replace(self._content, report=report.brief_json())
+        self._content = replace(self._content, report={**report.brief_json(), "result": result.value})
         self._recorder.record(self._name, self._content)
 
     def fail(self, reason: str, is_aborted: bool = False) -> None:

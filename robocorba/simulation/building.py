@@ -33,6 +33,7 @@ from robocorba.simulation.world_record import RobotRecord, WorldRecord
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.floor_update import Body, BodyKind
+from robocorba.spatial.posture import Posture
 
 #: Mass of a movable object per area of its outline [kg/m^2]; maps hold no masses. Three robots lift up to 1.33 m^2.
 KG_PER_SQUARE_METRE = 9.0
@@ -50,14 +51,6 @@ MAX_VALID_S = 5.0
 MAX_JOINTS = 64
 #: Bounds of the coordinates [m] and the heading [rad] of a pose at which a body is placed.
 MAX_COORDINATE_M, MAX_HEADING = 1e6, 1e3
-
-
-class Posture(NamedTuple):
-    """Joint angles that a robot reported, in the order of its model [rad]. time: simulated [s]."""
-
-    robot: str
-    time: float
-    joints: tuple[float, ...]
 
 
 class SimulatedRobot:

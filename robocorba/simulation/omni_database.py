@@ -14,13 +14,14 @@ import numpy as np
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.kernels import kernel
-from robocorba.simulation.building import Posture, SimulatedBuilding
+from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.reservations import ReservedAreas
 from robocorba.simulation.robot_scans import RobotScan, RobotScans
 from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_state import FloorState, Pose
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, FloorUpdate, Motions
 from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.posture import Posture
 
 #: Departed bodies remembered for each floor; a client with an older version gets the whole floor.
 MAX_DEPARTED = 10_000

@@ -142,9 +142,7 @@ class Supervised:
         try:
             while True:
                 probe = asyncio.create_task(asyncio.to_thread(self.spec.probe))
-                probe.add_done_callback(
-                    lambda done: done.cancelled() or done.exception()
-                )  # also if nobody waits for it
+                probe.add_done_callback(lambda done: done.cancelled() or done.exception())  # even if nobody waits
                 await asyncio.wait({ended, probe}, return_when=asyncio.FIRST_COMPLETED)
                 if ended.done():
                     await _ignore(probe)

@@ -54,7 +54,7 @@ _MAP_EDITOR = {
 _SIMULATION = {
     "SimulationServer": Probe(RoboCorba.SimulationServer, lambda server: server._get_state()),
     "OmniDatabase": Probe(RoboCorba.OmniDatabase, lambda database: database.floors()),
-    "MissionControl": Probe(RoboCorba.MissionControl, lambda control: control.missionsSince(2**63)),
+    "MissionControl": Probe(RoboCorba.MissionControl, lambda control: control._non_existent()),
 }
 _SENSOR = Probe(RoboCorba.VirtualSensor, lambda sensor: sensor._get_load())
 _ROBOT = Probe(RoboCorba.RobotAgent, lambda agent: agent._get_state())

@@ -24,8 +24,7 @@ from robocorba.errors.maps import (
     TooManyTransactions,
 )
 from robocorba.maps.changes import Change, ElementKey, apply, elements_of, key, key_of
-from robocorba.maps.edit_session import EditSession
-from robocorba.maps.map_building_agent import BuildingEditor
+from robocorba.maps.map_building_agent import BuildingEditor, EditSession
 from robocorba.maps.model import (
     Building,
     Element,

@@ -15,7 +15,6 @@ from robocorba.corba.conversion.maps import xy, xy_of
 from robocorba.corba.conversion.structs import Converter, struct_converter
 from robocorba.errors import simulation as errors
 from robocorba.maps.polygons import FloorArea
-from robocorba.simulation.building import Posture
 from robocorba.simulation.elevator import RidePhase, RideStatus
 from robocorba.simulation.load_balance import Load, SensorServer
 from robocorba.simulation.management_agent import ServerState
@@ -23,6 +22,7 @@ from robocorba.simulation.registry import Description, RobotClient
 from robocorba.simulation.reservations import Reservation, ReservedAreas, check_sizes
 from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.pose import Limits
+from robocorba.spatial.posture import Posture
 from robocorba.stubs import RoboCorba
 
 _PHASES = {

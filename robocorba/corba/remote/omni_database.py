@@ -9,11 +9,11 @@ from robocorba.corba.conversion import floors, scans, simulation
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import RemoteObject, translated
 from robocorba.errors.services import NotReachable
-from robocorba.simulation.building import Posture
 from robocorba.simulation.reservations import ReservedAreas
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.store import Mission
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
+from robocorba.spatial.posture import Posture
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call to the database [s].

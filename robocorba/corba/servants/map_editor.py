@@ -10,9 +10,7 @@ from robocorba.corba.conversion import maps
 from robocorba.corba.conversion.errors import translating
 from robocorba.errors.maps import InvalidElement, MapFileError
 from robocorba.maps import native
-from robocorba.maps.edit_session import EditSession
-from robocorba.maps.map_building_agent import BuildingEditor
-from robocorba.maps.transaction import Transaction
+from robocorba.maps.map_building_agent import BuildingEditor, EditSession, Transaction
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
