@@ -111,10 +111,7 @@ export const MissionStart = {
       if (kind === "connection" || kind === "plan") {
         this.floors = live.names;
         if (!this.floors.includes(this.target.floor)) this.target.floor = this.floors[0] ?? "";
-        this.objects = this.floors.flatMap((floor) => {
-          const movable = (live.plan(floor)?.objects ?? []).filter((object) => object.movable);
-          return movable.map((object) => ({ floor, name: object.name, polygon: object.polygon, at: object.at, heading: object.heading }));
-        });
+        this.objects = movables(this.floors);
         this.show();
       }
       if (kind === "floor" && name === this.target.floor) this.canvas?.redraw();
@@ -126,6 +123,7 @@ export const MissionStart = {
       const canvas = [this.$refs.canvas].flat()[0];
       if (!canvas || this.canvas) return;
       this.canvas = new FloorCanvas(canvas, { pointer: (...news) => this.pointer(...news) });
+      this.canvas.areNamesShown = false; // too many for a small map
       this.canvas.overlays.push({ above: (context) => this.drawTarget(context) });
       this.show();
     },
@@ -222,3 +220,13 @@ export const MissionStart = {
     },
   },
 };
+
+// The movable objects of all floors, under the names by which robots know them: an object whose name several floors
+// have is FLOOR/NAME. A line has no mass.
+function movables(floors) {
+  const isMovable = ({ movable, polygon }) => movable && polygon.length > 2;
+  const found = floors.flatMap((floor) => (live.plan(floor)?.objects ?? []).filter(isMovable).map((object) => ({ ...object, floor })));
+  const count = new Map();
+  for (const { name } of found) count.set(name, (count.get(name) ?? 0) + 1);
+  return found.map((object) => ({ ...object, name: count.get(object.name) > 1 ? `${object.floor}/${object.name}` : object.name }));
+}
