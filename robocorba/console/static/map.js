@@ -137,7 +137,7 @@ export default {
     for (const [name, listener] of Object.entries(this.listeners)) window.removeEventListener(name, listener);
     clearTimeout(this.messageTimer);
     clearTimeout(this.formsTimer);
-    this.session.close();
+    this.session.end();
     this.canvas.close();
   },
   methods: {
@@ -145,7 +145,7 @@ export default {
 
     receive(kind, name) {
       if (kind === "connection") {
-        if (live.isConnected && live.mapVersion !== this.session.version) this.session.refresh();
+        if (live.isConnected && (live.mapVersion !== this.session.version || this.session.problem)) this.session.refresh();
         this.updateOverlay();
       }
       if (kind === "connection" || (kind === "plan" && name === this.current)) this.showPlan();

@@ -62,7 +62,7 @@ export default {
     },
     memberText() {
       const { members, leader } = this.mission;
-      if (!members.length) return `led by ${leader}; looking for robots`;
+      if (!members.length) return this.mission.ended ? `led by ${leader}` : `led by ${leader}; looking for robots`;
       return members.map(({ robot, role }) => `${robot}${robot === leader ? " leads" : ""}${role ? ` (${role})` : ""}`).join(", ");
     },
   },
@@ -94,7 +94,7 @@ export default {
       const hasEnded = this.mission?.name === mission?.name && this.mission?.result === "running" && mission?.result !== "running";
       this.mission = mission ?? null;
       if (hasEnded) this.loadReport();
-      if (!this.mission && this.rows.length) this.select(this.rows[0].name);
+      if (!this.selected && this.rows.length) this.select(this.rows[0].name);
     },
     rowOf(mission) {
       const isRunning = mission.result === "running";
