@@ -155,6 +155,7 @@ export function handlesOf({ kind, members }) {
     }))
     : [];
   const shape = kind === "elevator" ? { kind: "box", size: members.size } : members.shape;
+  if (shape.kind === "circle") return []; // it looks the same when turned
   const reach = Math.max(...shapePoints(shape).map(([x]) => x), 0) + 0.4;
   const turn = {
     at: placed([[reach, 0]], members)[0],

@@ -58,10 +58,13 @@ export const MissionGantt = {
       return { name: phase.name, isRunning, waited, words, bar: this.span(from, to), lanes: this.lanes(phase, from, to) };
     },
     lanes(phase, from, to) {
-      const known = this.report?.phases?.find(({ name, began_s }) => name === phase.name && Math.abs(began_s - from) < SAME_S);
+      // The report counts from its own beginning, which is after the mission's.
+      const shift = this.report?.began ? this.report.began - this.begun : 0;
+      const known = this.report?.phases?.find(({ name, began_s }) => name === phase.name && Math.abs(began_s + shift - from) < SAME_S);
       if (!known) return [];
-      return Object.entries(known.started_s).sort().map(([robot, started]) => {
-        const done = known.done_s[robot] ?? to;
+      return Object.entries(known.started_s).sort().map(([robot, started_s]) => {
+        const started = Math.max(started_s + shift, from);
+        const done = robot in known.done_s ? known.done_s[robot] + shift : to;
         const words = `${robot}: ${started.toFixed(1)} to ${done.toFixed(1)} s, then waits ${Math.max(to - done, 0).toFixed(1)} s`;
         return { robot, words, work: this.span(started, done), wait: this.span(done, to), labelLeft: this.percent(from) };
       });
