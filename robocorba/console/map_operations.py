@@ -30,8 +30,8 @@ _NEW_SESSION = "the map editor had ended the session of this page: undo begins a
 class MapOperations:
     """Operations of the map page: edit the building, plan paths, import and export."""
 
-    def __init__(self, orb: Orb) -> None:
-        self._editor, self._planner = RemoteMapEditor(orb), RemotePlanner(orb)
+    def __init__(self, orb: Orb, editor: RemoteMapEditor | None = None) -> None:
+        self._editor, self._planner = editor or RemoteMapEditor(orb), RemotePlanner(orb)
         self._sessions = TabSessions(self._editor)
 
     # ---- reading ----

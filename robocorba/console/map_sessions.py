@@ -64,7 +64,7 @@ class TabSessions:
         with self._lock:
             session = self._sessions.get(key)
             if session is None:
-                raise NoSession("the session of this page has ended; reload the page to go on")
+                raise NoSession("the session of this page has ended; open another one")
             session.used_s = self._clock()
             return session
 

@@ -1,5 +1,4 @@
-"""What an edit changes beside its elements, so that the building stays valid: the edges of a removed node and the
-like."""
+"""What an edit changes beside its elements so that the building stays valid, such as the edges of a removed node."""
 
 from __future__ import annotations
 

@@ -18,5 +18,8 @@ def add_page() -> None:
 
     @ui.page("/missions")
     def missions() -> None:
+        ui.add_head_html(
+            '<link rel="stylesheet" href="/static/map.css"><link rel="stylesheet" href="/static/missions.css">'
+        )
         with page_frame(TITLE):
             MissionsPage()

@@ -136,7 +136,8 @@ export default {
     this.unlisten();
     for (const [name, listener] of Object.entries(this.listeners)) window.removeEventListener(name, listener);
     clearTimeout(this.messageTimer);
-    this.session.close();
+    clearTimeout(this.formsTimer);
+    this.session.end();
     this.canvas.close();
   },
   methods: {
@@ -144,20 +145,23 @@ export default {
 
     receive(kind, name) {
       if (kind === "connection") {
-        this.floors = live.names;
-        if (!this.floors.includes(this.current)) this.show(this.floors[0] ?? "");
-        else if (live.isConnected && live.mapVersion !== this.session.version) this.session.refresh();
+        if (live.isConnected && (live.mapVersion !== this.session.version || this.session.problem)) this.session.refresh();
         this.updateOverlay();
       }
       if (kind === "connection" || (kind === "plan" && name === this.current)) this.showPlan();
     },
     showPlan() {
-      const plan = this.current ? live.plan(this.current) : undefined;
-      if (!plan) return;
+      const isKnown = live.mapVersion >= this.session.version; // else the console does not follow a new floor yet
+      const plan = this.current && isKnown ? live.plan(this.current) : this.canvas.plan;
+      if (plan?.name !== this.current) {
+        this.canvas.setPlan(null);
+        this.updateOverlay();
+        return this.canvas.redraw();
+      }
       this.canvas.setPlan(plan);
       if (!this.hands.press && !this.hands.nudge) this.layer.ghosts = [];
       this.updateOverlay();
-      this.canvas.redraw();
+      return this.canvas.redraw();
     },
     updateOverlay() {
       if (!live.isConnected) this.overlay = "the console does not answer; reconnecting";
@@ -171,6 +175,11 @@ export default {
       this.elements = this.layer.elements = session.elements;
       Object.assign(this, { version: session.version, undoable: session.undoable, redoable: session.redoable, news: [...session.news] });
       if (session.whole && session.whole === session.version) this.undoable = "generated roads or an imported building";
+      const floors = this.elements.of("floor").sort((a, b) => a.members.level - b.members.level);
+      this.floors = floors.map((each) => each.name);
+      if (this.floors.length && !this.floors.includes(this.current)) {
+        this.show(this.floors.includes(this.wanted) ? this.wanted : this.floors[0]);
+      }
       this.names = Object.fromEntries(["floor", "node", "elevator"].map((kind) => [kind, this.elements.of(kind).map((each) => each.name)]));
       this.updateOverlay();
       this.updateSelection();
@@ -199,13 +208,10 @@ export default {
       this.canvas.floor = null;
       this.layer.draft = [];
       this.layer.ghosts = [];
-      live.want(this, floor ? { floors: [] } : undefined);
-      if (!floor) return this.session.refresh("");
       this.select([]);
       this.session.refresh(floor);
       this.showPlan();
       this.loadUnderlay();
-      return undefined;
     },
     setTool(name) {
       this.tool = name;
@@ -239,6 +245,7 @@ export default {
     // Make edits. Returns the answer, or undefined if the server did not answer.
     async commit(edits) {
       if (!edits.length) return undefined;
+      this.canvas.isFitted = false; // the view stays as it is while one edits
       this.layer.ghosts = edits.filter((edit) => edit.members);
       this.canvas.redraw();
       const answer = await this.session.edit(edits);
@@ -287,7 +294,7 @@ export default {
       const record = this.shownRecord;
       const answer = await this.commit([{ ...record, do: "rename", to: name, members: undefined }]);
       if (!answer?.version) return;
-      if (record.kind === "floor") this.session.refresh(name);
+      if (record.kind === "floor") this.show(name);
       else this.select([idOf({ ...record, name })]);
     },
     removeSelected() {
@@ -326,13 +333,12 @@ export default {
         outline: this.elements.get(`floor/${this.current}`)?.members.outline ?? [],
       };
       const answer = await this.commit([{ do: "create", kind: "floor", floor: "", name: members.name, members }]);
-      if (answer?.version) this.wanted = members.name;
-      if (answer?.version) this.say(`floor ${members.name} added; its tab appears above the map`);
+      if (answer?.version) this.show(members.name);
     },
     async removeFloor() {
       const floor = this.elements.get(`floor/${this.current}`);
       const answer = await this.commit([{ ...floor, do: "remove" }]);
-      if (answer?.version) this.say(`floor ${floor.name} removed; undo brings it back`);
+      if (answer?.version) this.say(`floor ${floor.name} is removed; undo brings it back`);
     },
     async buildRoads() {
       if (await this.session.changeWhole("map_build_roads", { floor: this.current, radius: this.radius })) this.say("roads generated");

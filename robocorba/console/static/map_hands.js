@@ -113,6 +113,9 @@ export class MapHands {
     this.press.record = record;
     if (!record) {
       this.press.isFrame = true;
+    } else if (record.kind === "area" && !selected.includes(idOf(record)) && elements.gapToBorder(record, point) > reach) {
+      this.press.isFrame = true; // a drag within a room selects what is in it, a click the room
+      this.press.under = record;
     } else if (event.shiftKey) {
       this.page.select(toggled(selected, record));
     } else if (!selected.includes(idOf(record))) {
@@ -161,7 +164,8 @@ export class MapHands {
     else if (press.isFrame && press.hasMoved) {
       const found = elements.within(press.point, point).map(idOf);
       this.page.select(press.isShift ? [...new Set([...selected, ...found])] : found);
-    } else if (press.isFrame && !press.isShift) this.page.select([]);
+    } else if (press.under) this.page.select(press.isShift ? toggled(selected, press.under) : [idOf(press.under)]);
+    else if (press.isFrame && !press.isShift) this.page.select([]);
     else if (press.wasSelected && !press.hasMoved && !press.isShift) this.page.select([idOf(press.record)]);
   }
 

@@ -1,7 +1,7 @@
 // The elements of a floor as the map page edits them: {kind, floor, name, version, members}, their shapes and handles.
 
 // What a new name of each kind begins with.
-const PREFIXES = { wall: "w", object: "object ", door: "d", area: "area ", node: "n", elevator: "E", floor: "L", edge: "e" };
+const PREFIXES = { wall: "w", object: "item ", door: "d", area: "room ", node: "n", elevator: "E", floor: "L", edge: "e" };
 const CIRCLE_POINTS = 32;
 export const MOVABLE_KINDS = ["wall", "object", "door", "area", "node", "elevator"];
 
@@ -88,7 +88,11 @@ export class Elements {
   gap(record, point) {
     const { points, isClosed } = this.outline(record);
     if (points.length === 1) return distance(points[0], point);
-    if (isClosed && isInside(points, point)) return 0;
+    return isClosed && isInside(points, point) ? 0 : this.gapToBorder(record, point);
+  }
+
+  gapToBorder(record, point) {
+    const { points, isClosed } = this.outline(record);
     let least = Infinity;
     for (let n = isClosed ? 0 : 1; n < points.length; n++) {
       const a = points[(n || points.length) - 1];
@@ -151,6 +155,7 @@ export function handlesOf({ kind, members }) {
     }))
     : [];
   const shape = kind === "elevator" ? { kind: "box", size: members.size } : members.shape;
+  if (shape.kind === "circle") return []; // it looks the same when turned
   const reach = Math.max(...shapePoints(shape).map(([x]) => x), 0) + 0.4;
   const turn = {
     at: placed([[reach, 0]], members)[0],

@@ -7,7 +7,7 @@ export const FindingsPanel = {
       <div v-if="refused" class="map-refused" role="alert">
         <b>Not accepted</b> <q-btn flat dense round size="sm" icon="close" aria-label="Dismiss" @click="$emit('dismiss')" />
         <p>{{ refused.reason }}</p>
-        <ul v-if="refused.problems.length > 1"><li v-for="problem in refused.problems">{{ problem.reason }}</li></ul>
+        <ul v-if="refused.problems.length > 1"><li v-for="problem in refused.problems"><b>{{ problem.kind }} {{ problem.name }}</b> {{ problem.floor }}: {{ problem.reason }}</li></ul>
       </div>
       <div class="console-actions map-line">
         <label>robot radius <input type="number" min="0.05" max="5" step="0.05" :value="radius" class="map-number"

@@ -1,9 +1,12 @@
 // A tab's session at the map editor: its edits, what it can undo, and the news of other editors.
-import { call, live } from "/static/live.js";
+import { call } from "/static/live.js";
 import { Elements } from "/static/map_model.js";
 
 const AUTHOR = "robocorba-author";
 const MAX_NEWS = 50;
+// Pause before the next attempt when the server does not answer.
+const RETRY_MS = 2000;
+const ENDED = "the session of this page has ended";
 
 export class MapSession {
   // changed(): called when elements, news or what can be undone have changed. say(text, isProblem): tell the user.
@@ -33,6 +36,12 @@ export class MapSession {
     this.key = "";
   }
 
+  end() {
+    this.isClosed = true;
+    clearTimeout(this.timer);
+    this.close();
+  }
+
   async rename(author) {
     this.author = author.trim().slice(0, 60) || "operator";
     localStorage.setItem(AUTHOR, this.author);
@@ -52,23 +61,33 @@ export class MapSession {
       do {
         this.isWaiting = false;
         const wanted = this.floor;
-        if (!this.key) await this.open();
-        const [answer, news] = await Promise.all([call("map_floor", { floor: wanted }), this.readNews()]);
+        const [answer, news] = await Promise.all([
+          call("map_floor", { floor: wanted }), this.inSession("map_news", () => ({ since: this.version })),
+        ]);
         if (wanted === this.floor) this.elements = new Elements(wanted, answer);
         this.takeNews(news);
       } while (this.isWaiting);
       this.problem = "";
     } catch (error) {
       this.problem = error.message;
-      if (error.message.includes("reload the page")) this.key = ""; // opened again at the next refresh
+      clearTimeout(this.timer);
+      if (!this.isClosed) this.timer = setTimeout(() => this.refresh(), RETRY_MS);
     } finally {
       this.isBusy = false;
     }
     this.changed();
   }
 
-  readNews() {
-    return call("map_news", { session: this.key, since: this.version });
+  // Call an operation of the session; a session that the console has ended, or forgot in a restart, is opened anew.
+  async inSession(operation, argument) {
+    if (!this.key) await this.open();
+    try {
+      return await call(operation, { session: this.key, ...argument() });
+    } catch (error) {
+      if (!error.message.startsWith(ENDED)) throw error;
+      await this.open();
+      return call(operation, { session: this.key, ...argument() });
+    }
   }
 
   takeNews({ version, edits, undoable, redoable, note }) {
@@ -100,8 +119,7 @@ export class MapSession {
 
   async change(operation, argument = {}) {
     try {
-      if (!this.key) await this.open();
-      const answer = await call(operation, { session: this.key, ...argument });
+      const answer = await this.inSession(operation, () => argument);
       if (answer.note) this.say(answer.note);
       if (answer.version) this.own.add(answer.version);
       await this.refresh();
@@ -119,7 +137,7 @@ export class MapSession {
       const version = await call(operation, argument);
       this.own.add(version);
       this.whole = operation === "map_undo_whole" ? 0 : version;
-      await this.refresh(live.names.includes(this.floor) ? this.floor : live.names[0] ?? this.floor);
+      await this.refresh();
       return true;
     } catch (error) {
       this.say(error.message, true);

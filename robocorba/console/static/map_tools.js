@@ -4,7 +4,7 @@ import { distance, rounded } from "/static/map_model.js";
 // points: how many make an element: [least, most]; most Infinity: until Enter, a double click, or the first point again.
 export const TOOLS = [
   { name: "select", title: "Select", icon: "near_me", key: "v", help: "click, Shift for several, drag a frame; drag to move" },
-  { name: "pan", title: "Move view", icon: "pan_tool", key: "h", help: "drag the map; the right mouse button does so with every tool" },
+  { name: "pan", title: "Pan", icon: "pan_tool", key: "h", help: "drag the map; the right mouse button does so with every tool" },
   { name: "room", title: "Room", icon: "crop_square", key: "r", points: [2, 2], kind: "wall", help: "two opposite corners make four walls" },
   { name: "wall", title: "Wall", icon: "timeline", key: "w", points: [2, Infinity], kind: "wall", help: "click corner by corner; Enter or a double click ends, Backspace takes a corner back" },
   { name: "door", title: "Door", icon: "door_front", key: "d", points: [2, 2], kind: "door", help: "two points on a wall" },
