@@ -16,7 +16,7 @@ help:
 	@echo "make bench-events      measure the event service: the paper's Figure 13, and one channel against other brokers"
 	@echo "make bench-simulation  measure the simulation: rays, pictures, robots, sensors, killed servers"
 	@echo "make bench-robots      measure robots: kinematics, control cycle, stops, virtual and actual, missions"
-	@echo "make pictures          take the pictures of the console in docs/images; needs Chromium"
+	@echo "make pictures          take the pictures of the console in docs/pictures; needs Chromium"
 	@echo "make stubs   regenerate the Python stubs after a change in idl/"
 	@echo "make clean   remove everything that make has made"
 

@@ -1,4 +1,4 @@
-"""Take the pictures of the console in docs/images from a running system of its own (`make pictures`).
+"""Take the pictures of the console in docs/pictures from a running system of its own (`make pictures`).
 
     python docs/make_pictures.py [FOLDER] [--browser PROGRAM]
 
@@ -14,7 +14,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from robocorba.clients.robot_processes import START_TIMEOUT_S, servers
 from robocorba.corba.orb import Orb
@@ -28,19 +28,55 @@ from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import StateFolder
 from robocorba.testing.processes import eventually
 
-#: File and address of each page.
-PAGES = {"monitor": "", "3d": "3d", "program": "program", "map": "map", "missions": "missions"}
-ROBOTS = (RobotOrder("A", channel="lab"), RobotOrder("B", channel="lab"), RobotOrder("C", channel="hall"))
+ROBOTS = (
+    RobotOrder("A", channel="lab", floor="L1", at=(30.0, 9.2, 0.0)),
+    RobotOrder("B", channel="lab", floor="L1", at=(12.0, 9.2, 0.0)),
+    RobotOrder("C", channel="hall", floor="L1", at=(25.5, 4.0, 0.0)),
+)
+
+
+class View(NamedTuple):
+    """A page to take. prepare, select: scripts that are run before the waiting time, and before each picture."""
+
+    path: str
+    prepare: str = ""
+    select: str = ""
+    settled_ms: int = 0
+
+
+#: A call of one of the console's operations.
+_CALL = """async (name, given) => (await fetch("/call/" + name, {method: "POST", body: JSON.stringify(given),
+    headers: {"Content-Type": "application/json"}})).json()"""
+_PROGRAM = """(x, y) => ({format: 1, name: "patrol", robot: "SmartPal", icons: [{icon: "repeat", count: 50, icons: [
+    {icon: "mhand_posture", hand: "both", posture: "reach"}, {icon: "mbase_path", floor: "L1", x, y: y, speed: 0.4},
+    {icon: "mhand_posture", hand: "both", posture: "tuck"}, {icon: "mbase_path", floor: "L1", x: 6, y: 13.5}]}]})"""
+_PATROL = f"""async () => {{ const call = {_CALL}, program = {_PROGRAM};
+    await call("run_program", {{robot: "A", program: program(8, 10)}});
+    await call("run_program", {{robot: "B", program: program(30, 13.5)}}); }}"""
+_CARRY = f"""async () => {{ const call = {_CALL};
+    for (const robot of ["A", "B"]) await call("abort_program", {{robot}});
+    await call("start_mission", {{leader: "C", icon: {{icon: "move_table", table: "cafe-table-1",
+        to: {{floor: "L1", x: 28.5, y: 5.0, heading: 0}}}}}}); }}"""
+_CLICK = "text => [...document.querySelectorAll('tr, td')].find(each => each.textContent.includes(text))?.click()"
+_OPEN = """() => { const choice = document.querySelector("select.program-examples");
+    choice.value = "example fetch"; choice.dispatchEvent(new Event("change")); }"""
+VIEWS = {
+    "monitor": View("", _PATROL, f"() => ({_CLICK})('B')", 4000),
+    "3d": View("3d?robot=B"),
+    "map": View("map"),
+    "missions": View("missions", _CARRY, f"() => ({_CLICK})('cafe-table-1')", 40_000),
+    "program": View("program", select=_OPEN),
+}
 SIZE = {"width": 1366, "height": 768}
 #: Together they let Chromium draw WebGL without a graphics card.
 FLAGS = ["--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 #: Time for a page to show live data [ms].
-SETTLED_MS = 6000
+SETTLED_MS = 5000
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
-    parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).parent / "images", metavar="FOLDER")
+    parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).parent / "pictures", metavar="FOLDER")
     parser.add_argument("--browser", default=shutil.which("chromium"), metavar="PROGRAM", help="Chromium [chromium]")
     given = parser.parse_args()
     if given.browser is None:
@@ -83,16 +119,25 @@ def take(address: str, folder: Path, browser: str) -> None:
 
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=browser, args=FLAGS)
-        for scheme in ("light", "dark"):
-            settings: Any = {"viewport": SIZE, "color_scheme": scheme}
-            page = chromium.new_page(**settings)
-            for name, path in PAGES.items():
-                page.goto(address + path)
+        page = chromium.new_page(viewport=SIZE)
+        for name, view in VIEWS.items():
+            page.goto(address + view.path)
+            if view.prepare:
+                page.evaluate(view.prepare)
+            page.wait_for_timeout(view.settled_ms)
+            for scheme in ("light", "dark"):
+                page.emulate_media(color_scheme=scheme)
+                page.evaluate(
+                    "scheme => localStorage.setItem('robocorba-dark', scheme === 'dark' ? 'yes' : 'no')", scheme
+                )
+                page.reload()
                 page.wait_for_timeout(SETTLED_MS)
+                if view.select:
+                    page.evaluate(view.select)
+                    page.wait_for_timeout(SETTLED_MS)
                 file = folder / f"console-{name}-{scheme}.png"
                 page.screenshot(path=file)
                 print(file)
-            page.close()
         chromium.close()
 
 
