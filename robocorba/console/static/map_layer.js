@@ -91,7 +91,8 @@ export class MapLayer {
         context.strokeRect(Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0));
       } else if (tool.name === "circle") {
         context.beginPath();
-        context.arc(points[0][0], points[0][1], Math.hypot(points[1][0] - points[0][0], points[1][1] - points[0][1]), 0, 7);
+        context.arc(points[0][0], points[0][1], Math.hypot(points[1][0] - points[0][0], points[1][1] - points[0][1]), 0,
+          7);
         context.stroke();
       } else {
         trace(context, points, ["polygon", "area", "outline"].includes(tool.name));
@@ -144,7 +145,8 @@ export class MapLayer {
       context.setLineDash(style.dash.map((pixels) => canvas.px(pixels)));
       path.points.forEach((point, n) => {
         const before = path.points[n - 1];
-        if (before && before.floor === floor && point.floor === floor) line(context, [before.x, before.y], [point.x, point.y]);
+        if (before && before.floor === floor && point.floor === floor) line(context, [before.x, before.y], [point.x,
+          point.y]);
       });
     }
     context.setLineDash([]);

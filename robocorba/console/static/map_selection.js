@@ -38,7 +38,8 @@ export function duplicateEdits(records, elements, step) {
   const nodes = records.filter((record) => record.kind === "node");
   for (const node of nodes) names.set(node.name, elements.newName("node"));
   const copies = records.filter((record) => record.kind !== "edge" && record.kind !== "floor").map((record) => {
-    const name = names.get(record.name) && record.kind === "node" ? names.get(record.name) : elements.newName(record.kind);
+    const name = names.get(record.name) && record.kind === "node" ? names.get(record.name)
+      : elements.newName(record.kind);
     const members = { ...moved(record, delta), name };
     if (record.kind === "node") members.elevator = "";
     return { do: "create", kind: record.kind, floor: record.floor, name, members };
@@ -47,7 +48,8 @@ export function duplicateEdits(records, elements, step) {
   for (const edge of edges) {
     const [from, to] = [names.get(edge.members.from), names.get(edge.members.to)];
     const name = elements.newName("edge", `${from}-${to}`);
-    copies.push({ do: "create", kind: "edge", floor: edge.floor, name, members: { ...copyOf(edge.members), name, from, to } });
+    copies.push({ do: "create", kind: "edge", floor: edge.floor, name, members: { ...copyOf(edge.members), name, from,
+      to } });
   }
   return copies;
 }
