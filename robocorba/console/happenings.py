@@ -68,14 +68,14 @@ def _differences(before: Rows, now: Rows) -> Iterator[Difference]:
     for name, row in now["robots"].items():
         old = before["robots"].get(name)
         if old is None and before["robots"]:
-            yield "robot", name, _floor(row), f"{name} has started"
+            yield "robot", name, _floor(row), f"{_shown(name)} has started"
         elif old is not None:
             yield from _of_robot(name, old, row)
     for name, row in now["channels"].items():
         if name in before["channels"]:
             yield from _of_channel(name, before["channels"][name], row)
         elif before["channels"]:
-            yield "channel", "", "", f"channel {name} has started"
+            yield "channel", "", "", f"channel {_shown(name)} has started"
 
 
 def _of_server(before: Rows, now: Rows) -> Iterator[Difference]:
@@ -98,56 +98,72 @@ def _of_server(before: Rows, now: Rows) -> Iterator[Difference]:
     came = {client["name"]: client for client in now["state"]["clients"]}
     went = {client["name"]: client for client in before["state"]["clients"]}
     for name in came.keys() - went.keys():
-        yield "robot", name, came[name]["at"]["floor"], f"{name} has logged on"
+        yield "robot", name, came[name]["at"]["floor"], f"{_shown(name)} has logged on"
     for name in went.keys() - came.keys():
-        yield "robot", name, went[name]["at"]["floor"], f"{name} has logged off"
+        yield "robot", name, went[name]["at"]["floor"], f"{_shown(name)} has logged off"
 
 
 def _of_robot(name: str, before: Rows, now: Rows) -> Iterator[Difference]:
     floor = _floor(now)
     if _is_silent(before) != _is_silent(now):
-        yield "robot", name, floor, f"{name} does not answer" if _is_silent(now) else f"{name} answers again"
+        words = ("does not answer" if now["bound"] else "has ended") if _is_silent(now) else "answers again"
+        yield "robot", name, floor, f"{_shown(name)} {words}"
     old, new = before["state"], now["state"]
     if not old or not new:
         return
     if old["condition"] != new["condition"]:
         if new["condition"] == "STOPPED":
-            yield "stop", name, floor, f"{name} is stopped" + (f": {new['reason']}" if new["reason"] else "")
+            yield "stop", name, floor, f"{_shown(name)} is stopped" + (f": {new['reason']}" if new["reason"] else "")
         elif old["condition"] == "STOPPED":
-            yield "stop", name, floor, f"{name} may move again"
+            yield "stop", name, floor, f"{_shown(name)} may move again"
         elif new["condition"] == "PAUSED":
-            yield "program", name, floor, f"{name} pauses its program"
+            yield "program", name, floor, f"{_shown(name)} pauses its program"
     yield from _of_program(name, floor, old, new)
     for word, one, other in (("leaves", old, new), ("takes part in", new, old)):
         mission = one.get("mission", "")
         if mission and mission != other.get("mission", ""):
-            yield "mission", name, floor, f"{name} {word} mission {mission}"
+            yield "mission", name, floor, f"{_shown(name)} {word} mission {_shown(mission)}"
 
 
 def _of_program(name: str, floor: str, old: Rows, new: Rows) -> Iterator[Difference]:
     program = new["program"]
     was_running, is_running = (each["condition"] in ("RUNNING", "PAUSED") for each in (old, new))
     if is_running and (not was_running or program["name"] != old["program"]["name"]):
-        yield "program", name, floor, f"{name} runs {program['name']}"
+        yield "program", name, floor, f"{_shown(name)} runs {_shown(program['name'])}"
     elif was_running and not is_running and program["result"] != "NO_RESULT":
         reason = f": {program['reason']}" if program["reason"] else ""
-        yield "program", name, floor, f"{name} has ended {program['name']}, {program['result'].lower()}{reason}"
+        yield (
+            "program",
+            name,
+            floor,
+            f"{_shown(name)} has ended {_shown(program['name'])}, {program['result'].lower()}{reason}",
+        )
 
 
 def _of_channel(name: str, before: Rows, now: Rows) -> Iterator[Difference]:
     if bool(before["problem"]) != bool(now["problem"]):
         problem = now["problem"]
-        yield "channel", "", "", f"channel {name}: {problem}" if problem else f"channel {name} answers again"
+        yield (
+            "channel",
+            "",
+            "",
+            f"channel {_shown(name)}: {problem}" if problem else f"channel {_shown(name)} answers again",
+        )
     old = _links(before)
     for peer, is_up in _links(now).items():
         if peer in old and old[peer] != is_up:
-            yield "channel", "", "", f"the gateway from {peer} to {name} is {'up' if is_up else 'down'}"
+            yield "channel", "", "", f"the gateway from {_shown(peer)} to {_shown(name)} is {'up' if is_up else 'down'}"
 
 
 def _links(row: Rows) -> dict[str, bool]:
     """Whether the gateway from each peer is up."""
     links = row["state"]["links"] if row["state"] else []
     return {link["peer"]: link["condition"] == "UP" for link in links if link["direction"] == "INCOMING"}
+
+
+def _shown(name: str) -> str:
+    """A name within a sentence: marks of writing direction in it end with it."""
+    return name if name.isascii() else f"\u2068{name}\u2069"
 
 
 def _is_silent(row: Rows) -> bool:

@@ -72,25 +72,24 @@ def parts() -> list[Part]:
 
 
 def _base() -> list[Part]:
-    middle, half = (BASE_BACK_M + BASE_FRONT_M) / 2, (BASE_FRONT_M - BASE_BACK_M) / 2
+    middle, half, wide = (BASE_BACK_M + BASE_FRONT_M) / 2, (BASE_FRONT_M - BASE_BACK_M) / 2, BASE_HALF_WIDTH_M
     found = [
-        _cone("base", (half, BASE_HALF_WIDTH_M), 0.97, 0.14, (middle, 0, 0.10), "dark"),  # the skirt
-        _cone("base", (half * 0.97, BASE_HALF_WIDTH_M * 0.97), 0.80, 0.10, (middle, 0, 0.22), "white"),
-        _cone("base", (half * 0.72, BASE_HALF_WIDTH_M * 0.72), 0.72, 0.05, (middle + 0.02, 0, 0.295), "grey"),
-        _box("base", (0.10, 0.22, 0.012), (BASE_BACK_M + 0.10, 0, BASE_HEIGHT_M - 0.025), "dark"),  # the battery's lid
+        _cone("base", (half * 0.96, wide * 0.96), 1.0, 0.05, (middle, 0, 0.055), "dark"),  # the rim above the wheels
+        _cone("base", (half, wide), 0.95, 0.13, (middle, 0, 0.145), "white"),  # the skirt
+        _cone("base", (half * 0.95, wide * 0.95), 0.74, 0.07, (middle, 0, 0.245), "white"),
+        _cone("base", (half * 0.70, wide * 0.70), 0.80, 0.03, (middle, 0, 0.295), "grey"),
+        _cone("base", (0.15, 0.16), 0.86, 0.06, (0, 0, 0.335), "dark"),  # under the bellows
+        _box("base", (0.10, 0.26, 0.05), (BASE_BACK_M + 0.115, 0, BASE_HEIGHT_M - 0.045), "grey"),  # the battery's lid
+        _box("base", (0.02, 0.16, 0.02), (BASE_BACK_M + 0.065, 0, BASE_HEIGHT_M - 0.03), "dark"),  # and its handle
     ]
     for wheel in range(4):
         bearing = math.pi / 4 + wheel * _QUARTER
         at = (middle + 0.20 * math.cos(bearing), 0.18 * math.sin(bearing), 0.05)
         found.append(Part("base", Shape.CONE, (0.05, 0.05, 1.0, 0.05), at, (_QUARTER, 0, bearing), "glass"))
-    for sensor in range(PROXIMITY_COUNT):
+    for sensor in range(PROXIMITY_COUNT):  # their windows in the skirt
         bearing = sensor * math.tau / PROXIMITY_COUNT
-        at = (
-            middle + math.cos(bearing) * half * 0.985,
-            math.sin(bearing) * BASE_HALF_WIDTH_M * 0.985,
-            PROXIMITY_HEIGHT_M - 0.03,
-        )
-        found.append(Part("base", Shape.BOX, (0.012, 0.06, 0.03), at, (0, 0, bearing), "glass"))
+        at = (middle + math.cos(bearing) * half * 0.968, math.sin(bearing) * wide * 0.968, PROXIMITY_HEIGHT_M)
+        found.append(Part("base", Shape.BOX, (0.016, 0.09, 0.045), at, (0, 0, bearing), "glass"))
     return found
 
 
@@ -123,8 +122,8 @@ def _trunk() -> list[Part]:
         _cone("trunk", (0.10, 0.125), 1.25, shoulder - 0.06, (-0.02, 0, 0.03 + shoulder / 2), "white"),
         Part("trunk", Shape.ELLIPSOID, (0.125, 0.165, 0.09), (-0.025, 0, shoulder - 0.01), paint="white"),
         _box("trunk", (0.09, 0.20, 0.22), (-0.14, 0, shoulder - 0.12), "grey"),  # the computer on its back
-        Part("trunk", Shape.BOX, (0.024, 0.20, 0.15), (0.098, 0, shoulder - 0.10), (0, -0.12, 0), "dark"),
-        Part("trunk", Shape.BOX, (0.006, 0.17, 0.12), (0.111, 0, shoulder - 0.0985), (0, -0.12, 0), "display"),
+        Part("trunk", Shape.BOX, (0.026, 0.21, 0.16), (0.104, 0, shoulder - 0.135), (0, -0.12, 0), "dark"),
+        Part("trunk", Shape.BOX, (0.006, 0.18, 0.13), (0.1165, 0, shoulder - 0.1335), (0, -0.12, 0), "display"),
     ]
 
 
@@ -134,6 +133,7 @@ def _head() -> list[Part]:
         _cone("head", (0.045, 0.045), 0.9, 0.06, (0, 0, -0.085), "dark"),
         Part("head", Shape.ELLIPSOID, (0.085, 0.092, height / 2), (0, 0, 0.09 - height / 2), paint="white"),
         Part("head", Shape.ELLIPSOID, (0.055, 0.075, 0.028), (0.042, 0, 0.01), paint="glass"),  # the visor
+        *_disc("head", (0, 0, -0.005), 0.178, 0.030),
     ]
 
 
@@ -161,9 +161,9 @@ def _arm(side: Side) -> list[Part]:
     ]
 
 
-def _disc(link: str, at: Vector, width_m: float) -> list[Part]:
-    """A dark disc on both ends of a joint's axis, which is across."""
-    radius = width_m * 0.42
+def _disc(link: str, at: Vector, width_m: float, radius_m: float = 0.0) -> list[Part]:
+    """A dark disc on both ends of a joint's axis, which is across; at the head where the microphones are."""
+    radius = radius_m or width_m * 0.42
     ends = ((1.0, -_QUARTER), (-1.0, _QUARTER))
     return [
         Part(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import time
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
@@ -133,11 +134,13 @@ class ManagementAgent:
                 self.database.record_scan(scan)
 
     def record_robot_scans(self, latest: Iterable[RobotScan]) -> float:
-        """Record complete scans of logged-on robots; return the seconds until the next ones are wanted."""
-        names = {client.name for client in self.registry.clients}
+        """Record complete scans of logged-on robots; return the seconds until the next ones are wanted.
+
+        Scans of an earlier robot of the same name may arrive late; they are ignored."""
+        began = {session.name: session.began for session in list(self.sessions.values())}
         scans = self.database.robot_scans
         for scan in latest:
-            if scan.robot in names:
+            if scan.time >= began.get(scan.robot, math.inf):
                 scans.record(scan)
         scans.keep({client.name for client in self.registry.clients})  # some may have logged off meanwhile
         return scans.interval_s

@@ -29,6 +29,8 @@ class Session:
     ) -> None:
         self.client, self.robot = client, robot
         self._building, self._do_durably, self._log_off = building, do_durably, log_off
+        #: Simulated time of the log-on, or of the restart that restored the session [s].
+        self.began = building.time
 
     @property
     def name(self) -> str:

@@ -8,6 +8,7 @@ import pytest
 
 from robocorba.corba.servants.control_agent import MAX_MISSION_NAME, RobotAgentServant
 from robocorba.errors.robots import IllegalOrder
+from robocorba.errors.services import NotReachable
 from robocorba.planning.request import PathPoint, PointKind
 from robocorba.programs import program
 from robocorba.programs.graphic_programming import ProgramBuilder
@@ -31,8 +32,11 @@ class Agent:
         self.checked: list[Program] = []
         self.missions: list[tuple[str, Program]] = []
         self.aborted = 0
+        self.is_planner_away = False
 
     def check(self, program: Program) -> CheckReport:
+        if self.is_planner_away:
+            raise NotReachable("PathPlanner does not answer")
         self.checked.append(program)
         return self.report
 
@@ -93,6 +97,14 @@ def test_what_is_no_program_is_a_finding(servant: RobotAgentServant, agent: Agen
     assert (kind, icon, parameter) == ("PROGRAM_ERROR", "icons[0]", "seconds")
     assert findings(servant.checkProgram("{"))[0][3].startswith("not JSON")
     assert agent.checked == []
+
+
+def test_without_a_planner_the_check_says_why(servant: RobotAgentServant, agent: Agent) -> None:
+    agent.is_planner_away = True
+    check = servant.checkProgram(program.dumps(WAITING))
+    assert not check.isExecutable
+    ((_, icon, _, reason),) = findings(check)
+    assert (icon, "PathPlanner" in reason) == ("", True)
 
 
 def test_the_loaded_program_is_readable(servant: RobotAgentServant, agent: Agent) -> None:

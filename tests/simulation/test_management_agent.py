@@ -276,6 +276,9 @@ def test_postures_reservations_and_scans_of_a_robot_end_with_its_session(agent: 
     assert database.postures("L1", 0.0) == []
     assert database.reservations() == []
     assert database.scans_since("L1", 0.0) == []
+    agent.register(robot("A"))
+    agent.record_robot_scans([scan("A", 0.9)])  # of the first A, on its way while that logged off
+    assert database.scans_since("L1", 0.0) == []
     for read in (database.postures, database.scans_since):
         with pytest.raises(UnknownFloor):
             read("roof", 0.0)

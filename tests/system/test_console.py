@@ -47,9 +47,9 @@ def address(system: Running) -> str:
     return line.split("\t")[-1]
 
 
-def call(system: Running, name: str, **arguments: Any) -> Any:
+def call(system: Running, operation: str, /, **arguments: Any) -> Any:
     """The answer of an operation, or its error as a text."""
-    request = urllib.request.Request(f"{address(system)}call/{name}", json.dumps(arguments).encode())
+    request = urllib.request.Request(f"{address(system)}call/{operation}", json.dumps(arguments).encode())
     request.add_header("Content-Type", "application/json")
     with urllib.request.urlopen(request, timeout=30.0) as answer:
         content = json.load(answer)

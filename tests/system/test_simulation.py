@@ -320,9 +320,11 @@ def test_the_administrator_places_robots_and_objects(place: Place) -> None:
     copy = RemoteFloor(place.database, "L1")
     copy.follow()
     thing = next(body for body in copy.view.bodies.values() if body.outline)
+    before = tuple(copy.view.motion(thing.number))[4:7]
     place.administrator.place(thing.name, free)
     copy.follow()
     assert tuple(copy.view.motion(thing.number))[4:6] == HALL
+    place.administrator.place(thing.name, RoboCorba.Pose("L1", *before))
 
 
 def test_a_robot_whose_sensor_process_dies_goes_on_sensing(place: Place) -> None:

@@ -2,10 +2,10 @@
 //
 //   <arm-poser :joints="joints" side="left" @change="poseChanged"></arm-poser>
 //
-// joints: 18 angles [rad] in the order of the model; none: arms at the posture `ready`. side: left, right, or both: the right
-// hand mirrors the left one. with-attitude: false if the hand may turn as it likes. use-lumbar: the trunk may move.
-// change: {joints, pose, side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left) hand in the
-// robot's frame, arm: the 7 angles of its arm.
+// joints: 18 angles [rad] in the order of the model; none: arms at the posture `ready`. side: left, right, or both: the
+// right hand mirrors the left one. with-attitude: false if the hand may turn as it likes. use-lumbar: the trunk may
+// move. change: {joints, pose, side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left) hand
+// in the robot's frame, arm: the 7 angles of its arm.
 import { OrbitControls, THREE } from "nicegui-scene";
 import { HandTarget } from "/static/hand_target.js";
 import { call } from "/static/live.js";
@@ -165,7 +165,8 @@ export const ArmPoser = {
   watch: {
     // Joints that come back from the page after a change of our own are there already.
     joints(joints) {
-      if (this.own && joints?.length && joints.every((joint, number) => Math.abs(joint - this.own[number]) < 1e-9)) return;
+      const isOwn = (joint, number) => Math.abs(joint - this.own[number]) < 1e-9;
+      if (this.own && joints?.length && joints.every(isOwn)) return;
       this.take();
     },
     side() { this.take(); },
@@ -175,6 +176,6 @@ export const ArmPoser = {
 };
 
 export function inWords({ x, y, z, roll, pitch, yaw }) {
-  const degrees = [roll, pitch, yaw].map((angle) => `${((angle * 180) / Math.PI).toFixed(0)}\u00b0`);
+  const degrees = [roll, pitch, yaw].map((angle) => `${Math.round((angle * 180) / Math.PI) + 0}\u00b0`);
   return `x ${x.toFixed(2)}  y ${y.toFixed(2)}  z ${z.toFixed(2)} m \u00b7 roll, pitch, yaw ${degrees.join(" ")}`;
 }

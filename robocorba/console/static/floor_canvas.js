@@ -10,6 +10,8 @@ const MAX_PX_PER_M = 2000;
 const PICK_PX = 10;
 const LABEL_FONT = "12px system-ui, sans-serif";
 const LABEL_PX = 14;
+// Pictures of labels that are kept.
+const MAX_SPRITES = 600;
 
 // Colours that are told apart without red and green (after Okabe and Ito), for light and dark pages.
 export const COLORS = {
@@ -37,6 +39,7 @@ export class FloorCanvas {
     this.layerContext = this.layer.getContext("2d");
     this.layerOf = [];
     this.labels = new LabelPlacer();
+    this.sprites = new Map();
     this.handlers = handlers;
     this.plan = null;
     this.paths = null;
@@ -216,7 +219,8 @@ export class FloorCanvas {
   wheel(event) {
     event.preventDefault();
     const box = this.canvas.getBoundingClientRect();
-    this.zoom(Math.exp(-event.deltaY * (event.ctrlKey ? 0.01 : 0.0015)), event.clientX - box.left, event.clientY - box.top);
+    this.zoom(Math.exp(-event.deltaY * (event.ctrlKey ? 0.01 : 0.0015)), event.clientX - box.left,
+      event.clientY - box.top);
   }
 
   // ---- drawing ----
@@ -376,7 +380,8 @@ export class FloorCanvas {
       context.lineWidth = this.px(3);
       for (const [a, b] of elevator.doors) {
         const middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
-        const towards = (end) => [end[0] + (middle[0] - end[0]) * (1 - opening), end[1] + (middle[1] - end[1]) * (1 - opening)];
+        const share = 1 - opening;
+        const towards = (end) => end.map((value, axis) => value + (middle[axis] - value) * share);
         line(context, a, towards(a));
         line(context, b, towards(b));
       }
@@ -432,10 +437,8 @@ export class FloorCanvas {
   // Robots always have their names; objects and areas where there is room.
   drawNames() {
     const { context, colors } = this;
-    context.textAlign = "center";
-    context.textBaseline = "middle";
-    context.lineJoin = "round";
-    const bodies = [...(this.floor?.bodies.values() ?? [])].filter((body) => this.isVisible(...this.pixel(body.x, body.y)));
+    const isVisible = (body) => this.isVisible(...this.pixel(body.x, body.y));
+    const bodies = [...(this.floor?.bodies.values() ?? [])].filter(isVisible);
     const robots = bodies.filter((body) => body.kind !== "object");
     for (const body of robots) {
       const size = 2 * body.radius * this.scale;
@@ -444,7 +447,8 @@ export class FloorCanvas {
     robots.sort((a, b) => (b.name === this.selected) - (a.name === this.selected));
     for (const body of robots) {
       const { note } = this.describe(body);
-      this.drawLabel(body.number, shortened(body.name, 20), body, { note, isBold: body.name === this.selected, mustShow: true });
+      const isBold = body.name === this.selected;
+      this.drawLabel(body.number, shortened(body.name, 20), body, { note, isBold, mustShow: true });
     }
     for (const body of bodies) if (body.kind === "object") this.drawLabel(body.number, shortened(body.name, 20), body);
     for (const elevator of this.plan.elevators) this.drawAreaName(this.elevatorText(elevator.name), elevator.at);
@@ -469,7 +473,8 @@ export class FloorCanvas {
     const width = Math.max(...lines.map((line) => this.labels.width(context, line))) + 4;
     const height = LABEL_PX * lines.length;
     const [px, py] = this.pixel(disc.x, disc.y);
-    const place = this.labels.place(key, around(px, py, disc.radius * this.scale, width, height), width, height, mustShow);
+    const offers = around(px, py, disc.radius * this.scale, width, height);
+    const place = this.labels.place(key, offers, width, height, mustShow);
     if (!place) return;
     lines.forEach((line, index) => {
       const y = place[1] - height / 2 + LABEL_PX * (index + 0.5);
@@ -487,14 +492,20 @@ export class FloorCanvas {
     if (place) this.drawText(text, ...place, colors.area);
   }
 
-  // A line of text in the context's font, with a halo.
+  // A line of text in the context's font, with a halo. Letters with a halo are slow to draw, so pictures of them are kept.
   drawText(text, px, py, color) {
-    const { context, colors } = this;
-    context.lineWidth = 3;
-    context.strokeStyle = colors.ground;
-    context.strokeText(text, px, py);
-    context.fillStyle = color;
-    context.fillText(text, px, py);
+    const { context, colors, sprites } = this;
+    const ratio = this.canvas.width / this.width;
+    const key = `${context.font}\n${color}\n${colors.ground}\n${ratio}\n${text}`;
+    let sprite = sprites.get(key);
+    if (!sprite) {
+      if (sprites.size >= MAX_SPRITES) sprites.clear();
+      sprite = textSprite(text, context.font, this.labels.width(context, text), color, colors.ground, ratio);
+      sprites.set(key, sprite);
+    }
+    const [width, height] = [sprite.width / ratio, sprite.height / ratio];
+    const sharp = (pixels) => Math.round(pixels * ratio) / ratio;
+    context.drawImage(sprite, sharp(px - width / 2), sharp(py - height / 2), width, height);
   }
 
   isVisible(px, py) {
@@ -518,6 +529,20 @@ export class FloorCanvas {
   }
 }
 
+function textSprite(text, font, width, color, halo, ratio) {
+  const sprite = document.createElement("canvas");
+  sprite.width = Math.ceil((width + 6) * ratio);
+  sprite.height = Math.ceil((LABEL_PX + 8) * ratio);
+  const context = sprite.getContext("2d");
+  context.scale(ratio, ratio);
+  Object.assign(context, { font, textAlign: "center", textBaseline: "middle", lineJoin: "round", lineWidth: 3 });
+  context.strokeStyle = halo;
+  context.fillStyle = color;
+  context.strokeText(text, sprite.width / ratio / 2, sprite.height / ratio / 2);
+  context.fillText(text, sprite.width / ratio / 2, sprite.height / ratio / 2);
+  return sprite;
+}
+
 // ---- shapes ----
 
 function planPaths(plan) {
@@ -531,7 +556,8 @@ function planPaths(plan) {
   for (const elevator of plan.elevators) addPolygon(paths.shafts, elevator.polygon);
   for (const object of plan.objects) addPolygon(object.movable ? paths.movable : paths.fixed, object.polygon);
   for (const edge of plan.edges) addLine(paths.edges, edge.a, edge.b);
-  for (const wall of plan.walls) for (const piece of wall.pieces) addLine(paths.walls, piece[0], piece[piece.length - 1]);
+  const pieces = plan.walls.flatMap((wall) => wall.pieces);
+  for (const piece of pieces) addLine(paths.walls, piece[0], piece[piece.length - 1]);
   if (plan.outline.length) addPolygon(paths.walls, plan.outline);
   for (const elevator of plan.elevators) addPolygon(paths.walls, elevator.polygon);
   return paths;

@@ -6,10 +6,12 @@ import { call } from "/static/live.js";
 const INTERVAL_MS = 100;
 // Distance from the handle at which the pointer takes it [px].
 const GRASP_PX = 22;
+// An answer that takes longer is announced [ms].
+const LATE_MS = 800;
 const REACHABLE = 0xd55e00, UNREACHABLE = 0xb00068;
 
 export class HandTarget {
-  // robot: an ArticulatedRobot. view: {camera, canvas, orbit}. changed(result): the target was reached, see arm_poser.js.
+  // robot: an ArticulatedRobot. view: {camera, canvas, orbit}. changed(result): it was reached, see arm_poser.js.
   // told(problem): why it was not, or "". redraw(): something to draw has changed.
   constructor(robot, view, { changed, told, redraw }) {
     Object.assign(this, { robot, view, changed, told, redraw });
@@ -25,8 +27,11 @@ export class HandTarget {
       ["pointerup", () => this.release()],
       ["pointercancel", () => this.release()],
     ];
+    // The first call takes seconds: better before it matters.
+    call("hand_poses", { joints: new Array(18).fill(0) }).catch(() => {});
     // In the phase of capture: before the orbit controls, which would turn the camera.
-    for (const [kind, listener] of this.listeners) view.canvas.addEventListener(kind, listener, { capture: true });
+    this.canvas = view.canvas;
+    for (const [kind, listener] of this.listeners) this.canvas.addEventListener(kind, listener, { capture: true });
   }
 
   // The robot stands like this from now on. options: side, with_attitude, use_lumbar.
@@ -127,10 +132,13 @@ export class HandTarget {
     this.isWanted = false;
     const began = performance.now();
     const { pose, options } = this;
+    const late = setTimeout(() => this.told("the console is computing the arm"), LATE_MS);
     try {
       const answer = await call("solve_hand", { joints: this.joints, pose, ...options });
+      clearTimeout(late);
       if (!this.isClosed) this.reached(answer);
     } catch (error) {
+      clearTimeout(late);
       if (!this.isClosed) this.missed(error.message);
     }
     setTimeout(() => {
@@ -161,7 +169,7 @@ export class HandTarget {
   close() {
     this.isClosed = true;
     if (this.plane) this.release();
-    for (const [kind, listener] of this.listeners) this.view.canvas.removeEventListener(kind, listener, { capture: true });
+    for (const [kind, listener] of this.listeners) this.canvas.removeEventListener(kind, listener, { capture: true });
     this.handle.removeFromParent();
     for (const part of this.handle.children) {
       part.geometry.dispose();

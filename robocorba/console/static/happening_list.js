@@ -1,5 +1,6 @@
 // What has happened, the newest first; a press looks back to the moment before.
-const SIGNS = { collision: "\u2715 collision", stop: "\u25a0 stop", mission: "\u25c6 mission", program: "program", robot: "robot",
+const SIGNS = {
+  collision: "\u2715 collision", stop: "\u25a0 stop", mission: "\u25c6 mission", program: "program", robot: "robot",
   server: "\u25b2 server", channel: "\u25b2 channel" };
 
 export default {
@@ -9,7 +10,7 @@ export default {
     <section aria-label="Events">
       <p v-if="!happenings.length" class="panel-note">nothing yet: stops, programs, missions, collisions appear here</p>
       <ol v-else class="happenings">
-        <li v-for="each in newest" :key="each.number">
+        <li v-for="each in newest" :key="each.at + ' ' + each.number">
           <button type="button" :title="'Look back to ' + clock(each.at)" @click="$emit('look', each)">
             <time>{{ clock(each.at) }}</time><span :class="'is-' + each.kind">{{ sign(each.kind) }}</span>
             <span class="happening-text">{{ each.text }}</span>

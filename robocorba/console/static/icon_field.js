@@ -9,28 +9,37 @@ export const IconField = {
   props: { parameter: Object, value: null, reasons: Array, choices: Object },
   emits: ["change"],
   template: `
-    <div class="icon-field" :class="{ 'is-wrong': reasons.length }">
+    <div class="icon-field" :class="{ 'is-wrong': reasons.length, 'is-refused': isRefused }">
       <label class="icon-label" :for="id">{{ label }} <small v-if="unit">{{ unit }}</small>
-        <small v-if="!parameter.isRequired" class="is-optional">optional</small></label>
+        <small v-if="!parameter.isRequired">optional</small>
+        <small v-if="isMissing" class="is-missing">is missing</small></label>
       <select v-if="options" :id="id" :value="value ?? ''" :title="help" @change="change($event.target.value)">
         <option value="">{{ parameter.isRequired ? "choose" : "" }}</option>
-        <option v-for="option in options" :key="option" :value="option">{{ option.replaceAll("_", " ") }}</option></select>
-      <input v-else-if="isNumber" :id="id" type="number" step="any" :value="shown" :title="help" :placeholder="range"
-             @change="changeNumber($event.target)">
-      <template v-else-if="isText">
-        <input :id="id" type="text" maxlength="200" :value="value ?? ''" :title="help" :list="id + '-known'"
-               :placeholder="parameter.default ?? ''" @change="change($event.target.value)">
-        <datalist :id="id + '-known'"><option v-for="name in choices?.names ?? []" :key="name" :value="name"></option></datalist>
-      </template>
-      <input v-else :id="id" type="text" :value="json" :title="help" placeholder="any JSON value" @change="changeJson($event.target.value)">
-      <p v-for="{ kind, reason } in reasons" :key="reason" class="icon-reason" :class="'is-' + kind">{{ reason }}</p>
+        <option v-for="option in options" :key="option"
+                :value="option">{{ option.replaceAll("_", " ") }}</option></select>
+      <input v-else :id="id" :type="isNumber ? 'number' : 'text'" step="any" :maxlength="isText ? 200 : null"
+             :value="draft ?? shown"
+             :title="help" :placeholder="placeholder" :list="names.length ? id + '-known' : null"
+             @input="type($event.target.value)" @blur="draft = null">
+      <datalist v-if="names.length" :id="id + '-known'">
+        <option v-for="name in names" :key="name" :value="name"></option></datalist>
+      <p v-for="{ kind, reason } in others" :key="reason" class="icon-reason" :class="'is-' + kind">{{ reason }}</p>
     </div>`,
   data() {
-    return { id: `icon-field-${++lastField}` };
+    return { id: `icon-field-${++lastField}`, draft: null };
   },
   computed: {
     label() {
       return this.parameter.name.replaceAll("_", " ");
+    },
+    isMissing() {
+      return this.reasons.some(({ reason }) => reason === "is missing");
+    },
+    isRefused() {
+      return this.reasons.some(({ kind }) => kind === "error");
+    },
+    others() {
+      return this.reasons.filter(({ reason }) => reason && reason !== "is missing");
     },
     isNumber() {
       return this.parameter.type === "number" || this.parameter.type === "integer";
@@ -39,7 +48,8 @@ export const IconField = {
       return this.parameter.type === "string";
     },
     options() {
-      const known = this.parameter.enum ?? (this.choices?.isClosed && this.choices.names.length ? this.choices.names : null);
+      const names = this.choices?.isClosed && this.choices.names.length ? this.choices.names : null;
+      const known = this.parameter.enum ?? names;
       if (!known || this.value === undefined || this.value === null || known.includes(this.value)) return known;
       return [...known, String(this.value)];
     },
@@ -56,30 +66,36 @@ export const IconField = {
       const text = this.parameter.description ?? "";
       return this.range ? `${text} ${this.range} ${this.unit}`.trim() : text;
     },
-    shown() {
-      if (typeof this.value !== "number") return "";
-      return Number((isAngle(this.parameter) ? this.value / RADIANS : this.value).toFixed(4));
+    placeholder() {
+      if (this.isNumber) return this.range;
+      return this.isText ? this.parameter.default ?? "" : "any JSON value";
     },
-    json() {
-      return this.value === undefined ? "" : JSON.stringify(this.value);
+    names() {
+      return (this.isText && this.choices?.names) || [];
+    },
+    shown() {
+      if (this.value === undefined || this.value === null) return "";
+      if (this.isText) return this.value;
+      if (typeof this.value !== "number" || !this.isNumber) return JSON.stringify(this.value);
+      return Number((isAngle(this.parameter) ? this.value / RADIANS : this.value).toFixed(4));
     },
   },
   methods: {
+    // While one types, the field shows what was typed, not the value that was made of it.
+    type(text) {
+      this.draft = text;
+      this.change(this.isNumber && text ? Number(text) * (isAngle(this.parameter) ? RADIANS : 1) : this.read(text));
+    },
+    read(text) {
+      if (this.isText || !text) return text;
+      try {
+        return JSON.parse(text);
+      } catch {
+        return text;
+      }
+    },
     change(value) {
       this.$emit("change", value === "" ? undefined : value);
-    },
-    changeNumber(input) {
-      if (input.value === "") this.$emit("change", undefined);
-      else this.$emit("change", Number(input.value) * (isAngle(this.parameter) ? RADIANS : 1));
-    },
-    changeJson(text) {
-      let value = text;
-      try {
-        value = JSON.parse(text);
-      } catch {
-        // plain text, then
-      }
-      this.$emit("change", text === "" ? undefined : value);
     },
   },
 };

@@ -38,8 +38,9 @@ export const IconList = {
         </div>
       </li>
       <li class="icon-end" :class="{ 'is-target': isTarget(list.length), 'is-empty': !list.length }">
-        <button v-if="!list.length || parentId !== null" class="icon-here" :aria-pressed="isPlace" @click.stop="editor.setPlace(parentId, listName)">
-          {{ isPlace ? "the next icon comes here" : list.length ? "add here" : empty }}</button>
+        <button type="button" class="icon-here" :aria-pressed="isPlace"
+                @click.stop="editor.setPlace(parentId, listName)">
+          {{ isPlace && list.length ? "the next icon comes here" : list.length ? "add here" : empty }}</button>
       </li>
     </ol>`,
   data() {
@@ -54,7 +55,9 @@ export const IconList = {
       return Boolean(place && place.parentId === this.parentId && place.name === this.listName);
     },
     empty() {
-      return this.parentId === null ? "Drag icons here, or click them" : "drag icons here, or click here and then icons";
+      if (this.isPlace) return "the next icon comes here: click one on the left";
+      if (this.parentId === null) return "drag icons here, or click them";
+      return "drag icons here, or click here and then icons";
     },
   },
   methods: {

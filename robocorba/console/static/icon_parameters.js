@@ -22,13 +22,15 @@ export const IconParameters = {
         </fieldset>
         <fieldset v-else-if="parameter.properties">
           <legend>{{ parameter.name }}</legend>
-          <icon-parameters :schema="schema" :definition="parameter" :values="values[parameter.name] ?? {}" :choices="choices"
+          <icon-parameters :schema="schema" :definition="parameter" :values="values[parameter.name] ?? {}"
+                           :choices="choices"
                            :problems="problems" :prefix="prefix + parameter.name + '.'"
                            @change="(name, value) => setIn(parameter.name, name, value)"></icon-parameters>
         </fieldset>
         <fieldset v-else-if="parameter.prefixItems">
           <legend>{{ parameter.name }}</legend>
-          <icon-field v-for="(item, index) in parameter.prefixItems" :key="index" :value="values[parameter.name]?.[index]"
+          <icon-field v-for="(item, index) in parameter.prefixItems" :key="index"
+                      :value="values[parameter.name]?.[index]"
                       :parameter="{ ...item, name: plainTitle(item), isRequired: true }"
                       :reasons="reasons(parameter.name + '[' + index + ']')"
                       @change="(value) => setItem(parameter, index, value)"></icon-field>

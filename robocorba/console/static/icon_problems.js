@@ -79,7 +79,7 @@ function outOfRange(parameter, value) {
 export function problemLines(problems) {
   const lines = [];
   const lacking = problems.filter(({ kind, reason }) => kind === "incomplete" && reason === "is missing");
-  const names = lacking.map(({ parameter }) => parameter.replace(/\[\d+\]$/, ""));
+  const names = lacking.map(({ parameter }) => parameter.replace(/^.*\.|\[\d+\]$/g, ""));
   if (lacking.length) lines.push({ kind: "incomplete", text: `give ${[...new Set(names)].join(", ")}` });
   for (const problem of problems) {
     if (lacking.includes(problem)) continue;
@@ -90,9 +90,13 @@ export function problemLines(problems) {
   return lines;
 }
 
-// The reasons that concern a field of the form. Checkers join parameters that are wrong in combination: "x, y, z".
+// What concerns a field of the form: [{kind, reason}]. Checkers join parameters that are wrong in combination, such as
+// "x, y, z": all of these fields are marked, and the last one has the reason.
 export function reasonsAt(problems, name) {
-  return problems
-    .filter(({ parameter }) => parameter.split(", ").includes(name))
-    .map(({ kind, reason }) => ({ kind, reason }));
+  const found = [];
+  for (const { kind, parameter, reason } of problems) {
+    const names = parameter.split(", ");
+    if (names.includes(name)) found.push({ kind, reason: names[names.length - 1] === name ? reason : "" });
+  }
+  return found;
 }

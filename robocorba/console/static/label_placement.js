@@ -35,10 +35,11 @@ export class LabelPlacer {
     this.taken.push([px - width / 2, py - height / 2, px + width / 2, py + height / 2]);
   }
 
-  // Middle [px] for a label of this size at one of the offered middles; undefined if all are taken, unless it must be shown.
+  // Middle [px] for a label of this size at one of the offered middles; undefined if all are taken, unless it must be
+  // shown.
   place(key, offers, width, height, mustShow = false) {
     const first = this.before.get(key) ?? 0;
-    const order = [first, ...offers.keys()].filter((index, at, all) => index < offers.length && all.indexOf(index) === at);
+    const order = [...new Set([first, ...offers.keys()])].filter((index) => index < offers.length);
     const free = order.find((index) => this.isFree(...offers[index], width, height));
     if (free === undefined && !mustShow) return undefined;
     const chosen = free ?? 0;

@@ -8,31 +8,30 @@ import ChannelGraph from "/static/channel_graph.js";
 import HappeningList from "/static/happening_list.js";
 import ProcessList from "/static/process_list.js";
 import RobotPanel from "/static/robot_panel.js";
+import RobotTable from "/static/robot_table.js";
 import SimulationBar from "/static/simulation_bar.js";
+import TabList from "/static/tab_list.js";
 import TimeBar from "/static/time_bar.js";
 
 const PAN_PX = 60;
 // Look back so long before an event [s].
 const BEFORE_S = 3;
 const RIGHTS_MS = 5000;
+// Events are kept for this time [s].
+const KEPT_S = 1800;
 
 export default {
-  components: { ChannelGraph, HappeningList, ProcessList, RobotPanel, SimulationBar, TimeBar },
+  components: { ChannelGraph, HappeningList, ProcessList, RobotPanel, RobotTable, SimulationBar, TabList, TimeBar },
   template: `
     <div class="console-split">
       <section class="monitor-main">
         <div class="monitor-bar">
-          <div class="console-tabs" role="tablist" aria-label="Floors" @keydown="tabKey($event, shownFloors, current, show)">
-            <button v-for="floor in shownFloors" :key="floor" role="tab" :aria-selected="floor === current" :title="floor"
-                    :tabindex="floor === current ? 0 : -1" @click="show(floor)">
-              <bdi>{{ floor }}</bdi> <small :title="(counts[floor] ?? 0) + ' robots'">{{ counts[floor] ?? 0 }}</small>
-            </button>
-          </div>
+          <TabList label="Floors" :names="shownFloors" :chosen="current" :counts="counts" @choose="show" />
           <SimulationBar :rights="rights" />
         </div>
         <div class="console-scene" :class="{ 'is-picking': isPicking, 'is-past': !past.isLive }">
           <canvas ref="canvas" tabindex="0" role="application"
-                  :aria-label="'Floor ' + current + ': + and - enlarge and reduce, 0 shows all, arrows move, F follows'"></canvas>
+                  :aria-label="'Floor ' + current + '; + and - zoom, 0 shows all, arrows move, F follows'"></canvas>
           <div v-if="!hasPlan" class="console-overlay">{{ message }}</div>
           <div v-if="!past.isLive" class="scene-note" role="status">
             <strong>{{ past.recording ? "recording" : "past" }}</strong> {{ pastNote }}
@@ -40,39 +39,23 @@ export default {
           <div v-else-if="trouble" class="scene-note is-problem" role="status">{{ trouble }}</div>
           <div v-else-if="hint" class="scene-note" role="status">{{ hint }}</div>
           <div class="console-tools" role="toolbar" aria-label="View">
-            <q-btn dense round color="primary" icon="fit_screen" aria-label="Show the whole floor" title="Whole floor (0)" @click="canvas.fit()" />
-            <q-btn dense round color="primary" icon="add" aria-label="Enlarge" title="Enlarge (+)" @click="canvas.zoom(1.4)" />
-            <q-btn dense round color="primary" icon="remove" aria-label="Reduce" title="Reduce (-)" @click="canvas.zoom(1 / 1.4)" />
-            <q-btn dense round v-for="tool in tools" :key="tool.name" :color="tool.isOn ? 'accent' : 'primary'" :icon="tool.icon"
-                   :aria-label="tool.title" :aria-pressed="tool.isOn" :title="tool.title" :disable="tool.disable" @click="tool.press" />
+            <q-btn v-for="tool in tools" :key="tool.name" dense round :color="tool.isOn ? 'accent' : 'primary'"
+                   :icon="tool.icon" :aria-label="tool.title" :aria-pressed="tool.isOn" :title="tool.title"
+                   :disable="tool.disable" @click="tool.press" />
           </div>
         </div>
-        <TimeBar ref="time" :floor="current" :happenings="happenings" @show="showTime" />
+        <TimeBar ref="time" :floor="current" :happenings="events" @show="showTime" />
       </section>
       <aside class="console-side" aria-label="Details">
-        <div class="console-tabs" role="tablist" aria-label="Details" @keydown="tabKey($event, sides, side, (name) => side = name)">
-          <button v-for="name in sides" :key="name" role="tab" :aria-selected="name === side" :tabindex="name === side ? 0 : -1"
-                  @click="side = name">{{ name }}</button>
-        </div>
+        <TabList label="Details" :names="sides" :chosen="side" @choose="side = $event" />
         <div v-show="side === 'Robots'" class="side-robots">
-          <div class="robot-table">
-            <table class="console-table">
-              <thead><tr><th>Robot</th><th>Floor</th><th>State</th><th>Program</th><th>News</th></tr></thead>
-              <tbody>
-                <tr v-for="(robot, index) in robots" :key="robot.name" :data-row="index" tabindex="0" :class="{ 'is-lost': robot.isLost }"
-                    :aria-selected="robot.name === selected" @click="select(robot.name)" @keydown="rowKey($event, index)">
-                  <td :title="robot.name">{{ robot.name }}</td><td :title="robot.floor">{{ robot.floor }}</td><td :title="robot.problem">{{ robot.word }}</td>
-                  <td :title="robot.program">{{ robot.program }}</td><td>{{ robot.news }}</td>
-                </tr>
-                <tr v-if="!robots.length"><td colspan="5">{{ message === "connecting" ? "connecting" : "no robots; start one in Processes" }}</td></tr>
-              </tbody>
-            </table>
-          </div>
-          <RobotPanel v-if="robot" class="robot-panel" :robot="robot" :scans="scans" :rights="rights" :floors="floors" :is-past="!past.isLive"
+          <RobotTable :robots="robots" :selected="selected" :is-connected="floors.length > 0" @select="select" />
+          <RobotPanel v-if="robot" class="robot-panel" :robot="robot" :scans="scans" :rights="rights" :floors="floors"
+                      :is-past="!past.isLive"
                       :process="processes[robot.name]" @forgotten="select('')" />
           <p v-else-if="robots.length" class="panel-note">Select a robot here or on the map.</p>
         </div>
-        <HappeningList v-if="side === 'Events'" :happenings="happenings" @look="lookBack" />
+        <HappeningList v-if="side === 'Events'" :happenings="events" @look="lookBack" />
         <ChannelGraph v-if="side === 'Channels'" />
         <ProcessList v-if="side === 'Processes'" :floors="floors" :channels="channels" :rights="rights" :picked="picked"
                      @pick="pick" @processes="setProcesses" />
@@ -80,9 +63,12 @@ export default {
     </div>`,
   data() {
     return {
-      floors: [], current: "", counts: {}, robots: [], selected: "", isFollowing: false, hasPlan: false, message: "connecting",
-      sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], rights: {}, happenings: [], channels: [],
-      past: { isLive: true }, trouble: "", shown: { scans: true, ways: true, roads: false }, isMoving: false, isPicking: false,
+      floors: [], current: "", counts: {}, robots: [], selected: "", isFollowing: false, hasPlan: false,
+        message: "connecting",
+      sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], rights: {}, happenings: [],
+        missions: [], channels: [],
+      past: { isLive: true }, trouble: "", shown: { scans: true, ways: true, roads: false }, isMoving: false,
+        isPicking: false,
       picked: null, processes: {},
     };
   },
@@ -93,6 +79,10 @@ export default {
     robot() {
       return this.robots.find((each) => each.name === this.selected);
     },
+    // What has happened, with the missions that began and ended, the oldest first.
+    events() {
+      return [...this.happenings, ...this.missions].sort((a, b) => a.at - b.at);
+    },
     hint() {
       if (this.isPicking) return "click a free place; Escape cancels";
       return this.isMoving ? "drag a robot or an object; Q and E turn it, Escape cancels" : "";
@@ -101,20 +91,32 @@ export default {
       if (!this.past.at) return "";
       const at = new Date(this.past.at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" });
       const last = this.past.recording ? undefined
-        : this.happenings.filter((each) => each.at <= this.past.at && each.at > this.past.at - BEFORE_S).pop();
+        : this.events.filter((each) => each.at <= this.past.at && each.at > this.past.at - BEFORE_S).pop();
       return last ? `${at}: ${last.text}` : at;
     },
     tools() {
       const toggle = (name, icon, title) => ({
-        name, icon, title, isOn: this.shown[name], press: () => { this.shown[name] = !this.shown[name]; this.showLayers(); },
+        name, icon, title, isOn: this.shown[name],
+        press: () => {
+          this.shown[name] = !this.shown[name];
+          this.showLayers();
+        },
       });
+      const view = (name, icon, title, press) => ({ name, icon, title, press });
       return [
-        { name: "follow", icon: "my_location", title: "Follow the selected robot (F)", isOn: this.isFollowing, press: () => this.follow() },
+        view("fit", "fit_screen", "Show the whole floor (0)", () => this.canvas.fit()),
+        view("enlarge", "add", "Enlarge (+)", () => this.canvas.zoom(1.4)),
+        view("reduce", "remove", "Reduce (-)", () => this.canvas.zoom(1 / 1.4)),
+        {
+          name: "follow", icon: "my_location", title: "Follow the selected robot (F)", isOn: this.isFollowing,
+          press: () => this.follow(),
+        },
         toggle("scans", "sensors", "Lasers and proximity"),
         toggle("ways", "route", "Planned ways and reserved areas"),
         toggle("roads", "hub", "Nodes and edges"),
         {
-          name: "move", icon: "open_with", isOn: this.isMoving, disable: !this.rights.administrator || !this.past.isLive,
+          name: "move", icon: "open_with", isOn: this.isMoving, disable: !this.rights.administrator
+            || !this.past.isLive,
           title: this.rights.administrator ? "Drag robots and objects" : "Dragging needs --administrator FILE",
           press: () => { this.isMoving = !this.isMoving; },
         },
@@ -126,6 +128,7 @@ export default {
     this.scene = new MonitorScene(this.canvas);
     this.collisions = this.scene.collisions = new Collisions();
     this.drag = new BodyDrag(this.scene);
+    this.lastHappening = 0;
     this.unlisten = live.listen((kind, name) => this.news(kind, name));
     this.recolor = () => this.canvas.redraw();
     this.onKey = (event) => this.key(event);
@@ -171,6 +174,8 @@ export default {
       if (kind === "scans" || kind === "reservations") this.canvas.redraw();
       if (kind === "connection" || kind === "plan") this.showPlan();
       if (kind === "state" || kind === "connection") this.updateTable();
+      if (kind === "missions") this.missions = missionEvents(live.missions.values(),
+        (live.state?.past[1] ?? 0) - KEPT_S);
     },
     show(floor) {
       this.current = this.scene.floorName = floor;
@@ -185,7 +190,8 @@ export default {
       this.scene.shown = shown;
       this.canvas.isShownRoadmap = shown.roads;
       live.want(this, current
-        ? { floors: [current], scans: shown.scans ? [current] : [], reservations: shown.ways, missions: true } : undefined);
+        ? { floors: [current], scans: shown.scans ? [current] : [], reservations: shown.ways, missions: true }
+          : undefined);
       if (!shown.scans) this.scene.scans = [];
       this.canvas.redraw();
     },
@@ -240,16 +246,19 @@ export default {
         if (row.isHere) this.counts[row.floor] = (this.counts[row.floor] ?? 0) + 1;
         row.news = ageText(row.age);
       }
-      this.collisions.update(state.server.state?.state.collisions ?? null, live.floor(this.current), live.plan(this.current));
+      this.collisions.update(state.server.state?.state.collisions ?? null, live.floor(this.current),
+        live.plan(this.current));
       for (const row of rows) row.word = this.collisions.has(row.name) ? "\u2715 collision" : row.condition;
       this.robots = rows;
       this.scene.robots = new Map(rows.map((row) => [row.name, row]));
       this.channels = Object.keys(state.channels);
       this.noteTrouble();
-      if (this.isFollowing && this.past.isLive && this.robot?.isHere && this.robot.floor !== this.current && this.floors.includes(this.robot.floor)) {
+      if (this.isFollowing && this.past.isLive && this.robot?.isHere && this.robot.floor !== this.current
+        && this.floors.includes(this.robot.floor)) {
         this.show(this.robot.floor);
       }
-      if (state.happenings > (this.happenings.at(-1)?.number ?? 0)) this.loadHappenings();
+      if (state.happenings < this.lastHappening) this.lastHappening = 0; // another process of the console counts anew
+      if (state.happenings > this.lastHappening) this.loadHappenings();
       this.takeScans();
       this.canvas.redraw();
     },
@@ -259,7 +268,9 @@ export default {
       if (!lost) this.lostAt = undefined;
       else this.lostAt ??= performance.now();
       this.scene.floorAge = lost ? Math.max((performance.now() - this.lostAt) / 1000, 0.1) : 0;
-      this.trouble = lost ? `${lost}; shown as it was ${ageText(this.scene.floorAge)} ago` : live.problems.sensors ?? "";
+      const isShown = lost && this.hasPlan;
+      this.trouble = isShown ? `shown as it was ${ageText(this.scene.floorAge)} ago` : (!lost && live.problems.sensors)
+        || "";
     },
     takeScans() {
       this.scene.scans = this.shown.scans ? live.scansOn(this.current) : [];
@@ -269,7 +280,8 @@ export default {
       if (this.isAsking) return;
       this.isAsking = true;
       try {
-        const news = await call("happenings", { after: this.happenings.at(-1)?.number ?? 0 });
+        const news = await call("happenings", { after: this.lastHappening });
+        this.lastHappening = news.at(-1)?.number ?? this.lastHappening;
         this.happenings = [...this.happenings, ...news].slice(-2000);
       } catch {
         // the connection is lost, which the header says; asked again with the next news
@@ -292,7 +304,8 @@ export default {
     select(name) {
       this.selected = name;
       const robot = this.robots.find((each) => each.name === name);
-      if (this.past.isLive && robot?.floor && robot.floor !== this.current && this.floors.includes(robot.floor)) this.show(robot.floor);
+      if (this.past.isLive && robot?.floor && robot.floor !== this.current
+        && this.floors.includes(robot.floor)) this.show(robot.floor);
     },
     follow() {
       this.isFollowing = !this.isFollowing;
@@ -318,15 +331,20 @@ export default {
       const body = this.canvas.bodyAt(point) ?? this.scene.lostAt(point);
       if (!body) return false;
       if (body.kind !== "object") this.select(body.name);
-      return this.isMoving && this.past.isLive && body.number !== undefined && this.drag.begin(body, point, this.current);
+      const mayMove = this.isMoving && this.past.isLive && body.number !== undefined;
+      return mayMove && this.drag.begin(body, point, this.current);
     },
     key(event) {
       const { target } = event;
-      if (event.ctrlKey || event.metaKey || event.altKey || target.closest("input, select, textarea, [contenteditable]")) return;
+      if (event.ctrlKey || event.metaKey || event.altKey
+        || target.closest("input, select, textarea, [contenteditable]")) return;
       const moves = { ArrowLeft: [PAN_PX, 0], ArrowRight: [-PAN_PX, 0], ArrowUp: [0, PAN_PX], ArrowDown: [0, -PAN_PX] };
       if (event.key === "Escape") this.escape();
-      else if (this.drag.isActive && "qeQE".includes(event.key)) this.drag.turn(event.key.toLowerCase() === "q" ? 1 : -1);
-      else if (moves[event.key] && (target === this.$refs.canvas || target === document.body)) this.canvas.pan(...moves[event.key]);
+      else if (this.drag.isActive && "qQ".includes(event.key)) this.drag.turn(1);
+      else if (this.drag.isActive && "eE".includes(event.key)) this.drag.turn(-1);
+      else if (moves[event.key] && [this.$refs.canvas, document.body].includes(target)) {
+        this.canvas.pan(...moves[event.key]);
+      }
       else if (event.key === "+" || event.key === "=") this.canvas.zoom(1.4);
       else if (event.key === "-") this.canvas.zoom(1 / 1.4);
       else if (event.key === "0") this.canvas.fit();
@@ -342,25 +360,16 @@ export default {
       else if (this.isFollowing) this.isFollowing = false;
       else this.selected = "";
     },
-    rowKey(event, index) {
-      if (event.key === "Enter" || event.key === " ") this.select(this.robots[index].name);
-      else if (event.key === "ArrowDown" || event.key === "ArrowUp") {
-        const row = event.currentTarget.parentElement.querySelector(`[data-row="${index + (event.key === "ArrowDown" ? 1 : -1)}"]`);
-        row?.focus();
-        if (row) this.select(this.robots[Number(row.dataset.row)].name);
-      } else return;
-      event.preventDefault();
-      event.stopPropagation();
-    },
-    // Arrow keys choose the next or the previous tab.
-    tabKey(event, names, current, choose) {
-      const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
-      if (!step || !names.length) return;
-      const next = (names.indexOf(current) + step + names.length) % names.length;
-      choose(names[next]);
-      event.currentTarget.querySelectorAll("[role=tab]")[next]?.focus();
-      event.preventDefault();
-      event.stopPropagation();
-    },
   },
 };
+
+// The begin and the end of each mission since a time, as happenings.
+function missionEvents(missions, since) {
+  const event = ({ name, leader }, what, at, text) => ({
+    number: `${what} ${name}`, at, kind: "mission", robot: leader, floor: "", text: `mission ${name} ${text}`,
+  });
+  return [...missions].flatMap((mission) => [
+    event(mission, "begin", mission.begun, "has begun"),
+    mission.ended && event(mission, "end", mission.ended, `has ended, ${mission.result}${mission.reason ? `: ${mission.reason}` : ""}`),
+  ]).filter((each) => each && each.at >= since);
+}

@@ -1,9 +1,12 @@
-// What the monitor draws on a floor beside its bodies: scans, planned ways, reserved areas, lost robots, a body being moved.
+// What the monitor draws on a floor beside its bodies: scans, planned ways, reserved areas, lost robots, a body being
+// moved.
 import { disc, line, polygon, shortened } from "/static/floor_canvas.js";
 import { ageText } from "/static/robot_rows.js";
 
 // How long the reason of a refusal stays at its place [ms].
 const REFUSAL_MS = 6000;
+// Robots that have left are drawn with this radius, since nobody says it any more [m].
+const LOST_RADIUS_M = 0.25;
 
 export class MonitorScene {
   constructor(canvas) {
@@ -71,24 +74,31 @@ export class MonitorScene {
     }
     if (!this.isPast) {
       for (const robot of this.lostRobots()) {
-        const note = `${robot.condition} ${robot.age === null ? "" : ageText(robot.age)}`;
-        canvas.drawLabel(`lost ${robot.name}`, shortened(robot.name, 20), { ...robot.at, radius: 0.2 }, { note, mustShow: true });
+        const age = robot.goneAge ?? robot.age;
+        const note = age === null ? robot.condition : `${robot.condition} ${ageText(age)} ago`;
+        const disc = { ...robot.at, radius: this.lostRadius };
+        canvas.drawLabel(`lost ${robot.name}`, shortened(robot.name, 20), disc, { note, mustShow: true });
       }
     }
     if (this.refusal && this.refusal.until > performance.now()) this.drawRefusal(context);
   }
 
+  get lostRadius() {
+    return Math.max(LOST_RADIUS_M, this.canvas.px(8));
+  }
+
   // Robots with a known place on the floor whose body is not there any more.
   lostRobots() {
     const here = new Set([...(this.canvas.floor?.bodies.values() ?? [])].map((body) => body.name));
-    return [...this.robots.values()].filter((robot) => robot.at && robot.floor === this.floorName && !here.has(robot.name)
+    return [...this.robots.values()].filter((robot) => robot.at && robot.floor === this.floorName
+      && !here.has(robot.name)
       && robot.isLost);
   }
 
   // The lost robot at a point of the floor, or undefined.
   lostAt([x, y]) {
     if (this.isPast) return undefined;
-    const reach = Math.max(0.2, this.canvas.px(12));
+    const reach = Math.max(this.lostRadius, this.canvas.px(12));
     return this.lostRobots().find(({ at }) => Math.hypot(at.x - x, at.y - y) < reach);
   }
 
@@ -171,7 +181,8 @@ export class MonitorScene {
     const { canvas } = this;
     const x = corners.reduce((sum, corner) => sum + corner[0], 0) / corners.length;
     const y = corners.reduce((sum, corner) => sum + corner[1], 0) / corners.length;
-    const text = phase === "granted" ? `reserved for ${shortened(robot, 16)}` : `${shortened(robot, 16)} waits for this area`;
+    const text = phase === "granted" ? `reserved for ${shortened(robot, 16)}`
+      : `${shortened(robot, 16)} waits for this area`;
     canvas.drawLabel(`area ${robot}`, text, { x, y, radius: 0 });
   }
 
@@ -179,12 +190,12 @@ export class MonitorScene {
     const { canvas } = this;
     context.strokeStyle = context.fillStyle = canvas.colors.lost;
     context.globalAlpha = 0.4;
-    disc(context, robot.at.x, robot.at.y, 0.2);
+    disc(context, robot.at.x, robot.at.y, this.lostRadius);
     context.globalAlpha = 1;
     context.lineWidth = canvas.px(1.5);
     context.setLineDash([canvas.px(3), canvas.px(3)]);
     context.beginPath();
-    context.arc(robot.at.x, robot.at.y, 0.2, 0, 2 * Math.PI);
+    context.arc(robot.at.x, robot.at.y, this.lostRadius, 0, 2 * Math.PI);
     context.stroke();
     context.setLineDash([]);
   }

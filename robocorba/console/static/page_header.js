@@ -27,13 +27,22 @@ export default {
     this.setDark(isDark);
     this.unlisten = live.listen((kind) => kind !== "floor" && this.update());
     this.timer = setInterval(() => this.update(), 1000);
+    this.handshakeTimer = setInterval(() => this.leaveNiceGui(), 250);
     this.update();
   },
   unmounted() {
     this.unlisten();
     clearInterval(this.timer);
+    clearInterval(this.handshakeTimer);
   },
   methods: {
+    // Pages need NiceGUI's own connection no more once they are built; it would reload them, and lose what users have
+    // typed, when the console's process was replaced.
+    leaveNiceGui() {
+      if (!window.did_handshake) return;
+      clearInterval(this.handshakeTimer);
+      window.socket.disconnect();
+    },
     update() {
       const server = live.state?.server;
       if (!live.isConnected) this.problem = "the console does not answer; reconnecting";

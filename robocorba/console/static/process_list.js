@@ -13,23 +13,28 @@ export default {
   template: `
     <section aria-label="Processes">
       <form class="start-form" @submit.prevent="start">
-        <label class="wide">New robot <input v-model.trim="order.name" required maxlength="60" placeholder="name, such as R5"></label>
+        <label class="wide">New robot <input v-model.trim="order.name" required maxlength="60"
+               placeholder="name, such as R5"></label>
         <label>floor <select v-model="order.floor"><option value="">lowest</option>
           <option v-for="floor in floors" :key="floor">{{ floor }}</option></select></label>
         <label>channel <select v-model="order.channel"><option value="">none</option>
           <option v-for="channel in channels" :key="channel">{{ channel }}</option></select></label>
         <q-btn dense no-caps outline icon="place" :label="place" title="Pick its place on the map" @click="pick" />
-        <q-btn v-if="order.at" dense flat round icon="close" aria-label="First free place" title="First free place" @click="order.at = null" />
-        <q-btn dense no-caps color="primary" type="submit" label="Start" :loading="isStarting" :disable="!rights.supervisor" />
+        <q-btn v-if="order.at" dense flat round icon="close" aria-label="First free place" title="First free place"
+               @click="order.at = null" />
+        <q-btn dense no-caps color="primary" type="submit" label="Start" :loading="isStarting"
+               :disable="!rights.supervisor" />
       </form>
       <p v-if="error" class="panel-error is-problem" role="alert">{{ error }}</p>
       <p v-if="isPicking" class="panel-note" role="status">Click a free place on the map; Escape cancels.</p>
       <p v-if="problem" class="panel-note">{{ problem }}</p>
       <table v-if="rows.length" class="console-table">
         <thead><tr><th>Process</th><th>State</th><th>Since</th><th>Starts</th><th></th></tr></thead>
-        <tbody><tr v-for="row in rows" :key="row.name" tabindex="0" :aria-selected="row.name === logOf" :title="row.problem || row.name"
+        <tbody><tr v-for="row in rows" :key="row.name" tabindex="0" :aria-selected="row.name === logOf"
+                   :title="row.problem || row.name"
                    @click="showLog(row.name)" @keydown.enter="showLog(row.name)">
-          <td>{{ row.name }}</td><td :class="{ 'is-problem': row.problem }">{{ row.problem ? row.phase + ', ' + row.problem : row.phase }}</td>
+          <td>{{ row.name }}</td>
+          <td :class="{ 'is-problem': row.problem }">{{ [row.phase, row.problem].filter(Boolean).join(", ") }}</td>
           <td>{{ row.since ? since(row) : "" }}</td><td>{{ row.restarts + 1 }}</td>
           <td><SureButton v-if="row.robot" label="End" :question="'End?'" :title="'End robot ' + row.robot"
                           @sure="end(row.robot)" @click.stop /></td>

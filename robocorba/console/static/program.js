@@ -1,9 +1,11 @@
-// The graphic programming agent: a program is built from icons, checked, run on the virtual robot, uploaded to the actual.
+// The graphic programming agent: a program is built from icons, checked, run on the virtual robot, and uploaded to the
+// actual one.
 import { IconForm } from "/static/icon_form.js";
 import { IconList } from "/static/icon_list.js";
 import { IconPalette } from "/static/icon_palette.js";
 import { problemLines } from "/static/icon_problems.js";
 import { call, live } from "/static/live.js";
+import { PosePicker } from "/static/pose_picker.js";
 import { ProgramBar } from "/static/program_bar.js";
 import { checking, checkingState } from "/static/program_checking.js";
 import { editing } from "/static/program_editing.js";
@@ -16,31 +18,34 @@ import { TargetMap } from "/static/target_map.js";
 import { UploadPanel } from "/static/upload_panel.js";
 
 const STORED = "robocorba-program";
+// Icons whose target is picked on the map; icons for arms, whose pose can be made in 3D.
+const TARGETS = ["mbase_path", "mbase_to", "move_table"], ARMS = ["mhand_joints", "mhand_pose"];
 // A message about a file or the clipboard is shown for this time [ms].
 const NOTE_MS = 8000;
 // Windows of this width have room for the text beside the parameters.
 const WIDE = "(min-width: 1700px)";
 
 export default {
-  components: { IconForm, IconList, IconPalette, ProgramBar, ProgramText, RunBar, TargetMap, UploadPanel },
+  components: { IconForm, IconList, IconPalette, PosePicker, ProgramBar, ProgramText, RunBar, TargetMap, UploadPanel },
   template: `
     <div class="program-page">
-      <program-bar :name="model.name" :can-undo="canUndo" :can-redo="canRedo" :verdict="verdict" :examples="Object.keys(examples)"
-                   :robot-program="rows[robot]?.state?.program.name ? robot : ''" @rename="rename" @undo="undo" @redo="redo"
-                   @clear="clear" @open="open" @save="save" @take="takeProgram"
+      <program-bar :name="model.name" :can-undo="canUndo" :can-redo="canRedo" :verdict="verdict"
+                   :examples="Object.keys(examples)" :robot-program="rows[robot]?.state?.program.name ? robot : ''"
+                   @rename="rename" @undo="undo" @redo="redo" @clear="clear" @open="open" @save="save"
+                   @take="takeProgram"
                    @example="(name) => openText('the example ' + name, examples[name])"></program-bar>
-      <run-bar :robots="robots" :robot="robotRow" :can-run="!whyNot" :why="whyNot" :progress="progress" @choose="choose"
-               @run="start(false)" @step="step" @pause="pause" @abort="order('abort_program')" @release="order('reset_stop')"
-               @upload="isUploading = !isUploading" @dismiss="dismiss"></run-bar>
-      <upload-panel v-if="isUploading" :robot="robot" :current="robotRow.adaptor" :program="model.name" :can-run="!whyNot"
-                    @switched="switched" @close="isUploading = false"></upload-panel>
+      <run-bar :robots="robots" :robot="robotRow" :can-run="!whyNot" :why="whyNot" :progress="progress"
+               @choose="choose" @run="start(false)" @step="step" @pause="pause" @abort="order('abort_program')"
+               @release="order('reset_stop')" @upload="isUploading = !isUploading" @dismiss="dismiss"></run-bar>
+      <upload-panel v-if="isUploading" :robot="robot" :current="robotRow.adaptor" :program="model.name"
+                    :can-run="!whyNot" @switched="switched" @close="isUploading = false"></upload-panel>
       <p v-if="message.text" class="program-message" :class="'is-' + message.kind" role="status">{{ message.text }}</p>
       <div v-if="!schema" class="console-message">{{ loading }}
-        <q-btn v-if="loading !== 'loading the icons'" dense no-caps outline label="Try again" @click="load" /></div>
+        <q-btn v-if="isLoadFailed" dense no-caps outline label="Try again" @click="load" /></div>
       <div v-else class="program-columns">
         <icon-palette :schema="schema" @add="append" @drag="dragNew" @dropped="drop()"></icon-palette>
         <section class="program-list" aria-label="Program" @click="select(null)">
-          <div v-for="(line, number) in lines(null)" :key="number" class="icon-problem is-whole" :class="'is-' + line.kind">
+          <div v-for="(line, number) in lines(null)" :key="number" class="icon-problem" :class="'is-' + line.kind">
             <q-icon :name="line.kind === 'error' ? 'warning' : 'info'" size="16px" /> <span>{{ line.text }}</span></div>
           <icon-list :list="model.icons" :parent-id="null" list-name="icons" :editor="editor"></icon-list>
         </section>
@@ -48,31 +53,39 @@ export default {
           <div v-if="!isWide" class="console-tabs" role="tablist" aria-label="Side">
             <button type="button" role="tab" :aria-selected="tab === 'icon'" @click="tab = 'icon'">Icon</button>
             <button type="button" role="tab" :aria-selected="tab === 'text'" @click="tab = 'text'">Text</button></div>
-          <template v-if="node && (tab === 'icon' || isWide)">
-            <icon-form :schema="schema" :node="node" :choices="choices" :problems="problemsOf(node.id)" @change="change"></icon-form>
+          <template v-if="node && isIconShown">
+            <icon-form :schema="schema" :node="node" :choices="choices" :problems="problemsOf(node.id)" @change="change"
+                       @shift="(by) => moveBy(node.id, 'shift', by)" @copy="copyNode(node)" @paste="pasteNode"
+                       @remove="remove(node.id)"></icon-form>
             <div class="console-actions">
-              <q-btn v-if="targetName !== null" dense no-caps outline icon="my_location" :disable="!robot" :label="'Where ' + short(robot) + ' is'" @click="takePose" />
-              <q-btn v-if="isPosture" dense no-caps outline icon="accessibility_new" :disable="!robot" :label="'As ' + short(robot) + ' stands'" @click="takePosture" />
-              <q-btn v-if="topIndex >= 0" dense no-caps outline icon="start" label="Run from here" :disable="Boolean(whyNot)" @click="start(false, topIndex)" />
-              <q-btn dense flat round icon="arrow_upward" aria-label="Move up" title="Move up (Alt+Up)" @click="moveBy(node.id, 'shift', -1)" />
-              <q-btn dense flat round icon="arrow_downward" aria-label="Move down" title="Move down (Alt+Down)" @click="moveBy(node.id, 'shift', 1)" />
-              <q-btn dense flat round icon="content_copy" aria-label="Copy" title="Copy (Ctrl+C)" @click="copyNode(node)" />
-              <q-btn dense flat round icon="content_paste" aria-label="Paste after it" title="Paste (Ctrl+V)" @click="pasteNode" />
-              <q-btn dense flat round icon="delete" aria-label="Remove" title="Remove (Delete)" @click="remove(node.id)" />
+              <q-btn v-if="hasTarget" dense no-caps outline icon="my_location" :disable="!robot"
+                     :label="'Where ' + short(robot) + ' is'" @click="takePose" />
+              <q-btn v-if="isPosture" dense no-caps outline icon="accessibility_new" :disable="!robot"
+                     :label="'As ' + short(robot) + ' stands'" @click="takePosture" />
+              <q-btn v-if="isArm" dense no-caps outline icon="view_in_ar" label="Pose in 3D" :aria-pressed="isPosing"
+                     @click="isPosing = !isPosing" />
+              <q-btn v-if="topIndex >= 0" dense no-caps outline icon="start" label="Run from here"
+                     :disable="Boolean(whyNot)" :title="whyNot" @click="start(false, topIndex)" />
             </div>
-            <target-map v-if="targetName !== null" :target="targetValues" :others="otherTargets" @pick="pick"
-                        :robot-floor="rows[robot]?.state?.at.floor ?? ''" :is-one-floor="node.icon === 'mbase_to'"></target-map>
+            <pose-picker v-if="isArm && isPosing" :key="node.id" :node="node" :robot="robot"
+                         @take="(values) => setAll(node.id, values, 'pose')"></pose-picker>
+            <target-map v-if="hasTarget" :target="targetValues" :others="otherTargets" @pick="pick"
+                        :robot="robot" :robot-floor="rows[robot]?.state?.at.floor ?? ''"
+                        :is-one-floor="node.icon === 'mbase_to'"></target-map>
           </template>
-          <div v-else-if="tab === 'icon' || isWide" class="console-message">{{ model.icons.length ? "Select an icon to see its parameters." : "Click an icon on the left: it becomes the first of the program." }}</div>
-          <program-text v-if="!isWide && tab === 'text'" :json="jsonText" :python="python" :message="pythonMessage"></program-text>
+          <div v-else-if="isIconShown" class="console-message">{{ hint }}</div>
+          <program-text v-if="!isWide && tab === 'text'" :json="jsonText" :python="python" :message="pythonMessage">
+          </program-text>
         </aside>
-        <aside v-if="isWide" class="program-beside"><program-text :json="jsonText" :python="python" :message="pythonMessage"></program-text></aside>
+        <aside v-if="isWide" class="program-beside">
+          <program-text :json="jsonText" :python="python" :message="pythonMessage"></program-text></aside>
       </div>
     </div>`,
   data() {
     return {
-      model: new ProgramModel(), schema: null, loading: "loading the icons", examples: {}, postures: [], change: 0,
-      selectedId: null, place: null, target: null, tab: "icon", isWide: matchMedia(WIDE).matches,
+      model: new ProgramModel(), schema: null, loading: "", isLoadFailed: false, examples: {}, postures: [],
+      revision: 0,
+      selectedId: null, place: null, target: null, tab: "icon", isPosing: false, isWide: matchMedia(WIDE).matches,
       incomplete: new Map(), ...checkingState(), ...robotSide.state(), message: { text: "", kind: "" },
     };
   },
@@ -93,7 +106,8 @@ export default {
     },
     pythonMessage() {
       if (!this.model.icons.length) return "The program has no icons yet.";
-      return this.incomplete.size ? "Python comes when no icon is incomplete." : this.checkProblem || "Being checked, or refused.";
+      if (this.incomplete.size) return "Python comes when no icon is incomplete.";
+      return this.checkProblem || "The program is being checked, or can't be read.";
     },
     verdict() {
       const errors = this.findings.filter((finding) => finding.kind === "error").length;
@@ -122,26 +136,36 @@ export default {
       const floors = { names: this.floors, isClosed: true }, postures = { names: this.postures, isClosed: true };
       return { floor: floors, posture: postures, table: things, object: things, taker: others, giver: others };
     },
-    // The parameter that holds the target on the map: "to", "" for the icon itself, null for none.
-    targetName() {
-      if (!this.node) return null;
-      return { mbase_path: "", mbase_to: "", move_table: "to" }[this.node.icon] ?? null;
+    isIconShown() {
+      return this.isWide || this.tab === "icon";
+    },
+    hint() {
+      if (this.model.icons.length) return "Select an icon to see its parameters.";
+      return "Click an icon on the left: it becomes the first of the program.";
+    },
+    hasTarget() {
+      return TARGETS.includes(this.node?.icon);
     },
     targetValues() {
       return { ...this.targetOf(this.node) };
     },
     otherTargets() {
-      const targets = [...this.model.walk()].filter(({ node }) => node.id !== this.selectedId && "x" in this.targetOf(node) && node.icon !== "mhand_pose");
-      return targets.map(({ node }) => this.targetOf(node)).filter(({ x, y }) => typeof x === "number" && typeof y === "number");
+      return [...this.model.walk()]
+        .filter(({ node }) => node.id !== this.selectedId && TARGETS.includes(node.icon))
+        .map(({ node }) => this.targetOf(node))
+        .filter(({ x, y }) => typeof x === "number" && typeof y === "number");
     },
     isPosture() {
-      return ["mhand_joints", "lumbar", "mhand_pose"].includes(this.node?.icon);
+      return this.isArm || this.node?.icon === "lumbar";
+    },
+    isArm() {
+      return ARMS.includes(this.node?.icon);
     },
     canUndo() {
-      return this.change >= 0 && this.model.done.length > 0;
+      return this.revision >= 0 && this.model.done.length > 0;
     },
     canRedo() {
-      return this.change >= 0 && this.model.undone.length > 0;
+      return this.revision >= 0 && this.model.undone.length > 0;
     },
   },
   async mounted() {
@@ -167,6 +191,7 @@ export default {
     ...robotSide.methods,
     async load() {
       this.loading = "loading the icons";
+      this.isLoadFailed = false;
       try {
         const { schema, postures } = await call("program_schema");
         this.schema = new Schema(schema);
@@ -174,15 +199,21 @@ export default {
         this.examples = await call("example_programs");
       } catch (error) {
         this.loading = error.message;
+        this.isLoadFailed = true;
         return;
       }
       const stored = this.stored(STORED);
-      if (stored) try { Object.assign(this.model, readProgram(this.schema, stored)); } catch { /* of an older version */ }
-      this.news("state");
+      try {
+        if (stored) Object.assign(this.model, readProgram(this.schema, stored));
+      } catch {
+        // of an older version
+      }
+      this.news();
       this.changed();
+      this.robotChosen();
     },
     changed() {
-      this.change++;
+      this.revision++;
       this.findIncomplete();
       this.findings = this.findings.filter((finding) => this.model.find(finding.nodeId));
       this.store(STORED, this.jsonText);

@@ -35,7 +35,7 @@ export const checking = {
   },
   async check() {
     if (!this.schema) return;
-    const change = this.change, robot = this.robot, icons = this.completeIcons();
+    const revision = this.revision, robot = this.robot, icons = this.completeIcons();
     this.checkedAt = this.placeOf(robot);
     if (!icons.length) {
       this.findings = [];
@@ -46,12 +46,12 @@ export const checking = {
     try {
       const program = JSON.stringify(this.model.plain(icons));
       const { findings, python } = await call("check_program", { robot, program });
-      if (change !== this.change || robot !== this.robot) return;
+      if (revision !== this.revision || robot !== this.robot) return;
       this.findings = findings.map((finding) => ({ ...finding, nodeId: this.model.at(finding.icon)?.id ?? null }));
       this.python = this.incomplete.size ? "" : python;
       this.checkProblem = "";
     } catch (error) {
-      if (change !== this.change || robot !== this.robot) return;
+      if (revision !== this.revision || robot !== this.robot) return;
       this.findings = [];
       this.checkProblem = `not checked: ${error.message}`;
     }

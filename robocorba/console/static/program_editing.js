@@ -191,8 +191,10 @@ export const editing = {
     try {
       this.replace(readProgram(this.schema, text));
       this.note(`opened ${name}`);
+      return true;
     } catch (error) {
       this.note(`${name}: ${error.message}`, "error");
+      return false;
     }
   },
   // ---- what the browser keeps ----

@@ -94,7 +94,7 @@ export function readProgram(schema, text) {
     throw new Error(`it is not JSON: ${error.message}`);
   }
   if (typeof plain !== "object" || plain === null || !("icons" in plain)) throw new Error("it is not a program");
-  if (plain.format !== undefined && plain.format !== 1) throw new Error(`its format is ${shortJson(plain.format)}, not 1`);
+  if ((plain.format ?? 1) !== 1) throw new Error(`its format is ${shortJson(plain.format)}, not 1`);
   const unknown = Object.keys(plain).find((key) => !["format", "name", "robot", "icons"].includes(key));
   if (unknown) throw new Error(`it is not a program: ${unknown.slice(0, 60)} is unknown`);
   return { name: String(plain.name ?? "program").slice(0, 200), icons: nodesOf(schema, plain.icons, "icons") };
@@ -146,6 +146,11 @@ export class ProgramModel {
     while (this.done.length > MAX_UNDO || (this.done.length > 1 && length() > MAX_UNDO_LENGTH)) this.done.shift();
   }
 
+  // The next change is undone by itself, whatever its kind.
+  separate() {
+    this.lastKind = "";
+  }
+
   undo() {
     this.step(this.done, this.undone);
   }
@@ -179,7 +184,8 @@ export class ProgramModel {
     for (let index = 0; index < list.length; index++) {
       const path = `${at}[${index}]`;
       yield { list, index, parent, path, node: list[index] };
-      for (const [name, body] of Object.entries(list[index].bodies)) yield* this.walk(body, list[index], `${path}.${name}`);
+      const node = list[index];
+      for (const [name, body] of Object.entries(node.bodies)) yield* this.walk(body, node, `${path}.${name}`);
     }
   }
 

@@ -39,9 +39,8 @@ const methods = {
   },
   findNames(robots) {
     const plans = live.names.map((floor) => live.plan(floor)).filter(Boolean);
-    const movable = plans.flatMap((plan) => plan.objects).filter((object) => object.movable).map((object) => object.name);
-    const objects = [...new Set(movable)].sort();
-    this.names = { objects, robots };
+    const movable = plans.flatMap((plan) => plan.objects).filter((object) => object.movable);
+    this.names = { objects: [...new Set(movable.map((object) => object.name))].sort(), robots };
   },
   choose(robot) {
     this.robot = robot;
@@ -62,11 +61,10 @@ const methods = {
   targetOf(node) {
     return node.icon === "move_table" ? node.values.to ?? {} : node.values;
   },
-  pick(values) {
+  pick(values, isNew = true) {
     const { node } = this;
-    if (node.icon === "move_table") this.model.set(node.id, "to", { ...node.values.to, ...values }, `${node.id} target`);
-    else for (const [name, value] of Object.entries(values)) this.model.set(node.id, name, value, `${node.id} target`);
-    this.changed();
+    if (isNew) this.model.separate();
+    this.setAll(node.id, node.icon === "move_table" ? { to: { ...node.values.to, ...values } } : values, "target");
   },
   takePose() {
     const at = this.rows[this.robot]?.state?.at;
@@ -80,8 +78,9 @@ const methods = {
     const isRight = node.values.hand === "right", first = isRight ? RIGHT_ARM : LEFT_ARM;
     let values;
     if (node.icon === "lumbar") values = { lower: rounded(joints[LUMBAR]), upper: rounded(joints[LUMBAR + 1]) };
-    else if (node.icon === "mhand_joints") values = { joints: joints.slice(first, first + ARM).map((angle) => rounded(angle)) };
-    else values = await this.handPose(joints, isRight ? "right" : "left");
+    else if (node.icon === "mhand_joints") {
+      values = { joints: [...joints].slice(first, first + ARM).map((angle) => rounded(angle)) };
+    } else values = await this.handPose(joints, isRight ? "right" : "left");
     if (!values) return;
     if (node.icon !== "lumbar" && !node.values.hand) values.hand = "left";
     this.setAll(node.id, values);
@@ -96,14 +95,12 @@ const methods = {
     }
   },
   setAll(id, values, kind = "taken") {
-    this.model.remember();
     for (const [name, value] of Object.entries(values)) this.model.set(id, name, value, `${id} ${kind}`);
     this.changed();
   },
   // ---- run ----
   async start(isStepping, first = 0) {
-    const ids = new Map([...this.model.walk()].map(({ path, node }) => [path, node.id]));
-    const { robot } = this, program = this.jsonText;
+    const ids = this.idsByPath(), { robot } = this, program = this.jsonText;
     if (await this.order("run_program", { program, step: isStepping, first })) {
       this.store(STORED_RUN, JSON.stringify({ robot, program, first }));
       this.run.follow(robot, ids, first);
@@ -111,6 +108,9 @@ const methods = {
     } else {
       this.checkSoon();
     }
+  },
+  idsByPath() {
+    return new Map([...this.model.walk()].map(({ path, node }) => [path, node.id]));
   },
   async step() {
     if (this.robotRow.condition === "paused") await this.order("step_program");
@@ -125,12 +125,12 @@ const methods = {
     try {
       last = JSON.parse(this.stored(STORED_RUN));
     } catch { /* of an older version */ }
-    const isActive = ["running", "paused"].includes(this.robotRow.condition);
-    if (!isActive || last?.robot !== this.robot || last.program !== this.jsonText) return;
-    this.run.follow(this.robot, new Map([...this.model.walk()].map(({ path, node }) => [path, node.id])), last.first);
+    if (!isActive(this.robotRow) || last?.robot !== this.robot || last.program !== this.jsonText) return;
+    this.run.follow(this.robot, this.idsByPath(), last.first);
   },
   progressed() {
     const { runningId, holderIds, doneIds, failedId, report, condition, problem, isFollowed } = this.run;
+    if (runningId !== null && runningId !== this.marks.runningId) this.reveal(runningId);
     this.marks = { runningId, holderIds: new Set(holderIds), doneIds: new Set(doneIds), failedId, report, condition };
     this.progress = problem ? { text: problem, kind: "error", isOver: true } : progressOf(report, isFollowed);
     if (report && report.result !== "no_result") this.checkSoon();
@@ -140,8 +140,10 @@ const methods = {
     this.progressed();
   },
   async takeProgram() {
+    const { robot } = this;
     try {
-      this.openText(`the program of ${this.robot}`, await call("loaded_program", { robot: this.robot }));
+      const isOpen = this.openText(`the program of ${robot}`, await call("loaded_program", { robot }));
+      if (isOpen && isActive(this.robotRow)) this.run.follow(robot, this.idsByPath());
     } catch (error) {
       this.note(error.message, "error");
     }
@@ -163,6 +165,10 @@ const methods = {
   },
 };
 
+function isActive(robotRow) {
+  return ["running", "paused"].includes(robotRow.condition);
+}
+
 function stateText(row, wait) {
   if (!row.state) return row.problem ? "does not answer" : "connecting";
   if (row.age + wait > LOST_S) return "does not answer";
@@ -174,15 +180,17 @@ function robotRow(name, row, wait) {
   if (!row?.state) return { name, problem: row?.problem ? `${name} does not answer: ${row.problem}` : "" };
   const { condition, adaptor, reason } = row.state, age = row.age + wait;
   const problem = age > LOST_S ? `${name} does not answer since ${Math.round(age)} s` : "";
-  return { name, condition: condition.toLowerCase(), adaptor, isActual: adaptor !== VIRTUAL, reason, problem };
+  const isActual = adaptor !== VIRTUAL, runs = row.state.program.name;
+  return { name, condition: condition.toLowerCase(), adaptor, isActual, runs, reason, problem };
 }
 
 function progressOf(report, isFollowed) {
   if (!report) return { text: "", kind: "", isOver: false };
   const time = `${report.seconds.toFixed(1)} s`;
-  if (isFollowed) return { text: `${report.name}: ${report.icons_done} icons done, ${time}`, kind: "", isOver: false };
-  const reason = report.reason ? `: ${report.reason}` : "";
-  return { text: `${report.name}: ${report.result} after ${time}${reason}`, kind: report.result === "done" ? "done" : "error", isOver: true };
+  const count = report.icons_done === 1 ? "1 icon" : `${report.icons_done} icons`;
+  if (isFollowed) return { text: `${report.name}: ${count} done, ${time}`, kind: "", isOver: false };
+  const kind = report.result === "done" ? "done" : "error", reason = report.reason ? `: ${report.reason}` : "";
+  return { text: `${report.name}: ${report.result} after ${time}${reason}`, kind, isOver: true };
 }
 
 export const robotSide = { state, methods };

@@ -73,7 +73,9 @@ export class ProgramRun {
       this.seen = number + 1;
     }
     if (report.result === "no_result") {
-      this.light(report.icon ? this.pagePath(report.icon) : this.last);
+      const icon = report.icon ? this.pagePath(report.icon) : this.last;
+      if (icon !== this.last) this.markDone(this.last, icon); // it waits before the next icon
+      this.light(icon);
       return;
     }
     this.isFollowed = false;

@@ -5,9 +5,11 @@ export const ProgramText = {
   template: `
     <section class="program-source" aria-label="Program as text">
       <div class="console-tabs" role="tablist" aria-label="Language">
-        <button v-for="each in ['Python', 'JSON']" :key="each" type="button" role="tab" :aria-selected="language === each"
+        <button v-for="each in ['Python', 'JSON']" :key="each" type="button" role="tab"
+                :aria-selected="language === each"
                 @click="language = each">{{ each }}</button>
-        <q-btn flat dense round size="sm" icon="content_copy" aria-label="Copy the text" :disable="!text" @click="copy" />
+        <q-btn flat dense round size="sm" icon="content_copy" aria-label="Copy the text" :disable="!text"
+               @click="copy" />
         <span class="target-help" role="status">{{ note }}</span>
       </div>
       <pre v-if="text" class="program-text" tabindex="0" :aria-label="language">{{ text }}</pre>

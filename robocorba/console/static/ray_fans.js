@@ -3,6 +3,8 @@ import { THREE } from "nicegui-scene";
 
 // Red, green and blue of fans and hits, by the sensor's name; others have the last one.
 const COLORS = { laser: [0.0, 0.45, 0.7], proximity: [0.85, 0.45, 0.0], other: [0.35, 0.35, 0.4] };
+// Half the angle of a beam that stands for a single ray [rad].
+const BEAM_RAD = 0.06;
 // Rays drawn at most; those of other scans are left out.
 const MOST_RAYS = 6000;
 
@@ -12,11 +14,10 @@ export class RayFans {
     // Heights of the sensors above the floor, as in the robot's model.
     const height = (name) => heightOf(shape.model, name);
     this.heights = { laser: height("laser"), proximity: height("proximity_1"), other: height("laser") };
-    this.fans = new THREE.Mesh(
-      new THREE.BufferGeometry(),
-      new THREE.MeshBasicMaterial({ vertexColors: true, transparent: true, opacity: 0.2, side: THREE.DoubleSide, depthWrite: false }),
-    );
-    this.hits = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ vertexColors: true, size: 0.06 }));
+    const glass = { vertexColors: true, transparent: true, opacity: 0.2, side: THREE.DoubleSide, depthWrite: false };
+    this.fans = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial(glass));
+    const points = new THREE.PointsMaterial({ vertexColors: true, size: 0.06 });
+    this.hits = new THREE.Points(new THREE.BufferGeometry(), points);
     for (const mesh of [this.fans, this.hits]) {
       mesh.frustumCulled = false;
       view.scene.add(mesh);
@@ -43,7 +44,7 @@ export class RayFans {
 
   add(scan, fan, hit) {
     const kind = scan.sensor in COLORS ? scan.sensor : "other";
-    const color = COLORS[kind];
+    const color = new THREE.Color().setRGB(...COLORS[kind], THREE.SRGBColorSpace).toArray();
     const z = scan.z + this.heights[kind];
     const { pose, mount, angles, ranges, rim } = scan;
     const [cos, sin] = [Math.cos(pose.heading), Math.sin(pose.heading)];
@@ -55,8 +56,12 @@ export class RayFans {
     // Rays far apart, such as those of eight proximity sensors, are narrow beams of their own.
     const isWide = Math.abs(angles.step) < 0.2;
     for (let k = 0; k < ranges.length; k++) {
-      if (isWide && k + 1 < ranges.length) fan.positions.push(...end(k, rim), ...end(k, ranges[k]), ...end(k + 1, ranges[k + 1]));
-      if (!isWide) fan.positions.push(...end(k, rim), ...end(k - 0.06 / angles.step, ranges[k]), ...end(k + 0.06 / angles.step, ranges[k]));
+      if (isWide && k + 1 < ranges.length) {
+        fan.positions.push(...end(k, rim), ...end(k, ranges[k]), ...end(k + 1, ranges[k + 1]));
+      } else if (!isWide) {
+        const half = BEAM_RAD / angles.step;
+        fan.positions.push(...end(k, rim), ...end(k - half, ranges[k]), ...end(k + half, ranges[k]));
+      }
       if (scan.hits[k]) {
         hit.positions.push(...end(k, ranges[k]));
         hit.colors.push(...color);

@@ -1,11 +1,11 @@
-// The robots of a 3D scene: the nearest few with all their links, plain bodies for the rest, names, the selected one's ring,
-// and its ghost at the end of the path that it drives.
+// The robots of a 3D scene: the nearest few with all their links, plain bodies for the rest, names, the selected one's
+// ring, and its ghost at the end of the path that it drives.
 import { THREE } from "nicegui-scene";
 import { ArticulatedRobot, PlainRobots } from "/static/robot_model.js";
 import { closeSprite, sizeSprite, textSprite } from "/static/text_sprite.js";
 
 // Articulated robots and names at most; of robots, fewer if drawing is slow.
-const MOST = 6, FEWEST = 3, NAMES = 12;
+const MOST = 8, FEWEST = 4, NAMES = 12;
 const NAME_HEIGHT_M = 1.42;
 const SELECTED = "#0072b2", PLATE = "#20262c", GHOST = 0x8a4fbf;
 
@@ -41,13 +41,13 @@ export class RobotCrowd {
   // Those nearest to the camera, the selected one first.
   nearest() {
     const { x, y, z } = this.view.camera.position;
-    const away = new Map(this.robots.map((robot) => [robot, (robot.x - x) ** 2 + (robot.y - y) ** 2 + (robot.z - z) ** 2]));
-    const rank = (robot) => (robot.name === this.selected ? -1 : away.get(robot));
+    const away = (robot) => (robot.x - x) ** 2 + (robot.y - y) ** 2 + (robot.z - z) ** 2;
+    const rank = (robot) => (robot.name === this.selected ? -1 : away(robot));
     return [...this.robots].sort((one, other) => rank(one) - rank(other));
   }
 
   update() {
-    const most = this.view.ratio < 0.8 ? FEWEST : MOST;
+    const most = this.view.isSoftware || this.view.ratio < 0.8 ? FEWEST : MOST;
     const sorted = this.nearest();
     const near = new Set(sorted.slice(0, most));
     for (const robot of near) this.articulate(robot);
@@ -154,7 +154,8 @@ function ribbon(points, width) {
     if (length < 1e-6) continue;
     const [nx, ny] = [(-(b.y - a.y) / length) * (width / 2), ((b.x - a.x) / length) * (width / 2)];
     const corner = (point, side) => [point.x + side * nx, point.y + side * ny, point.z + 0.02];
-    positions.push(...corner(a, 1), ...corner(a, -1), ...corner(b, 1), ...corner(b, 1), ...corner(a, -1), ...corner(b, -1));
+    const [a1, a2, b1, b2] = [corner(a, 1), corner(a, -1), corner(b, 1), corner(b, -1)];
+    positions.push(...a1, ...a2, ...b1, ...b1, ...a2, ...b2);
   }
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));

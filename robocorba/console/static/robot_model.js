@@ -1,7 +1,9 @@
-// Articulated robots and plain bodies for three.js, from the part list that the server sends (kinematics/appearance.py).
+// Articulated robots and plain bodies for three.js, from the part list of the server (kinematics/appearance.py).
 import { THREE } from "nicegui-scene";
 
-const SEGMENTS = 24, COARSE_SEGMENTS = 8;
+const SEGMENTS = 20;
+// Segments of plain bodies, and the volume of the boxes around the parts that they have [m^3].
+const COARSE_SEGMENTS = 7, COARSE_VOLUME = 9e-4;
 // Colour of the display and its sign in each of the paper's states: a shape beside the colour.
 const SCREENS = {
   working: ["#0b5d3b", "\u25b6"],
@@ -11,22 +13,27 @@ const SCREENS = {
 
 // Merge geometries into one with a colour at each vertex. pieces: [geometry, colour].
 export function merged(pieces) {
-  const flat = pieces.map(([geometry, color]) => [geometry.index ? geometry.toNonIndexed() : geometry, color]);
-  const count = flat.reduce((sum, [geometry]) => sum + geometry.attributes.position.count, 0);
-  const positions = new Float32Array(3 * count), normals = new Float32Array(3 * count), colors = new Float32Array(3 * count);
+  const count = pieces.reduce((sum, [geometry]) => sum + geometry.attributes.position.count, 0);
+  const [positions, normals, colors] = [0, 1, 2].map(() => new Float32Array(3 * count));
+  const indices = [];
   let offset = 0;
-  for (const [geometry, color] of flat) {
+  for (const [geometry, color] of pieces) {
     const { position, normal } = geometry.attributes;
     positions.set(position.array, 3 * offset);
     normals.set(normal.array, 3 * offset);
     const linear = new THREE.Color().setRGB(...color, THREE.SRGBColorSpace).toArray();
-    for (let vertex = 0; vertex < position.count; vertex++) colors.set(linear, 3 * (offset + vertex));
+    for (let vertex = 0; vertex < position.count; vertex++) {
+      colors.set(linear, 3 * (offset + vertex));
+      if (!geometry.index) indices.push(offset + vertex);
+    }
+    for (const vertex of geometry.index?.array ?? []) indices.push(offset + vertex);
     offset += position.count;
   }
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
   geometry.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
   geometry.setAttribute("color", new THREE.BufferAttribute(colors, 3));
+  geometry.setIndex(indices);
   return geometry;
 }
 
@@ -35,7 +42,7 @@ function partGeometry(part, segments = SEGMENTS) {
   if (part.shape === "box") {
     geometry = new THREE.BoxGeometry(...part.size);
   } else if (part.shape === "ellipsoid") {
-    geometry = new THREE.SphereGeometry(1, segments, segments / 2).scale(...part.size);
+    geometry = new THREE.SphereGeometry(1, segments, Math.ceil(segments / 2)).scale(...part.size);
   } else {
     const [x, y, top, height] = part.size;
     geometry = new THREE.CylinderGeometry(top, 1, height, segments).rotateX(Math.PI / 2).scale(x, y, 1);
@@ -79,10 +86,14 @@ export class RobotShape {
     const upright = new THREE.Matrix4().makeBasis(
       new THREE.Vector3(0, 1, 0), new THREE.Vector3(0, 0, 1), new THREE.Vector3(1, 0, 0),
     );
-    this.displayGeometry = new THREE.PlaneGeometry(width, height).applyMatrix4(upright).translate(depth / 2 + 0.001, 0, 0);
+    this.displayGeometry = new THREE.PlaneGeometry(width, height)
+      .applyMatrix4(upright)
+      .translate(depth / 2 + 0.001, 0, 0);
     this.plain = plainGeometry(model);
     this.material = new THREE.MeshLambertMaterial({ vertexColors: true });
-    this.ghostMaterial = new THREE.MeshLambertMaterial({ color: 0xa878d8, transparent: true, opacity: 0.45 });
+    this.ghostMaterial = new THREE.MeshLambertMaterial({
+      color: 0xa878d8, transparent: true, opacity: 0.45, polygonOffset: true, polygonOffsetFactor: -1,
+    });
   }
 }
 
@@ -186,8 +197,9 @@ function plainGeometry(model) {
     origins.set(name, at.map((value, axis) => value + from[axis]));
   }
   const isSeen = ({ shape, size }) => {
-    const [x, y, z] = shape === "cone" ? [2 * size[0], 2 * size[1], size[3]] : size.map((side) => side * (shape === "box" ? 1 : 2));
-    return x * y * z > 2e-4;
+    const sides = shape === "box" ? size : size.map((radius) => 2 * radius);
+    const [x, y, z] = shape === "cone" ? [sides[0], sides[1], size[3]] : sides;
+    return x * y * z > COARSE_VOLUME;
   };
   const pieces = model.parts.filter(isSeen).map((part) => [
     partGeometry(part, COARSE_SEGMENTS).translate(...origins.get(part.link)),

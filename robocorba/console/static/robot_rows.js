@@ -1,4 +1,5 @@
-// Rows of the monitor's table from what the servers report. Robots that were seen once stay, with the age of their news.
+// Rows of the monitor's table from what the servers report. Robots that were seen once stay, with the age of their
+// news.
 
 // A robot without news for this time is shown as lost [s].
 export const LOST_S = 3;
@@ -8,7 +9,8 @@ const COLLISION_S = 4;
 const TOUCH_M = 0.03;
 
 // {name, floor, at, isLost, isHere, age, condition, program, agent, client, problem}, sorted by name.
-// isHere: the simulation has it. age: of its agent's last news, or for one without agent of its last call [s]; null: none yet.
+// isHere: the simulation has it. age: of its agent's last news, or for one without agent of its last call [s]; null:
+// none yet.
 export function robotRows(state, waitS) {
   const clients = new Map((state.server.state?.clients ?? []).map((client) => [client.name, client]));
   const gone = state.gone ?? {};
@@ -26,6 +28,8 @@ export function robotRows(state, waitS) {
     return {
       name, agent, client, at, isHere, isLost, age,
       floor: at?.floor ?? "",
+      // Since when the simulation does not have it any more [s].
+      goneAge: isHere || !gone[name] ? null : gone[name].age + waitS,
       isSilent: Boolean(entry) && (entry.age == null || entry.age + waitS > LOST_S),
       condition: conditionOf(entry, agent, isHere),
       program: agent?.program.name ?? "",
@@ -42,6 +46,7 @@ function byName(a, b) {
 
 function conditionOf(entry, agent, isHere) {
   if (!entry) return isHere ? "no agent" : "left";
+  if (!isHere && !entry.bound) return "left";
   if (!agent) return entry.problem ? "no answer" : "";
   if (!isHere && agent.adaptor === "simulated") return "logged off";
   return entry.problem ? "no answer" : agent.condition.toLowerCase();
@@ -55,7 +60,7 @@ export function ageText(age) {
 }
 
 export function degrees(angle) {
-  return `${((angle * 180) / Math.PI).toFixed(0)}\u00b0`;
+  return `${Math.round((angle * 180) / Math.PI) || 0}\u00b0`;
 }
 
 // Finds which robots touch something when the server's count of collisions rises.
@@ -95,10 +100,11 @@ function touching(floor, plan) {
 }
 
 function touches(robot, body) {
-  if (body.kind !== "object") return Math.hypot(robot.x - body.x, robot.y - body.y) < robot.radius + body.radius + TOUCH_M;
+  const reach = robot.radius + TOUCH_M;
+  if (body.kind !== "object") return Math.hypot(robot.x - body.x, robot.y - body.y) < reach + body.radius;
   const cos = Math.cos(body.heading), sin = Math.sin(body.heading);
   const corners = body.outline.map(([x, y]) => [body.x + x * cos - y * sin, body.y + x * sin + y * cos]);
-  return corners.some((corner, index) => distanceTo(robot, corner, corners[(index + 1) % corners.length]) < robot.radius + TOUCH_M);
+  return corners.some((corner, index) => distanceTo(robot, corner, corners[(index + 1) % corners.length]) < reach);
 }
 
 // Distance of a body's middle from a line between two points [m].

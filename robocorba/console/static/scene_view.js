@@ -1,19 +1,20 @@
-// A three.js scene on a canvas: draws when something has changed, restores a lost graphics context by itself, and takes fewer
-// pixels where drawing is slow.
+// A three.js scene on a canvas: draws when something has changed, restores a lost graphics context by itself, and takes
+// fewer pixels where drawing is slow.
 import { OrbitControls, THREE } from "nicegui-scene";
 
 // Longest wait for the browser to restore a lost context [ms]; then a new canvas is made.
 const RESTORE_MS = 3000;
-// Bounds of the pixels drawn for each pixel of the page. It changes when a picture took longer or shorter than these [ms].
-const MIN_RATIO = 0.5, MAX_RATIO = 1.5;
+// Bounds of the pixels drawn for each pixel of the page. They change when a picture took longer or shorter [ms].
+const MIN_RATIO = 0.6, MAX_RATIO = 1.5;
 const SLOW_MS = 45, FAST_MS = 16;
 // Pictures between two changes of it.
 const PICTURES = 12;
 
 export class SceneView {
-  // box: the element to fill. told(message): why nothing is seen, or "". key, pointer(kind, event): what the user does.
-  constructor(box, { told, key, pointer, moved }) {
-    Object.assign(this, { box, told, key, pointer, moved });
+  // box: the element to fill. told(message): why nothing is seen, or "". key, pointer(kind, event), moved(): what the
+  // user does. remade(): there is a new canvas.
+  constructor(box, { told, key, pointer, moved, remade }) {
+    Object.assign(this, { box, told, key, pointer, moved, remade });
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(42, 1, 0.05, 800);
     this.camera.up.set(0, 0, 1);
@@ -22,6 +23,7 @@ export class SceneView {
     sun.position.set(-8, -14, 20);
     this.scene.add(sun);
     this.ratio = Math.min(window.devicePixelRatio, MAX_RATIO);
+    this.isSoftware = isSoftware();
     this.pictures = 0;
     this.slowness = [];
     this.makeCanvas();
@@ -43,8 +45,9 @@ export class SceneView {
     canvas.setAttribute("aria-label", "3D view; arrows turn it, plus and minus zoom, 0 shows everything");
     this.box.prepend(canvas);
     this.canvas = canvas;
+    canvas.sceneView = this; // for tests, which count its pictures
     try {
-      this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, powerPreference: "low-power" });
+      this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.isSoftware, powerPreference: "low-power" });
     } catch {
       throw new Error("this browser draws no WebGL; the monitor page shows the same floors in 2D");
     }
@@ -59,7 +62,9 @@ export class SceneView {
     canvas.addEventListener("webglcontextlost", (event) => this.lost(event));
     canvas.addEventListener("webglcontextrestored", () => this.restored());
     canvas.addEventListener("keydown", (event) => this.key(event));
-    for (const kind of ["pointerdown", "pointerup"]) canvas.addEventListener(kind, (event) => this.pointer(kind, event));
+    for (const kind of ["pointerdown", "pointerup"]) {
+      canvas.addEventListener(kind, (event) => this.pointer(kind, event));
+    }
     this.resize();
   }
 
@@ -71,6 +76,7 @@ export class SceneView {
       try {
         this.makeCanvas();
         this.restored();
+        this.remade();
       } catch (error) {
         this.told(error.message);
         this.lost(event);
@@ -129,7 +135,9 @@ export class SceneView {
     this.slowness = [];
     this.took = median;
     const most = Math.min(window.devicePixelRatio, MAX_RATIO);
-    const wanted = median > SLOW_MS ? Math.max(MIN_RATIO, this.ratio * 0.8) : median < FAST_MS ? Math.min(most, this.ratio * 1.1) : this.ratio;
+    let wanted = this.ratio;
+    if (median > SLOW_MS) wanted = Math.max(MIN_RATIO, this.ratio * 0.8);
+    else if (median < FAST_MS) wanted = Math.min(most, this.ratio * 1.1);
     if (Math.abs(wanted - this.ratio) < 0.01) return;
     this.ratio = wanted;
     this.resize();
@@ -138,7 +146,9 @@ export class SceneView {
   // The camera so that a box [[x, y, z], [x, y, z]] fills the view, seen from `direction` (from the box to the camera).
   fit([low, high], direction = [-0.25, -0.85, 0.95]) {
     const corners = [];
-    for (const x of [low[0], high[0]]) for (const y of [low[1], high[1]]) for (const z of [low[2], high[2]]) corners.push([x, y, z]);
+    for (const x of [low[0], high[0]]) {
+      for (const y of [low[1], high[1]]) corners.push([x, y, low[2]], [x, y, high[2]]);
+    }
     const middle = new THREE.Vector3(...low).add(new THREE.Vector3(...high)).multiplyScalar(0.5);
     const away = new THREE.Vector3(...direction).normalize();
     // Bounds of the box on the screen, from -1 to 1, seen from a distance; null if a corner is behind the camera.
@@ -162,8 +172,9 @@ export class SceneView {
       if (!seen) break;
       // Near edges look larger than far ones: move to the middle of what is seen.
       const half = distance * Math.tan((this.camera.fov * Math.PI) / 360);
-      right.setFromMatrixColumn(this.camera.matrixWorld, 0).multiplyScalar(((seen.left + seen.right) / 2) * half * this.camera.aspect);
-      up.setFromMatrixColumn(this.camera.matrixWorld, 1).multiplyScalar(((seen.bottom + seen.top) / 2) * half);
+      const [aside, above] = [(seen.left + seen.right) / 2, (seen.bottom + seen.top) / 2];
+      right.setFromMatrixColumn(this.camera.matrixWorld, 0).multiplyScalar(aside * half * this.camera.aspect);
+      up.setFromMatrixColumn(this.camera.matrixWorld, 1).multiplyScalar(above * half);
       middle.add(right).add(up);
     }
     seenFrom(distance);
@@ -207,4 +218,18 @@ export class SceneView {
     this.orbit.dispose();
     this.renderer.dispose();
   }
+}
+
+let software;
+
+// Whether the processor draws instead of a graphics card: smoothing edges would cost it more than everything else.
+function isSoftware() {
+  if (software === undefined) {
+    const gl = document.createElement("canvas").getContext("webgl");
+    const info = gl?.getExtension("WEBGL_debug_renderer_info");
+    const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+    software = /swiftshader|llvmpipe|software|basic render/i.test(name);
+    gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  }
+  return software;
 }

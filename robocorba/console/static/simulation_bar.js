@@ -8,7 +8,8 @@ export default {
   template: `
     <div class="simulation-bar" role="group" aria-label="Simulated time">
       <q-btn dense no-caps outline :icon="state?.paused ? 'play_arrow' : 'pause'" :disable="!mayAct"
-             :label="state?.paused ? 'Resume time' : 'Pause time'" :title="why" @click="act(state.paused ? 'resume' : 'pause')" />
+             :label="state?.paused ? 'Resume time' : 'Pause time'" :title="why"
+             @click="act(state.paused ? 'resume' : 'pause')" />
       <q-btn v-if="state?.paused" dense no-caps outline label="Step" :disable="!mayAct" title="0.1 s" @click="step" />
       <select :value="state?.pace ?? 1" :disabled="!mayAct" aria-label="Pace of simulated time" :title="why"
               @change="setPace($event)">
@@ -24,7 +25,7 @@ export default {
       return Boolean(this.rights.administrator && this.state && !this.isLost);
     },
     why() {
-      if (!this.rights.administrator) return "start the console with --administrator FILE to pause and pace the simulation";
+      if (!this.rights.administrator) return "pausing needs a console that was started with --administrator FILE";
       return this.mayAct ? "simulated time, for everybody" : "the simulation server does not answer";
     },
     paces() {

@@ -7,8 +7,9 @@ export default {
   props: { label: String, question: String, disable: Boolean, title: String },
   emits: ["sure"],
   template: `
-    <q-btn dense no-caps :outline="!isAsked" :color="isAsked ? 'negative' : undefined" :label="isAsked ? question : label"
-           :disable="disable" :title="title" @click="press" @blur="isAsked = false" />`,
+    <q-btn dense no-caps :outline="!isAsked" :color="isAsked ? 'negative' : undefined"
+           :label="isAsked ? question : label"
+           :disable="disable" :title="title" @click="press" />`,
   data() {
     return { isAsked: false };
   },

@@ -2,16 +2,19 @@
 import { FloorCanvas } from "/static/floor_canvas.js";
 import { live } from "/static/live.js";
 
-// A drag turns the target when it is longer than this [pixels]; steps of the keys [m], [rad].
+// A drag turns the target when it is longer than this [pixels].
 const MIN_DRAG_PX = 12;
+// Names are shown from this scale on [pixels per metre].
+const NAMES_FROM = 24;
+// Steps of the keys.
 const STEP_M = 0.1, STEP_RAD = Math.PI / 12;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 export const TargetMap = {
-  // target: {floor, x, y, heading}, each may be missing. others: targets of the program's other icons. robotFloor: the
-  // floor that is shown first. isOneFloor: the target has no floor of its own.
-  props: { target: Object, others: Array, robotFloor: String, isOneFloor: Boolean },
-  emits: ["pick"],
+  // target: {floor, x, y, heading}, each may be missing. others: targets of the program's other icons. robot: is marked
+  // on the map; robotFloor: the floor that is shown first. isOneFloor: the target has no floor of its own.
+  props: { target: Object, others: Array, robot: String, robotFloor: String, isOneFloor: Boolean },
+  emits: ["pick"], // values of the target, and whether that is a new choice, not the same one dragged on
   template: `
     <section class="target-map" aria-label="Target on the map">
       <div class="console-tabs" role="tablist" aria-label="Floors">
@@ -24,9 +27,11 @@ export const TargetMap = {
                 @keydown="key"></canvas>
         <div v-if="message" class="console-overlay">{{ message }}</div>
         <div class="console-tools">
-          <q-btn dense round size="sm" color="primary" icon="fit_screen" aria-label="Show the whole floor" @click="canvas.fit()" />
+          <q-btn dense round size="sm" color="primary" icon="fit_screen" aria-label="Show the whole floor"
+                 @click="canvas.fit()" />
           <q-btn dense round size="sm" color="primary" icon="add" aria-label="Enlarge" @click="canvas.zoom(1.4)" />
-          <q-btn dense round size="sm" color="primary" icon="remove" aria-label="Reduce" @click="canvas.zoom(1 / 1.4)" />
+          <q-btn dense round size="sm" color="primary" icon="remove" aria-label="Reduce"
+                 @click="canvas.zoom(1 / 1.4)" />
         </div>
       </div>
     </section>`,
@@ -34,6 +39,10 @@ export const TargetMap = {
     return { floors: [], floor: "", message: "loading the map" };
   },
   watch: {
+    robot() {
+      this.canvas.selected = this.robot;
+      this.canvas.redraw();
+    },
     target() {
       if (this.target.floor && this.floors.includes(this.target.floor)) this.show(this.target.floor);
       this.canvas?.redraw();
@@ -45,6 +54,8 @@ export const TargetMap = {
   mounted() {
     this.canvas = new FloorCanvas(this.$refs.canvas, { pointer: (...news) => this.pointer(...news) });
     this.canvas.overlays = [{ above: (context, canvas) => this.draw(context, canvas) }];
+    this.canvas.areNamesShown = false; // set for each picture
+    this.canvas.selected = this.robot;
     this.unlisten = live.listen((kind, name) => this.news(kind, name));
     this.recolor = () => this.canvas.redraw();
     window.addEventListener("robocorba-colors", this.recolor);
@@ -84,7 +95,7 @@ export const TargetMap = {
     pointer(kind, event, [x, y]) {
       if (kind === "down") {
         this.began = { px: event.clientX, py: event.clientY, x, y };
-        this.pick({ x, y });
+        this.pick({ x, y }, true);
         return true;
       }
       if (kind === "move" && this.began) {
@@ -97,11 +108,11 @@ export const TargetMap = {
       }
       return false;
     },
-    pick({ x, y, heading }) {
+    pick({ x, y, heading }, isNew = false) {
       const values = { x: Number(x.toFixed(2)), y: Number(y.toFixed(2)) };
       if (heading !== undefined) values.heading = Number(heading.toFixed(3));
       if (!this.isOneFloor) values.floor = this.floor;
-      if (this.floor) this.$emit("pick", values);
+      if (this.floor) this.$emit("pick", values, isNew);
     },
     key(event) {
       const { x, y, heading } = this.target;
@@ -123,7 +134,9 @@ export const TargetMap = {
     },
     // ---- drawing ----
     draw(context, canvas) {
-      for (const other of this.others) if (!other.floor || other.floor === this.floor) this.drawOther(context, canvas, other);
+      canvas.areNamesShown = canvas.scale > NAMES_FROM;
+      const others = this.others.filter((other) => !other.floor || other.floor === this.floor);
+      for (const other of others) this.drawOther(context, canvas, other);
       const { floor, x, y, heading } = this.target;
       if (typeof x !== "number" || typeof y !== "number" || (floor && floor !== this.floor)) return;
       const radius = Math.max(canvas.px(9), 0.4);

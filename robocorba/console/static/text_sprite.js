@@ -27,7 +27,8 @@ export function textSprite(text, color = "#20262c") {
   context.fillText(short, canvas.width / 2, HEIGHT_PX / 2 + 1);
   const map = new THREE.CanvasTexture(canvas);
   map.colorSpace = THREE.SRGBColorSpace;
-  const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, sizeAttenuation: false, depthTest: false, depthWrite: false }));
+  const always = { map, sizeAttenuation: false, depthTest: false, depthWrite: false };
+  const sprite = new THREE.Sprite(new THREE.SpriteMaterial(always));
   sprite.userData.shape = canvas.width / HEIGHT_PX;
   sprite.center.set(0.5, 0);
   sprite.renderOrder = 5;

@@ -25,10 +25,10 @@ export default {
         </select>
         <div class="time-line">
           <div class="time-marks" aria-hidden="true">
-            <span v-for="mark in marks" :key="mark.number" :class="'is-' + mark.kind" :style="{ left: mark.left + '%' }"
+            <span v-for="mark in marks" :key="mark.at + ' ' + mark.number" :class="'is-' + mark.kind" :style="{ left: mark.left + '%' }"
                   :title="mark.text">{{ mark.sign }}</span>
           </div>
-          <input type="range" :min="from" :max="to" step="0.5" :value="at" aria-label="Time" :aria-valuetext="text"
+          <input type="range" :min="from" :max="to" step="0.1" :value="at" aria-label="Time" :aria-valuetext="text"
                  @input="seek(Number($event.target.value))">
         </div>
         <span class="time-text">{{ text }}</span>
@@ -36,7 +36,8 @@ export default {
           <option value="">running system</option>
           <option v-for="each in recordings" :key="each.key" :value="each.key">{{ each.name }}</option>
         </select>
-        <q-btn dense flat round icon="folder_open" aria-label="Open a recording" title="Open a recording" :loading="isOpening"
+        <q-btn dense flat round icon="folder_open" aria-label="Open a recording" title="Open a recording"
+               :loading="isOpening"
                @click="$refs.file.click()" />
         <input ref="file" type="file" accept=".mcap" hidden @change="open">
         <q-btn dense flat round icon="movie" aria-label="Film" title="Make a film" :aria-expanded="isFilming"
@@ -60,7 +61,8 @@ export default {
     </div>`,
   data() {
     return {
-      isLive: true, isPlaying: false, at: 0, from: 0, to: 1, now: 0, speed: 1, recording: "", recordings: [], isOpening: false,
+      isLive: true, isPlaying: false, at: 0, from: 0, to: 1, now: 0, speed: 1, recording: "", recordings: [],
+        isOpening: false,
       error: "", lost: "", isFilming: false, begin: 0, end: 0, filmSpeed: 1, film: null,
     };
   },
@@ -70,7 +72,8 @@ export default {
     },
     text() {
       if (this.isLive) return this.to > 1 ? `${this.clock(this.to)} now` : "";
-      return this.recording ? `${this.clock(this.at)}, ${span(this.at - this.from)}` : `${this.clock(this.at)}, ${span(this.now - this.at)} ago`;
+      return this.recording ? `${this.clock(this.at)}, ${span(this.at - this.from)}`
+        : `${this.clock(this.at)}, ${span(this.now - this.at)} ago`;
     },
     marks() {
       if (this.recording || this.to <= this.from) return [];
@@ -202,7 +205,8 @@ export default {
     },
     async makeFilm() {
       this.error = "";
-      const wanted = { floor: this.floor, begin: this.begin, end: this.end, speed: this.filmSpeed, recording: this.recording };
+      const wanted = { floor: this.floor, begin: this.begin, end: this.end, speed: this.filmSpeed,
+        recording: this.recording };
       try {
         this.film = { number: await call("start_film", wanted), phase: "making", seconds: 0 };
         clearInterval(this.filmTimer);

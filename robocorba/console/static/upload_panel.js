@@ -1,8 +1,12 @@
 // Connects another robot to the agent, actual or virtual, after a confirmation that names robot and adaptor.
+import { shortened } from "/static/floor_canvas.js";
 import { call } from "/static/live.js";
 
 export const VIRTUAL = "simulated";
-const HINTS = { smartpal: "--naming HOST:PORT, the naming service of the robot", corba: "the reference of the adaptor" };
+const HINTS = {
+  smartpal: "--naming HOST:PORT, the naming service of the robot",
+  corba: "--uri URI, the reference of the adaptor",
+};
 const STORED = "robocorba-adaptor-arguments";
 
 export const UploadPanel = {
@@ -16,13 +20,17 @@ export const UploadPanel = {
         <template v-if="current"> instead of {{ current }}</template>.</p>
       <label>adaptor <select ref="first" v-model="adaptor" aria-label="Adaptor">
         <option v-for="each in others" :key="each" :value="each">{{ each }}</option></select></label>
-      <label class="upload-arguments">its arguments <input v-model="words" aria-label="Arguments of the adaptor" :placeholder="hint"></label>
-      <q-btn dense no-caps color="warning" text-color="black" :loading="isSwitching" :disable="!adaptor || !canRun" @click="upload(true)"
-             :label="'Switch ' + robot + ' to ' + (adaptor || '?') + ' and run ' + program" />
-      <q-btn dense no-caps outline :disable="!adaptor || isSwitching" :label="'Only switch ' + robot + ' to ' + (adaptor || '?')" @click="upload(false)" />
+      <label class="upload-arguments">its arguments
+        <input v-model="words" aria-label="Arguments of the adaptor" :placeholder="hint"></label>
+      <q-btn dense no-caps color="warning" text-color="black" :loading="isSwitching" :disable="!adaptor || !canRun"
+             @click="upload(true)"
+             :label="switching + ' and run \u201c' + shortened(program, 30) + '\u201d'" />
+      <q-btn dense no-caps outline :disable="!adaptor || isSwitching"
+             :label="switching + ' only'" @click="upload(false)" />
       <q-btn dense no-caps flat label="Cancel" :disable="isSwitching" @click="$emit('close')" />
       <p v-if="problem" class="icon-reason is-error" role="alert">{{ problem }}</p>
-      <p v-else-if="isSwitching" role="status">switching {{ robot }} to {{ adaptor }}; an actual robot takes some seconds</p>
+      <p v-else-if="isSwitching"
+         role="status">switching {{ robot }} to {{ adaptor }}; an actual robot takes some seconds</p>
     </section>`,
   data() {
     return { adaptors: [], adaptor: "", words: "", problem: "", isSwitching: false };
@@ -33,6 +41,9 @@ export const UploadPanel = {
     },
     isActual() {
       return this.adaptor !== VIRTUAL;
+    },
+    switching() {
+      return `Switch ${shortened(this.robot, 30)} to ${this.adaptor || "?"}`;
     },
     hint() {
       return HINTS[this.adaptor] ?? "";
@@ -55,6 +66,7 @@ export const UploadPanel = {
     }
   },
   methods: {
+    shortened,
     stored() {
       try {
         return JSON.parse(localStorage.getItem(STORED)) ?? {};

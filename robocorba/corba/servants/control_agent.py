@@ -9,6 +9,7 @@ from robocorba.control.agent import ControlAgent
 from robocorba.corba.conversion import robot
 from robocorba.corba.conversion.errors import translating
 from robocorba.errors.robots import InvalidProgram
+from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
 from robocorba.programs import program
 from robocorba.programs.report import report_of
@@ -64,6 +65,8 @@ class RobotAgentServant(RoboCorba__POA.RobotAgent):
             return robot.program_check(self._agent.check(program.loads(json)))
         except InvalidProgram as error:  # it can't be read, so there is one finding
             return robot.program_check(report_of(error))
+        except NotReachable as error:  # the path planning agent, without which drives can't be checked
+            return robot.program_check(report_of(InvalidProgram("", "", f"can't be checked: {error}")))
 
     @translating
     def startMission(self, mission: str, icon: str) -> None:
