@@ -313,7 +313,7 @@ export default {
         answer = await this.commit(edits);
       }
       if (!answer?.version) return;
-      if (tool.name !== "outline") this.select([idOf(edits[edits.length - 1])]);
+      if (tool.name !== "outline") this.select(edits.map(idOf));
     },
     changeMembers(members) {
       this.commit([changeOf(this.shownRecord, members)]);

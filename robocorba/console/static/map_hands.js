@@ -1,6 +1,6 @@
 // Pointer and keys on the map: drawing with a tool, selecting, moving and dragging handles.
 import { distance, handlesOf, idOf, rounded } from "/static/map_model.js";
-import { changeOf, current, moveEdits, toggled } from "/static/map_selection.js";
+import { changeOf, current, joinedEdits, moveEdits, toggled } from "/static/map_selection.js";
 import { onGrid, snap } from "/static/map_snap.js";
 import { closes, TOOLS } from "/static/map_tools.js";
 
@@ -149,7 +149,8 @@ export class MapHands {
     const skip = new Set(selected);
     if (press.handle) {
       const { at } = press.handle.isTurn ? { at: point } : this.snapped(event, point, { skip });
-      press.edits = [changeOf(press.record, press.handle.members(at))];
+      const joined = event.ctrlKey ? [] : joinedEdits(press.record, press.handle.at, at, elements);
+      press.edits = [changeOf(press.record, press.handle.members(at)), ...joined];
     } else if (press.record && !press.isShift) {
       const records = current(selected, elements);
       const [from] = elements.outline(press.record).points;

@@ -55,6 +55,13 @@ export class MapLayer {
         context.fill();
         context.globalAlpha = 1;
       }
+      if (!dash.length) { // a halo, since movable objects are of a similar colour
+        context.strokeStyle = canvas.colors.ground;
+        context.lineWidth = canvas.px(width + 4);
+        context.stroke();
+        context.strokeStyle = canvas.colors.selected;
+        context.lineWidth = canvas.px(width);
+      }
       context.stroke();
     }
     context.setLineDash([]);

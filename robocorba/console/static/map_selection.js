@@ -1,5 +1,5 @@
 // What is done with selected elements: edits that move, turn, align, duplicate and remove them.
-import { copyOf, idOf, moved } from "/static/map_model.js";
+import { copyOf, distance, idOf, moved } from "/static/map_model.js";
 
 export const ALIGNMENTS = [
   { name: "left", icon: "align_horizontal_left" }, { name: "centre", icon: "align_horizontal_center" },
@@ -12,6 +12,15 @@ export const changeOf = (record, members) => ({ ...record, do: "change", members
 export function moveEdits(records, delta) {
   const pairs = records.map((record) => [record, moved(record, delta)]);
   return pairs.filter(([, members]) => members).map(([record, members]) => changeOf(record, members));
+}
+
+// The edits that take the ends of other walls along when a wall's end is dragged from a point to another.
+export function joinedEdits(record, from, to, elements) {
+  if (record.kind !== "wall") return [];
+  return elements.of("wall").filter((wall) => wall.name !== record.name).flatMap((wall) => {
+    const ends = ["from", "to"].filter((end) => distance(wall.members[end], from) < 1e-3);
+    return ends.slice(0, 1).map((end) => changeOf(wall, { ...copyOf(wall.members), [end]: to }));
+  });
 }
 
 export function alignEdits(records, elements, how) {

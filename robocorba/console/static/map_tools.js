@@ -5,7 +5,7 @@ import { distance, rounded } from "/static/map_model.js";
 // again.
 export const TOOLS = [
   { name: "select", title: "Select", icon: "near_me", key: "v",
-    help: "click, Shift for several, drag a frame; drag to move" },
+    help: "click, Shift for several, drag a frame; drag to move; Ctrl parts joined walls" },
   { name: "pan", title: "Pan", icon: "pan_tool", key: "h",
     help: "drag the map; the right mouse button does so with every tool" },
   { name: "room", title: "Room", icon: "crop_square", key: "r", points: [2, 2], kind: "wall",
