@@ -1,12 +1,13 @@
 // The map page: a floor with drawing tools, and panels for the selected element, findings, paths and files.
 import { FloorCanvas } from "/static/floor_canvas.js";
 import { call, live } from "/static/live.js";
-import { FilesPanel } from "/static/map_files.js";
+import { fileMethods, FilesPanel } from "/static/map_files.js";
 import { MapForm } from "/static/map_form.js";
 import { MapHands } from "/static/map_hands.js";
 import { MapLayer } from "/static/map_layer.js";
 import { handlesOf, idOf } from "/static/map_model.js";
 import { EditsPanel, FindingsPanel, PathsPanel } from "/static/map_panels.js";
+import { planningMethods } from "/static/map_planning.js";
 import { ALIGNMENTS, alignEdits, changeOf, current, duplicateEdits, removeEdits } from "/static/map_selection.js";
 import { MapSession } from "/static/map_session.js";
 import { editsOf, toolOf, TOOLS } from "/static/map_tools.js";
@@ -26,30 +27,40 @@ export default {
       <section class="map-main">
         <div class="map-bar">
           <div class="console-tabs map-floors" role="tablist" aria-label="Floors">
-            <button v-for="floor in floors" :key="floor" role="tab" :aria-selected="floor === current" :title="floor" @click="show(floor)">{{ floor }}</button>
+            <button v-for="floor in floors" :key="floor" role="tab" :aria-selected="floor === current" :title="floor"
+                @click="show(floor)">{{ floor }}</button>
             <button title="Add a floor" aria-label="Add a floor" @click="addFloor">+</button></div>
-          <q-btn flat dense icon="undo" :disable="!undoable" :title="undoable ? 'Undo: ' + undoable : 'Nothing of yours to undo'" aria-label="Undo" @click="undo" />
-          <q-btn flat dense icon="redo" :disable="!redoable" :title="redoable ? 'Redo: ' + redoable : 'Nothing of yours to redo'" aria-label="Redo" @click="redo" />
-          <label class="map-author" title="Others see this name beside your edits">as <input :value="author" maxlength="60" aria-label="Your name" @change="setAuthor($event.target)"></label>
+          <q-btn flat dense icon="undo" :disable="!undoable"
+              :title="undoable ? 'Undo: ' + undoable : 'Nothing of yours to undo'" aria-label="Undo" @click="undo" />
+          <q-btn flat dense icon="redo" :disable="!redoable"
+              :title="redoable ? 'Redo: ' + redoable : 'Nothing of yours to redo'" aria-label="Redo" @click="redo" />
+          <label class="map-author" title="Others see this name beside your edits">as <input :value="author"
+              maxlength="60" aria-label="Your name" @change="setAuthor($event.target)"></label>
         </div>
         <div class="map-work">
           <div class="map-tools" role="toolbar" aria-label="Tools" aria-orientation="vertical">
-            <button v-for="each in tools" :key="each.name" :aria-pressed="each.name === tool" :title="each.title + ' (' + each.key.toUpperCase() + '): ' + each.help" @click="setTool(each.name)">
+            <button v-for="each in tools" :key="each.name" :aria-pressed="each.name === tool"
+                :title="each.title + ' (' + each.key.toUpperCase() + '): ' + each.help" @click="setTool(each.name)">
               <q-icon :name="each.icon" size="20px" /><span>{{ each.title }}</span></button>
           </div>
           <div class="console-scene">
-            <canvas ref="canvas" tabindex="0" :aria-label="'Map of floor ' + current" :style="{ cursor: tool === 'select' ? 'default' : tool === 'pan' ? 'grab' : 'crosshair' }"></canvas>
+            <canvas ref="canvas" tabindex="0" :aria-label="'Map of floor ' + current"
+                :style="{ cursor: tool === 'select' ? 'default' : tool === 'pan' ? 'grab' : 'crosshair' }"></canvas>
             <div v-if="overlay" class="console-overlay">{{ overlay }}</div>
             <div class="map-options">
-              <label>grid <select v-model.number="step" aria-label="Grid step"><option v-for="each in gridSteps" :key="each" :value="each">{{ each }} m</option></select></label>
+              <label>grid <select v-model.number="step" aria-label="Grid step"><option v-for="each in gridSteps"
+                  :key="each" :value="each">{{ each }} m</option></select></label>
               <label v-if="kind === 'object'"><input v-model="options.isMovable" type="checkbox"> movable</label>
               <label v-if="kind === 'edge'"><input v-model="options.isOneWay" type="checkbox"> one way</label>
-              <label v-if="kind === 'door'">kind <select v-model="options.doorKind"><option v-for="each in doorKinds" :key="each">{{ each }}</option></select></label>
-              <label v-if="kind === 'elevator'">doors <select v-model="options.side"><option v-for="each in sides" :key="each">{{ each }}</option></select></label>
+              <label v-if="kind === 'door'">kind <select v-model="options.doorKind"><option v-for="each in doorKinds"
+                  :key="each">{{ each }}</option></select></label>
+              <label v-if="kind === 'elevator'">doors <select v-model="options.side"><option v-for="each in sides"
+                  :key="each">{{ each }}</option></select></label>
               <span class="map-help">{{ toolDefinition.help }}</span>
             </div>
             <div class="console-tools">
-              <q-btn dense round color="primary" icon="fit_screen" aria-label="Show the whole floor" @click="canvas.fit()" />
+              <q-btn dense round color="primary" icon="fit_screen" aria-label="Show the whole floor"
+                  @click="canvas.fit()" />
               <q-btn dense round color="primary" icon="add" aria-label="Enlarge" @click="canvas.zoom(1.4)" />
               <q-btn dense round color="primary" icon="remove" aria-label="Reduce" @click="canvas.zoom(1 / 1.4)" />
             </div>
@@ -59,43 +70,55 @@ export default {
       </section>
       <aside class="console-side" aria-label="Panel">
         <div class="console-tabs" role="tablist" aria-label="Panels">
-          <button v-for="each in panels" :key="each.name" role="tab" :aria-selected="each.name === panel" @click="panel = each.name">
-            {{ each.title }}<small v-if="each.name === 'findings' && found?.count"> {{ found.count }}</small></button></div>
+          <button v-for="each in panels" :key="each.name" role="tab" :aria-selected="each.name === panel"
+              @click="panel = each.name">
+            {{ each.title }}<small
+                v-if="each.name === 'findings' && found?.count"> {{ found.count }}</small></button></div>
         <div class="map-panel">
           <template v-if="panel === 'element' && forms">
             <template v-if="records.length <= 1 && shownRecord">
               <h2 class="console-heading">{{ shownRecord.kind }} {{ shownRecord.name }}</h2>
-              <map-form :key="formKey" :forms="forms" :record="shownRecord" :names="names" :note="note" @change="changeMembers" @rename="rename"></map-form>
+              <map-form :key="formKey" :forms="forms" :record="shownRecord" :names="names" :note="note"
+                  @change="changeMembers" @rename="rename"></map-form>
             </template>
             <template v-else-if="records.length > 1">
               <h2 class="console-heading">{{ records.length }} selected: {{ countText }}</h2>
               <div class="console-actions" role="group" aria-label="Align">
-                <q-btn v-for="each in alignments" :key="each.name" dense outline :icon="each.icon" :title="'Align ' + each.name" :aria-label="'Align ' + each.name" @click="align(each.name)" /></div>
+                <q-btn v-for="each in alignments" :key="each.name" dense outline :icon="each.icon"
+                    :title="'Align ' + each.name" :aria-label="'Align ' + each.name" @click="align(each.name)" /></div>
             </template>
             <p v-else class="map-none">{{ overlay || 'There is no floor yet: add one with +.' }}</p>
             <div v-if="records.length" class="console-actions">
-              <q-btn dense no-caps outline icon="content_copy" label="Duplicate" title="Ctrl+D" @click="duplicateSelected" />
-              <q-btn dense no-caps outline icon="delete" label="Delete" title="Delete key" @click="removeSelected" /></div>
+              <q-btn dense no-caps outline icon="content_copy" label="Duplicate" title="Ctrl+D"
+                  @click="duplicateSelected" />
+              <q-btn dense no-caps outline icon="delete" label="Delete" title="Delete key"
+                  @click="removeSelected" /></div>
             <div v-else-if="shownRecord" class="console-actions">
-              <q-btn dense no-caps outline icon="share" label="Generate roads" title="Replaces all nodes and roads of this floor by generated ones" @click="buildRoads" />
+              <q-btn dense no-caps outline icon="share" label="Generate roads"
+                  title="Replaces all nodes and roads of this floor by generated ones" @click="buildRoads" />
               <q-btn dense no-caps outline icon="delete" label="Remove this floor" @click="removeFloor" /></div>
           </template>
-          <findings-panel v-if="panel === 'findings'" :result="found" :refused="refused" :chosen="chosenFinding" :is-busy="isChecking" :radius="radius"
-                          :version="version" @check="check" @show="showFinding" @radius="radius = $event" @dismiss="refused = null"></findings-panel>
-          <paths-panel v-if="panel === 'paths'" :paths="paths" :ends="ends" :chosen="chosenPath" :is-busy="isPlanning" :is-on="tool === 'path'"
-                       @choose="choosePath" @start="startPath" @clear="clearPath"></paths-panel>
-          <files-panel v-show="panel === 'files'" :floor="current" :version="version" :underlay="underlay" @replace="replace" @underlay="setUnderlay"></files-panel>
+          <findings-panel v-if="panel === 'findings'" :result="found" :refused="refused" :chosen="chosenFinding"
+              :is-busy="isChecking" :radius="radius" :version="version" @check="check" @show="showFinding"
+              @radius="radius = $event" @dismiss="refused = null"></findings-panel>
+          <paths-panel v-if="panel === 'paths'" :paths="paths" :ends="ends" :chosen="chosenPath" :is-busy="isPlanning"
+              :is-on="tool === 'path'"
+              @choose="choosePath" @start="startPath" @clear="clearPath"></paths-panel>
+          <files-panel v-show="panel === 'files'" :floor="current" :version="version" :underlay="underlay"
+              @replace="replace" @underlay="setUnderlay"></files-panel>
           <edits-panel v-if="panel === 'edits'" :news="news"></edits-panel>
         </div>
       </aside>
     </div>`,
   data() {
     return {
-      tools: TOOLS, panels: PANELS, gridSteps: GRID_STEPS, alignments: ALIGNMENTS, sides: ["front", "back", "left", "right"],
+      tools: TOOLS, panels: PANELS, gridSteps: GRID_STEPS, alignments: ALIGNMENTS,
+      sides: ["front", "back", "left", "right"],
       doorKinds: ["opening", "hinged", "double_hinged", "sliding", "double_sliding"],
       floors: [], current: "", tool: "select", panel: "element", step: 0.25, forms: null, author: "", version: 0,
       options: { isMovable: false, isOneWay: false, doorKind: "sliding", side: "front" },
-      selected: [], records: [], shownRecord: null, note: "", formKey: 0, names: {}, undoable: "", redoable: "", news: [],
+      selected: [], records: [], shownRecord: null, note: "", formKey: 0, names: {}, undoable: "", redoable: "",
+      news: [],
       found: null, refused: null, chosenFinding: -1, isChecking: false, radius: 0.4, overlay: "connecting",
       paths: [], ends: [], chosenPath: "smoothed", isPlanning: false, underlay: null, message: { text: "" },
     };
@@ -126,7 +149,9 @@ export default {
     this.canvas.overlays.push(this.layer);
     this.unlisten = live.listen((kind, name) => this.receive(kind, name));
     this.listeners = {
-      keydown: (event) => this.hands.key(event), "robocorba-colors": () => this.canvas.redraw(), pagehide: () => this.session.close(),
+      keydown: (event) => this.hands.key(event),
+      "robocorba-colors": () => this.canvas.redraw(),
+      pagehide: () => this.session.close(),
     };
     for (const [name, listener] of Object.entries(this.listeners)) window.addEventListener(name, listener);
     this.loadForms();
@@ -145,7 +170,8 @@ export default {
 
     receive(kind, name) {
       if (kind === "connection") {
-        if (live.isConnected && (live.mapVersion !== this.session.version || this.session.problem)) this.session.refresh();
+        const isBehind = live.mapVersion !== this.session.version || this.session.problem;
+        if (live.isConnected && isBehind) this.session.refresh();
         this.updateOverlay();
       }
       if (kind === "connection" || (kind === "plan" && name === this.current)) this.showPlan();
@@ -173,14 +199,16 @@ export default {
     update() {
       const { session } = this;
       this.elements = this.layer.elements = session.elements;
-      Object.assign(this, { version: session.version, undoable: session.undoable, redoable: session.redoable, news: [...session.news] });
+      Object.assign(this, { version: session.version, undoable: session.undoable, redoable: session.redoable,
+        news: [...session.news] });
       if (session.whole && session.whole === session.version) this.undoable = "generated roads or an imported building";
       const floors = this.elements.of("floor").sort((a, b) => a.members.level - b.members.level);
       this.floors = floors.map((each) => each.name);
       if (this.floors.length && !this.floors.includes(this.current)) {
         this.show(this.floors.includes(this.wanted) ? this.wanted : this.floors[0]);
       }
-      this.names = Object.fromEntries(["floor", "node", "elevator"].map((kind) => [kind, this.elements.of(kind).map((each) => each.name)]));
+      const namesOf = (kind) => this.elements.of(kind).map((each) => each.name);
+      this.names = { floor: namesOf("floor"), node: namesOf("node"), elevator: namesOf("elevator") };
       this.updateOverlay();
       this.updateSelection();
     },
@@ -285,7 +313,7 @@ export default {
         answer = await this.commit(edits);
       }
       if (!answer?.version) return;
-      if (tool.name !== "outline") this.select([idOf(edits[edits.length - 1])]);
+      if (tool.name !== "outline") this.select(edits.map(idOf));
     },
     changeMembers(members) {
       this.commit([changeOf(this.shownRecord, members)]);
@@ -301,7 +329,8 @@ export default {
       const { edits, kept } = removeEdits(current(this.selected, this.elements));
       if (kept.length) {
         const names = kept.map((node) => node.name).join(", ");
-        this.say(`kept ${names}: elevator ${kept[0].members.elevator} stops there; remove the elevator, or clear the node's elevator first`, true);
+        const { elevator } = kept[0].members;
+        this.say(`kept ${names}: elevator ${elevator} stops there; remove it, or clear their elevator first`, true);
       }
       this.commit(edits);
     },
@@ -329,7 +358,8 @@ export default {
       const top = floors.reduce((best, each) => (best && best.level >= each.level ? best : each), null);
       this.elements.forgetNames();
       const members = {
-        name: this.elements.newName("floor"), level: (top?.level ?? 0) + 1, elevation: top ? top.elevation + top.height + 1 : 0,
+        name: this.elements.newName("floor"), level: (top?.level ?? 0) + 1,
+        elevation: top ? top.elevation + top.height + 1 : 0,
         outline: this.elements.get(`floor/${this.current}`)?.members.outline ?? [],
       };
       const answer = await this.commit([{ do: "create", kind: "floor", floor: "", name: members.name, members }]);
@@ -341,109 +371,11 @@ export default {
       if (answer?.version) this.say(`floor ${floor.name} is removed; undo brings it back`);
     },
     async buildRoads() {
-      if (await this.session.changeWhole("map_build_roads", { floor: this.current, radius: this.radius })) this.say("roads generated");
+      const isMade = await this.session.changeWhole("map_build_roads", { floor: this.current, radius: this.radius });
+      if (isMade) this.say("roads generated");
     },
 
-    // ---- findings ----
-
-    async check(isWhole) {
-      this.isChecking = true;
-      this.refused = null;
-      try {
-        this.found = await call("map_check", { floor: isWhole ? "" : this.current, radius: this.radius });
-        this.layer.findings = this.found.findings;
-        this.chosenFinding = this.layer.finding = -1;
-        this.canvas.redraw();
-      } catch (error) {
-        this.say(error.message, true);
-      } finally {
-        this.isChecking = false;
-      }
-    },
-    async showFinding(n) {
-      const finding = this.found.findings[n];
-      this.chosenFinding = this.layer.finding = n;
-      if (finding.floor !== this.current && this.floors.includes(finding.floor)) {
-        this.show(finding.floor);
-        await this.session.refresh(finding.floor);
-      }
-      this.canvas.centreOn(finding.x, finding.y);
-      this.select([idOf(finding)]);
-    },
-
-    // ---- paths ----
-
-    startPath() {
-      this.clearPath();
-      this.setTool("path");
-    },
-    clearPath() {
-      this.paths = [];
-      this.ends = [];
-      this.showPaths();
-    },
-    addPathEnd([x, y]) {
-      if (this.ends.length === 2) this.clearPath();
-      this.ends.push({ floor: this.current, x, y });
-      this.panel = "paths";
-      this.showPaths();
-      if (this.ends.length === 2) this.planPaths();
-    },
-    async planPaths() {
-      this.isPlanning = true;
-      const [start, goal] = this.ends;
-      try {
-        this.paths = await call("map_paths", { start, goal, radius: this.radius });
-        const best = this.paths.find((path) => path.points);
-        if (best) this.chosenPath = best.mode;
-      } catch (error) {
-        this.say(error.message, true);
-      } finally {
-        this.isPlanning = false;
-      }
-      this.showPaths();
-    },
-    choosePath(mode) {
-      this.chosenPath = mode;
-      this.showPaths();
-    },
-    showPaths() {
-      this.layer.ends = this.ends.map((end) => ({ ...end }));
-      const found = this.paths.filter((path) => path.points);
-      this.layer.paths = found.map((path) => ({ mode: path.mode, points: path.points, isChosen: path.mode === this.chosenPath }));
-      this.canvas.redraw();
-    },
-
-    // ---- files ----
-
-    async replace({ document, version }) {
-      if (await this.session.changeWhole("map_replace", { document, version })) this.say("the building is replaced; undo brings the old one back");
-    },
-    async loadUnderlay() {
-      const floor = this.current;
-      this.underlay = null;
-      this.canvas.underlay = null;
-      try {
-        const found = await call("map_underlay", { floor });
-        if (floor !== this.current || !found) return;
-        this.underlay = found;
-        const image = new Image();
-        image.src = `data:${found.picture.startsWith("iVBOR") ? "image/png" : "image/jpeg"};base64,${found.picture}`;
-        await image.decode();
-        if (floor === this.current) this.canvas.underlay = { image, x: found.x, y: found.y, resolution: found.resolution };
-        this.canvas.redraw();
-      } catch (error) {
-        this.say(`the picture below the floor can't be shown: ${error.message}`, true);
-      }
-    },
-    async setUnderlay(underlay) {
-      try {
-        await call("map_set_underlay", { floor: this.current, ...underlay });
-      } catch (error) {
-        this.say(error.message, true);
-      }
-      await this.loadUnderlay();
-      this.canvas.redraw();
-    },
+    ...planningMethods,
+    ...fileMethods,
   },
 };

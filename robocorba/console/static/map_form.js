@@ -17,7 +17,8 @@ const Members = {
         <fieldset v-if="member.type === 'variants'">
           <legend>{{ label(member) }}</legend>
           <label class="map-field"><span>kind</span>
-            <select :value="values[member.name].kind" aria-label="kind of shape" @change="set(member.name, newShape($event.target.value))">
+            <select :value="values[member.name].kind" aria-label="kind of shape"
+                @change="set(member.name, newShape($event.target.value))">
               <option v-for="(_, kind) in member.variants" :key="kind">{{ kind }}</option></select></label>
           <map-members :members="member.variants[values[member.name].kind]" :values="values[member.name]" :names="names"
                        @change="(name, value) => setIn(member.name, name, value)"></map-members>
@@ -36,31 +37,41 @@ const Members = {
           <legend>{{ label(member) }} <small>{{ member.unit }}</small></legend>
           <div v-for="(point, n) in values[member.name]" :key="n" class="map-point">
             <small>{{ n + 1 }}</small>
-            <input v-for="axis in [0, 1]" :key="axis" type="number" step="any" :value="point[axis]" :aria-label="label(member) + ' ' + (n + 1) + ' ' + 'xy'[axis]"
+            <input v-for="axis in [0, 1]" :key="axis" type="number" step="any" :value="point[axis]"
+                :aria-label="label(member) + ' ' + (n + 1) + ' ' + 'xy'[axis]"
                    @change="setPoint(member.name, n, axis, $event)">
-            <q-btn flat dense round size="sm" icon="delete" :aria-label="'Remove point ' + (n + 1)" @click="removePoint(member.name, n)" />
+            <q-btn flat dense round size="sm" icon="delete" :aria-label="'Remove point ' + (n + 1)"
+                @click="removePoint(member.name, n)" />
           </div>
           <small v-if="!values[member.name].length" class="map-none">none: draw it with the tool</small>
         </fieldset>
         <label v-else class="map-field">
           <span>{{ label(member) }} <small>{{ unit(member) }}</small></span>
           <span v-if="member.type === 'point'" class="map-pair">
-            <input v-for="axis in [0, 1]" :key="axis" type="number" step="any" :value="values[member.name][axis]" :aria-label="label(member) + ' ' + 'xy'[axis]"
+            <input v-for="axis in [0, 1]" :key="axis" type="number" step="any" :value="values[member.name][axis]"
+                :aria-label="label(member) + ' ' + 'xy'[axis]"
                    @change="setAxis(member.name, axis, $event)"></span>
-          <input v-else-if="member.type === 'boolean'" type="checkbox" :checked="values[member.name]" @change="set(member.name, $event.target.checked)">
-          <select v-else-if="choices(member)" :value="values[member.name]" @change="set(member.name, $event.target.value)">
-            <option v-for="choice in choices(member)" :key="choice" :value="choice">{{ choice || 'none' }}</option></select>
-          <input v-else-if="member.type === 'number' || member.type === 'integer'" type="number" :step="member.type === 'integer' ? 1 : 'any'"
+          <input v-else-if="member.type === 'boolean'" type="checkbox" :checked="values[member.name]"
+              @change="set(member.name, $event.target.checked)">
+          <select v-else-if="choices(member)" :value="values[member.name]"
+              @change="set(member.name, $event.target.value)">
+            <option v-for="choice in choices(member)" :key="choice"
+                :value="choice">{{ choice || 'none' }}</option></select>
+          <input v-else-if="member.type === 'number' || member.type === 'integer'" type="number"
+              :step="member.type === 'integer' ? 1 : 'any'"
                  :value="shownNumber(member)" @change="setNumber(member, $event)">
-          <input v-else-if="member.type === 'names'" type="text" :value="values[member.name].join(', ')" placeholder="names, with commas"
+          <input v-else-if="member.type === 'names'" type="text" :value="values[member.name].join(', ')"
+              placeholder="names, with commas"
                  @change="set(member.name, split($event.target.value))">
-          <input v-else type="text" maxlength="200" :value="values[member.name]" @change="set(member.name, $event.target.value)">
+          <input v-else type="text" maxlength="200" :value="values[member.name]"
+              @change="set(member.name, $event.target.value)">
         </label>
       </template>
     </div>`,
   computed: {
     shown() {
-      return this.members.filter((member) => !this.skip?.includes(member.name) && this.values[member.name] !== undefined);
+      return this.members.filter((member) => !this.skip?.includes(member.name)
+        && this.values[member.name] !== undefined);
     },
   },
   methods: {
@@ -133,7 +144,8 @@ export const MapForm = {
       <p v-if="note" class="map-note" role="alert">{{ note }}</p>
       <label class="map-field"><span>name</span>
         <input type="text" maxlength="200" :value="record.name" @change="rename($event)"></label>
-      <map-members :members="forms[record.kind]" :values="record.members" :names="names" :skip="['name']" @change="change"></map-members>
+      <map-members :members="forms[record.kind]" :values="record.members" :names="names" :skip="['name']"
+          @change="change"></map-members>
     </form>`,
   methods: {
     change(name, value) {

@@ -1,6 +1,6 @@
 // Pointer and keys on the map: drawing with a tool, selecting, moving and dragging handles.
 import { distance, handlesOf, idOf, rounded } from "/static/map_model.js";
-import { changeOf, current, moveEdits, toggled } from "/static/map_selection.js";
+import { changeOf, current, joinedEdits, moveEdits, toggled } from "/static/map_selection.js";
 import { onGrid, snap } from "/static/map_snap.js";
 import { closes, TOOLS } from "/static/map_tools.js";
 
@@ -66,7 +66,8 @@ export class MapHands {
 
   drawn(event, point) {
     if (this.page.toolDefinition.name === "path") {
-      const near = this.page.elements.of("node").find((node) => distance(node.members.at, point) < 10 / this.page.canvas.scale);
+      const near = this.page.elements.of("node").find((node) => distance(node.members.at,
+        point) < 10 / this.page.canvas.scale);
       return near ? { at: near.members.at, to: "node" } : { at: point.map(rounded), to: "" };
     }
     return this.snapped(event, point, { last: this.draft[this.draft.length - 1], own: this.draft });
@@ -113,7 +114,8 @@ export class MapHands {
     this.press.record = record;
     if (!record) {
       this.press.isFrame = true;
-    } else if (record.kind === "area" && !selected.includes(idOf(record)) && elements.gapToBorder(record, point) > reach) {
+    } else if (record.kind === "area" && !selected.includes(idOf(record)) && elements.gapToBorder(record,
+      point) > reach) {
       this.press.isFrame = true; // a drag within a room selects what is in it, a click the room
       this.press.under = record;
     } else if (event.shiftKey) {
@@ -147,11 +149,13 @@ export class MapHands {
     const skip = new Set(selected);
     if (press.handle) {
       const { at } = press.handle.isTurn ? { at: point } : this.snapped(event, point, { skip });
-      press.edits = [changeOf(press.record, press.handle.members(at))];
+      const joined = event.ctrlKey ? [] : joinedEdits(press.record, press.handle.at, at, elements);
+      press.edits = [changeOf(press.record, press.handle.members(at)), ...joined];
     } else if (press.record && !press.isShift) {
       const records = current(selected, elements);
       const [from] = elements.outline(press.record).points;
-      const to = this.snapped(event, [from[0] + point[0] - press.point[0], from[1] + point[1] - press.point[1]], { skip }).at;
+      const to = this.snapped(event, [from[0] + point[0] - press.point[0], from[1] + point[1] - press.point[1]],
+        { skip }).at;
       press.edits = moveEdits(records, [to[0] - from[0], to[1] - from[1]]);
     }
     layer.ghosts = press.edits ?? [];

@@ -55,6 +55,13 @@ export class MapLayer {
         context.fill();
         context.globalAlpha = 1;
       }
+      if (!dash.length) { // a halo, since movable objects are of a similar colour
+        context.strokeStyle = canvas.colors.ground;
+        context.lineWidth = canvas.px(width + 4);
+        context.stroke();
+        context.strokeStyle = canvas.colors.selected;
+        context.lineWidth = canvas.px(width);
+      }
       context.stroke();
     }
     context.setLineDash([]);
@@ -91,7 +98,8 @@ export class MapLayer {
         context.strokeRect(Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0));
       } else if (tool.name === "circle") {
         context.beginPath();
-        context.arc(points[0][0], points[0][1], Math.hypot(points[1][0] - points[0][0], points[1][1] - points[0][1]), 0, 7);
+        context.arc(points[0][0], points[0][1], Math.hypot(points[1][0] - points[0][0], points[1][1] - points[0][1]), 0,
+          7);
         context.stroke();
       } else {
         trace(context, points, ["polygon", "area", "outline"].includes(tool.name));
@@ -144,7 +152,8 @@ export class MapLayer {
       context.setLineDash(style.dash.map((pixels) => canvas.px(pixels)));
       path.points.forEach((point, n) => {
         const before = path.points[n - 1];
-        if (before && before.floor === floor && point.floor === floor) line(context, [before.x, before.y], [point.x, point.y]);
+        if (before && before.floor === floor && point.floor === floor) line(context, [before.x, before.y], [point.x,
+          point.y]);
       });
     }
     context.setLineDash([]);

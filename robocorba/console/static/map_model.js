@@ -1,7 +1,8 @@
 // The elements of a floor as the map page edits them: {kind, floor, name, version, members}, their shapes and handles.
 
 // What a new name of each kind begins with.
-const PREFIXES = { wall: "w", object: "item ", door: "d", area: "room ", node: "n", elevator: "E", floor: "L", edge: "e" };
+const PREFIXES = { wall: "w", object: "item ", door: "d", area: "room ", node: "n", elevator: "E", floor: "L",
+  edge: "e" };
 const CIRCLE_POINTS = 32;
 export const MOVABLE_KINDS = ["wall", "object", "door", "area", "node", "elevator"];
 
@@ -141,7 +142,8 @@ export function handlesOf({ kind, members }) {
     return result;
   };
   if (kind === "wall" || kind === "door") {
-    return ["from", "to"].map((end) => ({ at: members[end], members: with_((result, point) => (result[end] = point)) }));
+    return ["from", "to"].map((end) => ({ at: members[end], members: with_((result,
+      point) => (result[end] = point)) }));
   }
   if (kind === "area" || kind === "floor") {
     const key = kind === "area" ? "polygon" : "outline";

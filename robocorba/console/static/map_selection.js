@@ -1,5 +1,5 @@
 // What is done with selected elements: edits that move, turn, align, duplicate and remove them.
-import { copyOf, idOf, moved } from "/static/map_model.js";
+import { copyOf, distance, idOf, moved } from "/static/map_model.js";
 
 export const ALIGNMENTS = [
   { name: "left", icon: "align_horizontal_left" }, { name: "centre", icon: "align_horizontal_center" },
@@ -12,6 +12,15 @@ export const changeOf = (record, members) => ({ ...record, do: "change", members
 export function moveEdits(records, delta) {
   const pairs = records.map((record) => [record, moved(record, delta)]);
   return pairs.filter(([, members]) => members).map(([record, members]) => changeOf(record, members));
+}
+
+// The edits that take the ends of other walls along when a wall's end is dragged from a point to another.
+export function joinedEdits(record, from, to, elements) {
+  if (record.kind !== "wall") return [];
+  return elements.of("wall").filter((wall) => wall.name !== record.name).flatMap((wall) => {
+    const ends = ["from", "to"].filter((end) => distance(wall.members[end], from) < 1e-3);
+    return ends.slice(0, 1).map((end) => changeOf(wall, { ...copyOf(wall.members), [end]: to }));
+  });
 }
 
 export function alignEdits(records, elements, how) {
@@ -38,7 +47,8 @@ export function duplicateEdits(records, elements, step) {
   const nodes = records.filter((record) => record.kind === "node");
   for (const node of nodes) names.set(node.name, elements.newName("node"));
   const copies = records.filter((record) => record.kind !== "edge" && record.kind !== "floor").map((record) => {
-    const name = names.get(record.name) && record.kind === "node" ? names.get(record.name) : elements.newName(record.kind);
+    const name = names.get(record.name) && record.kind === "node" ? names.get(record.name)
+      : elements.newName(record.kind);
     const members = { ...moved(record, delta), name };
     if (record.kind === "node") members.elevator = "";
     return { do: "create", kind: record.kind, floor: record.floor, name, members };
@@ -47,7 +57,8 @@ export function duplicateEdits(records, elements, step) {
   for (const edge of edges) {
     const [from, to] = [names.get(edge.members.from), names.get(edge.members.to)];
     const name = elements.newName("edge", `${from}-${to}`);
-    copies.push({ do: "create", kind: "edge", floor: edge.floor, name, members: { ...copyOf(edge.members), name, from, to } });
+    copies.push({ do: "create", kind: "edge", floor: edge.floor, name, members: { ...copyOf(edge.members), name, from,
+      to } });
   }
   return copies;
 }

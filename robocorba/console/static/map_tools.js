@@ -1,22 +1,37 @@
 // The drawing tools of the map page. A tool collects points and turns them into edits; it stays on until Escape.
 import { distance, rounded } from "/static/map_model.js";
 
-// points: how many make an element: [least, most]; most Infinity: until Enter, a double click, or the first point again.
+// points: how many make an element: [least, most]; most Infinity: until Enter, a double click, or the first point
+// again.
 export const TOOLS = [
-  { name: "select", title: "Select", icon: "near_me", key: "v", help: "click, Shift for several, drag a frame; drag to move" },
-  { name: "pan", title: "Pan", icon: "pan_tool", key: "h", help: "drag the map; the right mouse button does so with every tool" },
-  { name: "room", title: "Room", icon: "crop_square", key: "r", points: [2, 2], kind: "wall", help: "two opposite corners make four walls" },
-  { name: "wall", title: "Wall", icon: "timeline", key: "w", points: [2, Infinity], kind: "wall", help: "click corner by corner; Enter or a double click ends, Backspace takes a corner back" },
-  { name: "door", title: "Door", icon: "door_front", key: "d", points: [2, 2], kind: "door", help: "two points on a wall" },
-  { name: "box", title: "Box", icon: "check_box_outline_blank", key: "b", points: [2, 2], kind: "object", help: "two opposite corners" },
-  { name: "circle", title: "Circle", icon: "radio_button_unchecked", key: "c", points: [2, 2], kind: "object", help: "the middle, then the rim" },
-  { name: "polygon", title: "Polygon", icon: "pentagon", key: "p", points: [3, Infinity], kind: "object", help: "corner by corner; Enter, a double click or the first corner ends" },
-  { name: "area", title: "Area", icon: "layers", key: "a", points: [3, Infinity], kind: "area", help: "corner by corner; Enter, a double click or the first corner ends" },
-  { name: "node", title: "Node", icon: "place", key: "n", points: [1, 1], kind: "node", help: "a click places a node of the roads" },
-  { name: "edge", title: "Road", icon: "share", key: "e", points: [2, Infinity], kind: "edge", help: "node by node; a click beside makes a node; Enter or a double click ends" },
-  { name: "elevator", title: "Elevator", icon: "elevator", key: "l", points: [1, 1], kind: "elevator", help: "a click places an elevator with a door on each floor" },
-  { name: "outline", title: "Outline", icon: "polyline", key: "o", points: [3, Infinity], kind: "floor", help: "the floor's border, corner by corner; Enter or a double click ends" },
-  { name: "path", title: "Path", icon: "route", key: "t", points: [2, 2], help: "start and goal, also on different floors; all modes are planned" },
+  { name: "select", title: "Select", icon: "near_me", key: "v",
+    help: "click, Shift for several, drag a frame; drag to move; Ctrl parts joined walls" },
+  { name: "pan", title: "Pan", icon: "pan_tool", key: "h",
+    help: "drag the map; the right mouse button does so with every tool" },
+  { name: "room", title: "Room", icon: "crop_square", key: "r", points: [2, 2], kind: "wall",
+    help: "two opposite corners make four walls" },
+  { name: "wall", title: "Wall", icon: "timeline", key: "w", points: [2, Infinity], kind: "wall",
+    help: "click corner by corner; Enter or a double click ends, Backspace takes a corner back" },
+  { name: "door", title: "Door", icon: "door_front", key: "d", points: [2, 2], kind: "door",
+    help: "two points on a wall" },
+  { name: "box", title: "Box", icon: "check_box_outline_blank", key: "b", points: [2, 2], kind: "object",
+    help: "two opposite corners" },
+  { name: "circle", title: "Circle", icon: "radio_button_unchecked", key: "c", points: [2, 2], kind: "object",
+    help: "the middle, then the rim" },
+  { name: "polygon", title: "Polygon", icon: "pentagon", key: "p", points: [3, Infinity], kind: "object",
+    help: "corner by corner; Enter, a double click or the first corner ends" },
+  { name: "area", title: "Area", icon: "layers", key: "a", points: [3, Infinity], kind: "area",
+    help: "corner by corner; Enter, a double click or the first corner ends" },
+  { name: "node", title: "Node", icon: "place", key: "n", points: [1, 1], kind: "node",
+    help: "a click places a node of the roads" },
+  { name: "edge", title: "Road", icon: "share", key: "e", points: [2, Infinity], kind: "edge",
+    help: "node by node; a click beside makes a node; Enter or a double click ends" },
+  { name: "elevator", title: "Elevator", icon: "elevator", key: "l", points: [1, 1], kind: "elevator",
+    help: "a click places an elevator with a door on each floor" },
+  { name: "outline", title: "Outline", icon: "polyline", key: "o", points: [3, Infinity], kind: "floor",
+    help: "the floor's border, corner by corner; Enter or a double click ends" },
+  { name: "path", title: "Path", icon: "route", key: "t", points: [2, 2],
+    help: "start and goal, also on different floors; all modes are planned" },
 ];
 
 export const toolOf = (name) => TOOLS.find((tool) => tool.name === name);
@@ -25,7 +40,8 @@ export const toolOf = (name) => TOOLS.find((tool) => tool.name === name);
 export function closes(tool, points, point) {
   if (tool.points[1] !== Infinity || points.length < tool.points[0]) return false;
   const isAgain = (other) => distance(other, point) < 1e-6;
-  return isAgain(points[points.length - 1]) || (["polygon", "area", "outline"].includes(tool.name) && isAgain(points[0]));
+  return isAgain(points[points.length - 1]) || (["polygon", "area", "outline"].includes(tool.name)
+    && isAgain(points[0]));
 }
 
 // The edits that make elements of the points that were drawn; empty if they are none. options: of the page's tool bar.

@@ -8,7 +8,8 @@ export const MissionGantt = {
   template: `
     <div class="gantt" role="table" :aria-label="'Phases of ' + mission.name">
       <div class="gantt-row gantt-axis" role="row"><span role="columnheader">phase</span>
-        <span class="gantt-chart" role="columnheader"><i v-for="tick in ticks" :style="{ left: tick.left }">{{ tick.text }}</i></span>
+        <span class="gantt-chart" role="columnheader"><i v-for="tick in ticks"
+            :style="{ left: tick.left }">{{ tick.text }}</i></span>
         <span role="columnheader">waits for</span></div>
       <div v-for="(phase, n) in rows" :key="n" class="gantt-row" :class="{ 'is-running': phase.isRunning }" role="row">
         <span class="gantt-name" role="cell" :title="phase.name">{{ phase.name }}</span>
@@ -35,7 +36,8 @@ export const MissionGantt = {
     ticks() {
       const step = [1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600].find((each) => this.length / each <= 6) ?? 7200;
       const count = Math.floor(this.length / step) + 1;
-      return Array.from({ length: Math.min(count, 20) }, (_, n) => ({ left: this.percent(n * step), text: `${n * step} s` }));
+      return Array.from({ length: Math.min(count, 20) }, (_, n) => ({ left: this.percent(n * step),
+        text: `${n * step} s` }));
     },
     rows() {
       return this.mission.phases.map((phase) => this.row(phase));
@@ -54,19 +56,24 @@ export const MissionGantt = {
       const to = (phase.ended || this.mission.ended || this.now) - this.begun;
       const seconds = `${(to - from).toFixed(1)} s`;
       const waited = phase.waited_for ? `${phase.waited_for} (${seconds})` : seconds;
-      const words = `${phase.name}: from ${from.toFixed(1)} s, ${seconds}${phase.waited_for ? `, waits for ${phase.waited_for}` : ""}`;
-      return { name: phase.name, isRunning, waited, words, bar: this.span(from, to), lanes: this.lanes(phase, from, to) };
+      const words = `${phase.name}: from ${from.toFixed(1)} s, ${seconds}${phase.waited_for ? `,
+        waits for ${phase.waited_for}` : ""}`;
+      return { name: phase.name, isRunning, waited, words, bar: this.span(from, to), lanes: this.lanes(phase, from,
+        to) };
     },
     lanes(phase, from, to) {
       // The report counts from its own beginning, which is after the mission's.
       const shift = this.report?.began ? this.report.began - this.begun : 0;
-      const known = this.report?.phases?.find(({ name, began_s }) => name === phase.name && Math.abs(began_s + shift - from) < SAME_S);
+      const known = this.report?.phases?.find(({ name, began_s }) => name === phase.name && Math.abs(began_s
+        + shift - from) < SAME_S);
       if (!known) return [];
       return Object.entries(known.started_s).sort().map(([robot, started_s]) => {
         const started = Math.max(started_s + shift, from);
         const done = robot in known.done_s ? known.done_s[robot] + shift : to;
-        const words = `${robot}: ${started.toFixed(1)} to ${done.toFixed(1)} s, then waits ${Math.max(to - done, 0).toFixed(1)} s`;
-        return { robot, words, work: this.span(started, done), wait: this.span(done, to), labelLeft: this.percent(from) };
+        const waits = Math.max(to - done, 0).toFixed(1);
+        const words = `${robot}: ${started.toFixed(1)} to ${done.toFixed(1)} s, then waits ${waits} s`;
+        return { robot, words, work: this.span(started, done), wait: this.span(done, to),
+          labelLeft: this.percent(from) };
       });
     },
   },

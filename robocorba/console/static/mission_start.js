@@ -16,34 +16,50 @@ export const MissionStart = {
   template: `
     <form class="mission-start" @submit.prevent="start" aria-label="Start a mission">
       <h2 class="console-heading">Start a mission</h2>
-      <label class="map-field"><span>kind</span><select v-model="kind"><option v-for="each in kinds" :key="each" :value="each">{{ titles[each] ?? each }}</option></select></label>
+      <label class="map-field"><span>kind</span><select v-model="kind"><option v-for="each in kinds" :key="each"
+          :value="each">{{ titles[each] ?? each }}</option></select></label>
       <label class="map-field"><span>leader</span><select v-model="leader">
-        <option value="" disabled>{{ leaders === null ? 'asking the robots' : leaders.length ? 'choose a robot' : 'no robots' }}</option>
-        <option v-for="each in leaders ?? []" :key="each.robot" :value="each.robot" :disabled="!each.free">{{ each.robot }}{{ each.free ? '' : ' (' + each.why + ')' }}</option></select></label>
+        <option value=""
+            disabled>{{ leaders === null ? 'asking the robots' : leaders.length ? 'choose a robot' : 'no robots'
+              }}</option>
+        <option v-for="each in leaders ?? []" :key="each.robot" :value="each.robot"
+            :disabled="!each.free">{{ each.robot }}{{ each.free ? '' : ' (' + each.why + ')'
+              }}</option></select></label>
       <template v-for="parameter in parameters" :key="parameter.name">
-        <label v-if="isRobot(parameter)" class="map-field"><span>{{ parameter.name }}{{ parameter.isRequired ? '' : ' (optional)' }}</span>
-          <select v-model="values[parameter.name]"><option value="">{{ parameter.isRequired ? 'choose a robot' : 'the leader' }}</option>
+        <label v-if="isRobot(parameter)"
+            class="map-field"><span>{{ parameter.name }}{{ parameter.isRequired ? '' : ' (optional)' }}</span>
+          <select v-model="values[parameter.name]"><option
+              value="">{{ parameter.isRequired ? 'choose a robot' : 'the leader' }}</option>
             <option v-for="each in leaders ?? []" :key="each.robot">{{ each.robot }}</option></select></label>
         <label v-else-if="isObject(parameter)" class="map-field"><span>object</span>
           <select v-model="values[parameter.name]" @change="showObject(values[parameter.name])">
-            <option value="" disabled>{{ objects.length ? 'choose an object' : 'no movable objects on the map' }}</option>
-            <option v-for="each in objects" :key="each.floor + each.name" :value="each.name">{{ each.name }} ({{ each.floor }})</option></select></label>
+            <option value=""
+                disabled>{{ objects.length ? 'choose an object' : 'no movable objects on the map' }}</option>
+            <option v-for="each in objects" :key="each.floor + each.name"
+                :value="each.name">{{ each.name }} ({{ each.floor }})</option></select></label>
         <template v-else-if="isPlace(parameter)">
           <p class="map-none">Target: click on the map; drag to turn.</p>
-          <label class="map-field"><span>floor</span><select v-model="target.floor" @change="show"><option v-for="floor in floors" :key="floor">{{ floor }}</option></select></label>
-          <div class="mission-map"><canvas ref="canvas" tabindex="0" aria-label="Target on the map; the fields below hold it, too"></canvas></div>
-          <div class="mission-pose"><label v-for="[key, title, step] in pose" :key="key">{{ title }} <input type="number" :step="step" :value="shown(key)" @change="setPose(key, $event.target)"></label></div>
+          <label class="map-field"><span>floor</span><select v-model="target.floor" @change="show"><option
+              v-for="floor in floors" :key="floor">{{ floor }}</option></select></label>
+          <div class="mission-map"><canvas ref="canvas" tabindex="0"
+              aria-label="Target on the map; the fields below hold it, too"></canvas></div>
+          <div class="mission-pose"><label v-for="[key, title, step] in pose" :key="key">{{ title }} <input
+              type="number" :step="step" :value="shown(key)" @change="setPose(key, $event.target)"></label></div>
         </template>
-        <label v-else class="map-field"><span>{{ parameter.name }}</span><input v-model="values[parameter.name]" maxlength="200"></label>
+        <label v-else class="map-field"><span>{{ parameter.name }}</span><input v-model="values[parameter.name]"
+            maxlength="200"></label>
       </template>
       <p v-if="problem" class="map-note" role="alert">{{ problem }}</p>
-      <div class="console-actions"><q-btn dense no-caps color="primary" icon="play_arrow" label="Start" type="submit" :loading="isStarting" :disable="Boolean(missing)" />
+      <div class="console-actions"><q-btn dense no-caps color="primary" icon="play_arrow" label="Start" type="submit"
+          :loading="isStarting" :disable="Boolean(missing)" />
         <span class="map-none">{{ missing }}</span></div>
     </form>`,
   data() {
     return {
-      kinds: [], titles: TITLES, kind: "", leader: "", leaders: null, values: {}, objects: [], floors: [], parameters: [],
-      target: { floor: "", x: null, y: null, heading: 0 }, pose: [["x", "x m", 0.05], ["y", "y m", 0.05], ["heading", "heading \u00b0", 15]],
+      kinds: [], titles: TITLES, kind: "", leader: "", leaders: null, values: {}, objects: [], floors: [],
+        parameters: [],
+      target: { floor: "", x: null, y: null, heading: 0 }, pose: [["x", "x m", 0.05], ["y", "y m", 0.05], ["heading",
+        "heading \u00b0", 15]],
       problem: "", isStarting: false,
     };
   },
@@ -53,7 +69,8 @@ export const MissionStart = {
       if (!this.leader) return "choose a leader";
       for (const parameter of this.parameters) {
         if (this.isPlace(parameter) && this.target.x === null) return "pick a target on the map";
-        if (!this.isPlace(parameter) && parameter.isRequired && !this.values[parameter.name]) return `choose: ${parameter.name}`;
+        if (!this.isPlace(parameter) && parameter.isRequired
+          && !this.values[parameter.name]) return `choose: ${parameter.name}`;
       }
       return "";
     },
@@ -151,7 +168,8 @@ export const MissionStart = {
         this.press = [event.clientX, event.clientY];
         this.target.x = Math.round(point[0] * 20) / 20;
         this.target.y = Math.round(point[1] * 20) / 20;
-      } else if (kind === "move" && this.press && Math.hypot(event.clientX - this.press[0], event.clientY - this.press[1]) > TURN_PX) {
+      } else if (kind === "move" && this.press && Math.hypot(event.clientX - this.press[0],
+        event.clientY - this.press[1]) > TURN_PX) {
         const angle = Math.atan2(point[1] - this.target.y, point[0] - this.target.x);
         this.target.heading = (Math.round((angle * 12) / Math.PI) * Math.PI) / 12;
       } else if (kind === "up" || kind === "cancel") this.press = null;
@@ -225,8 +243,12 @@ export const MissionStart = {
 // have is FLOOR/NAME. A line has no mass.
 function movables(floors) {
   const isMovable = ({ movable, polygon }) => movable && polygon.length > 2;
-  const found = floors.flatMap((floor) => (live.plan(floor)?.objects ?? []).filter(isMovable).map((object) => ({ ...object, floor })));
+  const found = floors.flatMap((floor) => {
+    const objects = live.plan(floor)?.objects ?? [];
+    return objects.filter(isMovable).map((object) => ({ ...object, floor }));
+  });
   const count = new Map();
   for (const { name } of found) count.set(name, (count.get(name) ?? 0) + 1);
-  return found.map((object) => ({ ...object, name: count.get(object.name) > 1 ? `${object.floor}/${object.name}` : object.name }));
+  return found.map((object) => ({ ...object, name: count.get(object.name) > 1 ? `${object.floor}/${object.name}`
+    : object.name }));
 }

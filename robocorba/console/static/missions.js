@@ -16,27 +16,34 @@ export default {
       <section class="missions-main">
         <div class="missions-list">
           <table class="console-table">
-            <thead><tr><th>State</th><th>Mission</th><th>Object</th><th>Leader</th><th>Phase</th><th>Begun</th><th>Took</th></tr></thead>
+            <thead><tr><th>State</th><th>Mission</th><th>Object</th><th>Leader</th><th>Phase</th>
+              <th>Begun</th><th>Took</th></tr></thead>
             <tbody>
-              <tr v-for="row in rows" :key="row.name" tabindex="0" :aria-selected="row.name === selected" :class="'is-' + row.state"
+              <tr v-for="row in rows" :key="row.name" tabindex="0" :aria-selected="row.name === selected"
+                  :class="'is-' + row.state"
                   @click="select(row.name)" @keydown.enter="select(row.name)" @keydown.space.prevent="select(row.name)">
                 <td><span class="mission-state" :class="'is-' + row.state">{{ row.sign }} {{ row.state }}</span></td>
-                <td :title="row.name">{{ row.name }}</td><td :title="row.about">{{ row.about }}</td><td :title="row.leader">{{ row.leader }}</td>
+                <td :title="row.name">{{ row.name }}</td><td :title="row.about">{{ row.about }}</td><td
+                    :title="row.leader">{{ row.leader }}</td>
                 <td :title="row.phase">{{ row.phase }}</td><td>{{ row.begunText }}</td><td>{{ row.took }}</td></tr>
             </tbody>
           </table>
           <p v-if="!rows.length" class="console-message">{{ empty }}</p>
-          <p v-else-if="problem" class="map-note" role="alert">{{ problem }}; the missions are shown as they were last known</p>
+          <p v-else-if="problem" class="map-note"
+              role="alert">{{ problem }}; the missions are shown as they were last known</p>
         </div>
         <div v-if="mission" class="missions-detail" :aria-label="'Mission ' + mission.name">
-          <h2 class="missions-title" :title="mission.name"><span>{{ mission.kind.replaceAll('_', ' ') }} {{ mission.about }}</span>
+          <h2 class="missions-title"
+              :title="mission.name"><span>{{ mission.kind.replaceAll('_', ' ') }} {{ mission.about }}</span>
             <small class="mission-state" :class="'is-' + chosen.state">{{ chosen.sign }} {{ chosen.state }}</small></h2>
           <p v-if="mission.reason" class="missions-reason">{{ mission.reason }}</p>
           <p v-if="notes[mission.name]" class="map-note" role="alert">{{ notes[mission.name] }}</p>
           <div class="console-actions">
-            <q-btn v-if="mission.result === 'running'" dense no-caps color="negative" icon="stop" :disable="chosen.state === 'aborting'"
+            <q-btn v-if="mission.result === 'running'" dense no-caps color="negative" icon="stop"
+                :disable="chosen.state === 'aborting'"
                    :label="chosen.state === 'aborting' ? 'Aborting' : 'Abort'" :loading="isOrdering" @click="abort" />
-            <q-btn v-if="mission.result !== 'running'" dense no-caps outline icon="summarize" :label="isReportShown ? 'Hide report' : 'Report'"
+            <q-btn v-if="mission.result !== 'running'" dense no-caps outline icon="summarize"
+                :label="isReportShown ? 'Hide report' : 'Report'"
                    :aria-expanded="isReportShown" @click="isReportShown = !isReportShown" />
             <span class="missions-members">{{ memberText }}</span></div>
           <mission-gantt v-if="mission.phases.length" :mission="mission" :report="report" :now="now"></mission-gantt>
@@ -48,11 +55,13 @@ export default {
           </template>
         </div>
       </section>
-      <aside class="console-side" aria-label="Start a mission"><mission-start @started="started"></mission-start></aside>
+      <aside class="console-side" aria-label="Start a mission"><mission-start
+          @started="started"></mission-start></aside>
     </div>`,
   data() {
     return {
-      rows: [], selected: "", mission: null, now: 0, problem: "", empty: "connecting", aborting: {}, notes: {}, isOrdering: false,
+      rows: [], selected: "", mission: null, now: 0, problem: "", empty: "connecting", aborting: {}, notes: {},
+        isOrdering: false,
       report: null, reportProblem: "", isReportShown: false,
     };
   },
@@ -63,7 +72,8 @@ export default {
     memberText() {
       const { members, leader } = this.mission;
       if (!members.length) return this.mission.ended ? `led by ${leader}` : `led by ${leader}; looking for robots`;
-      return members.map(({ robot, role }) => `${robot}${robot === leader ? " leads" : ""}${role ? ` (${role})` : ""}`).join(", ");
+      return members.map(({ robot,
+        role }) => `${robot}${robot === leader ? " leads" : ""}${role ? ` (${role})` : ""}`).join(", ");
     },
   },
   mounted() {
@@ -88,10 +98,12 @@ export default {
       known.sort((a, b) => (a.result === "running" ? 0 : 1) - (b.result === "running" ? 0 : 1) || b.begun - a.begun);
       this.rows = known.map((mission) => this.rowOf(mission));
       if (!live.isConnected) this.empty = "the console does not answer; reconnecting";
-      else if (live.missionsKnown) this.empty = this.problem || "No missions yet. Start one beside: robots then work together, such as carry a table.";
+      else if (live.missionsKnown) this.empty = this.problem
+        || "No missions yet. Start one beside: robots then work together, such as carry a table.";
       else this.empty = this.problem || "loading the missions";
       const mission = live.missions.get(this.selected);
-      const hasEnded = this.mission?.name === mission?.name && this.mission?.result === "running" && mission?.result !== "running";
+      const hasEnded = this.mission?.name === mission?.name && this.mission?.result === "running"
+        && mission?.result !== "running";
       this.mission = mission ?? null;
       if (hasEnded) this.loadReport();
       if (!this.selected && this.rows.length) this.select(this.rows[0].name);
@@ -100,8 +112,10 @@ export default {
       const isRunning = mission.result === "running";
       const state = isRunning && this.aborting[mission.name] ? "aborting" : mission.result;
       const last = mission.phases[mission.phases.length - 1];
-      const of = mission.phases_in_all ? ` (${mission.phases.length} of ${Math.max(mission.phases_in_all, mission.phases.length)})` : "";
-      const phase = isRunning && last ? `${last.name}${of}${last.waited_for ? `, waits for ${last.waited_for}` : ""}` : mission.reason || last?.name || "";
+      const of = mission.phases_in_all
+        ? ` (${mission.phases.length} of ${Math.max(mission.phases_in_all, mission.phases.length)})` : "";
+      const phase = isRunning && last ? `${last.name}${of}${last.waited_for ? `, waits for ${last.waited_for}` : ""}`
+        : mission.reason || last?.name || "";
       const begun = new Date(mission.begun * 1000);
       const isToday = begun.toDateString() === new Date().toDateString();
       const took = (mission.ended || this.now) - mission.begun;
@@ -163,5 +177,6 @@ export default {
 function duration(seconds) {
   if (seconds < 100) return `${Math.max(seconds, 0).toFixed(0)} s`;
   const minutes = Math.floor(seconds / 60);
-  return minutes < 100 ? `${minutes} min ${Math.floor(seconds % 60)} s` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
+  return minutes < 100 ? `${minutes} min ${Math.floor(seconds % 60)} s`
+    : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
