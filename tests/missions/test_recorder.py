@@ -188,7 +188,7 @@ def test_a_failure_ends_its_phase_and_the_mission_safely(kept: Kept) -> None:
 @pytest.mark.parametrize(
     ("end", "result"),
     [
-        (lambda led: led.end(report("failed", "somebody ended it"), True), MissionResult.ABORTED),
+        (lambda led: led.end(report("failed", "it was aborted"), True), MissionResult.ABORTED),
         (lambda led: led.end(report("done"), True), MissionResult.DONE),
         (lambda led: led.end(report("done"), False), MissionResult.DONE),
         (lambda led: led.fail("there is no object 'sofa'"), MissionResult.FAILED),
