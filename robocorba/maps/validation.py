@@ -84,14 +84,14 @@ def check_change(after: Building, touched: Iterable[tuple[ElementKind, str, str]
 def change_problems(
     after: Building, touched: Iterable[tuple[ElementKind, str, str]], before: Building, limit: int
 ) -> list[InvalidElement]:
-    """The first `limit` broken rules of which check_change raises the first. Each touched element alone is valid."""
+    """At most `limit` broken rules, by kind, floor and name. Each touched element alone is valid."""
     found = (each for each in _changed(after, _by_floor(touched), before) if isinstance(each, InvalidElement))
     unique: dict[str, InvalidElement] = {}
     for problem in found:
         unique.setdefault(str(problem), problem)
         if len(unique) == limit:
             break
-    return list(unique.values())
+    return sorted(unique.values(), key=lambda problem: (problem.kind, problem.floor, problem.name))
 
 
 def _element_violations(building: Building) -> Iterator[InvalidElement]:
