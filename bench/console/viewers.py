@@ -2,7 +2,7 @@
 
 python -m bench.console.viewers [--seconds S] [--robots N] [--viewers N]
 
-It needs Chromium, which draws without a graphics card. The delay is from the step of the simulation to the picture."""
+It needs Chromium, which draws without a graphics card, and keeps a picture of each page. The delay is from the step of the simulation to the picture."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from robocorba.supervision.folder import StateFolder
 from robocorba.testing.generated_buildings import office, saved_office
 from robocorba.testing.generated_buildings import robots as robots_in
 from robocorba.testing.json_process import Cpu, ProcessFailed, pids_of
-from robocorba.testing.report import PROGRESS, at_least, at_most, bars, quantile, summarize
+from robocorba.testing.report import PROGRESS, RESULTS, at_least, at_most, bars, quantile, summarize
 
 NAME, FLOOR = "console_viewers", "L1"
 LASERS, ARMS = 8, 3
@@ -168,12 +168,14 @@ def in_browser(address: str, pid: int, clock: Clock, seconds: float, browser: st
         monitor = measured(clock, pid, seconds)
         drawn = page.evaluate("() => window.drawn")
         delays = [at / 1e3 - wall for (at, _), wall in zip(drawn, clock.at([t for _, t in drawn]), strict=True)]
+        page.screenshot(path=RESULTS / "console_monitor.png")
         page.set_viewport_size(SCENE_SIZE)  # type: ignore[arg-type]
         page.goto(f"http://{address}/3d")
         page.wait_for_timeout(2 * SETTLE_S * 1e3)
         before, began = page.evaluate(_PICTURES), time.monotonic()
         scene = measured(clock, pid, seconds)
         pictures = (page.evaluate(_PICTURES) - before) / (time.monotonic() - began)
+        page.screenshot(path=RESULTS / "console_3d.png")
         chromium.close()
     return (
         {"viewers": "monitor", "updates/s": len(drawn) / seconds, "p95 ms": 1e3 * quantile(delays, 0.95), **monitor},
@@ -231,7 +233,7 @@ def measure(seconds: float = 20.0, robots: int = 50, viewers: int = 8) -> bool:
             rows += [monitor, scene]
             marks += [
                 at_least("updates of the monitor each second", monitor["updates/s"], 20.0),
-                at_most("from the simulation to the picture, p95 [ms]", monitor["p95 ms"], 150.0),
+                at_most("from the simulation to the picture, p95 in ms", monitor["p95 ms"], 150.0),
                 at_most("console with one monitor, share of a core", monitor["console cores"], 0.15),
                 at_least("pictures of the 3D page each second, 1000 x 650", scene["updates/s"], 15.0),
             ]
