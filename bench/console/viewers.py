@@ -2,7 +2,8 @@
 
 python -m bench.console.viewers [--seconds S] [--robots N] [--viewers N]
 
-It needs Chromium, which draws without a graphics card, and keeps a picture of each page. The delay is from the step of the simulation to the picture."""
+It needs Chromium, which draws without a graphics card, and keeps a picture of each page. The delay is from the step of
+the simulation to the picture."""
 
 from __future__ import annotations
 
