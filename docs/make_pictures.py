@@ -47,7 +47,7 @@ class View(NamedTuple):
 #: A call of one of the console's operations.
 _CALL = """async (name, given) => (await fetch("/call/" + name, {method: "POST", body: JSON.stringify(given),
     headers: {"Content-Type": "application/json"}})).json()"""
-_PROGRAM = """(x, y) => ({format: 1, name: "patrol", robot: "SmartPal", icons: [{icon: "repeat", count: 50, icons: [
+_PROGRAM = """(x, y) => JSON.stringify({format: 1, name: "patrol", robot: "SmartPal", icons: [{icon: "repeat", times: 50, icons: [
     {icon: "mhand_posture", hand: "both", posture: "reach"}, {icon: "mbase_path", floor: "L1", x, y: y, speed: 0.4},
     {icon: "mhand_posture", hand: "both", posture: "tuck"}, {icon: "mbase_path", floor: "L1", x: 6, y: 13.5}]}]})"""
 _PATROL = f"""async () => {{ const call = {_CALL}, program = {_PROGRAM};
@@ -62,7 +62,7 @@ _OPEN = """() => { const choice = document.querySelector("select.program-example
     choice.value = "example fetch"; choice.dispatchEvent(new Event("change")); }"""
 VIEWS = {
     "monitor": View("", _PATROL, f"() => ({_CLICK})('B')", 4000),
-    "3d": View("3d?robot=B"),
+    "3d": View("3d?robot=B", settled_ms=SETTLED_MS),
     "map": View("map"),
     "missions": View("missions", _CARRY, f"() => ({_CLICK})('cafe-table-1')", 40_000),
     "program": View("program", select=_OPEN),

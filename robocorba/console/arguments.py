@@ -15,11 +15,29 @@ class InvalidArguments(RoboCorbaError):
     """Arguments that the operation does not have, that it misses, or with impossible values."""
 
 
+def check_type(name: str, value: Any, wanted: object) -> None:
+    """Raises InvalidArguments unless a value has the type of the parameter `name`; other types than JSON's simple ones
+    are left to the operation."""
+    if wanted is str and not _is_text(value):
+        raise InvalidArguments(f"{name} is not a text that can be sent")
+    if wanted is bool and not isinstance(value, bool):
+        raise InvalidArguments(f"{name} is not true or false")
+    if wanted is int and (isinstance(value, bool) or not isinstance(value, int)):
+        raise InvalidArguments(f"{name} is not a whole number")
+    if wanted is float:
+        number(name, value)
+
+
+def _is_text(value: Any) -> bool:
+    """Whether CORBA can send it as a text."""
+    return isinstance(value, str) and "\0" not in value and not any("\ud800" <= each <= "\udfff" for each in value)
+
+
 def text(name: str, value: Any) -> str:
     """Raises InvalidArguments unless it is a text that CORBA can send."""
     if not isinstance(value, str) or len(value) > MAX_TEXT:
         raise InvalidArguments(f"{name} is not a text of at most {MAX_TEXT} characters")
-    if "\0" in value or any("\ud800" <= character <= "\udfff" for character in value):
+    if not _is_text(value):
         raise InvalidArguments(f"{name} has characters that are no text")
     return value
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import inspect
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_type_hints
 
-from robocorba.console.arguments import InvalidArguments
+from robocorba.console.arguments import InvalidArguments, check_type
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent, robots
 from robocorba.errors.base import RoboCorbaError
@@ -39,11 +39,15 @@ class Operations:
         """The answer of an operation, as JSON types. Raises RoboCorbaError."""
         if name not in self._known:
             raise InvalidArguments(f"there is no operation {name[:80]!r}")
+        operation = self._known[name]
         try:
-            inspect.signature(self._known[name]).bind(**arguments)
+            inspect.signature(operation).bind(**arguments)
         except TypeError as error:
             raise InvalidArguments(f"{name}: {error}") from None
-        return self._known[name](**arguments)
+        wanted = get_type_hints(operation)
+        for argument, value in arguments.items():
+            check_type(argument, value, wanted.get(argument))
+        return operation(**arguments)
 
     # ---- robots ----
 

@@ -86,6 +86,16 @@ def test_wrong_arguments_are_named(body: bytes) -> None:
     assert call("add_up", body)["error"].startswith("add_up: ")
 
 
+@pytest.mark.parametrize("value", ["1", None, 1.5, True, [], {}])
+def test_arguments_of_another_type_are_named(value: object) -> None:
+    assert call("add_up", json.dumps({"a": value}).encode())["error"] == "a is not a whole number"
+
+
+@pytest.mark.parametrize("value", [1, None, [], "\0", "\ud800"])
+def test_texts_that_can_not_be_sent_are_refused(value: object) -> None:
+    assert call("stop", json.dumps({"robot": value}).encode())["error"] == "robot is not a text that can be sent"
+
+
 @pytest.mark.parametrize(
     "name", ["nothing", "_hidden", "also_hidden", "add", "call", "__init__", "x" * 5000, "../stop"]
 )
