@@ -28,6 +28,11 @@ from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import StateFolder
 from robocorba.testing.processes import eventually
 
+SIZE = {"width": 1366, "height": 768}
+#: Together they let Chromium draw WebGL without a graphics card.
+FLAGS = ["--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+#: Time for a page to show live data [ms].
+SETTLED_MS = 5000
 ROBOTS = (
     RobotOrder("A", channel="lab", floor="L1", at=(30.0, 9.2, 0.0)),
     RobotOrder("B", channel="lab", floor="L1", at=(12.0, 9.2, 0.0)),
@@ -47,7 +52,8 @@ class View(NamedTuple):
 #: A call of one of the console's operations.
 _CALL = """async (name, given) => (await fetch("/call/" + name, {method: "POST", body: JSON.stringify(given),
     headers: {"Content-Type": "application/json"}})).json()"""
-_PROGRAM = """(x, y) => JSON.stringify({format: 1, name: "patrol", robot: "SmartPal", icons: [{icon: "repeat", times: 50, icons: [
+_PROGRAM = """(x, y) => JSON.stringify({format: 1, name: "patrol", robot: "SmartPal",
+    icons: [{icon: "repeat", times: 50, icons: [
     {icon: "mhand_posture", hand: "both", posture: "reach"}, {icon: "mbase_path", floor: "L1", x, y: y, speed: 0.4},
     {icon: "mhand_posture", hand: "both", posture: "tuck"}, {icon: "mbase_path", floor: "L1", x: 6, y: 13.5}]}]})"""
 _PATROL = f"""async () => {{ const call = {_CALL}, program = {_PROGRAM};
@@ -64,14 +70,9 @@ VIEWS = {
     "monitor": View("", _PATROL, f"() => ({_CLICK})('B')", 4000),
     "3d": View("3d?robot=B", settled_ms=SETTLED_MS),
     "map": View("map"),
-    "missions": View("missions", _CARRY, f"() => ({_CLICK})('cafe-table-1')", 40_000),
+    "missions": View("missions", _CARRY, f"() => ({_CLICK})('cafe-table-1')", 70_000),
     "program": View("program", select=_OPEN),
 }
-SIZE = {"width": 1366, "height": 768}
-#: Together they let Chromium draw WebGL without a graphics card.
-FLAGS = ["--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-#: Time for a page to show live data [ms].
-SETTLED_MS = 5000
 
 
 def main() -> None:
