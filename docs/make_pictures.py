@@ -2,8 +2,8 @@
 
     python docs/make_pictures.py [FOLDER] [--browser PROGRAM]
 
-It starts the building five-floors with three robots and the console on free ports, and takes each page in light and
-dark, 1366 x 768, by Playwright. Exit code 1 with a reason where there is no browser."""
+It starts the building five-floors with three robots and the console on free ports, and takes each page, 1366 x 768,
+by Playwright. Exit code 1 with a reason where there is no browser."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FLAGS = ["--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-u
 SETTLED_MS = 5000
 ROBOTS = (
     RobotOrder("A", channel="lab", floor="L1", at=(30.0, 9.2, 0.0)),
-    RobotOrder("B", channel="lab", floor="L1", at=(12.0, 9.2, 0.0)),
+    RobotOrder("B", channel="lab", floor="L1", at=(36.0, 9.5, 0.0)),
     RobotOrder("C", channel="hall", floor="L1", at=(25.5, 4.0, 0.0)),
 )
 
@@ -47,18 +47,19 @@ class View(NamedTuple):
     prepare: str = ""
     select: str = ""
     settled_ms: int = 0
+    schemes: tuple[str, ...] = ("light",)
 
 
 #: A call of one of the console's operations.
 _CALL = """async (name, given) => (await fetch("/call/" + name, {method: "POST", body: JSON.stringify(given),
     headers: {"Content-Type": "application/json"}})).json()"""
-_PROGRAM = """(x, y) => JSON.stringify({format: 1, name: "patrol", robot: "SmartPal",
+_PROGRAM = """(x1, y1, x2, y2) => JSON.stringify({format: 1, name: "patrol", robot: "SmartPal",
     icons: [{icon: "repeat", times: 50, icons: [
-    {icon: "mhand_posture", hand: "both", posture: "reach"}, {icon: "mbase_path", floor: "L1", x, y: y, speed: 0.4},
-    {icon: "mhand_posture", hand: "both", posture: "tuck"}, {icon: "mbase_path", floor: "L1", x: 6, y: 13.5}]}]})"""
+    {icon: "mhand_posture", hand: "both", posture: "reach"}, {icon: "mbase_path", floor: "L1", x: x1, y: y1, speed: 0.4},
+    {icon: "mhand_posture", hand: "both", posture: "tuck"}, {icon: "mbase_path", floor: "L1", x: x2, y: y2}]}]})"""
 _PATROL = f"""async () => {{ const call = {_CALL}, program = {_PROGRAM};
-    await call("run_program", {{robot: "A", program: program(8, 10)}});
-    await call("run_program", {{robot: "B", program: program(30, 13.5)}}); }}"""
+    await call("run_program", {{robot: "A", program: program(26, 9.3, 33, 9.3)}});
+    await call("run_program", {{robot: "B", program: program(37, 14, 36, 10)}}); }}"""
 _CARRY = f"""async () => {{ const call = {_CALL};
     for (const robot of ["A", "B"]) await call("abort_program", {{robot}});
     await call("start_mission", {{leader: "C", icon: {{icon: "move_table", table: "cafe-table-1",
@@ -68,7 +69,7 @@ _OPEN = """() => { const choice = document.querySelector("select.program-example
     choice.value = "example fetch"; choice.dispatchEvent(new Event("change")); }"""
 VIEWS = {
     "monitor": View("", _PATROL, f"() => ({_CLICK})('B')", 4000),
-    "3d": View("3d?robot=B", settled_ms=SETTLED_MS),
+    "3d": View("3d?robot=B", settled_ms=SETTLED_MS, schemes=("light", "dark")),
     "map": View("map"),
     "missions": View("missions", _CARRY, f"() => ({_CLICK})('cafe-table-1')", 70_000),
     "program": View("program", select=_OPEN),
@@ -115,7 +116,7 @@ def running_console() -> Iterator[str]:
 
 
 def take(address: str, folder: Path, browser: str) -> None:
-    """Take each page in light and dark."""
+    """Take each page."""
     from playwright.sync_api import sync_playwright  # imported here: the rest needs no browser
 
     with sync_playwright() as playwright:
@@ -126,7 +127,7 @@ def take(address: str, folder: Path, browser: str) -> None:
             if view.prepare:
                 page.evaluate(view.prepare)
             page.wait_for_timeout(view.settled_ms)
-            for scheme in ("light", "dark"):
+            for scheme in view.schemes:
                 page.emulate_media(color_scheme=scheme)
                 page.evaluate(
                     "scheme => localStorage.setItem('robocorba-dark', scheme === 'dark' ? 'yes' : 'no')", scheme
