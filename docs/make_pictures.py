@@ -55,7 +55,8 @@ _CALL = """async (name, given) => (await fetch("/call/" + name, {method: "POST",
     headers: {"Content-Type": "application/json"}})).json()"""
 _PROGRAM = """(x1, y1, x2, y2) => JSON.stringify({format: 1, name: "patrol", robot: "SmartPal",
     icons: [{icon: "repeat", times: 50, icons: [
-    {icon: "mhand_posture", hand: "both", posture: "reach"}, {icon: "mbase_path", floor: "L1", x: x1, y: y1, speed: 0.4},
+    {icon: "mhand_posture", hand: "both", posture: "reach"},
+    {icon: "mbase_path", floor: "L1", x: x1, y: y1, speed: 0.4},
     {icon: "mhand_posture", hand: "both", posture: "tuck"}, {icon: "mbase_path", floor: "L1", x: x2, y: y2}]}]})"""
 _PATROL = f"""async () => {{ const call = {_CALL}, program = {_PROGRAM};
     await call("run_program", {{robot: "A", program: program(26, 9.3, 33, 9.3)}});
