@@ -21,7 +21,7 @@ import numba
 import platformdirs
 
 #: Cache folders kept. Older ones stay so that two checkouts do not invalidate each other's cache.
-MAX_KEPT = 12
+MAX_KEPT = 60
 
 _ROOT = Path(__file__).parent
 _IMPORT = re.compile(r"^from robocorba\.([\w.]+) import ", re.MULTILINE)
