@@ -3,8 +3,8 @@ import { pictureOf, summary, titleOf } from "/static/icon_looks.js";
 
 // Lines of problems that a card shows at most.
 const MAX_LINES = 4;
-const WORDS = { incomplete: "incomplete", error: "not possible", note: "note" };
-const SIGNS = { incomplete: "edit_note", error: "warning", note: "info" };
+const WORDS = { incomplete: "incomplete", invalid: "not valid", error: "not possible", note: "note" };
+const SIGNS = { incomplete: "edit_note", invalid: "edit_note", error: "warning", note: "info" };
 const LIST_NAMES = { icons: "", then: "then", otherwise: "otherwise" };
 
 // `editor` has the state of the page and takes what the user does: see program.js.
@@ -75,7 +75,7 @@ export const IconList = {
       const kinds = new Set(this.editor.lines(id).map((line) => line.kind));
       return {
         "is-selected": id === this.editor.selectedId,
-        "is-incomplete": kinds.has("incomplete"),
+        "is-incomplete": kinds.has("incomplete") || kinds.has("invalid"),
         "is-refused": kinds.has("error"),
         "is-running": id === run.runningId,
         "is-holder": run.holderIds.has(id),

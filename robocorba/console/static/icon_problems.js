@@ -85,7 +85,7 @@ export function problemLines(problems) {
     if (lacking.includes(problem)) continue;
     const { kind, parameter, reason } = problem;
     const isSentence = kind === "incomplete";
-    lines.push({ kind, text: parameter ? `${parameter}${isSentence ? "" : ":"} ${reason}` : reason });
+    lines.push({ kind: isSentence ? "invalid" : kind, text: parameter ? `${parameter}${isSentence ? "" : ":"} ${reason}` : reason });
   }
   return lines;
 }

@@ -53,7 +53,7 @@ export default {
   },
   computed: {
     place() {
-      return this.order.at ? `${this.order.at[0].toFixed(2)}, ${this.order.at[1].toFixed(2)} m` : "first free place";
+      return this.order.at ? `${this.order.at[0].toFixed(2)}, ${this.order.at[1].toFixed(2)} m` : "at the first free node; choose\u2026";
     },
   },
   watch: {

@@ -100,7 +100,7 @@ function stateFacts({ at, agent, client, condition, problem, age, mission, isHer
   if (at) rows.push([isHere ? "pose" : "last pose",
     `${at.floor}: ${at.x.toFixed(2)} m, ${at.y.toFixed(2)} m, ${degrees(at.heading)}`]);
   const moving = agent?.actor.moving;
-  if (moving) {
+  if (moving && condition !== "stopped") { // the adaptor of a stopped robot is not read
     const speed = Math.hypot(moving.ahead, moving.left);
     const most = agent.speedCap.toFixed(2);
     rows.push(["speed", `${speed.toFixed(2)} m/s of at most ${most}, turning ${degrees(moving.turn)}/s`]);
