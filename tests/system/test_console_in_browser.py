@@ -163,9 +163,190 @@ def fact(user: Operator, name: str) -> Locator:
     return user.page.locator(f".console-facts dt:text-is('{name}') + dd")
 
 
+# ---- program ----
+
+
+def build_program(user: Operator) -> None:
+    """Every kind of icon once, with what each needs."""
+    user.open("Program")
+    page = user.page
+    page.get_by_label("Robot", exact=True).select_option("R1")
+    add(user, "mhand_posture", hand="left", posture="ready", seconds="0.5")
+    add(user, "mhand_offset", hand="left", dz="0.05", seconds="0.5")
+    add(user, "mhand_pose")
+    user.button("As R1 stands").click()
+    add(user, "mhand_joints")
+    user.button("As R1 stands").click()
+    add(user, "lumbar", lower="4", upper="4", seconds="0.5")
+    add(user, "gripper", hand="left", action="open")
+    add(user, "wait_until", kind="farther_than", sensor="front", distance="0.1", seconds="5")
+    add(user, "stop_if_closer", sensor="front", distance="0.05")
+    add(user, "mbase_by", ahead="0.25")
+    select(user, "stop_if_closer")
+    add(user, "repeat", times="2")
+    add(user, "mbase_velocity", ahead="0.2", left="0", turn="0", seconds="0.5")
+    select(user, "repeat")
+    add(user, "branch", kind="result", result="done")
+    add(user, "say", type="hello")
+    select(user, "branch")
+    add(user, "mbase_to", x="2.5", y="2")
+    add(user, "move_table", table=TABLE)
+    user.click_map(target_map(user), (6.0, 2.0))
+    add(user, "hand_over", object=TABLE, taker="R2")
+    add(user, "mbase_path")
+    page.get_by_label("Target on the map").get_by_role("tab", name="L2").click()
+    user.click_map(target_map(user), (CORNERS[1][0], 2.0))
+    page.locator(".program-palette [data-icon=wait]").drag_to(card(user, "mhand_posture"), target_position={"x": 30, "y": 2})
+    set_fields(user, seconds="0.2")
+    kinds = page.locator(".program-palette [data-icon]").evaluate_all("all => all.map((each) => each.dataset.icon)")
+    built = page.locator(".icon-card").evaluate_all("all => all.map((each) => each.dataset.icon)")
+    assert sorted(built) == sorted(kinds)
+    assert built[0] == "wait"
+
+
+def card(user: Operator, icon: str) -> Locator:
+    """The card of an icon in the program."""
+    return user.page.locator(f".icon-card[data-icon={icon}]")
+
+
+def target_map(user: Operator) -> Locator:
+    return user.page.get_by_label("Target on the map").locator("canvas")
+
+
+def add(user: Operator, icon: str, **values: str) -> None:
+    """Click an icon of the palette and fill its fields."""
+    user.page.locator(f".program-palette [data-icon={icon}]").click()
+    expect(card(user, icon)).to_have_attribute("aria-pressed", "true")
+    set_fields(user, **values)
+
+
+def set_fields(user: Operator, **values: str) -> None:
+    form = user.page.locator(".icon-form")
+    for name, value in values.items():
+        field = form.get_by_label(re.compile(rf"^{name}\b"))
+        if field.evaluate("field => field.tagName") == "SELECT":
+            field.select_option(value)
+        else:
+            field.fill(value)
+
+
+def select(user: Operator, icon: str) -> None:
+    card(user, icon).click()
+    expect(card(user, icon)).to_have_attribute("aria-pressed", "true")
+
+
+def repair_program(user: Operator) -> None:
+    """The checker refuses the angle of a joint and a goal in a wall. Missions are taken out: they would take minutes."""
+    page = user.page
+    expect(card(user, "lumbar")).to_have_class(re.compile("is-incomplete"))
+    select(user, "lumbar")
+    set_fields(user, lower="0")
+    expect(page.locator(".program-verdict")).to_contain_text("not possible")
+    expect(card(user, "mbase_path")).to_have_class(re.compile("is-refused"))
+    select(user, "mbase_path")
+    user.click_map(target_map(user), GOAL)
+    for icon in ("move_table", "hand_over"):
+        select(user, icon)
+        user.press("Delete")
+        expect(card(user, icon)).to_have_count(0)
+    expect(page.locator(".program-verdict")).to_contain_text(re.compile(r"\bchecked\b"))
+
+
+# ---- run ----
+
+
+def run_program(user: Operator) -> None:
+    """Icons are lit while they run; the robot is on its way when the user goes to another page."""
+    user.button("Run").click()
+    expect(user.page.locator(".icon-card.is-running")).to_have_count(1)
+    expect(card(user, "mbase_path")).to_have_class(re.compile("is-running"))
+    for icon in ("mhand_posture", "say", "mbase_velocity"):
+        expect(card(user, icon)).to_have_class(re.compile("is-done"))
+
+
+def watch_in_2d(user: Operator) -> None:
+    """It leaves L1 with the elevator, and arrives on L2."""
+    user.open("Monitor")
+    page = user.page
+    robot_row(user, "R1").click()
+    expect(robot_row(user, "R1")).to_contain_text("running")
+    expect(fact(user, "speed")).not_to_contain_text("0.00 m/s")
+    user.press("f")
+    expect(page.get_by_label("Floors").get_by_role("tab", selected=True)).to_contain_text("L2")
+    expect(robot_row(user, "R1")).to_contain_text("idle")
+    expect(fact(user, "pose")).to_contain_text(f"L2: {GOAL[0]:.1f}")
+    user.press("f", "0", "Escape")
+    expect(robot_row(user, "R1")).to_have_attribute("aria-selected", "false")
+    user.click_map(page.get_by_label(re.compile("Floor L2")), GOAL)
+    expect(robot_row(user, "R1")).to_have_attribute("aria-selected", "true")
+
+
+def watch_in_3d(user: Operator) -> None:
+    """The camera goes to the robot: then a click in the middle of the picture is one on the robot."""
+    user.open("3D")
+    page = user.page
+    robot = page.get_by_label("Robot", exact=True)
+    robot.select_option("R1")
+    expect(fact(user, "at")).to_contain_text(f"L2 {GOAL[0]:.1f}")
+    user.button("Follow the robot").click()
+    canvas = page.locator(".console-scene canvas")
+    robot.select_option("none")
+    expect(page.locator(".scene-facts")).to_have_count(0)
+    canvas.click()
+    expect(robot).to_have_value("R1")
+
+
+# ---- missions, the past ----
+
+
+def start_and_abort_mission(user: Operator) -> None:
+    user.open("Missions")
+    page = user.page
+    form = page.get_by_role("form", name="Start a mission")
+    form.get_by_label("leader").select_option("R2")
+    form.get_by_label("object").select_option(f"{TABLE} (L1)")
+    user.click_map(form.locator("canvas"), (6.0, 2.0))
+    user.button("Start", form).click()
+    row = page.locator(".missions-list tbody tr").first
+    expect(row).to_contain_text("running")
+    expect(row).to_contain_text(TABLE)
+    expect(page.locator(".gantt-name").first).to_be_visible()
+    user.button("Abort").click()
+    expect(row).to_contain_text("aborted")
+    expect(page.locator(".missions-detail .missions-reason")).not_to_be_empty()
+    user.button("Report").click()
+    expect(page.locator(".mission-report")).to_contain_text("aborted")
+
+
+def look_back(user: Operator) -> None:
+    """The moment before the mission began, and back to now."""
+    user.open("Monitor")
+    page = user.page
+    user.tab("Events")
+    page.get_by_label("Events").get_by_role("button", name=re.compile("mission .* has begun")).click()
+    note = page.locator(".scene-note")
+    expect(note).to_contain_text("past")
+    expect(page.locator(".time-text")).to_contain_text("ago")
+    user.tab("L1")
+    user.tab("Robots")
+    user.click_map(page.get_by_label(re.compile("Floor L1")), START["R2"])
+    expect(robot_row(user, "R2")).to_have_attribute("aria-selected", "true")
+    user.button("Live").click()
+    expect(note).to_have_count(0)
+    expect(page.locator(".time-text")).to_contain_text("now")
+
+
 def test_story(user: Operator) -> None:
     draw_building(user)
     put_table(user)
     check_and_plan(user)
     start_robots(user)
+    build_program(user)
+    repair_program(user)
+    run_program(user)
+    watch_in_2d(user)
+    watch_in_3d(user)
+    start_and_abort_mission(user)
+    look_back(user)
+    assert user.page.locator("img[src=x]").count() == 0
     assert not user.troubles
