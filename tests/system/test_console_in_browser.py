@@ -3,9 +3,11 @@ program, start and abort a mission, look back; and what the pages make of killed
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
+import signal
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -29,12 +31,21 @@ pytestmark = [
 
 #: The ground of both floors [m].
 CORNERS = ((0.0, 0.0), (10.0, 0.0), (10.0, 7.0), (0.0, 7.0))
+#: Names that would run a script if a page took them for HTML, with quotes and letters from right to left.
+TABLE = "<img src=x onerror=alert(1)> \"\u05d0\u0628'"
+PROGRAM = "<img src=x onerror=alert(2)> '\u200f\""
 #: Where robots begin on L1, and where one drives to on L2 [m].
 START = {"R1": (1.5, 2.0), "R2": (1.5, 5.8)}
 GOAL = (3.0, 1.5)
 MODES = ("smoothed", "topological", "geometric")
-#: A table whose name would run a script if a page took it for HTML, with a quote and letters from right to left.
-TABLE = "<img src=x onerror=alert(1)> \"\u05d0\u0628'"
+
+#: Notes what the page's status says from now on.
+SEE_STATUS = """() => {
+  const status = document.querySelector(".console-status");
+  window.seen = [];
+  const observer = new MutationObserver(() => window.seen.push(status.textContent));
+  observer.observe(status, { childList: true, characterData: true, subtree: true });
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -82,11 +93,7 @@ def draw_building(user: Operator) -> None:
     user.press("l")
     user.click_map(canvas, (8.5, 5.5))
     expect(element).to_have_text("elevator E1")
-    for floor in ("L2", "L1"):
-        user.tab(floor)
-        user.press("Escape", "Escape")
-        user.button("Generate roads").click()
-        expect(page.get_by_text("roads generated")).to_be_visible()
+    user.tab("L1")
 
 
 def put_table(user: Operator) -> None:
@@ -108,9 +115,15 @@ def put_table(user: Operator) -> None:
 
 
 def check_and_plan(user: Operator) -> None:
-    """The findings, then a path by two clicks, from one floor to the other."""
+    """Roads, what is wrong with them, and a path by two clicks, from one floor to the other."""
     page = user.page
     canvas = page.get_by_label(re.compile("Map of floor"))
+    for floor in ("L1", "L2"):
+        user.tab(floor)
+        user.press("Escape", "Escape")
+        with page.expect_response("**/call/map_build_roads"):
+            user.button("Generate roads").click()
+        expect(page.get_by_text("roads generated")).to_be_visible()
     user.tab("Findings")
     user.button("Check all floors").click()
     expect(page.get_by_text("Nothing found: a robot reaches every node.")).to_be_visible()
@@ -135,6 +148,9 @@ def start_robots(user: Operator) -> None:
     canvas = page.get_by_label(re.compile("Floor L1"))
     processes = page.get_by_label("Processes")
     user.tab("Processes")
+    processes.get_by_label("New robot").fill(TABLE)
+    user.button("Start", processes).click()
+    expect(processes.get_by_role("alert")).to_contain_text("<img src=x onerror=alert(1)>")
     for name, at in START.items():
         processes.get_by_label("New robot").fill(name)
         processes.get_by_label("channel").select_option("main")
@@ -171,6 +187,7 @@ def build_program(user: Operator) -> None:
     user.open("Program")
     page = user.page
     page.get_by_label("Robot", exact=True).select_option("R1")
+    page.get_by_label("Name of the program").fill(PROGRAM)
     add(user, "mhand_posture", hand="left", posture="ready", seconds="0.5")
     add(user, "mhand_offset", hand="left", dz="0.05", seconds="0.5")
     add(user, "mhand_pose")
@@ -196,7 +213,9 @@ def build_program(user: Operator) -> None:
     add(user, "mbase_path")
     page.get_by_label("Target on the map").get_by_role("tab", name="L2").click()
     user.click_map(target_map(user), (CORNERS[1][0], 2.0))
-    page.locator(".program-palette [data-icon=wait]").drag_to(card(user, "mhand_posture"), target_position={"x": 30, "y": 2})
+    page.locator(".program-palette [data-icon=wait]").drag_to(
+        card(user, "mhand_posture"), target_position={"x": 30, "y": 2}
+    )
     set_fields(user, seconds="0.2")
     kinds = page.locator(".program-palette [data-icon]").evaluate_all("all => all.map((each) => each.dataset.icon)")
     built = page.locator(".icon-card").evaluate_all("all => all.map((each) => each.dataset.icon)")
@@ -236,7 +255,7 @@ def select(user: Operator, icon: str) -> None:
 
 
 def repair_program(user: Operator) -> None:
-    """The checker refuses the angle of a joint and a goal in a wall. Missions are taken out: they would take minutes."""
+    """The checker refuses the angle of a joint and a goal in a wall. Missions, which take minutes, are taken out."""
     page = user.page
     expect(card(user, "lumbar")).to_have_class(re.compile("is-incomplete"))
     select(user, "lumbar")
@@ -270,6 +289,7 @@ def watch_in_2d(user: Operator) -> None:
     page = user.page
     robot_row(user, "R1").click()
     expect(robot_row(user, "R1")).to_contain_text("running")
+    expect(robot_row(user, "R1")).to_contain_text(PROGRAM)
     expect(fact(user, "speed")).not_to_contain_text("0.00 m/s")
     user.press("f")
     expect(page.get_by_label("Floors").get_by_role("tab", selected=True)).to_contain_text("L2")
@@ -303,14 +323,14 @@ def start_and_abort_mission(user: Operator) -> None:
     user.open("Missions")
     page = user.page
     form = page.get_by_role("form", name="Start a mission")
-    form.get_by_label("leader").select_option("R2")
-    form.get_by_label("object").select_option(f"{TABLE} (L1)")
+    form.get_by_label(re.compile("^leader")).select_option("R2")
+    form.get_by_label(re.compile("^object")).select_option(f"{TABLE} (L1)")
     user.click_map(form.locator("canvas"), (6.0, 2.0))
     user.button("Start", form).click()
     row = page.locator(".missions-list tbody tr").first
     expect(row).to_contain_text("running")
     expect(row).to_contain_text(TABLE)
-    expect(page.locator(".gantt-name").first).to_be_visible()
+    expect(page.locator(".gantt-name", has_text="gathering")).to_be_visible()
     user.button("Abort").click()
     expect(row).to_contain_text("aborted")
     expect(page.locator(".missions-detail .missions-reason")).not_to_be_empty()
@@ -319,24 +339,86 @@ def start_and_abort_mission(user: Operator) -> None:
 
 
 def look_back(user: Operator) -> None:
-    """The moment before the mission began, and back to now."""
+    """The moments before the mission and before the program, when the robot was still on L1, and back to now."""
     user.open("Monitor")
     page = user.page
     user.tab("Events")
-    page.get_by_label("Events").get_by_role("button", name=re.compile("mission .* has begun")).click()
-    note = page.locator(".scene-note")
+    events, note = page.get_by_label("Events", exact=True), page.locator(".scene-note")
+    user.button(re.compile("mission .* has begun"), events).click()
     expect(note).to_contain_text("past")
+    user.button(re.compile("R1 runs <img"), events).click()
     expect(page.locator(".time-text")).to_contain_text("ago")
-    user.tab("L1")
+    user.tab(re.compile("^L1"))
     user.tab("Robots")
-    user.click_map(page.get_by_label(re.compile("Floor L1")), START["R2"])
-    expect(robot_row(user, "R2")).to_have_attribute("aria-selected", "true")
+    user.press("Escape")
+    canvas = page.get_by_label(re.compile("Floor L1"))
+    expect(canvas).to_have_attribute("data-floor", "L1")
+    user.click_map(canvas, START["R1"])
+    expect(robot_row(user, "R1")).to_have_attribute("aria-selected", "true")
     user.button("Live").click()
     expect(note).to_have_count(0)
     expect(page.locator(".time-text")).to_contain_text("now")
 
 
-def test_story(user: Operator) -> None:
+# ---- killed servers ----
+
+
+@contextlib.contextmanager
+def killed(user: Operator, system: Running, server: str) -> Iterator[None]:
+    """Kill a server; the page says so. At the end of the `with` it is there again: the page has gone on by itself."""
+    page = user.page
+    page.evaluate(SEE_STATUS)
+    os.kill(system.pid(server), signal.SIGKILL)
+    page.wait_for_function("() => window.seen.some((text) => /answer|reachable/.test(text))")
+    yield
+    expect(page.locator(".console-status")).to_contain_text("robots")
+    assert page.evaluate("() => window.seen.length"), "the page was loaded again"
+
+
+def kill_map_editor(user: Operator, system: Running) -> None:
+    """Not even a half-drawn wall is lost."""
+    user.open("Map")
+    page = user.page
+    canvas = page.get_by_label(re.compile("Map of floor"))
+    expect(canvas).to_have_attribute("data-floor", "L1")
+    user.press("w")
+    user.click_map(canvas, (4.0, 0.0))
+    with killed(user, system, "map_editor"):
+        pass
+    expect(page.locator(".console-overlay")).to_have_count(0)
+    user.click_map(canvas, (4.0, 1.0))
+    user.press("Enter")
+    expect(page.get_by_label("Panel").locator("h2")).to_have_text("wall w5")
+
+
+def kill_simulation(user: Operator, system: Running) -> None:
+    """The robots log on again, and are where they were."""
+    user.open("Monitor")
+    robot_row(user, "R1").click()
+    before = fact(user, "pose").text_content()
+    assert before
+    with killed(user, system, "simulation"):
+        pass
+    for name in START:
+        expect(robot_row(user, name)).to_contain_text("idle")
+    expect(fact(user, "pose")).to_have_text(before)
+
+
+def kill_console(user: Operator, system: Running) -> None:
+    """What was typed stays."""
+    user.tab("Processes")
+    field = user.page.get_by_label("New robot")
+    field.fill("R3")
+    with killed(user, system, "console"):
+        pass
+    expect(field).to_have_value("R3")
+    expect(user.page.get_by_role("row", name="console")).to_contain_text("ready")
+
+
+# ---- tests ----
+
+
+def test_a_day_of_an_operator(user: Operator) -> None:
     draw_building(user)
     put_table(user)
     check_and_plan(user)
@@ -350,3 +432,12 @@ def test_story(user: Operator) -> None:
     look_back(user)
     assert user.page.locator("img[src=x]").count() == 0
     assert not user.troubles
+
+
+def test_pages_outlive_killed_servers(user: Operator, system: Running) -> None:
+    """On the building and with the robots of the test above."""
+    kill_map_editor(user, system)
+    kill_simulation(user, system)
+    assert not user.troubles
+    kill_console(user, system)
+    assert all(re.search("ERR_CONNECTION_REFUSED|ERR_EMPTY_RESPONSE", trouble) for trouble in user.troubles)
