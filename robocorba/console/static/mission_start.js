@@ -32,7 +32,7 @@ export const MissionStart = {
           <p class="map-none">Target: click on the map; drag to turn.</p>
           <label class="map-field"><span>floor</span><select v-model="target.floor" @change="show"><option v-for="floor in floors" :key="floor">{{ floor }}</option></select></label>
           <div class="mission-map"><canvas ref="canvas" tabindex="0" aria-label="Target on the map; the fields below hold it, too"></canvas></div>
-          <div class="mission-pose"><label v-for="[key, title, step] in pose" :key="key">{{ title }} <input type="number" :step="step" :value="shown(key)" @change="setPose(key, $event.target)"></label></div>
+          <div class="mission-pose"><label v-for="[key, title, step] in pose" :key="key">{{ title }} <input type="number" :step="step" :value="draft[key] ?? shown(key)" @input="draft[key] = $event.target.value" @change="setPose(key, $event.target)"></label></div>
         </template>
         <label v-else class="map-field"><span>{{ parameter.name }}</span><input v-model="values[parameter.name]" maxlength="200"></label>
       </template>
@@ -44,7 +44,7 @@ export const MissionStart = {
     return {
       kinds: [], titles: TITLES, kind: "", leader: "", leaders: null, values: {}, objects: [], floors: [], parameters: [],
       target: { floor: "", x: null, y: null, heading: 0 }, pose: [["x", "x m", 0.05], ["y", "y m", 0.05], ["heading", "heading \u00b0", 15]],
-      problem: "", isStarting: false,
+      draft: {}, problem: "", isStarting: false, // draft: what is being typed; news must not replace it
     };
   },
   computed: {
@@ -165,6 +165,7 @@ export const MissionStart = {
     },
     setPose(key, input) {
       const value = input.valueAsNumber;
+      delete this.draft[key];
       if (!Number.isFinite(value)) input.value = this.shown(key);
       else this.target[key] = key === "heading" ? (value * Math.PI) / 180 : value;
       this.canvas?.redraw();
