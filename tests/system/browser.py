@@ -13,7 +13,7 @@ from playwright.sync_api import ConsoleMessage, Dialog, Locator, Page, expect, s
 #: Software drawing, also of WebGL; chromium does not run its sandbox as root.
 FLAGS = ("--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 #: Timeout of every wait, for busy machines [s].
-LIMIT_S = 15.0
+LIMIT_S = 90.0
 
 
 def chromium() -> str | None:
