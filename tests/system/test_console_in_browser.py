@@ -35,8 +35,8 @@ CORNERS = ((0.0, 0.0), (10.0, 0.0), (10.0, 7.0), (0.0, 7.0))
 TABLE = "<img src=x onerror=alert(1)> \"\u05d0\u0628'"
 PROGRAM = "<img src=x onerror=alert(2)> '\u200f\""
 #: Where robots begin on L1, and where one drives to on L2 [m].
-START = {"R1": (2.0, 2.0), "R2": (1.0, 6.0)}
-GOAL = (6.5, 2.5)
+START = {"R1": (3.5, 2.5), "R2": (1.0, 6.0)}
+GOAL = (6.0, 3.0)
 MODES = ("smoothed", "topological", "geometric")
 
 #: Notes what the page's status says from now on.
@@ -209,7 +209,7 @@ def build_program(user: Operator) -> None:
     add(user, "branch", kind="result", result="done")
     add(user, "say", type="hello")
     select(user, "branch")
-    add(user, "mbase_to", x="4", y="2.5")
+    add(user, "mbase_to", x="5", y="3")
     add(user, "move_table", table=TABLE)
     user.click_map(target_map(user), (7.5, 2.0))
     add(user, "hand_over", object=TABLE, taker="R2")
