@@ -65,11 +65,21 @@ class Operator:
         chosen.click()
         expect(chosen).to_have_attribute("aria-selected", "true")
 
+    @contextlib.contextmanager
+    def telling(self) -> Iterator[None]:
+        """Print what is on the page if the test fails within the `with`."""
+        try:
+            yield
+        except BaseException:
+            print(self.page.url, self.troubles, self.page.locator("body").aria_snapshot(), sep="\n")
+            raise
+
     # ---- maps ----
 
     def pixel(self, canvas: Locator, x: float, y: float) -> tuple[float, float]:
         """Where a point of the floor [m] is on a canvas [px]."""
         expect(canvas).to_have_attribute("data-scale", re.compile(r"\d"))
+        self.page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
         box = canvas.bounding_box()
         assert box is not None
         scale = float(canvas.get_attribute("data-scale") or "")

@@ -422,25 +422,27 @@ def kill_console(user: Operator, system: Running) -> None:
 
 
 def test_a_day_of_an_operator(user: Operator) -> None:
-    draw_building(user)
-    put_table(user)
-    check_and_plan(user)
-    start_robots(user)
-    build_program(user)
-    repair_program(user)
-    run_program(user)
-    watch_in_2d(user)
-    watch_in_3d(user)
-    start_and_abort_mission(user)
-    look_back(user)
+    with user.telling():
+        draw_building(user)
+        put_table(user)
+        check_and_plan(user)
+        start_robots(user)
+        build_program(user)
+        repair_program(user)
+        run_program(user)
+        watch_in_2d(user)
+        watch_in_3d(user)
+        start_and_abort_mission(user)
+        look_back(user)
     assert user.page.locator("img[src=x]").count() == 0
     assert not user.troubles
 
 
 def test_pages_outlive_killed_servers(user: Operator, system: Running) -> None:
     """On the building and with the robots of the test above."""
-    kill_map_editor(user, system)
-    kill_simulation(user, system)
+    with user.telling():
+        kill_map_editor(user, system)
+        kill_simulation(user, system)
     assert not user.troubles
     kill_console(user, system)
     assert all(re.search("net::ERR_|WebSocket", trouble) for trouble in user.troubles)
