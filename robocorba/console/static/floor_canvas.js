@@ -120,7 +120,7 @@ export class FloorCanvas {
 
   fit() {
     if (!this.plan || !this.width) return;
-    const [x0, y0, x1, y1] = this.plan.bounds;
+    const [x0, y0, x1, y1] = shownBounds(this.plan);
     const across = (this.width - 2 * MARGIN_PX - TOOLS_PX) / Math.max(x1 - x0, 0.1);
     const down = (this.height - 2 * MARGIN_PX) / Math.max(y1 - y0, 0.1);
     this.scale = Math.min(Math.max(Math.min(across, down), MIN_PX_PER_M), MAX_PX_PER_M);
@@ -266,6 +266,8 @@ export class FloorCanvas {
     ];
     if (of.every((value, index) => value === this.layerOf[index])) return;
     this.layerOf = of;
+    // Where the picture is: pixels of a point (x, y) are width / 2 + (x - centre x) * scale, height / 2 - (y - centre y) * scale.
+    Object.assign(this.canvas.dataset, { floor: this.plan.name, scale, centre: centre.join(" ") });
     if (layer.width !== this.canvas.width) layer.width = this.canvas.width;
     if (layer.height !== this.canvas.height) layer.height = this.canvas.height;
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -605,4 +607,10 @@ export function gridStep(scale) {
   const least = 40 / scale;
   const power = 10 ** Math.floor(Math.log10(least));
   return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= least);
+}
+
+// What is shown of a floor [m]: all of it; of an empty one the room for a building.
+function shownBounds({ bounds: [x0, y0, x1, y1] }) {
+  const isEmpty = x1 - x0 < 1.5 && y1 - y0 < 1.5; // the unit square
+  return isEmpty ? [-2, -2, 18, 12] : [x0, y0, x1, y1];
 }

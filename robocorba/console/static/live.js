@@ -138,7 +138,7 @@ class Live {
   // The plan of a floor, or undefined until it is loaded; "plan" news follow.
   plan(name) {
     const known = this.plans.get(name);
-    if (this.mapVersion && (!known || (known.version !== this.mapVersion && !known.loading))) this.loadPlan(name);
+    if (name && this.mapVersion && (!known || (known.version !== this.mapVersion && !known.loading))) this.loadPlan(name);
     return known?.plan;
   }
 

@@ -363,7 +363,7 @@ export default {
         outline: this.elements.get(`floor/${this.current}`)?.members.outline ?? [],
       };
       const answer = await this.commit([{ do: "create", kind: "floor", floor: "", name: members.name, members }]);
-      if (answer?.version) this.show(members.name);
+      if (answer?.version && this.current !== members.name) this.show(members.name); // else drawing on it has begun
     },
     async removeFloor() {
       const floor = this.elements.get(`floor/${this.current}`);

@@ -17,7 +17,8 @@ export class MapSession {
     this.own = new Set();
     // The version after an edit of the whole building or its roads, which is outside the session.
     this.whole = 0;
-    this.isBusy = false;
+    // The promise of the load that is under way, and whether it must load once more.
+    this.loading = null;
     this.isWaiting = false;
   }
 
@@ -49,16 +50,17 @@ export class MapSession {
     await this.refresh();
   }
 
-  // Load elements and news; calls while one is under way are joined.
-  async refresh(floor = this.floor) {
+  // Load elements and news as they are now; calls while a load is under way share one more load after it.
+  refresh(floor = this.floor) {
     this.floor = floor;
-    if (this.isBusy) {
-      this.isWaiting = true;
-      return;
-    }
-    this.isBusy = true;
+    this.isWaiting = true;
+    this.loading ??= this.load();
+    return this.loading;
+  }
+
+  async load() {
     try {
-      do {
+      while (this.isWaiting) {
         this.isWaiting = false;
         const wanted = this.floor;
         const [answer, news] = await Promise.all([
@@ -66,14 +68,14 @@ export class MapSession {
         ]);
         if (wanted === this.floor) this.elements = new Elements(wanted, answer);
         this.takeNews(news);
-      } while (this.isWaiting);
+      }
       this.problem = "";
     } catch (error) {
       this.problem = error.message;
       clearTimeout(this.timer);
       if (!this.isClosed) this.timer = setTimeout(() => this.refresh(), RETRY_MS);
     } finally {
-      this.isBusy = false;
+      this.loading = null;
     }
     this.changed();
   }

@@ -44,7 +44,8 @@ export const MissionStart = {
           <div class="mission-map"><canvas ref="canvas" tabindex="0"
               aria-label="Target on the map; the fields below hold it, too"></canvas></div>
           <div class="mission-pose"><label v-for="[key, title, step] in pose" :key="key">{{ title }} <input
-              type="number" :step="step" :value="shown(key)" @change="setPose(key, $event.target)"></label></div>
+              type="number" :step="step" :value="draft[key] ?? shown(key)"
+              @input="draft[key] = $event.target.value" @change="setPose(key, $event.target)"></label></div>
         </template>
         <label v-else class="map-field"><span>{{ parameter.name }}</span><input v-model="values[parameter.name]"
             maxlength="200"></label>
@@ -60,7 +61,7 @@ export const MissionStart = {
         parameters: [],
       target: { floor: "", x: null, y: null, heading: 0 }, pose: [["x", "x m", 0.05], ["y", "y m", 0.05], ["heading",
         "heading \u00b0", 15]],
-      problem: "", isStarting: false,
+      draft: {}, problem: "", isStarting: false, // draft: what is being typed; news must not replace it
     };
   },
   computed: {
@@ -183,6 +184,7 @@ export const MissionStart = {
     },
     setPose(key, input) {
       const value = input.valueAsNumber;
+      delete this.draft[key];
       if (!Number.isFinite(value)) input.value = this.shown(key);
       else this.target[key] = key === "heading" ? (value * Math.PI) / 180 : value;
       this.canvas?.redraw();

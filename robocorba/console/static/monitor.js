@@ -282,7 +282,10 @@ export default {
       try {
         const news = await call("happenings", { after: this.lastHappening });
         this.lastHappening = news.at(-1)?.number ?? this.lastHappening;
-        this.happenings = [...this.happenings, ...news].slice(-2000);
+        // A state that is older than the last answer looks like that of another process: some come twice.
+        const known = new Set(this.happenings.map(({ at, number }) => `${at} ${number}`));
+        const fresh = news.filter(({ at, number }) => !known.has(`${at} ${number}`));
+        this.happenings = [...this.happenings, ...fresh].slice(-2000);
       } catch {
         // the connection is lost, which the header says; asked again with the next news
       } finally {

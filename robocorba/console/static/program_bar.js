@@ -6,8 +6,8 @@ export const ProgramBar = {
   emits: ["rename", "undo", "redo", "clear", "open", "save", "example", "take"],
   template: `
     <div class="program-bar" role="toolbar" aria-label="Program">
-      <input class="program-name" :value="name" aria-label="Name of the program" maxlength="200"
-             @change="$emit('rename', $event.target.value)">
+      <input class="program-name" :value="draft ?? name" aria-label="Name of the program" maxlength="200"
+             @input="draft = $event.target.value" @change="rename($event.target.value)" @blur="draft = null">
       <q-btn flat dense round icon="undo" aria-label="Undo" title="Undo (Ctrl+Z)" :disable="!canUndo"
              @click="$emit('undo')" />
       <q-btn flat dense round icon="redo" aria-label="Redo" title="Redo (Ctrl+Y)" :disable="!canRedo"
@@ -27,7 +27,14 @@ export const ProgramBar = {
                 size="18px" />
         {{ verdict.text }}</span>
     </div>`,
+  data() {
+    return { draft: null }; // what is being typed; news of the robot must not replace it
+  },
   methods: {
+    rename(name) {
+      this.draft = null;
+      this.$emit("rename", name);
+    },
     open(event) {
       const [file] = event.target.files;
       if (file) this.$emit("open", file);
