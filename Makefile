@@ -5,16 +5,18 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint bench bench-events bench-simulation bench-robots stubs clean help
+.PHONY: demo test lint bench bench-events bench-simulation bench-robots pictures stubs clean help
 
 help:
 	@echo "make demo    run the paper's experiment: three robots carry a table; writes demo-output/report.html"
+	@echo "make demo CONSOLE=1    the same, watched in the browser; the system stays until Ctrl-C"
 	@echo "make test    run every test"
 	@echo "make lint    check formatting, lint and types"
 	@echo "make bench   measure the path planner; tables on the terminal, JSON and pictures in bench/results"
 	@echo "make bench-events      measure the event service: the paper's Figure 13, and one channel against other brokers"
 	@echo "make bench-simulation  measure the simulation: rays, pictures, robots, sensors, killed servers"
 	@echo "make bench-robots      measure robots: kinematics, control cycle, stops, virtual and actual, missions"
+	@echo "make pictures          take the pictures of the console in docs/pictures; needs Chromium"
 	@echo "make stubs   regenerate the Python stubs after a change in idl/"
 	@echo "make clean   remove everything that make has made"
 
@@ -39,7 +41,7 @@ $(VENV)/.stubs: $(VENV)/.installed $(wildcard idl/*.idl) idl/make_stubs.py
 stubs: $(VENV)/.stubs
 
 demo: stubs
-	@$(BIN)/python -m robocorba.clients.demo
+	@$(BIN)/python -m robocorba.clients.demo $(if $(CONSOLE),--console)
 
 test: stubs
 	@$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder
@@ -65,6 +67,9 @@ bench-simulation: stubs
 
 bench-robots: stubs $(VENV)/.peers
 	@$(BIN)/python -m bench robots missions
+
+pictures: stubs
+	@$(BIN)/python docs/make_pictures.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output

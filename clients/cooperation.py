@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import time
-import uuid
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from robocorba.control.agent import ControlAgent
+from robocorba.control.execution_control import Aborted
 from robocorba.control.runner import ReceivedEvent
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.mission_world import RemoteWorld
+from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.corba.remote.robot_channel import RobotChannel
 from robocorba.data_pool.plans import Plans
 from robocorba.data_pool.pool import DataPool
@@ -24,18 +25,23 @@ from robocorba.missions.hand_over import HandOverPlanner
 from robocorba.missions.leader import CooperativePlanner, Leader
 from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.move_table import MoveTablePlanner
+from robocorba.missions.recorder import LedMission, MissionRecorder
+from robocorba.missions.report import MissionReport
 from robocorba.missions.subplan import CooperativePlan, StoredPlan
 from robocorba.missions.transport import Transport
 from robocorba.missions.world import World
 from robocorba.planning.request import Place
 from robocorba.programs import icons
 from robocorba.programs.icons import Icon, kind
+from robocorba.simulation.mission_record import new_mission_name
 from robocorba.spatial.pose import Pose2D
 
 #: A program's event must be accepted by the channel within this time [s].
 PUBLISH_TIMEOUT_S = 5.0
 #: Number of latest plans that the leader's data pool keeps.
 MAX_PLANS_KEPT = 20
+#: Timeout to find the Omni database for a record of a mission [s].
+RECORD_RESOLVE_S = 1.0
 #: Makes the planner of each cooperative icon from the icon, the world, the leader's name and its place.
 PLANNERS: dict[type[Icon], Callable[[Any, World, str, Place], CooperativePlanner]] = {
     icons.MoveTable: lambda icon, world, leader, here: MoveTablePlanner(world, icon.table, icon.to),
@@ -57,8 +63,12 @@ class Cooperation:
         self._closing = contextlib.ExitStack()
         self._closing.callback(self._channel.close)
         self._world = RemoteWorld(orb)
+        self._recorder = MissionRecorder(RemoteDatabase(orb, RECORD_RESOLVE_S).put_mission)
+        self._closing.callback(self._recorder.close)
         #: Set by `start` if the robot has an event channel.
         self._agent: ControlAgent | None = None
+        self._missions: MissionAgent | None = None
+        self._led = ""
 
     def start(self, agent: ControlAgent, pool: DataPool) -> None:
         """Be available for missions, if the robot has an event channel."""
@@ -76,7 +86,7 @@ class Cooperation:
                     return pose_in_robot_frame((item.x, item.y, item.heading), (own.x, own.y, own.heading))
             return None
 
-        missions = MissionAgent(Transport(channel, self._name), agent, locate).start()
+        self._missions = missions = MissionAgent(Transport(channel, self._name), agent, locate).start()
         self._closing.callback(missions.close)
         self._agent = agent
 
@@ -95,8 +105,39 @@ class Cooperation:
         """Publish an event. Raises EventError, NotReachable."""
         self._channel.publish(type, payload, PUBLISH_TIMEOUT_S)
 
-    def cooperate(self, icon: Icon) -> None:
-        """Lead a mission to its end. Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
+    @property
+    def mission(self) -> str:
+        """The mission that the robot leads or takes part in; empty for none."""
+        attempt = self._missions.mission if self._missions else ""
+        return self._led or re.sub(r"\.\d+$", "", attempt)  # leaders number their attempts to find robots
+
+    @property
+    def led_mission(self) -> str:
+        """The mission that the robot leads; empty for none."""
+        return self._led
+
+    def cooperate(self, icon: Icon, mission: str = "") -> None:
+        """Lead a mission to its end; `mission` names it, empty for a new name.
+
+        Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
+        mission = mission or new_mission_name(self._name)
+        about = str(getattr(icon, "table", getattr(icon, "object", "")))
+        led = LedMission(self._recorder, mission, kind(icon), about, self._name)
+        self._led = mission
+        try:
+            report = self._lead(icon, mission, led)
+        except Exception as error:
+            led.fail(str(error) or type(error).__name__, isinstance(error, Aborted))
+            raise
+        finally:
+            self._led = ""
+        report.save(self._reports)
+        for old in [stored.name for stored in self._plans.all()][:-MAX_PLANS_KEPT]:
+            self._plans.remove(old)
+        if report.result != "done":
+            raise MissionFailed(report.reason)
+
+    def _lead(self, icon: Icon, mission: str, led: LedMission) -> MissionReport:
         agent = self._agent
         if agent is None:
             raise MissionFailed("the robot has no event channel; start it with --channel")
@@ -104,22 +145,27 @@ class Cooperation:
             raise MissionFailed(f"unsupported cooperative icon {kind(icon)}")
         here = Place(*agent.place[:3])
         planner = PLANNERS[type(icon)](icon, self._world, self._name, here)
-        mission = f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"
         execution = agent.robot.execution
+        is_aborted = False
+
+        def interruption() -> str:
+            nonlocal is_aborted
+            why = execution.interruption
+            is_aborted = is_aborted or isinstance(why, Aborted)
+            return str(why or "")
+
         with contextlib.closing(RobotChannel(self._orb, self._channel_name, self._name)) as channel:
             leader = Leader(
                 mission,
                 Transport(channel, self._name),
                 lambda: Place(*agent.place[:3]),
                 self._store_plan,
-                lambda: str(execution.interruption or ""),
+                interruption,
+                on_progress=led.update,
             )
             report = leader.lead(kind(icon).replace("_", " "), planner)
-        report.save(self._reports)
-        for old in [stored.name for stored in self._plans.all()][:-MAX_PLANS_KEPT]:
-            self._plans.remove(old)
-        if report.result != "done":
-            raise MissionFailed(report.reason)
+        led.end(report, is_aborted)
+        return report
 
     def _store_plan(self, plan: CooperativePlan, phase: str) -> None:
         """Store the plan in the data pool, where other robots and clients can read it."""

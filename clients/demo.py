@@ -1,11 +1,13 @@
 """The demo, the paper's experiment: three robots of two sub-networks carry a table through a room.
 
-    python -m robocorba.clients.demo [FOLDER] [--quick]
+    python -m robocorba.clients.demo [FOLDER] [--quick] [--console]
 
 It starts all servers on the building `paper-scene`, the sub-networks lab and hall with their channels and gateways, and
 three robot processes: A and B in lab, C in hall. A receives the user's command and leads; all three carry the table to
 its goal. FOLDER (default: demo-output) gets report.html with pictures, film and figures, report.json, and logs. Exit
-code 0 only if the table is within 5 cm and 3 deg of its goal by the simulation server."""
+code 0 only if the table is within 5 cm and 3 deg of its goal by the simulation server.
+
+With --console the operator's console shows all of it, and the system stays after the mission until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -33,6 +35,7 @@ from robocorba.commands.mission import MissionStatus, follow_mission, tables
 from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
 from robocorba.commands.watch import Camera
+from robocorba.console.settings import check_installed
 from robocorba.corba.calls import error_of
 from robocorba.corba.conversion import paths
 from robocorba.corba.naming import corbaname
@@ -42,6 +45,7 @@ from robocorba.corba.remote.data_pool import RemotePool
 from robocorba.corba.remote.mission_world import RemoteWorld
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
+from robocorba.errors.services import StartFailed
 from robocorba.maps.samples import sample_path
 from robocorba.missions import page, timeline
 from robocorba.missions.report import REPORT_FILE
@@ -53,6 +57,8 @@ from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
+from robocorba.supervision.console import CONSOLE
+from robocorba.supervision.folder import StateFolder
 
 BUILDING, FLOOR, TABLE, LEADER = "paper-scene", "L1", "table", "A"
 #: Tolerance of the table's pose at its goal [m, rad].
@@ -125,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for file in (page.PAGE, REPORT_FILE, FILM, *PICTURES):
             (folder / file).unlink(missing_ok=True)
         with _state_folder(logs) as state:
-            is_at_goal = play(scene, folder, state, logs, console, is_filmed=not given.quick)
+            is_at_goal = play(scene, folder, state, logs, console, not given.quick, given.console)
     except (RoboCorbaError, CORBA.Exception, OSError) as error:
         reason = error_of(error)
     except KeyboardInterrupt as signalled:
@@ -137,13 +143,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1
 
 
-def play(scene: DemoScene, folder: Path, state: Path, logs: Path, console: Console, is_filmed: bool) -> bool:
-    """Run the demo; return whether the table is at its goal. Raises RoboCorbaError, CORBA.Exception."""
+def play(
+    scene: DemoScene,
+    folder: Path,
+    state: Path,
+    logs: Path,
+    console: Console,
+    is_filmed: bool,
+    with_browser: bool = False,
+) -> bool:
+    """Run the demo; return whether the table is at its goal. with_browser: serve the operator's console, and wait for
+    Ctrl-C at the end. Raises RoboCorbaError, CORBA.Exception."""
     with contextlib.ExitStack() as stack:
         subnets = ",".join(dict.fromkeys(robot.channel for robot in scene.robots.values()))
         with _starting("Servers", console):
-            options = ("--building", str(sample_path(BUILDING)), "--subnets", subnets)
+            options = ["--building", str(sample_path(BUILDING)), "--subnets", subnets]
+            if with_browser:
+                check_installed()
+                options += ["--console", "--console-port", "0"]
             naming = stack.enter_context(servers(state, *options))
+        if with_browser:
+            console.print(f"  [bold]console: {_console_address(state)}[/bold]")
         console.print(f"  sub-networks {subnets}; a gateway links their event channels")
         console.print(f"  address for CORBA clients: {corbaname(naming, 'RoboCorba/SimulationServer')}")
         orb = stack.enter_context(Orb(naming))
@@ -159,11 +179,14 @@ def play(scene: DemoScene, folder: Path, state: Path, logs: Path, console: Conso
             end = _carry(orb, scene.goal, camera, folder, console)
         (folder / AFTER).write_bytes(camera.png())
         error = goal_error(RemoteWorld(orb).movable(TABLE), scene.goal)
-    is_good = end.result == "done" and error.is_within_tolerance
-    console.print(f"  {end.result} after {end.seconds:.1f} s" + (f": {end.reason}" if end.reason else ""), markup=False)
-    colour = "green" if is_good else "red"
-    console.print(f"[{colour}]Simulation server: the {TABLE} is {error}[/]")
-    _report(folder, state, error, scene, console)
+        is_good = end.result == "done" and error.is_within_tolerance
+        reason = f": {end.reason}" if end.reason else ""
+        console.print(f"  {end.result} after {end.seconds:.1f} s{reason}", markup=False)
+        colour = "green" if is_good else "red"
+        console.print(f"[{colour}]Simulation server: the {TABLE} is {error}[/]")
+        _report(folder, state, error, scene, console)
+        if with_browser:
+            _wait_for_ctrl_c(console, _console_address(state))
     return is_good
 
 
@@ -309,6 +332,26 @@ def _state_folder(logs: Path) -> Iterator[Path]:
                 shutil.copy(log, logs)
 
 
+def _console_address(state: Path) -> str:
+    """Where browsers find the operator's console. Raises StartFailed."""
+    record = StateFolder(state).read_record()
+    for process in record.processes if record else ():
+        if process.name == CONSOLE:
+            return f"http://{process.endpoint}/"
+    raise StartFailed("the console does not run")
+
+
+def _wait_for_ctrl_c(console: Console, address: str) -> None:
+    """Wait for Ctrl-C, which ends the system, or for a signal, which ends the demo."""
+    console.print(f"The system goes on, with the console at {address}; Ctrl-C ends it.")
+    try:
+        while True:
+            time.sleep(3600.0)
+    except KeyboardInterrupt as signalled:
+        if str(signalled):
+            raise
+
+
 def _end(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt(signal.Signals(number).name)
 
@@ -317,6 +360,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="robocorba.clients.demo", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("folder", nargs="?", type=Path, default=Path("demo-output"), metavar="FOLDER")
     parser.add_argument("--quick", action="store_true", help="shorter paths, and no film")
+    parser.add_argument("--console", action="store_true", help="show it in the browser, until Ctrl-C")
     return parser.parse_args(arguments)
 
 

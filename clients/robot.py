@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+import threading
 from collections.abc import Sequence
 
 from omniORB import CORBA
@@ -13,6 +14,7 @@ from robocorba.clients.cooperation import Cooperation
 from robocorba.collision_avoidance.neighbours import PoolNearby
 from robocorba.control.agent import AgentState, ControlAgent
 from robocorba.control.model_switcher import AdaptorContext
+from robocorba.control.posture_report import INTERVAL_S, PostureReport
 from robocorba.control.realtime import raise_process_priority
 from robocorba.control.tick_file import TickFile
 from robocorba.corba.calls import error_of
@@ -34,6 +36,7 @@ from robocorba.planning.request import Place
 from robocorba.programs import program
 from robocorba.programs.checker import Start, check
 from robocorba.programs.program import Program
+from robocorba.programs.report import CheckReport
 from robocorba.repeating import Repeating
 from robocorba.settings import RobotSettings
 from robocorba.simulation.registry import Description, Pose
@@ -43,15 +46,17 @@ FLOOR_CHECK_S = 0.05
 
 
 class Checker:
-    """Checks a program from the robot's present state before the agent accepts it."""
+    """Checks a program from the robot's present state. Thread-safe."""
 
     def __init__(self, planner: RemotePlanner) -> None:
         self._planner, self._kinematics = planner, InverseKinematics()
+        self._lock = threading.Lock()
 
-    def __call__(self, wanted: Program, state: AgentState) -> None:
+    def __call__(self, wanted: Program, state: AgentState) -> CheckReport:
         at = state.at
         start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints)
-        check(wanted, self._kinematics, self._planner, start).require_valid()
+        with self._lock:
+            return check(wanted, self._kinematics, self._planner, start)
 
 
 def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
@@ -97,9 +102,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 follower.pool.change_floor(floor)
 
         stack.callback(Repeating("floor", follow_floor, FLOOR_CHECK_S).start().close)
+        posture = PostureReport(lambda: agent.state.actor.joints, session.report_posture)
+        stack.callback(Repeating("posture", posture.update, INTERVAL_S).start().close)
         path = f"{ROBOTS}/{settings.name}"
-        pool = orb.activate(DataPoolServant(follower.pool, plans), f"{path}/pool")
-        orb.serve({path: RobotAgentServant(agent, pool)})
+        pool = orb.activate(DataPoolServant(follower.pool, plans, follower.postures), f"{path}/pool")
+        orb.serve({path: RobotAgentServant(agent, pool, settings.channel, others)})
         others.start(agent, follower.pool)
         if wanted:
             agent.load(wanted)

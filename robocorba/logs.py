@@ -22,6 +22,8 @@ from robocorba.errors.services import ServiceError
 MAX_BYTES = 5 * 1024 * 1024
 #: Number of rotated files kept for each process.
 OLD_FILES = 3
+#: Size of the end of a log file that `last_lines` reads [bytes].
+MAX_TAIL = 512 * 1024
 
 #: All characters that some reader treats as a line break, and the other ASCII control characters.
 _ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), 127, 0x85)} | {0x2028: "\\u2028", 0x2029: "\\u2029"}
@@ -56,6 +58,28 @@ def open_log(name: str, folder: Path) -> logging.Logger:
     log.addHandler(_file(name, folder))
     log.propagate = False
     return log
+
+
+def last_lines(file: Path, count: int) -> list[str]:
+    """The last lines of a log, the oldest first; fewer where MAX_TAIL or two files hold no more."""
+    lines: list[str] = []
+    for part in (file, file.with_name(f"{file.name}.1")):
+        if len(lines) < count:
+            lines = _tail(part) + lines
+    return lines[max(0, len(lines) - count) :]
+
+
+def _tail(file: Path) -> list[str]:
+    try:
+        with file.open("rb") as log:
+            size = log.seek(0, 2)
+            log.seek(max(0, size - MAX_TAIL))
+            lines = log.read(MAX_TAIL).split(b"\n")
+    except OSError:
+        return []
+    if size > MAX_TAIL:
+        del lines[0]  # a part of a line
+    return [one_line(line.decode(errors="backslashreplace")) for line in lines if line]
 
 
 def one_line(text: str) -> str:

@@ -9,3 +9,5 @@ ADAPTORS = "Adaptors"
 MISSIONS = "missions"
 #: File in the state folder with the object reference of the simulation's administrator.
 ADMINISTRATOR = "administrator.ior"
+#: File in the state folder with the object reference of the supervisor of `robocorba up`.
+SUPERVISOR = "supervisor.ior"

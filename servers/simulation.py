@@ -14,7 +14,9 @@ from robocorba import logs
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.announcer import Announcer
 from robocorba.corba.remote.map_editor import RemoteMap
+from robocorba.corba.remote.mission_leaders import RemoteLeaders
 from robocorba.corba.remote.virtual_sensor import RemoteSensors
+from robocorba.corba.servants.mission_control import MissionControlServant
 from robocorba.corba.servants.omni_database import OmniDatabaseServant
 from robocorba.corba.servants.simulation_server import (
     RobotSessionServant,
@@ -28,12 +30,16 @@ from robocorba.repeating import Repeating
 from robocorba.settings import SimulationSettings
 from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.simulation.mission_control import LeaderWatch, MissionControl
+from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.monitor import Monitor
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import SimulationStore
 
 #: Interval between requests for map edits [s].
 MAP_CHECK_INTERVAL_S = 0.25
+#: Interval between checks whether running missions have their leaders [s].
+LEADER_CHECK_INTERVAL_S = 3.0
 #: Options of the ORB: a small thread pool serves all connections; a thread per robot would starve the simulation.
 THREAD_POOL = {"threadPerConnectionPolicy": "0", "maxServerThreadPoolSize": "8"}
 
@@ -50,6 +56,10 @@ class SimulationServer:
         self._sensors = RemoteSensors(self.agent.load_balance)
         self._monitor = Monitor(self.agent, remote_map.building)
         self._map_check = Repeating("map", self._follow_map, MAP_CHECK_INTERVAL_S)
+        self._missions, leaders = MissionDirectory(store), RemoteLeaders(orb)
+        self._mission_control = MissionControl(self._missions, leaders)
+        leader_watch = LeaderWatch(self._missions, leaders, self._is_logged_on)
+        self._leader_check = Repeating("leaders", leader_watch.check, LEADER_CHECK_INTERVAL_S)
 
     def start(self, administrator: Path) -> None:
         """Start the simulation, accept calls, and write the administrator's reference to a file."""
@@ -65,12 +75,15 @@ class SimulationServer:
         servant = SimulationServerServant(
             self.agent, self._reference_of, lambda floor, width: self._monitor.png(floor, width), self._sensors.dismiss
         )
-        database = OmniDatabaseServant(self.agent.database, self._store)
-        self._orb.serve({"SimulationServer": servant, "OmniDatabase": database})
+        database = OmniDatabaseServant(self.agent.database, self._missions)
+        control = MissionControlServant(self._mission_control)
+        self._orb.serve({"SimulationServer": servant, "OmniDatabase": database, "MissionControl": control})
         self.agent.begin_leases()
+        self._leader_check.start()
 
     def close(self) -> None:
         self._map_check.close()
+        self._leader_check.close()
         if self._announcer:
             self._announcer.close()
         self._sensors.close()
@@ -89,6 +102,9 @@ class SimulationServer:
     def _publish(self, event: SimulationEvent) -> None:
         if self._announcer:
             self._announcer.announce(event)
+
+    def _is_logged_on(self, robot: str) -> bool:
+        return any(client.name == robot for client in self.agent.registry.clients)
 
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable):

@@ -27,6 +27,8 @@ FOLLOW_INTERVAL_S = 0.03
 MAP_CHECK_INTERVAL_S = 0.25
 #: Interval between reports to the simulation server [s].
 REPORT_INTERVAL_S = 0.5
+#: Interval between reports of complete scans while they are wanted, and bounds of what the server may want [s].
+SCANS_INTERVAL_S, MIN_SCANS_S, MAX_SCANS_S = 0.05, 0.02, 5.0
 #: Maximum number of robots with a sensor of their own; beyond that the oldest sensors are deactivated.
 MAX_ROBOTS = 10_000
 
@@ -47,10 +49,13 @@ class VirtualSensorServer:
         self._assigned: dict[str, tuple[str, Any]] = {}
         self._number = 0
         self._last_robots: set[str] = set()
+        #: Time of the next report of complete scans on the monotonic clock [s].
+        self._scans_at = 0.0
         self._tasks = [
             Repeating("follow", self._follow, FOLLOW_INTERVAL_S),
             Repeating("map", self._follow_map, MAP_CHECK_INTERVAL_S),
             Repeating("report", self._report, REPORT_INTERVAL_S),
+            Repeating("scans", self._report_scans, SCANS_INTERVAL_S),
         ]
 
     def start(self) -> None:
@@ -114,6 +119,14 @@ class VirtualSensorServer:
         latest = self._reports.collect()
         with contextlib.suppress(NotReachable):
             self._simulation.report_sensor(self._name, self._reference, self._reports.load, latest)
+
+    def _report_scans(self) -> None:
+        if time.monotonic() < self._scans_at:
+            return
+        wanted_s = REPORT_INTERVAL_S
+        with contextlib.suppress(NotReachable):
+            wanted_s = self._simulation.report_scans(self._name, self._reports.collect_robot_scans())
+        self._scans_at = time.monotonic() + min(max(wanted_s, MIN_SCANS_S), MAX_SCANS_S) - SCANS_INTERVAL_S / 2
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -70,6 +70,8 @@ def test_the_wheel_holds_everything(wheel: Path) -> None:
     assert {name.split("/")[0] for name in names if not name.split("/")[0].endswith(".dist-info")} == {"robocorba"}
     assert {f"robocorba/idl/{file.name}" for file in (ROOT / "idl").glob("*.idl")} - names == set()
     assert {f"robocorba/samples/{file.name}" for file in (ROOT / "robocorba" / "samples").iterdir()} - names == set()
+    static = ROOT / "robocorba" / "console" / "static"
+    assert {f"robocorba/console/static/{file.name}" for file in static.iterdir()} - names == set()
     for stub in ("RoboCorba/__init__.py", "RoboCorba__POA/__init__.py", "map_editor_idl.py", "path_planner_idl.py"):
         assert f"robocorba/stubs/{stub}" in names
     assert [name for name in names if name.endswith(".pyc")] == []

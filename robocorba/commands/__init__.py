@@ -16,11 +16,13 @@ from robocorba import __version__
 SUBCOMMANDS = {
     "up": ("up", "up"),
     "status": ("status", "status"),
+    "console": ("console", "console"),
     "path": ("path", "path"),
     "watch": ("watch", "watch"),
     "record": ("record", "record"),
     "replay": ("replay", "replay"),
     "robot": ("robot", "robot"),
+    "robot-model": ("robot_model", "app"),
     "stop": ("robot", "stop"),
     "switch": ("robot", "switch"),
     "simulation": ("simulation", "app"),
@@ -29,7 +31,9 @@ SUBCOMMANDS = {
     "mission": ("mission", "app"),
     "events": ("events", "app"),
 }
-#: All arguments of `robot` go to the robot process. Without interspersed arguments, -- is passed on too.
+#: Commands whose arguments all go to another process.
+FORWARDING = ("robot", "console")
+#: Settings of these. Without interspersed arguments, -- is passed on too.
 _PASS_THROUGH = {
     "allow_extra_args": True,
     "ignore_unknown_options": True,
@@ -52,7 +56,7 @@ def command(names: Iterable[str] = SUBCOMMANDS) -> typer.Typer:
         if attribute == "app":
             app.add_typer(found, name=name)
         else:
-            app.command(name, context_settings=_PASS_THROUGH if name == "robot" else None)(found)
+            app.command(name, context_settings=_PASS_THROUGH if name in FORWARDING else None)(found)
 
     @app.command()
     def version() -> None:

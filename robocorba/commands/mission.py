@@ -1,7 +1,9 @@
-"""robocorba mission: start a mission, show its status, abort it, and print its report."""
+"""robocorba mission: list missions, start one, show its status, abort it, and print its report."""
 
 from __future__ import annotations
 
+import contextlib
+import glob
 import json
 import re
 import time
@@ -14,19 +16,22 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from robocorba.commands.options import Naming, connected
+from robocorba.commands.options import Json, Naming, connected
 from robocorba.commands.reporting import reporting
 from robocorba.commands.waiting import Outage, StopSignal, progress
 from robocorba.errors.paths import InvalidRequest
 from robocorba.errors.services import NotReachable, ServiceError
+from robocorba.errors.simulation import UnknownMission
 from robocorba.names import MISSIONS
 from robocorba.settings import Settings
 
 if TYPE_CHECKING:
+    from robocorba.corba.orb import Orb
     from robocorba.corba.remote.control_agent import RemoteAgent
     from robocorba.corba.remote.data_pool import RemotePool
     from robocorba.missions.subplan import StoredPlan
     from robocorba.programs.icons import Destination
+    from robocorba.simulation.mission_record import MissionState
 
 #: Interval between queries of the leader [s].
 POLL_INTERVAL_S = 0.2
@@ -35,6 +40,10 @@ app = typer.Typer(help="Missions of several robots.", no_args_is_help=True)
 start_app = typer.Typer(help="Start a mission.", no_args_is_help=True)
 app.add_typer(start_app, name="start")
 LeaderName = Annotated[str, typer.Option("--leader", metavar="ROBOT", help="The robot that leads.")]
+MissionName = Annotated[str, typer.Argument(metavar="[MISSION]", help="The mission's name, as `list` shows it.")]
+LeaderOption = Annotated[
+    str, typer.Option("--leader", metavar="ROBOT", help="Instead of a name: the mission that this robot leads.")
+]
 
 
 @start_app.command("move-table")
@@ -47,29 +56,162 @@ def move_table(
     naming: Naming = None,
 ) -> None:
     """Carry a table to a goal. The leader finds the helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
+    import msgspec
+
     from robocorba.corba.remote.control_agent import RemoteAgent
     from robocorba.corba.remote.data_pool import RemotePool
-    from robocorba.programs.graphic_programming import ProgramBuilder
-    from robocorba.programs.program import dumps
+    from robocorba.corba.remote.mission_control import RemoteMissionControl
+    from robocorba.programs.icons import MoveTable
 
     stop = StopSignal()
     with connected("mission", naming) as orb:
+        icon = msgspec.json.encode(MoveTable(table, parse_destination(to))).decode()
         agent = RemoteAgent(orb, leader)
-        agent.load(dumps(ProgramBuilder(f"move {table}").move_table(table, parse_destination(to)).program()))
-        agent.run()
-        result, reason, seconds = _print_progress(agent, RemotePool.of_robot(orb, leader), stop)
+        name = RemoteMissionControl(orb).start(leader, icon)
+        result, reason, seconds = _print_progress(agent, RemotePool.of_robot(orb, leader), stop, name)
     typer.echo(f"{result}\t{seconds:.1f} s\t{reason}".rstrip())
     if result != "done":
         raise typer.Exit(1)
 
 
-@app.command()
-def status(leader: LeaderName, naming: Naming = None) -> None:
-    """Show the plan and the phase of the mission that a robot leads, or led last."""
-    from robocorba.corba.remote.data_pool import RemotePool
+@app.command("list")
+def list_missions(naming: Naming = None, as_json: Json = False) -> None:
+    """List the missions of the building, wherever they were started: running ones, and those of the last week."""
+    from robocorba.corba.remote.mission_control import RemoteMissionControl
 
     with connected("mission", naming) as orb:
-        stored = _latest(RemotePool.of_robot(orb, leader, 3.0))
+        states = sorted(RemoteMissionControl(orb).missions_since(0), key=lambda state: state.content.begun)
+    if as_json:
+        typer.echo(json.dumps([_as_json(state) for state in states], indent=1))
+        return
+    table = Table()
+    for head in ("mission", "task", "leader", "began", "took", "phase", "result"):
+        table.add_column(head, no_wrap=head in ("mission", "result"))  # names are for copying
+    for state in states:
+        content = state.content
+        seconds = (content.ended or time.time()) - content.begun
+        is_today = time.time() - content.begun < 43200
+        began = time.strftime("%H:%M:%S" if is_today else "%m-%d %H:%M", time.localtime(content.begun))
+        task = f"{content.kind.replace('_', ' ')} {content.about}"
+        phase = content.phases[-1].name if content.phases and content.is_running else ""
+        cells = state.name, task, content.leader, began, f"{max(0.0, seconds):.0f} s", phase, content.result.value
+        table.add_row(*map(escape, cells))
+    Console().print(table)
+
+
+@app.command()
+def status(name: MissionName = "", leader: LeaderOption = "", naming: Naming = None, as_json: Json = False) -> None:
+    """Show the phases of a mission; with --leader the plan and phase of the one that a robot leads, or led last."""
+    from robocorba.corba.remote.mission_control import RemoteMissionControl
+
+    with connected("mission", naming) as orb:
+        if not _is_by_name(name, leader):
+            _print_plan(orb, leader)
+            return
+        state = RemoteMissionControl(orb).mission(name)
+    if as_json:
+        typer.echo(json.dumps(_as_json(state), indent=1))
+        return
+    content = state.content
+    phases = Table("phase", "from [s]", "duration [s]", "waited for", title_justify="left")
+    phases.title = escape(f"{name}: {content.kind.replace('_', ' ')} {content.about}, {content.result.value}")
+    for phase in content.phases:
+        duration = f"{phase.ended - phase.begun:.1f}" if phase.ended else ""
+        phases.add_row(escape(phase.name), f"{phase.begun - content.begun:.1f}", duration, escape(phase.waited_for))
+    Console().print(phases)
+    robots = ", ".join(f"{member.robot} ({member.role})" for member in content.members)
+    count = f"{len(content.phases)} of {content.phases_in_all} phases have begun; " if content.phases_in_all else ""
+    typer.echo(f"{count}led by {content.leader}; robots: {robots or 'not yet known'}")
+    if content.reason:
+        typer.echo(content.reason)
+
+
+@app.command()
+def abort(name: MissionName = "", leader: LeaderOption = "", naming: Naming = None) -> None:
+    """Abort a mission, or with --leader the one that a robot leads: all robots put down what they hold, and are free.
+    With a name, no other mission can be hit."""
+    from robocorba.corba.remote.control_agent import RemoteAgent
+    from robocorba.corba.remote.mission_control import RemoteMissionControl
+
+    with connected("mission", naming) as orb:
+        if _is_by_name(name, leader):
+            RemoteMissionControl(orb).abort(name)
+        else:
+            RemoteAgent(orb, leader).abort()
+
+
+@app.command()
+def report(
+    mission: Annotated[str, typer.Argument(help="Its name, or the beginning of it (default: the latest).")] = "",
+    state: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The state folder of the leader [ROBOCORBA_STATE].")
+    ] = None,
+    naming: Naming = None,
+) -> None:
+    """Print the report of a mission that has ended, and write it as a web page beside its JSON. A mission without a
+    report in the state folder is looked up, by its full name, in the running system."""
+    from robocorba.missions import page, timeline
+    from robocorba.missions.report import REPORT_FILE
+
+    with reporting("mission"):
+        folder = Settings.read(state=state).state / MISSIONS
+        pattern = f"{glob.escape(mission)}*/{REPORT_FILE}"
+        found = sorted(folder.glob(pattern), key=lambda file: file.stat().st_mtime)
+        if found:
+            file = found[-1]
+            content = json.loads(file.read_text())
+        elif mission:
+            content = _remote_report(mission, naming)
+            file = folder / _file_name(mission) / REPORT_FILE
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(json.dumps(content, indent=1))
+        else:
+            raise ServiceError(f"no report of a mission in {folder}; name one of `robocorba mission list`")
+        timeline.draw(content, file.parent / timeline.PICTURE)
+        written = page.write(content, file.parent, [(timeline.PICTURE, timeline.CAPTION)])
+        for table in tables(content):
+            Console().print(table)
+        if content["reason"]:
+            typer.echo(content["reason"])
+        typer.echo(f"wrote {written}")
+
+
+def _is_by_name(name: str, leader: str) -> bool:
+    """Whether a mission is chosen by its name. Raises InvalidRequest unless by either name or leader."""
+    if bool(name) == bool(leader):
+        raise InvalidRequest("mission", "give either the name of a mission, or --leader ROBOT")
+    return bool(name)
+
+
+def _remote_report(mission: str, naming: str | None) -> dict[str, Any]:
+    from robocorba.corba.orb import Orb
+    from robocorba.corba.remote.mission_control import RemoteMissionControl
+
+    with Orb(Settings.read(naming=naming).naming) as orb:
+        control = RemoteMissionControl(orb)
+        if control.mission(mission).content.is_running:
+            raise ServiceError(f"mission {mission!r} is still running; `robocorba mission status` shows its phases")
+        return control.report(mission)
+
+
+def _file_name(mission: str) -> str:
+    """A name for a folder; a mission's name may have any character."""
+    name = re.sub(r"[^\w.-]", "_", mission)[:100]
+    return name if name.strip(".") else "mission"
+
+
+def _as_json(state: MissionState) -> dict[str, Any]:
+    import msgspec
+
+    content: dict[str, Any] = msgspec.to_builtins(state.content)
+    return {"name": state.name, "version": state.version, **content}
+
+
+def _print_plan(orb: Orb, leader: str) -> None:
+    """Print plan and phase of the mission that a robot leads, or led last."""
+    from robocorba.corba.remote.data_pool import RemotePool
+
+    stored = _latest(RemotePool.of_robot(orb, leader, 3.0))
     if stored is None:
         typer.echo(f"{leader} has led no mission")
         return
@@ -82,42 +224,6 @@ def status(leader: LeaderName, naming: Naming = None) -> None:
         steps = [type(subplan.steps[number]).__name__ for subplan in plan.subplans]
         table.add_row(phase, *steps, style="bold" if phase == stored.phase else "")
     Console().print(table)
-
-
-@app.command()
-def abort(leader: LeaderName, naming: Naming = None) -> None:
-    """Abort the mission that a robot leads: all robots put down what they hold, and are free."""
-    from robocorba.corba.remote.control_agent import RemoteAgent
-
-    with connected("mission", naming) as orb:
-        RemoteAgent(orb, leader).abort()
-
-
-@app.command()
-def report(
-    mission: Annotated[str, typer.Argument(help="Its name, or the beginning of it (default: the latest).")] = "",
-    state: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The state folder of the leader [ROBOCORBA_STATE].")
-    ] = None,
-) -> None:
-    """Print the report of a mission that has ended, and write it as a web page beside its JSON."""
-    from robocorba.missions import page, timeline
-    from robocorba.missions.report import REPORT_FILE
-
-    with reporting("mission"):
-        folder = Settings.read(state=state).state / MISSIONS
-        found = sorted(folder.glob(f"{mission}*/{REPORT_FILE}"), key=lambda file: file.stat().st_mtime)
-        if not found:
-            raise ServiceError(f"no report of a mission {mission!r} in {folder}")
-        file = found[-1]
-        content = json.loads(file.read_text())
-        timeline.draw(content, file.parent / timeline.PICTURE)
-        written = page.write(content, file.parent, [(timeline.PICTURE, timeline.CAPTION)])
-        for table in tables(content):
-            Console().print(table)
-        if content["reason"]:
-            typer.echo(content["reason"])
-        typer.echo(f"wrote {written}")
 
 
 def tables(report: dict[str, Any]) -> list[Table]:
@@ -158,14 +264,17 @@ class MissionStatus(NamedTuple):
     reason: str
 
 
-def follow_mission(agent: RemoteAgent, pool: RemotePool, wait: Callable[[float], object]) -> Iterator[MissionStatus]:
+def follow_mission(
+    agent: RemoteAgent, pool: RemotePool, wait: Callable[[float], object], name: str = ""
+) -> Iterator[MissionStatus]:
     """The progress of the mission that a robot leads, until its end; `wait` is called with the seconds in between.
 
-    Raises NotReachable if the robot is not reachable for OUTAGE_LIMIT_S."""
+    name: of the mission; without it, an earlier mission's phase is reported until there is a new plan. Raises
+    NotReachable if the robot is not reachable for OUTAGE_LIMIT_S."""
     outage = Outage()
     while True:
         try:
-            report, stored = agent.state().program, _latest(pool)
+            report, stored = agent.state().program, _latest(pool, name)
             outage.note_answer()
         except NotReachable as error:
             outage.note_failure(error)
@@ -181,8 +290,8 @@ def follow_mission(agent: RemoteAgent, pool: RemotePool, wait: Callable[[float],
         wait(POLL_INTERVAL_S)
 
 
-def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: StopSignal) -> tuple[str, str, float]:
-    """Print each phase that begins, until the mission has ended; return result, reason and seconds."""
+def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: StopSignal, name: str) -> tuple[str, str, float]:
+    """Print each phase that begins, until the mission `name` has ended; return result, reason and seconds."""
     printed, is_ending = "", False
 
     def wait(seconds: float) -> None:
@@ -190,7 +299,7 @@ def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: StopSignal) -> t
             time.sleep(seconds)
 
     with progress(1.0) as bar:
-        for now in follow_mission(agent, pool, wait):
+        for now in follow_mission(agent, pool, wait, name):
             if now.result:
                 return now.result, now.reason, now.seconds
             if now.phase != printed:
@@ -198,13 +307,15 @@ def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: StopSignal) -> t
                 typer.echo(f"{printed}\t{', '.join(now.robots)}\t{now.seconds:.1f} s")
             bar(now.share, printed)
             if stop.is_requested and not is_ending:
-                is_ending = True
-                agent.abort()
+                with contextlib.suppress(UnknownMission):  # it has just ended, or is about to begin
+                    agent.abort_mission(name)
+                    is_ending = True
     raise NotReachable(f"robot {agent.name} reports no result")  # not reached: follow_mission ends with one
 
 
-def _latest(pool: RemotePool) -> StoredPlan | None:
+def _latest(pool: RemotePool, name: str = "") -> StoredPlan | None:
+    """The last plan of a mission, or of all."""
     from robocorba.missions.subplan import StoredPlan
 
-    plans = pool.plans()
+    plans = [plan for plan in pool.plans() if plan.name.startswith(name)]
     return StoredPlan.decode(plans[-1].content) if plans else None

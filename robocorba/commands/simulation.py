@@ -5,20 +5,17 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from robocorba.commands.options import State
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.administrator import RemoteAdministrator
 from robocorba.errors.services import NotReachable
 from robocorba.names import ADMINISTRATOR
 from robocorba.settings import Settings
-from robocorba.stubs import RoboCorba
-
-#: Timeout of a call [s]; long, since `step` waits for the steps.
-CALL_TIMEOUT_S = 60.0
 
 app = typer.Typer(help="Set limit and pace of the simulation, and log robots off.", no_args_is_help=True)
 
@@ -30,7 +27,7 @@ def limit(
 ) -> None:
     """Limit the number of logged-on robots."""
     with _administrator(state) as administrator:
-        administrator.setLimit(robots)
+        administrator.set_limit(robots)
 
 
 @app.command()
@@ -49,7 +46,7 @@ def pace(
 ) -> None:
     """Set the pace of simulated time."""
     with _administrator(state) as administrator:
-        administrator.setPace(factor)
+        administrator.set_pace(factor)
 
 
 @app.command()
@@ -76,15 +73,11 @@ def step(
 
 
 @contextlib.contextmanager
-def _administrator(state: Path | None) -> Iterator[Any]:
+def _administrator(state: Path | None) -> Iterator[RemoteAdministrator]:
     with reporting("simulation"):
         settings = Settings.read(state=state)
         file = settings.state / ADMINISTRATOR
-        try:
-            reference = file.read_text()
-        except OSError as error:
-            raise NotReachable(
-                f"no simulation server runs in {settings.state} ({file.name}: {error.strerror})"
-            ) from None
-        with Orb(settings.naming, call_timeout_s=CALL_TIMEOUT_S) as orb:
-            yield orb.reference(reference, RoboCorba.SimulationAdministrator)
+        if not file.exists():
+            raise NotReachable(f"no simulation server runs in {settings.state} ({file.name} is missing)")
+        with Orb(settings.naming) as orb:
+            yield RemoteAdministrator(orb, file)

@@ -19,6 +19,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.settings import Address, Settings
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
 from robocorba.supervision.servers import probe_of
+from robocorba.supervision.system import NAMING_SERVICE
 
 #: Timeout for each object [s].
 TIMEOUT_S = 2.0
@@ -73,7 +74,11 @@ def status(
 def check_objects(record: SystemRecord) -> list[ProcessStatus]:
     """Call all objects of a system concurrently; takes little more than TIMEOUT_S at most."""
     with Orb(Address.parse(record.naming)) as orb:
-        pairs = [(process, name) for process in record.processes for name in process.names or ("",)]
+        pairs = [
+            (process, name)
+            for process in record.processes
+            for name in (("",) if process.name == NAMING_SERVICE else process.names)
+        ]
         with ThreadPoolExecutor(len(pairs) or 1) as threads:
             answers = list(threads.map(lambda pair: _check(orb, pair[1]), pairs))
     return [
@@ -122,8 +127,10 @@ def _print(processes: list[ProcessStatus]) -> None:
     header = ("process", "state", "process id", "listens on", "memory", "up", "restarts", "object", "answer")
     rows: list[tuple[Any, ...]] = []
     for process in processes:
-        cells: tuple[Any, ...] = (process.name, process.state, process.pid or "-", process.endpoint)
+        cells: tuple[Any, ...] = (process.name, process.state, process.pid or "-", process.endpoint or "-")
         cells += (f"{process.memory_mib:.0f} MiB", f"{process.uptime_s:.0f} s", process.restarts)
+        if not process.objects:
+            rows.append((*cells, "-", "-"))
         for status in process.objects:
             answer = status.problem if status.answered_ms is None else f"{status.answered_ms:.2f} ms"
             rows.append((*cells, status.name or "naming service", answer))

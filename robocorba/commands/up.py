@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import socket
 from pathlib import Path
 from typing import Annotated
 
@@ -12,8 +13,10 @@ from rich.table import Table
 
 from robocorba.commands.options import State
 from robocorba.commands.reporting import reporting
+from robocorba.console.settings import DEFAULT_PORT, check_installed
 from robocorba.corba.naming import corbaname
-from robocorba.settings import Address, InvalidSetting, Settings
+from robocorba.settings import DEFAULT_HOST, Address, InvalidSetting, Settings
+from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import StateFolder, SystemRecord
 from robocorba.supervision.servers import servers
 from robocorba.supervision.subnets import parse_subnets, remove_former_links
@@ -47,6 +50,10 @@ def up(
             metavar="S", help="Time limit in seconds for each process to start, until it answers its first call."
         ),
     ] = 180.0,
+    console: Annotated[bool, typer.Option("--console", help="Also serve the operator's console to browsers.")] = False,
+    console_port: Annotated[
+        int, typer.Option(metavar="N", min=0, max=65535, help="Port of the console on 127.0.0.1; 0: any free one.")
+    ] = DEFAULT_PORT,
 ) -> None:
     """Start the naming service and all servers, each as a process; print `ready` when all answer.
 
@@ -68,8 +75,18 @@ def up(
             before_ready=functools.partial(remove_former_links, folder, names),
             building=building.absolute() if building else None,
             start_limit_s=start_limit,
+            console=_console_address(console_port) if console else None,
         )
         run(system)
+
+
+def _console_address(port: int) -> Address:
+    """Where the console listens: on the loopback only, since it has the rights of an administrator and no password."""
+    check_installed()
+    if port == 0:
+        with socket.create_server((DEFAULT_HOST, 0)) as probe:
+            port = int(probe.getsockname()[1])
+    return Address.checked(DEFAULT_HOST, port, "--console-port")
 
 
 def run(system: System) -> None:
@@ -98,8 +115,11 @@ def _rows(record: SystemRecord) -> list[tuple[str, str, str]]:
     naming = Address.parse(record.naming)
     rows = []
     for process in record.processes:
-        names = process.names or ("",) if process.name == NAMING_SERVICE else process.names
-        rows += [(process.name, str(process.pid), corbaname(naming, name)) for name in names]
+        names = ("",) if process.name == NAMING_SERVICE else process.names
+        objects = [corbaname(naming, name) for name in names]
+        if process.name == CONSOLE:
+            objects.append(f"http://{process.endpoint}/")
+        rows += [(process.name, str(process.pid), where) for where in objects]
     return rows
 
 

@@ -26,8 +26,10 @@ from robocorba.errors.simulation import InvalidChoice, SimulationError
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.motion.robot_state import ActorCommand, RobotState, Velocity
+from robocorba.planning.request import PathPoint
 from robocorba.programs.base_checks import Planner
-from robocorba.programs.program import Program
+from robocorba.programs.program import Program, require_cooperative
+from robocorba.programs.report import CheckReport
 from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
 from robocorba.spatial.frames import into, turned
@@ -95,15 +97,15 @@ TaskT = TypeVar("TaskT", bound=Task)
 
 
 class ControlAgent:
-    """Thread-safe. others: for events and cooperative icons. check: raises InvalidProgram if a program can't run from
-    the present state. ticks: records programs. nearby: other robots and obstacles; see Robot."""
+    """Thread-safe. others: for events and cooperative icons. check: checks a program from the present state. ticks:
+    records programs. nearby: other robots and obstacles; see Robot."""
 
     def __init__(
         self,
         context: AdaptorContext,
         planner: Planner,
         others: OtherRobots,
-        check: Callable[[Program, AgentState], None] = lambda program, state: None,
+        check: Callable[[Program, AgentState], CheckReport] = lambda program, state: CheckReport(),
         ticks: TickFile | None = None,
         nearby: Nearby | None = None,
     ) -> None:
@@ -163,22 +165,40 @@ class ControlAgent:
 
     # ---- programs ----
 
+    @property
+    def program(self) -> Program | None:
+        """The loaded program."""
+        return self._program
+
+    def check(self, program: Program) -> CheckReport:
+        """Check a program from the present state, also while another one runs. Raises NotReachable."""
+        return self._check(program, self.state)
+
     def load(self, program: Program) -> None:
         """Check and keep a program. Raises InvalidProgram; IllegalOrder while a program runs."""
         with self._lock:
             self._refuse_while_running("load a program")
-            self._check(program, self.state)
+            self.check(program).require_valid()
             self._program = program
 
-    def run(self, is_stepping: bool = False) -> None:
-        """Start the loaded program. Raises IllegalOrder."""
+    def run(self, is_stepping: bool = False, mission: str = "") -> None:
+        """Start the loaded program. mission: name of the mission of its cooperative icon, empty for a new one. Raises
+        IllegalOrder."""
         with self._lock:
             self._refuse_while_running("run a program")
             robot = self.robot
             if self._program is None:
                 raise IllegalOrder("run a program", "has none loaded")
             robot.execution.reset(is_stepping)
-            self._begin(Runner(self._program, robot, self._others))
+            self._begin(Runner(self._program, robot, self._others, mission))
+
+    def start_mission(self, mission: str, program: Program) -> None:
+        """Load and run a program of one cooperative icon as the mission of this name. Raises InvalidProgram,
+        IllegalOrder."""
+        require_cooperative(program)
+        with self._lock:
+            self.load(program)
+            self.run(mission=mission)
 
     def begun(self, first: int) -> list[IconBegun]:
         """Icons of the present or last program that have begun, from number `first`."""
@@ -233,6 +253,11 @@ class ControlAgent:
             part = make(robot)
             self._begin(part)
             return part
+
+    @property
+    def path(self) -> Sequence[PathPoint]:
+        """The path that the base is driving, from its start; empty if it drives none."""
+        return self._robot.path if self._robot else ()
 
     # ---- safety ----
 

@@ -52,6 +52,8 @@ class BaseMovements(Movements):
 
     _planner: Planner
     _nearby: Nearby | None
+    #: The path that is being driven, from its start; empty if there is none.
+    path: Sequence[PathPoint] = ()
 
     # ---- along paths ----
 
@@ -145,6 +147,13 @@ class BaseMovements(Movements):
 
     def _drive_along(self, points: Sequence[PathPoint], heading: float | None, limit: float) -> None:
         """Drive from point to point, and ride from floor to floor."""
+        self.path = points
+        try:
+            self._drive_legs(points, heading, limit)
+        finally:
+            self.path = ()
+
+    def _drive_legs(self, points: Sequence[PathPoint], heading: float | None, limit: float) -> None:
         state = self.controller.state
         leg: list[tuple[float, float]] = []
         speeds: list[float] = []

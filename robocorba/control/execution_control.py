@@ -70,7 +70,7 @@ class ExecutionControl:
         self.is_stepping = True
         self._release()
 
-    def abort(self, reason: str = "somebody ended it") -> None:
+    def abort(self, reason: str = "it was aborted") -> None:
         """End the program."""
         self.interrupt(Aborted(reason))
         self._release()

@@ -77,15 +77,17 @@ class OtherRobots(Protocol):
     def publish(self, type: str, payload: Any) -> None:
         """Publish an event. Raises EventError, NotReachable."""
 
-    def cooperate(self, icon: Icon) -> None:
-        """Perform a cooperative icon. Raises RobotError."""
+    def cooperate(self, icon: Icon, mission: str) -> None:
+        """Perform a cooperative icon as the mission of this name, or of a new one if it is empty. Raises RobotError."""
 
 
 class Runner:
-    """One run of a program on a robot, by one thread; any thread may read its report."""
+    """One run of a program on a robot, by one thread; any thread may read its report.
 
-    def __init__(self, program: Program, robot: Robot, others: OtherRobots) -> None:
-        self._program, self._robot, self._others = program, robot, others
+    mission: name of the mission of its first cooperative icon, empty for a new one."""
+
+    def __init__(self, program: Program, robot: Robot, others: OtherRobots, mission: str = "") -> None:
+        self._program, self._robot, self._others, self._mission = program, robot, others, mission
         self._started_at = time.monotonic()
         self._last_report = ProgramReport(program.name)
         self._begun: deque[IconBegun] = deque(maxlen=MAX_ICONS_BEGUN)
@@ -207,7 +209,8 @@ class Runner:
     @_perform.register(icons.MoveTable)
     @_perform.register(icons.HandOver)
     def _(self, icon: Icon, path: str) -> None:
-        self._others.cooperate(icon)
+        mission, self._mission = self._mission, ""
+        self._others.cooperate(icon, mission)
 
     # ---- conditions ----
 

@@ -162,7 +162,7 @@ class Orb:
         OBJECT_NOT_EXIST. Call it once. Names may have several parts, such as EventChannels/hall."""
         self._install_signal_handlers()
         served = {name: self.activate(servant, name) for name, servant in servants.items()}
-        self._accept_calls()
+        self.accept_calls()
         self._bound_names.start(served)
 
     def activate(self, servant: Any, key: str = "") -> Any:
@@ -177,7 +177,7 @@ class Orb:
                 self._named_adapter.activate_object_with_id(key.encode(), servant)
             return self._named_adapter.id_to_reference(key.encode())
         if self.endpoint is None:
-            self._accept_calls()
+            self.accept_calls()
         return self._root_adapter.id_to_reference(self._root_adapter.activate_object(servant))
 
     def deactivate(self, servant: Any) -> None:
@@ -224,7 +224,7 @@ class Orb:
     def run(self) -> None:
         """Serve until SIGTERM, SIGINT or `stop`; then the `with` must end within SHUTDOWN_LIMIT_S. Main thread only."""
         gc.freeze()  # the objects loaded so far stay; traversing them in each collection would delay calls
-        self._accept_calls()
+        self.accept_calls()
         self._install_signal_handlers()
         try:
             self._stop.get()
@@ -246,7 +246,8 @@ class Orb:
         while self._handlers:
             signal.signal(*self._handlers.popitem())
 
-    def _accept_calls(self) -> None:
+    def accept_calls(self) -> None:
+        """Accept calls of active objects; for a process that has objects, but no names for `serve`."""
         for adapter in (self._named_adapter, self._root_adapter):
             adapter._get_the_POAManager().activate()
         _gate.set()

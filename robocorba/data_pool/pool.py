@@ -13,6 +13,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Protocol
 
+from robocorba.data_pool.recent import Updates, continued
 from robocorba.data_pool.snapshot import NO_BODIES, NO_ELEVATORS, NO_MOTIONS, FloorBodies, FloorSnapshot
 from robocorba.data_pool.walls import Walls
 from robocorba.errors.paths import UnknownFloor
@@ -130,6 +131,7 @@ class _Follower:
         self._walls: Walls | None = None
         self._bodies, self._motions = NO_BODIES, NO_MOTIONS
         self._elevators: Mapping[str, ElevatorState] = NO_ELEVATORS
+        self._recent: Updates = ()
 
     def load_walls(self) -> None:
         """Load the walls if they differ from the loaded ones. Raises UnknownFloor, NotReachable."""
@@ -158,5 +160,6 @@ class _Follower:
         if has_changed or len(update.motions):
             self._motions = view.motions.copy()
             self._motions.setflags(write=False)
+        self._recent = continued(self._recent, update)
         content = view.version, view.time, view.map_version, self._bodies, self._motions, self._elevators
-        return FloorSnapshot(self._floor, self._walls, *content, requested_at)
+        return FloorSnapshot(self._floor, self._walls, *content, requested_at, self._recent)

@@ -14,6 +14,7 @@ import shapely
 from shapely import Point
 
 from robocorba.data_pool.entities import FloorEntity, entity_of_body, entity_of_map_object
+from robocorba.data_pool.recent import Updates, merged, since
 from robocorba.data_pool.walls import NearbyObstacle, Walls, nearest_of
 from robocorba.errors.paths import InvalidPoint, InvalidRequest
 from robocorba.spatial.elevator_state import ElevatorState
@@ -64,6 +65,8 @@ class FloorSnapshot:
     #: Elevators that serve the floor, by name.
     elevators: Mapping[str, ElevatorState] = field(default_factory=lambda: NO_ELEVATORS)
     valid_at: float = -math.inf
+    #: The last updates that led to `version`.
+    recent: Updates = field(default=(), repr=False)
 
     @property
     def is_known(self) -> bool:
@@ -146,6 +149,12 @@ class FloorSnapshot:
         return FloorUpdate(
             self.floor, WHOLE, self.version, self.time, self.map_version, came, [], self.motions, elevators
         )
+
+    def changes(self, version: int) -> FloorUpdate:
+        """What changed since a version; the whole floor if that version is not remembered."""
+        whole = self.as_update()
+        updates = () if version == self.version else since(self.recent, version)
+        return whole if updates is None or not self.is_known else merged(updates, whole)
 
 
 def _check_point(x: float, y: float) -> None:

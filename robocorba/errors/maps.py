@@ -60,6 +60,18 @@ class NothingToRedo(MapError):
     """There is no undone edit to redo."""
 
 
+class EditedByOthers(MapError):
+    """The element of an edit to undo or redo has been changed by `author` since; empty for edits without a session."""
+
+    def __init__(self, kind: str, floor: str, name: str, author: str) -> None:
+        self.kind, self.floor, self.name, self.author = kind, floor, name, author
+        super().__init__(f"{describe(kind, floor, name)} has been changed by {author or 'another client'} since")
+
+
+class SessionEnded(MapError):
+    """The edit session was closed, was without a call for too long, or the map editor was restarted."""
+
+
 class VersionUnavailable(MapError):
     """`version` is outside the kept history from `oldest` to `current`."""
 

@@ -31,3 +31,19 @@ class StartFailed(ServiceError):
 
 class NotReachable(ServiceError):
     """A name could not be resolved, or its object did not answer, in time."""
+
+
+class ProcessExists(ServiceError):
+    """The system runs a robot called `name` already."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        super().__init__(f"this system runs a robot called {name[:80]} already")
+
+
+class UnknownProcess(ServiceError):
+    """The system has no process called `name`, or no robot was started here by this name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        super().__init__(f"this system has started nothing called {name[:80]!r}")

@@ -52,6 +52,14 @@ class UnknownRobot(SimulationError):
         super().__init__(f"no robot called {name} is logged on")
 
 
+class UnknownBody(SimulationError):
+    """No robot and no movable object is called `name`."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        super().__init__(f"there is no robot or movable object {name[:80]!r}")
+
+
 class InvalidRide(FieldError, SimulationError):
     """A field of an elevator call is invalid: `field` names it, `reason` explains."""
 
@@ -114,6 +122,14 @@ class UnknownMission(SimulationError):
     def __init__(self, name: str) -> None:
         self.name = name
         super().__init__(f"there is no mission {name[:80]!r}")
+
+
+class NoLeader(SimulationError):
+    """A robot can't lead a mission, or does not answer; `reason` explains."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(reason)
 
 
 class UpdateMismatch(SimulationError):

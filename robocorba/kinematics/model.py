@@ -48,6 +48,8 @@ ACROSS = (0, 1, 0)
 #: Dimensions of a finger, and half the gap between parallel fingers [m]: closed fingers meet at their tips.
 _FINGER_LENGTH_M, _FINGER_M = 0.090, 0.006
 _GAP_M = _FINGER_LENGTH_M * math.tan(JOINT_UPPER[-1]) / 2
+#: Middle of the fixed finger in the hand's frame [m].
+FIXED_FINGER_M = (-_GAP_M - _FINGER_M, 0.0, -WRIST_M - HAND_M - 0.006 + _FINGER_LENGTH_M / 2)
 
 #: armature, damping: inertia [kg m^2] and friction [N m s/rad] that motors and gears add to a joint. Assumed.
 _EMPTY_MODEL = """

@@ -8,11 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps.collisions import TOUCH_M, Collision, blockages
 from robocorba.maps.geometry import bounds
 from robocorba.maps.model import KIND_OF, Building, ElementKind, Elevator
 from robocorba.maps.reachability import Reachability
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M
+
+#: Radii of robots that a floor can be checked for [m].
+MIN_RADIUS_M, MAX_RADIUS_M = 0.05, 5.0
 
 
 class MapFinding(NamedTuple):
@@ -37,6 +41,25 @@ def findings(building: Building, radius_m: float = SMARTPAL_RADIUS_M) -> list[Ma
     for floor in building.floors:
         found += _nodes(building, floor, reach)
     return found + list(_floors(building, reach)) + list(_elevators(building, reach))
+
+
+def floor_findings(building: Building, floor: str, radius_m: float) -> list[MapFinding]:
+    """The findings of one floor and of the elevators that serve it, which are placed on it.
+
+    Raises UnknownElement, InvalidElement for the radius."""
+    if floor not in building.floors:
+        raise UnknownElement(ElementKind.FLOOR.value, "", floor)
+    if not MIN_RADIUS_M <= radius_m <= MAX_RADIUS_M:
+        reason = f"the radius of the robot must be from {MIN_RADIUS_M:g} to {MAX_RADIUS_M:g} m, not {radius_m:g}"
+        raise InvalidElement(ElementKind.FLOOR.value, "", floor, reason)
+    found = []
+    for finding in findings(building, radius_m):
+        if finding.kind is ElementKind.ELEVATOR:
+            if floor in building.elevators[finding.name].floors():
+                found.append(finding._replace(where=(floor, *finding.where[1:])))
+        elif finding.where[0] == floor:
+            found.append(finding)
+    return found
 
 
 def blocked(building: Building) -> Iterator[MapFinding]:

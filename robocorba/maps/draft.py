@@ -6,6 +6,7 @@ that it touches, so that it never overwrites a concurrent edit.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from robocorba.errors.maps import DuplicateElement, StaleEdit, UnknownElement
@@ -77,29 +78,36 @@ class Draft:
         """The edits as changes of `state` to `version`.
 
         Raises StaleEdit, DuplicateElement or UnknownElement if another edit changed a touched element."""
-        for touched, read in self._read.items():
-            current = state.version_of(touched)
-            if current == read or touched.floor in self._removed_floors:
-                continue
-            if not read:
-                raise DuplicateElement(*touched.words)
-            if not current:
-                raise UnknownElement(*touched.words)
-            raise StaleEdit(*touched.words, read, current)
+        for conflict in self.conflicts(state):
+            raise conflict
         after = dict(self._after)
         for floor in self._removed_floors & state.building.floors.keys():
             for kind in COLLECTION_OF:
                 for name in state.building.elements(kind, floor):
                     after.setdefault(ElementKey(kind, floor, name), None)
-        for touched, element in after.items():
-            if element is not None and touched.floor and not self._exists(state, _floor_key(touched.floor)):
-                raise UnknownElement(*_floor_key(touched.floor).words)
         pairs = ((touched, state.building.find(*touched), element) for touched, element in after.items())
         return ordered(
             Change(version, touched, before, element)
             for touched, before, element in pairs
             if before is not None or element is not None
         )
+
+    def conflicts(self, state: EditorState) -> Iterator[StaleEdit | DuplicateElement | UnknownElement]:
+        """Touched elements that another edit has changed, created or removed, then removed floors of the others."""
+        for touched, read in self._read.items():
+            current = state.version_of(touched)
+            if current == read or touched.floor in self._removed_floors:
+                continue
+            if not read:
+                yield DuplicateElement(*touched.words)
+            elif not current:
+                yield UnknownElement(*touched.words)
+            else:
+                yield StaleEdit(*touched.words, read, current)
+        needed = dict.fromkeys(touched.floor for touched, element in self._after.items() if element and touched.floor)
+        for floor in needed:
+            if not self._exists(state, _floor_key(floor)):
+                yield UnknownElement(*_floor_key(floor).words)
 
     def _exists(self, state: EditorState, wanted: ElementKey) -> bool:
         if wanted in self._after:

@@ -6,6 +6,8 @@ current snapshot and never wait.
 
 An edit names the version of the element that its author read. If the element has changed
 since, the edit raises StaleEdit. Edits of different elements never conflict.
+
+`undo` and `redo` concern the edits of everybody. An author's own are undone in a session (EditSession).
 """
 
 from __future__ import annotations
@@ -13,28 +15,46 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, MutableSequence, Sequence
+from itertools import islice
 
 import msgspec
 
 from robocorba.errors.maps import (
+    EditedByOthers,
     InvalidElement,
+    MapError,
     NothingToRedo,
     NothingToUndo,
+    SessionEnded,
     StaleVersion,
     TooManyTransactions,
     TransactionClosed,
     UnknownElement,
 )
+from robocorba.maps.author_history import (
+    AuthorHistory,
+    OwnEdit,
+    check_author,
+    foreign_changes,
+    repeating,
+    reverting,
+)
 from robocorba.maps.changes import Change, ElementKey, apply, difference, elements_of, inverse, key, key_of, ordered
 from robocorba.maps.draft import Draft, EditorState, Versions
+from robocorba.maps.edits import EditRecord, Finding, renamed, shortened, summary_of
 from robocorba.maps.element_rules import size_of
 from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap, with_topology
-from robocorba.maps.store import DEFAULT_LIMITS, CommitKind, MapLimits, MapStore, StoredBuilding
-from robocorba.maps.validation import check_change, problems
+from robocorba.maps.places import placed
+from robocorba.maps.renaming import rename_changes
+from robocorba.maps.store import DEFAULT_LIMITS, NO_NOTE, CommitKind, EditNote, MapLimits, MapStore, StoredBuilding
+from robocorba.maps.underlays import Underlay, check_underlay
+from robocorba.maps.validation import change_problems, check_change, problems
 
 #: Blocked nodes and edges that the log lists for one edit; it counts the others.
 MAX_BLOCKED_LOGGED = 5
+#: Maximum number of broken rules that a transaction lists.
+MAX_PROBLEMS = 1000
 
 _log = logging.getLogger(__name__)
 
@@ -45,16 +65,22 @@ Listener = Callable[[Building, int, Sequence[Change]], None]
 class BuildingEditor:
     """Edits the building of a store. Safe from any thread.
 
-    `clock` returns the time [s] for the timeout of transactions. If the store fails, the edit raises MapFileError
-    and changes nothing."""
+    `clock` returns the time [s] for the timeouts of transactions and sessions, `wall_clock` the seconds since 1970 for
+    the records of edits. `by`: the author of an edit, if it is made in a session. If the store fails, the edit raises
+    MapFileError and changes nothing."""
 
     def __init__(
-        self, store: MapStore, limits: MapLimits = DEFAULT_LIMITS, clock: Callable[[], float] = time.monotonic
+        self,
+        store: MapStore,
+        limits: MapLimits = DEFAULT_LIMITS,
+        clock: Callable[[], float] = time.monotonic,
+        wall_clock: Callable[[], float] = time.time,
     ) -> None:
-        self._store, self._limits, self._clock = store, limits, clock
+        self._store, self._limits, self._clock, self._wall_clock = store, limits, clock, wall_clock
         self._lock = threading.Lock()
         self._listeners: list[Listener] = []
         self._open: set[Transaction] = set()
+        self._sessions: set[EditSession] = set()
         self._state = _editor_state(store.load())
 
     @property
@@ -91,31 +117,112 @@ class BuildingEditor:
         versions = state.versions.get((kind, floor if kind in COLLECTION_OF else ""), {})
         return [(element, versions[name]) for name, element in state.building.elements(kind, floor).items()]
 
-    def create(self, floor: str, element: Element) -> int:
+    def create(self, floor: str, element: Element, by: AuthorHistory | None = None) -> int:
         """Add an element. `floor` is ignored for floors and elevators. Returns the new version.
 
         Raises DuplicateElement, UnknownElement for the floor, InvalidElement."""
-        return self._edit(lambda draft, state: draft.create(state, floor, element))
+        return self._edit(lambda draft, state: draft.create(state, floor, element), by)
 
-    def change(self, floor: str, element: Element, expected: int) -> int:
+    def change(self, floor: str, element: Element, expected: int, by: AuthorHistory | None = None) -> int:
         """Replace the element of that kind, floor and name. Returns the new version.
 
         Raises UnknownElement, StaleEdit, InvalidElement."""
-        return self._edit(lambda draft, state: draft.change(state, floor, element, expected))
+        return self._edit(lambda draft, state: draft.change(state, floor, element, expected), by)
 
-    def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> int:
+    def remove(self, kind: ElementKind, floor: str, name: str, expected: int, by: AuthorHistory | None = None) -> int:
         """Remove an element, a floor with all its elements. Returns the new version.
 
         Raises UnknownElement, StaleEdit, InvalidElement if a remaining element refers to it."""
-        return self._edit(lambda draft, state: draft.remove(state, kind, floor, name, expected))
+        return self._edit(lambda draft, state: draft.remove(state, kind, floor, name, expected), by)
 
-    def begin(self) -> Transaction:
+    def rename(
+        self,
+        kind: ElementKind,
+        floor: str,
+        name: str,
+        new_name: str,
+        expected: int,
+        by: AuthorHistory | None = None,
+    ) -> int:
+        """Rename an element, also where others refer to it: nodes in edges, elevators in nodes, floors in elevators.
+
+        Returns the new version, the current one if it has that name. Raises UnknownElement, DuplicateElement,
+        StaleEdit, InvalidElement."""
+        with self._lock:
+            wanted = key(kind, floor, name)
+            changes = rename_changes(self._state, wanted, new_name, expected)
+            if not changes:
+                return self.version
+            summary = renamed(kind, wanted.floor, name, new_name)
+            version = self._commit(changes, self.building.name, note=self._note(summary, by))
+            if by:
+                by.add(OwnEdit(version, summary, is_rename=True))
+            return version
+
+    def open_session(self, author: str) -> EditSession:
+        """A session for an author. Raises InvalidElement for the name, TooManyTransactions."""
+        check_author(author)
+        with self._lock:
+            self._expire()
+            if len(self._sessions) >= self._limits.sessions:
+                raise TooManyTransactions(self._limits.sessions)
+            session = EditSession(self, author, self._clock())
+            self._sessions.add(session)
+            return session
+
+    def use_session(self, session: EditSession) -> None:
+        """A session is called: its timeout begins anew. Raises SessionEnded."""
+        with self._lock:
+            self._expire()
+            if session not in self._sessions:
+                raise SessionEnded("the edit session was closed, or was without a call for too long")
+            session._used_at = self._clock()
+
+    def close_session(self, session: EditSession) -> None:
+        """End a session. Raises SessionEnded."""
+        self.use_session(session)
+        with self._lock:
+            self._sessions.discard(session)
+
+    def undo_own(self, author: AuthorHistory) -> int:
+        """Revert the last edit of an author. Returns the new version.
+
+        Raises NothingToUndo, InvalidElement, EditedByOthers; after the latter the edit can't be undone any more."""
+        with self._lock:
+            commit = self._store.commit_of(author.done[-1].version) if author.done else None
+            if commit is None:  # the journal keeps the newest: those before it are lost as well
+                author.done.clear()
+                raise NothingToUndo("there is nothing to undo")
+            edit = author.done[-1]
+            changes = reverting(commit.changes, self.version + 1)
+            version = self._replay(author.done, changes, self._note(f"undone: {edit.summary}", author))
+            author.done.pop()
+            author.undone.append(edit)
+            return version
+
+    def redo_own(self, author: AuthorHistory) -> int:
+        """Repeat the edit that an author undid last. Returns the new version.
+
+        Raises NothingToRedo, InvalidElement, EditedByOthers; after the latter the edit can't be repeated any more."""
+        with self._lock:
+            commit = self._store.commit_of(author.undone[-1].version) if author.undone else None
+            if commit is None:
+                author.undone.clear()
+                raise NothingToRedo("there is nothing to redo")
+            edit = author.undone[-1]
+            changes = repeating(commit.changes, self.version + 1)
+            version = self._replay(author.undone, changes, self._note(f"redone: {edit.summary}", author))
+            author.undone.pop()
+            author.done.append(edit)
+            return version
+
+    def begin(self, by: AuthorHistory | None = None) -> Transaction:
         """Open a transaction. Raises TooManyTransactions."""
         with self._lock:
             self._expire()
             if len(self._open) >= self._limits.transactions:
                 raise TooManyTransactions(self._limits.transactions)
-            transaction = Transaction(self, self._clock())
+            transaction = Transaction(self, self._clock(), by)
             self._open.add(transaction)
             return transaction
 
@@ -128,7 +235,8 @@ class BuildingEditor:
             if commit is None:
                 raise NothingToUndo("there is nothing to undo")
             changes = inverse(commit.changes, self.version + 1)
-            return self._commit(changes, commit.name_before, CommitKind.UNDO, commit.version)
+            note = self._note(f"undone: {summary_of(commit.changes)}")
+            return self._commit(changes, commit.name_before, CommitKind.UNDO, commit.version, note=note)
 
     def redo(self, expected: int) -> int:
         """Repeat the edit that undo reverted last, unless another edit followed. Returns the new version.
@@ -139,8 +247,9 @@ class BuildingEditor:
             commit = self._store.redoable()
             if commit is None:
                 raise NothingToRedo("there is nothing to redo")
-            changes = [msgspec.structs.replace(change, version=self.version + 1) for change in commit.changes]
-            return self._commit(changes, commit.name_after, CommitKind.REDO, commit.version)
+            changes = repeating(commit.changes, self.version + 1)
+            note = self._note(f"redone: {summary_of(commit.changes)}")
+            return self._commit(changes, commit.name_after, CommitKind.REDO, commit.version, note=note)
 
     def changes_since(self, version: int) -> list[Change]:
         """The changes after `version`, in order. Raises VersionUnavailable, MapFileError."""
@@ -148,6 +257,29 @@ class BuildingEditor:
         if version == state.version:
             return []
         return self._store.changes_since(version, state.version)
+
+    def edits_since(self, version: int) -> list[EditRecord]:
+        """The edits after `version`, oldest first. Raises VersionUnavailable, MapFileError."""
+        state = self._state
+        if version == state.version:
+            return []
+        return self._store.edits_since(version, state.version)
+
+    def underlay(self, floor: str) -> Underlay | None:
+        """The picture below a floor. Raises UnknownElement, MapFileError."""
+        self._check_floor(floor)
+        return self._store.underlay(floor)
+
+    def set_underlay(self, floor: str, underlay: Underlay | None) -> None:
+        """Set or remove the picture below a floor, durably; no edit. It follows the floor's renaming and removal.
+
+        Raises UnknownElement, InvalidElement, MapFileError."""
+        self._check_floor(floor)
+        if underlay is not None:
+            check_underlay(floor, underlay)
+        with self._lock:
+            self._check_floor(floor)
+            self._store.set_underlay(floor, underlay)
 
     def replace(self, building: Building, expected: int) -> int:
         """Replace the building by another one, as one edit of the elements that differ.
@@ -177,15 +309,41 @@ class BuildingEditor:
             self._listeners.append(listener)
             return self.snapshot
 
-    def _edit(self, operation: Callable[[Draft, EditorState], None]) -> int:
+    def _edit(self, operation: Callable[[Draft, EditorState], None], by: AuthorHistory | None) -> int:
         with self._lock:
             draft = Draft()
             operation(draft, self._state)
-            return self._finish(draft)
+            return self._finish(draft, by)
 
-    def _finish(self, draft: Draft) -> int:
+    def _finish(self, draft: Draft, by: AuthorHistory | None) -> int:
         changes = draft.changes(self._state, self.version + 1)
-        return self._commit(changes, self.building.name, check=True) if changes else self.version
+        if not changes:
+            return self.version
+        summary = summary_of(changes)
+        version = self._commit(changes, self.building.name, check=True, note=self._note(summary, by))
+        if by:
+            by.add(OwnEdit(version, summary))
+        return version
+
+    def _note(self, summary: str, by: AuthorHistory | None = None) -> EditNote:
+        return EditNote(by.author if by else "", self._wall_clock(), shortened(summary))
+
+    def _replay(self, stack: MutableSequence[OwnEdit], changes: Sequence[Change], note: EditNote) -> int:
+        """Make the changes that revert or repeat the last edit of `stack`; drop it if others have changed its elements.
+
+        Requires the lock."""
+        foreign = next(foreign_changes(self.building, changes), None)
+        if foreign is not None:
+            edit = stack.pop()
+            raise EditedByOthers(*foreign.words, self._store.last_author(foreign, edit.version))
+        if stack[-1].is_rename:  # nothing moves, so what is blocked may stay blocked
+            for wrong in problems(apply(self.building, changes), limit=1):
+                raise wrong
+        return self._commit(changes, self.building.name, check=not stack[-1].is_rename, note=note)
+
+    def _check_floor(self, floor: str) -> None:
+        if floor not in self.building.floors:
+            raise UnknownElement(ElementKind.FLOOR.value, "", floor)
 
     def _put(self, elements: dict[ElementKey, Element | None], name: str, check: bool = False) -> int:
         if not elements and name == self.building.name:
@@ -193,7 +351,8 @@ class BuildingEditor:
         changes = ordered(
             Change(self.version + 1, key, self.building.find(*key), element) for key, element in elements.items()
         )
-        return self._commit(changes, name, check=check)
+        note = self._note(summary_of(changes) or f"building renamed to {name}")
+        return self._commit(changes, name, check=check, note=note)
 
     def _expect(self, version: int) -> None:
         if version != self.version:
@@ -206,6 +365,7 @@ class BuildingEditor:
         kind: CommitKind = CommitKind.EDIT,
         source: int = 0,
         check: bool = False,
+        note: EditNote = NO_NOTE,
     ) -> int:
         """Check and store changes, then publish them to readers and listeners. Requires the lock."""
         before = self._state
@@ -218,7 +378,7 @@ class BuildingEditor:
             raise InvalidElement(*changes[-1].key.words, reason)
         blocked = check_change(building, [change.key for change in changes], before.building) if check else []
         version = before.version + 1
-        self._store.commit(changes, version, (before.building.name, name), kind, source, self._limits)
+        self._store.commit(changes, version, (before.building.name, name), kind, source, self._limits, note)
         self._state = EditorState(building, version, _updated_versions(before.versions, changes), size)
         if blocked:
             named = "; ".join(str(collision.error()) for collision in blocked[:MAX_BLOCKED_LOGGED])
@@ -230,10 +390,13 @@ class BuildingEditor:
         return version
 
     def _expire(self) -> None:
-        """Roll back the transactions that have timed out. Requires the lock."""
-        oldest = self._clock() - self._limits.transaction_timeout_s
+        """Roll back the transactions and end the sessions that have timed out. Requires the lock."""
+        now = self._clock()
+        oldest = now - self._limits.transaction_timeout_s
         for transaction in [each for each in self._open if each._used_at < oldest]:
             self._drop(transaction)
+        oldest = now - self._limits.session_timeout_s
+        self._sessions -= {each for each in self._sessions if each._used_at < oldest}
 
     def _drop(self, transaction: Transaction) -> Draft:
         """Close a transaction and take its draft, since a caller may keep the closed transaction. Requires the lock."""
@@ -261,7 +424,17 @@ class BuildingEditor:
         with self._lock:
             self._use(transaction)
             draft = self._drop(transaction)
-            return self._finish(draft) if commit else self.version
+            return self._finish(draft, transaction._by) if commit else self.version
+
+    def _problems(self, transaction: Transaction) -> list[Finding]:
+        with self._lock:
+            self._use(transaction)
+            state, draft = self._state, transaction._draft
+            found: list[MapError] = list(islice(draft.conflicts(state), MAX_PROBLEMS))
+            changes = [] if found else draft.changes(state, state.version + 1)
+        after = apply(state.building, changes)
+        found += change_problems(after, [change.key for change in changes], state.building, MAX_PROBLEMS)
+        return [placed(problem, after, state.building) for problem in found]
 
 
 class Transaction:
@@ -272,8 +445,8 @@ class Transaction:
     Each edit checks the rules of its element alone; `commit` checks those between elements.
     Every operation raises TransactionClosed if the transaction is closed or has timed out."""
 
-    def __init__(self, editor: BuildingEditor, now: float) -> None:
-        self._editor, self._used_at = editor, now
+    def __init__(self, editor: BuildingEditor, now: float, by: AuthorHistory | None = None) -> None:
+        self._editor, self._used_at, self._by = editor, now, by
         self._draft = Draft()
 
     @property
@@ -293,6 +466,12 @@ class Transaction:
         """As BuildingEditor.remove."""
         self._editor._add_edit(self, lambda draft, state: draft.remove(state, kind, floor, name, expected), None)
 
+    def problems(self) -> list[Finding]:
+        """Every rule that `commit` would break now, and every edit of others that it would overwrite, with places.
+
+        Changes nothing. Conflicts are listed alone: the rules depend on their solution."""
+        return self._editor._problems(self)
+
     def commit(self) -> int:
         """Make all edits as one, and close the transaction. Returns the building's version, new if anything was edited.
 
@@ -303,6 +482,77 @@ class Transaction:
     def roll_back(self) -> None:
         """Discard all edits."""
         self._editor._close(self, commit=False)
+
+
+class EditSession:
+    """The edits of one author. Every method raises SessionEnded after `close`, or after an hour without a call.
+
+    Edits as in BuildingEditor; they return the building's new version."""
+
+    def __init__(self, editor: BuildingEditor, author: str, now: float) -> None:
+        self._editor, self._used_at = editor, now
+        self._history = AuthorHistory(author)
+
+    @property
+    def author(self) -> str:
+        """The author's name."""
+        return self._history.author
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it was neither closed nor has timed out."""
+        return self in self._editor._sessions
+
+    @property
+    def undoable(self) -> str:
+        """A summary of the edit that `undo` would revert; empty if there is none."""
+        done = self._in_use().done
+        return done[-1].summary if done else ""
+
+    @property
+    def redoable(self) -> str:
+        """A summary of the edit that `redo` would repeat; empty if there is none."""
+        undone = self._in_use().undone
+        return undone[-1].summary if undone else ""
+
+    def create(self, floor: str, element: Element) -> int:
+        """As BuildingEditor.create."""
+        return self._editor.create(floor, element, self._in_use())
+
+    def change(self, floor: str, element: Element, expected: int) -> int:
+        """As BuildingEditor.change."""
+        return self._editor.change(floor, element, expected, self._in_use())
+
+    def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> int:
+        """As BuildingEditor.remove."""
+        return self._editor.remove(kind, floor, name, expected, self._in_use())
+
+    def rename(self, kind: ElementKind, floor: str, name: str, new_name: str, expected: int) -> int:
+        """As BuildingEditor.rename."""
+        return self._editor.rename(kind, floor, name, new_name, expected, self._in_use())
+
+    def begin(self) -> Transaction:
+        """As BuildingEditor.begin; its commit is one edit of this author."""
+        return self._editor.begin(self._in_use())
+
+    def undo(self) -> int:
+        """Revert this author's last edit.
+
+        Raises NothingToUndo, InvalidElement if the result would break a rule, and EditedByOthers if somebody else has
+        changed an element of the edit since. The next undo then takes the author's edit before it."""
+        return self._editor.undo_own(self._in_use())
+
+    def redo(self) -> int:
+        """Repeat the edit that this author undid last. Raises NothingToRedo, InvalidElement, EditedByOthers."""
+        return self._editor.redo_own(self._in_use())
+
+    def close(self) -> None:
+        """End the session. Its edits stay."""
+        self._editor.close_session(self)
+
+    def _in_use(self) -> AuthorHistory:
+        self._editor.use_session(self)
+        return self._history
 
 
 def _editor_state(stored: StoredBuilding) -> EditorState:

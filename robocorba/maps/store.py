@@ -24,7 +24,9 @@ import msgspec
 
 from robocorba.errors.maps import MapFileError, VersionUnavailable
 from robocorba.errors.services import AlreadyRunning
+from robocorba.maps import underlay_table
 from robocorba.maps.changes import Change, ElementKey, elements_of
+from robocorba.maps.edits import EditRecord
 from robocorba.maps.model import (
     COLLECTION_OF,
     TYPE_OF,
@@ -33,6 +35,7 @@ from robocorba.maps.model import (
     ElementKind,
     FloorMap,
 )
+from robocorba.maps.underlays import Underlay
 
 #: SQLite application id, "RoCo": identifies RoboCorba's map stores.
 APPLICATION_ID = 0x526F436F
@@ -56,6 +59,12 @@ _SCHEMA = (
     f"PRAGMA application_id = {APPLICATION_ID}",
     f"PRAGMA user_version = {SCHEMA_VERSION}",
 )
+#: Tables that stores of earlier releases lack. These releases ignore them, so they need no other schema version.
+_ADDED_TABLES = (
+    """CREATE TABLE IF NOT EXISTS edits (
+        version INTEGER PRIMARY KEY, author TEXT NOT NULL, time REAL NOT NULL, summary TEXT NOT NULL)""",
+    underlay_table.TABLE,
+)
 _ELEMENT_COLUMNS = "kind, floor, name, version, value"
 _CHANGE_COLUMNS = "version, kind, floor, name, before, after"
 
@@ -71,7 +80,8 @@ class MapLimits:
 
     commits: kept for undo and for the list of changes. journal_changes: changed elements in them, over all commits.
     building_size, pending_size: of the building, and of all open transactions together (see size_of); they bound
-    memory. transactions: open at the same time. transaction_timeout_s: after which an idle one is rolled back."""
+    memory. transactions, sessions: open at the same time. transaction_timeout_s: after which an idle one is rolled
+    back; session_timeout_s: after which an idle session ends."""
 
     commits: int = 10_000
     journal_changes: int = 1_000_000
@@ -79,6 +89,8 @@ class MapLimits:
     pending_size: int = 500_000
     transactions: int = 64
     transaction_timeout_s: float = 300.0
+    sessions: int = 64
+    session_timeout_s: float = 3600.0
 
 
 DEFAULT_LIMITS = MapLimits()
@@ -117,6 +129,17 @@ class Commit(NamedTuple):
     changes: list[Change]
 
 
+class EditNote(NamedTuple):
+    """What the journal keeps of an edit beside its changes; time_s: seconds since 1970."""
+
+    author: str = ""
+    time_s: float = 0.0
+    summary: str = ""
+
+
+NO_NOTE = EditNote()
+
+
 class MapStore:
     """The file of a building. One process opens it at a time; one thread writes, any thread reads the journal.
 
@@ -134,6 +157,9 @@ class MapStore:
                 self._writer = _connect(self.path, "rw")
                 self._writer.execute("PRAGMA journal_mode = WAL")
                 self._writer.execute("PRAGMA synchronous = FULL")
+                with _transaction(self._writer):
+                    for statement in _ADDED_TABLES:
+                        self._writer.execute(statement)
                 self._reader = _connect(self.path, "ro")
                 self._reading = threading.Lock()
                 self._journaled = self._writer.execute("SELECT total(size) FROM commits").fetchone()[0]
@@ -227,11 +253,12 @@ class MapStore:
         kind: CommitKind = CommitKind.EDIT,
         source: int = 0,
         limits: MapLimits = DEFAULT_LIMITS,
+        note: EditNote = NO_NOTE,
     ) -> None:
         """Make the changes of `version`, the next one, durable: all of them, or none if this raises.
 
         `names` is the building's name before and after. For UNDO and REDO, `source` is the version of the
-        commit that they revert or repeat. Drops the oldest commits beyond `limits`."""
+        commit that they revert or repeat. Drops the oldest commits beyond `limits`. Underlays follow their floors."""
         with _guarded(self.path), _transaction(self._writer) as writer:
             current = writer.execute("SELECT version FROM building").fetchone()[0]
             assert version == current + 1, (version, current)
@@ -243,7 +270,10 @@ class MapStore:
                 state = _CommitState.UNDONE if kind is CommitKind.UNDO else _CommitState.DONE
                 writer.execute("UPDATE commits SET state = ? WHERE version = ?", (state, source))
             dropped = self._drop_commits(version - limits.commits, limits.journal_changes - len(changes))
+            underlay_table.follow(writer, changes)
             state = _CommitState.DONE if kind is CommitKind.EDIT else _CommitState.PAST
+            # An earlier release may have left rows of commits that it has dropped.
+            writer.execute("INSERT OR REPLACE INTO edits VALUES (?, ?, ?, ?)", (version, *note))
             writer.execute("INSERT INTO commits VALUES (?, ?, ?, ?, ?)", (version, state, len(changes), *names))
             writer.executemany(
                 "INSERT INTO changes VALUES (?, ?, ?, ?, ?, ?, ?)",
@@ -266,6 +296,8 @@ class MapStore:
         if last:
             self._writer.execute("DELETE FROM changes WHERE version <= ?", (last,))
             self._writer.execute("DELETE FROM commits WHERE version <= ?", (last,))
+            self._writer.execute("DELETE FROM edits WHERE version <= ?", (last,))
+            underlay_table.forget(self._writer, last)
         if redo_lost:
             # Later redos depend on the dropped one.
             self._writer.execute(
@@ -282,27 +314,69 @@ class MapStore:
         return self._commit("ASC", _CommitState.UNDONE)
 
     def _commit(self, order: str, state: _CommitState) -> Commit | None:
-        query = f"SELECT version, name_before, name_after FROM commits WHERE state = ? ORDER BY version {order} LIMIT 1"
+        return self._commit_where(f"state = ? ORDER BY version {order} LIMIT 1", state)
+
+    def commit_of(self, version: int) -> Commit | None:
+        """The commit of a version, None if the journal does not hold it any more."""
+        return self._commit_where("version = ?", version)
+
+    def _commit_where(self, condition: str, value: int) -> Commit | None:
+        query = f"SELECT version, name_before, name_after FROM commits WHERE {condition}"
         with _guarded(self.path):
-            row = self._writer.execute(query, (state,)).fetchone()
+            row = self._writer.execute(query, (value,)).fetchone()
             if row is None:
                 return None
             query = f"SELECT {_CHANGE_COLUMNS} FROM changes WHERE version = ? ORDER BY position"
             return Commit(row[0], row[1], row[2], _changes(self._writer.execute(query, (row[0],))))
 
+    def last_author(self, key: ElementKey, since: int) -> str:
+        """The author of the last change of an element after version `since`; empty if none is known."""
+        query = (
+            "SELECT author FROM changes JOIN edits USING (version) WHERE version > ? AND kind = ? AND floor = ? "
+            "AND name = ? ORDER BY version DESC LIMIT 1"
+        )
+        with _guarded(self.path):
+            row = self._writer.execute(query, (since, *key.words)).fetchone()
+        return row[0] if row else ""
+
     def changes_since(self, since: int, current: int) -> list[Change]:
         """The changes after version `since` up to `current`, in order.
 
         Raises VersionUnavailable if the journal does not reach back to `since`, or `since` is after `current`."""
+        query = f"SELECT {_CHANGE_COLUMNS} FROM changes WHERE version > ? AND version <= ? ORDER BY version, position"
+        with self._journal(since, current) as reader:
+            return _changes(reader.execute(query, (since, current)))
+
+    def edits_since(self, since: int, current: int) -> list[EditRecord]:
+        """The edits after version `since` up to `current`, in order. Edits of earlier releases have no time.
+
+        Raises VersionUnavailable as changes_since does."""
+        query = (
+            "SELECT version, coalesce(author, ''), coalesce(time, 0.0), size, coalesce(summary, size || ' changes') "
+            "FROM commits LEFT JOIN edits USING (version) WHERE version > ? AND version <= ? ORDER BY version"
+        )
+        with self._journal(since, current) as reader:
+            return [EditRecord(*row) for row in reader.execute(query, (since, current))]
+
+    @contextmanager
+    def _journal(self, since: int, current: int) -> Iterator[sqlite3.Connection]:
+        """A reader for versions after `since` up to `current`. Raises VersionUnavailable."""
         with _guarded(self.path), self._reading, _transaction(self._reader, "DEFERRED") as reader:
             first = reader.execute("SELECT min(version) FROM commits").fetchone()[0]
             oldest = current if first is None else min(first - 1, current)
             if not oldest <= since <= current:
                 raise VersionUnavailable(since, oldest, current)
-            query = (
-                f"SELECT {_CHANGE_COLUMNS} FROM changes WHERE version > ? AND version <= ? ORDER BY version, position"
-            )
-            return _changes(reader.execute(query, (since, current)))
+            yield reader
+
+    def underlay(self, floor: str) -> Underlay | None:
+        """The picture below a floor."""
+        with _guarded(self.path), self._reading:
+            return underlay_table.read(self._reader, floor)
+
+    def set_underlay(self, floor: str, underlay: Underlay | None) -> None:
+        """Set or remove the picture below a floor, durably. Raises InvalidElement if there is no room for it."""
+        with _guarded(self.path), _transaction(self._writer) as writer:
+            underlay_table.write(writer, floor, underlay)
 
 
 def _lock(path: Path) -> int:

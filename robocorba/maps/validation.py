@@ -68,18 +68,30 @@ def check_change(after: Building, touched: Iterable[tuple[ElementKind, str, str]
 
     `before` is valid. `after` differs from it only in the `touched` (new, changed or removed)
     elements, given by kind, floor ("" for floors and elevators) and name."""
-    names: dict[str, dict[ElementKind, set[str]]] = {}
-    for kind, floor, name in touched:
-        names.setdefault(floor, {}).setdefault(kind, set()).add(name)
+    keys = list(touched)
+    for kind, floor, name in keys:
         element = after.find(kind, floor, name)
         if element is not None:
             check_element(floor, element)
     blocked = []
-    for found in _changed(after, names, before):
+    for found in _changed(after, _by_floor(keys), before):
         if isinstance(found, InvalidElement):
             raise found
         blocked.append(found)
     return blocked
+
+
+def change_problems(
+    after: Building, touched: Iterable[tuple[ElementKind, str, str]], before: Building, limit: int
+) -> list[InvalidElement]:
+    """At most `limit` broken rules, by kind, floor and name. Each touched element alone is valid."""
+    found = (each for each in _changed(after, _by_floor(touched), before) if isinstance(each, InvalidElement))
+    unique: dict[str, InvalidElement] = {}
+    for problem in found:
+        unique.setdefault(str(problem), problem)
+        if len(unique) == limit:
+            break
+    return sorted(unique.values(), key=lambda problem: (problem.kind, problem.floor, problem.name))
 
 
 def _element_violations(building: Building) -> Iterator[InvalidElement]:
@@ -107,6 +119,13 @@ def _relation_violations(building: Building) -> Iterator[InvalidElement]:
 
 
 TouchedNames = dict[ElementKind, set[str]]
+
+
+def _by_floor(touched: Iterable[tuple[ElementKind, str, str]]) -> dict[str, TouchedNames]:
+    names: dict[str, TouchedNames] = {}
+    for kind, floor, name in touched:
+        names.setdefault(floor, {}).setdefault(kind, set()).add(name)
+    return names
 
 
 def _changed(after: Building, names: dict[str, TouchedNames], before: Building) -> Iterator[InvalidElement | Collision]:

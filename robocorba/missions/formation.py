@@ -86,7 +86,7 @@ def formations(outline: Polygon, count: int) -> list[Formation]:
 
     Raises InvalidCarry."""
     if not 1 <= count <= MAX_CARRIERS:
-        raise InvalidCarry("count", f"{count} robots; must be 1 to {MAX_CARRIERS}")
+        raise InvalidCarry("count", f"{count} robots would be needed; at most {MAX_CARRIERS} carry together")
     if outline.is_empty or not outline.is_valid or not outline.area > 0.0:
         raise InvalidCarry("outline", "the object's outline is invalid or has no area")
     grips = _grips_on_edges(outline)

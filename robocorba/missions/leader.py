@@ -7,7 +7,7 @@ import logging
 import math
 import random
 import time
-from collections.abc import Callable, Collection, Container, Mapping
+from collections.abc import Callable, Collection, Container, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
@@ -96,7 +96,9 @@ class _Offers(NamedTuple):
 
 class Leader:
     """Leads one mission, in one thread. place: returns the leader's current place. on_phase: called with the plan and
-    each phase that begins. interruption: returns the reason of an interruption, else an empty string.
+    each phase that begins. interruption: returns the reason of an interruption, else an empty string. on_progress:
+    called with the plan, its phases that have begun, and whether the mission ends safely, after each change of them;
+    must not block.
 
     The leader's own part is done by its mission agent, like that of every other robot."""
 
@@ -108,8 +110,10 @@ class Leader:
         on_phase: Callable[[CooperativePlan, str], None] = lambda plan, phase: None,
         interruption: Callable[[], str] = lambda: "",
         policy: LeaderPolicy = DEFAULT_POLICY,
+        on_progress: Callable[[CooperativePlan, Sequence[PhaseTimes], bool], None] = lambda plan, phases, ending: None,
     ) -> None:
         self._mission, self._transport, self._place, self._on_phase = mission, transport, place, on_phase
+        self._on_progress = on_progress
         self._interruption, self._policy = interruption, policy
         self._name = transport.name
         self._phases: list[PhaseTimes] = []
@@ -233,6 +237,7 @@ class Leader:
         Raises MissionFailed if the leader's own mission agent refuses."""
         self._begin_attempt(plan, plan.mission)
         self._on_phase(plan, "asking")
+        self._on_progress(plan, self._phases, False)
         refusing = {name: why for name, why in self._assign(plan).items() if why}
         if refusing:
             self._end(plan, "aborted", f"{', '.join(refusing)} did not accept", set(refusing))
@@ -279,6 +284,7 @@ class Leader:
         phase = PhaseTimes(plan.phases[step], at, {}, {})
         self._phases.append(phase)
         self._on_phase(plan, phase.name)
+        self._on_progress(plan, self._phases, False)
         self._order = Order(mission=plan.mission, leader=self._name, step=step, at=at)
         if carry:
             self._order = replace(self._order, rate=1.0, since=at)
@@ -287,11 +293,14 @@ class Leader:
             self._received_at = dict.fromkeys(steps, time.monotonic())
         while len(phase.done) < len(steps):
             self._receive_states(0.02, plan)
+            done_before = len(phase.done)
             for name, state in self._states.items():
                 if state.step == step and state.began_at:
                     phase.started.setdefault(name, state.began_at)
                 if state.step > step or (state.step == step and state.is_done):
                     phase.done.setdefault(name, time.time())
+            if len(phase.done) > done_before:
+                self._on_progress(plan, self._phases, False)
             self._check_members(phase.name)
             if time.time() > at + limit_s + self._policy.step_grace_s:
                 late = [name for name in steps if name not in phase.done]
@@ -339,6 +348,7 @@ class Leader:
         """Publish the end until all members have ended or timed out, except those that never began."""
         names = {subplan.robot for subplan in plan.subplans}.difference(never_began)
         self._on_phase(plan, "done" if end == "done" else "ending safely")
+        self._on_progress(plan, self._phases, end != "done")
         step, at = self._order.step, self._order.at
         self._order = Order(mission=plan.mission, leader=self._name, step=step, at=at, end=end, reason=reason)
         self._ordered_at = 0.0

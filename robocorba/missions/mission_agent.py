@@ -46,6 +46,12 @@ class MissionAgent:
         self._closing.set()
         self._thread.join()
 
+    @property
+    def mission(self) -> str:
+        """The mission in which the robot takes part; empty for none."""
+        member = self._member
+        return member.mission if member is not None and not member.has_ended else ""
+
     def _run(self) -> None:
         while not self._closing.is_set():
             try:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from robocorba.missions.messages import MemberMeasurements, type_of
+from robocorba.missions.messages import MemberMeasurements, MemberState, type_of
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.missions.transport import Received
 from robocorba.spatial.grids import Floats
 
 REPORT_FILE = "report.json"
+#: Messages in the report that the Omni database keeps, the last ones.
+MAX_BRIEF_EVENTS = 500
 
 
 class PhaseTimes(NamedTuple):
@@ -84,6 +86,13 @@ class MissionReport(NamedTuple):
             ],
         }
 
+    def brief_json(self) -> dict[str, Any]:
+        """The report for the Omni database: as `as_json`, but of the messages only those that say something new, the
+        last MAX_BRIEF_EVENTS of them. events_in_all: the number that the leader received."""
+        new = _without_repetitions(self.received)[-MAX_BRIEF_EVENTS:]
+        events = self._replace(received=new).as_json()["events"]
+        return {**self.as_json(), "events": events, "events_in_all": len(self.received)}
+
     def _phase_as_json(self, phase: PhaseTimes) -> dict[str, Any]:
         started, done = phase.started, phase.done
         return {
@@ -99,6 +108,21 @@ class MissionReport(NamedTuple):
         """From sending to receipt, corrected by the offset of the sender's clock if it is known."""
         sender = self.measurements.get(received.source)
         return 1000 * (received.received_at - (received.message.sent + (sender.offset_s if sender else 0.0)))
+
+
+def _without_repetitions(received: Sequence[Received]) -> list[Received]:
+    """Messages except states of a member that repeat its state before."""
+    found: list[Received] = []
+    last: dict[str, tuple[object, ...]] = {}
+    for each in received:
+        message = each.message
+        if isinstance(message, MemberState):
+            state = message.mission, message.step, message.is_done, message.failure, message.has_left
+            if last.get(each.source) == state:
+                continue
+            last[each.source] = state
+        found.append(each)
+    return found
 
 
 def _distribution(values: Floats) -> dict[str, float] | None:

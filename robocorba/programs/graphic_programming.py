@@ -7,7 +7,8 @@
     fetch.write("fetch.json")
 
 Icons that contain others are context managers; all other methods return the builder, so that calls can be chained.
-The classes in `icons` document the parameters; `program` checks them. It has no graphical editor yet."""
+The classes in `icons` document the parameters; `program` checks them. The console's program page edits the same
+programs in a browser."""
 
 from __future__ import annotations
 

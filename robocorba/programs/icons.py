@@ -308,6 +308,9 @@ class HandOver(_Icon, frozen=True):
     giver: Text | None = None
 
 
+#: The icons of missions.
+COOPERATIVE = (MoveTable, HandOver)
+
 Condition = CloserThan | FartherThan | Holding | Event | Result
 Icon = (
     MbasePath

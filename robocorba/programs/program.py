@@ -12,7 +12,7 @@ from typing import Any, Literal
 import msgspec
 
 from robocorba.errors.robots import InvalidProgram
-from robocorba.programs.icons import CONDITIONS, ICONS, Body, Icon, Text, bodies
+from robocorba.programs.icons import CONDITIONS, COOPERATIVE, ICONS, Body, Icon, Text, bodies, kind
 
 #: Size limit of a program file [bytes].
 MAX_BYTES = 1024 * 1024
@@ -43,18 +43,40 @@ def load(file: str | Path) -> Program:
 
 def loads(text: str | bytes) -> Program:
     """A program from JSON. Raises InvalidProgram, which names the first invalid icon and parameter."""
+    return _converted(_parsed(text))
+
+
+def of_icon(text: str) -> Program:
+    """A program of one cooperative icon, from the icon's JSON. Raises InvalidProgram."""
+    program = _converted({"name": "mission", "icons": [_parsed(text)]})
+    require_cooperative(program)
+    return program
+
+
+def require_cooperative(program: Program) -> None:
+    """Raise InvalidProgram unless a program has exactly one icon, and that is a cooperative one."""
+    if len(program.icons) != 1:
+        raise InvalidProgram("", "icons", f"a mission has one cooperative icon, not {len(program.icons)} icons")
+    if not isinstance(program.icons[0], COOPERATIVE):
+        known = ", ".join(str(icon.__struct_config__.tag) for icon in COOPERATIVE)
+        raise InvalidProgram(
+            "icons[0]", "icon", f"{kind(program.icons[0])} is not a cooperative icon; known are {known}"
+        )
+
+
+def _parsed(text: str | bytes) -> Any:
+    """Decoded JSON. Raises InvalidProgram."""
     try:
         data = text.encode() if isinstance(text, str) else text
         if len(data) > MAX_BYTES:
             raise InvalidProgram("", "", f"a program has at most {MAX_BYTES} bytes")
-        plain = json.loads(data.decode(), object_pairs_hook=_object, parse_int=_integer)
+        return json.loads(data.decode(), object_pairs_hook=_object, parse_int=_integer)
     except RecursionError:
         raise _too_deep("") from None
     except UnicodeError:
         raise InvalidProgram("", "", "not UTF-8") from None
     except ValueError as error:
         raise InvalidProgram("", "", f"not JSON: {error}") from None
-    return _converted(plain)
 
 
 def checked(program: Program) -> Program:
@@ -75,8 +97,8 @@ def dumps(program: Program) -> str:
 def schema() -> dict[str, Any]:
     """The JSON schema of program files."""
     found = msgspec.json.decode(msgspec.json.encode(msgspec.json.schema(Program)))
-    for kind in found["$defs"].values():
-        kind["description"] = " ".join(kind["description"].split())
+    for definition in found["$defs"].values():
+        definition["description"] = " ".join(definition["description"].split())
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "A RoboCorba program",

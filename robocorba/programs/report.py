@@ -42,9 +42,19 @@ class CheckReport:
         for finding in self.findings:
             raise finding
 
+    def add(self, finding: InvalidProgram) -> None:
+        self._findings.setdefault((finding.icon, finding.parameter), finding)
+
     def add_finding(self, icon: str, parameter: str, reason: str) -> None:
         """Parameters that are wrong in combination are joined, such as `x, y, z`."""
-        self._findings.setdefault((icon, parameter), InvalidProgram(icon, parameter, reason))
+        self.add(InvalidProgram(icon, parameter, reason))
 
     def add_note(self, icon: str, what: str) -> None:
         self._notes.setdefault(Note(icon, what))
+
+
+def report_of(finding: InvalidProgram) -> CheckReport:
+    """The report of a program that can't be read."""
+    report = CheckReport()
+    report.add(finding)
+    return report

@@ -1,4 +1,4 @@
-"""Reports of a virtual sensor server: its load, and the last scans of its robots."""
+"""Reports of a virtual sensor server: its load, and the scans of its robots, the last one of each."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import threading
 import time
 from collections.abc import Callable
 
-from robocorba.sensing.virtual_sensor import ScanResult, ScanSpec, VirtualSensor
+from robocorba.sensing.virtual_sensor import Mount, ScanResult, ScanSpec, VirtualSensor
 from robocorba.simulation.load_balance import Load
 from robocorba.simulation.omni_database import LastScan
+from robocorba.simulation.robot_scans import LastScans, RobotScan
 from robocorba.spatial.floor_state import Pose
 
 
@@ -27,17 +28,19 @@ class Reports:
         self._lock = threading.Lock()
         self._scans = 0
         self._last: dict[str, tuple[str, ScanSpec, ScanResult]] = {}
+        self._robot_scans = LastScans()
         self._measured_at, self._cpu_at_measurement = clock(), cpu()
         self._cpu_use = self._scan_rate = 0.0
         #: Robots assigned to this server.
         self.robots = 0
 
-    def record_scan(self, robot: str | None, floor: str, spec: ScanSpec, result: ScanResult) -> None:
-        """Count a scan, and keep it as the last one of `robot` unless that is None."""
+    def record_scan(self, robot: str | None, at: Pose, mount: Mount, spec: ScanSpec, result: ScanResult) -> None:
+        """Count a scan, and keep it as the last one of `robot`, which is at a pose, unless that is None."""
         with self._lock:
             self._scans += 1
             if robot is not None:
-                self._last[robot] = (floor, spec, result)
+                self._last[robot] = (at.floor, spec, result)
+                self._robot_scans.record(_robot_scan(robot, at, mount, spec, result))
 
     @property
     def load(self) -> Load:
@@ -54,6 +57,20 @@ class Reports:
             self._measured_at, self._cpu_at_measurement, self._scans = now, cpu, 0
             last, self._last = self._last, {}
         return [_last_scan(robot, *scan) for robot, scan in last.items()]
+
+    def collect_robot_scans(self) -> list[RobotScan]:
+        """The last scan of each sensor on a robot since the last call."""
+        with self._lock:
+            last, self._robot_scans = self._robot_scans, LastScans()
+        return last.all()
+
+
+def _robot_scan(robot: str, at: Pose, mount: Mount, spec: ScanSpec, result: ScanResult) -> RobotScan:
+    fan, noise, distances = spec.fan, spec.noise, result.distances[0]
+    return RobotScan(
+        *(robot, result.time, at, mount, fan.first_rad, fan.step_rad, fan.range_m, spec.rim_m),
+        *((noise.sigma_m, noise.relative, noise.lost, spec.seed), distances, distances < fan.range_m),
+    )
 
 
 def _last_scan(robot: str, floor: str, spec: ScanSpec, result: ScanResult) -> LastScan:

@@ -7,13 +7,21 @@ the ride begins until the cabin arrives.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import shapely
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide, PlaceTaken, UnknownRobot
+from robocorba.errors.simulation import (
+    CannotGrip,
+    InvalidChoice,
+    InvalidCommand,
+    InvalidRide,
+    PlaceTaken,
+    UnknownBody,
+    UnknownRobot,
+)
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building, Elevator, MapObject
 from robocorba.maps.movable import fixed_obstacles, landing_doors, movables, object_outline
@@ -25,6 +33,7 @@ from robocorba.simulation.world_record import RobotRecord, WorldRecord
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.floor_update import Body, BodyKind
+from robocorba.spatial.posture import Posture
 
 #: Mass of a movable object per area of its outline [kg/m^2]; maps hold no masses. Three robots lift up to 1.33 m^2.
 KG_PER_SQUARE_METRE = 9.0
@@ -38,12 +47,18 @@ PAYLOAD_KG = 4.0
 MAX_GRIP_DISTANCE_M = 0.05
 #: Maximum validity of a velocity command [s].
 MAX_VALID_S = 5.0
+#: Maximum number of joints in a reported posture.
+MAX_JOINTS = 64
+#: Bounds of the coordinates [m] and the heading [rad] of a pose at which a body is placed.
+MAX_COORDINATE_M, MAX_HEADING = 1e6, 1e3
 
 
 class SimulatedRobot:
     """A robot in the building. Its methods and `holding` are thread-safe."""
 
-    __slots__ = ("_held", "_last", "body", "collisions", "description", "floor", "number", "physics", "touched")
+    __slots__ = (
+        *("_held", "_last", "body", "collisions", "description", "floor", "number", "physics", "posture", "touched"),
+    )
 
     def __init__(self, description: Description, number: int, floor: str, physics: FloorPhysics) -> None:
         self.description, self.number = description, number
@@ -52,6 +67,8 @@ class SimulatedRobot:
         self.collisions = 0
         #: Name of the robot or object of the last collision; empty for a static obstacle.
         self.touched = ""
+        #: The posture that the robot reported last; None before the first one.
+        self.posture: Posture | None = None
         self._last, self._held = RobotMotion(physics.time, description.pose, (0.0, 0.0, 0.0)), ""
 
     @property
@@ -71,6 +88,14 @@ class SimulatedRobot:
     def brake(self) -> None:
         """Stop as fast as ground friction allows, until the next command."""
         self.physics.brake(self.body)
+
+    def report_posture(self, joints: Sequence[float]) -> None:
+        """Keep the robot's joint angles [rad] for readers; no effect on the simulation. Raises InvalidCommand."""
+        if len(joints) > MAX_JOINTS:
+            raise InvalidCommand("joints", f"{len(joints)} angles; at most {MAX_JOINTS}")
+        if not all(map(math.isfinite, joints)):
+            raise InvalidCommand("joints", "an angle is not a finite number")
+        self.posture = Posture(self.name, self.physics.time, tuple(joints))
 
     @property
     def holding(self) -> str:
@@ -92,7 +117,8 @@ class SimulatedRobot:
 class SimulationEvent(NamedTuple):
     """An event of the simulation; its fields are the published payload.
 
-    kind: "collision", "grip lost", "ride lost" or "reservation over". who: names of the robots and objects involved."""
+    kind: "collision", "grip lost", "ride lost", "reservation over" or "placed". who: names of the robots and objects
+    involved."""
 
     time: float
     floor: str
@@ -204,6 +230,46 @@ class SimulatedBuilding:
         """Current pose of a robot. Raises UnknownRobot."""
         robot = self._robot(name)
         return Pose(robot.floor, *robot.physics.pose(robot.body))
+
+    def place(self, name: str, pose: Pose) -> list[SimulationEvent]:
+        """Put a robot or a movable object at a pose, at rest; grips of it and by it are released. Returns the events.
+
+        A ride and a reservation of the robot stay. Raises UnknownBody, UnknownFloor, PlaceTaken, InvalidChoice."""
+        floor, x, y, heading = pose
+        for field, value, limit in (
+            ("x", x, MAX_COORDINATE_M),
+            ("y", y, MAX_COORDINATE_M),
+            ("heading", heading, MAX_HEADING),
+        ):
+            if not abs(value) <= limit:  # also refuses NaN
+                raise InvalidChoice(f"at.{field}", f"{value} is not a number between -{limit:g} and {limit:g}")
+        robot, map_object = self.robots.get(name), self.objects.get(name, (None, ""))[0]
+        if robot is None and map_object is None:
+            raise UnknownBody(name)
+        if floor not in self.floors:
+            raise UnknownFloor("at.floor", floor[:200], list(self.floors))
+        body = robot.body if robot else _object_body(name)
+        if robot:
+            blocker = self.floors[floor].touching(x, y, robot.description.radius_m, body)
+        else:
+            assert map_object
+            blocker = self.floors[floor].overlapping(object_outline(map_object), pose[1:], body)
+        if blocker is not None:
+            raise PlaceTaken(floor, x, y, _owner(blocker))
+        events = [
+            SimulationEvent(self.time, holder.floor, "grip lost", (holder.name,), f"{name} was placed elsewhere")
+            for holder in self.robots.values()
+            if (held := holder.physics.held(holder.body)) and body in (holder.body, held[0])
+        ]
+        if robot:
+            robot.physics.remove(body)
+            self._place_robot(robot, floor, pose[1:])
+        else:
+            assert map_object
+            self.floors[self.objects[name][1]].remove(body)
+            self._place_object(name, map_object, floor, pose[1:])
+        self.refresh()
+        return [*events, SimulationEvent(self.time, floor, "placed", (name,))]
 
     def grip(self, name: str, object_name: str, at: tuple[float, float]) -> None:
         """Grip an object at the point `at` [m]. Raises UnknownRobot, CannotGrip."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import time
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
@@ -18,11 +19,13 @@ from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
 from robocorba.simulation.load_balance import LoadBalance
 from robocorba.simulation.omni_database import LastScan, OmniDatabase
 from robocorba.simulation.registry import Description, Registry, RobotClient
+from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.session import Session
 from robocorba.simulation.simulation_loop import SimulationLoop, check_pace
 from robocorba.simulation.state_writer import StateWriter
 from robocorba.simulation.store import AdministratorSettings, ClientRecord, SimulationStore
 from robocorba.simulation.world_record import WorldRecord
+from robocorba.spatial.pose import Pose
 
 #: Default maximum number of logged-on robots.
 DEFAULT_LIMIT = 300
@@ -130,6 +133,18 @@ class ManagementAgent:
                 self.registry.find(scan.robot).renew_lease(now)
                 self.database.record_scan(scan)
 
+    def record_robot_scans(self, latest: Iterable[RobotScan]) -> float:
+        """Record complete scans of logged-on robots; return the seconds until the next ones are wanted.
+
+        Scans of an earlier robot of the same name may arrive late; they are ignored."""
+        began = {session.name: session.began for session in list(self.sessions.values())}
+        scans = self.database.robot_scans
+        for scan in latest:
+            if scan.time >= began.get(scan.robot, math.inf):
+                scans.record(scan)
+        scans.keep({client.name for client in self.registry.clients})  # some may have logged off meanwhile
+        return scans.interval_s
+
     def evict(self, name: str) -> None:
         """Log a robot off. Raises UnknownRobot, SimulationBusy, ServiceError."""
         self._log_off_durably(self.registry.find(name))
@@ -138,10 +153,13 @@ class ManagementAgent:
 
     def step(self) -> None:
         """Advance by STEP_S. For use without `start` only: a started simulation advances in its own thread."""
-        for event in self.simulated.step():
-            self.collisions += event.kind == "collision"
-            self._event_count += 1
-            self._publish(event)
+        self._report(self.simulated.step())
+
+    def place(self, body: str, pose: Pose) -> None:
+        """Put a robot or a movable object at a pose, at rest, and store that before returning.
+
+        Raises UnknownBody, UnknownFloor, PlaceTaken, InvalidChoice, SimulationBusy, ServiceError."""
+        self._do_durably(lambda: self._report(self.simulated.place(body, pose)))
 
     def configure(self, *, limit: int | None = None, pace: float | None = None, is_paused: bool | None = None) -> None:
         """Change settings and store them before returning. Raises InvalidChoice, SimulationBusy, ServiceError."""
@@ -228,6 +246,13 @@ class ManagementAgent:
 
     # ---- internals, in the simulation thread ----
 
+    def _report(self, events: Iterable[SimulationEvent]) -> None:
+        """Count and publish events."""
+        for event in events:
+            self.collisions += event.kind == "collision"
+            self._event_count += 1
+            self._publish(event)
+
     def _log_on(self, description: Description) -> Session:
         self.registry.check(description)
         self.simulated.add(description)
@@ -254,6 +279,7 @@ class ManagementAgent:
         self.registry.remove(client)
         self.load_balance.release(client.name)
         self.database.forget_scan(client.name)
+        self.database.robot_scans.forget(client.name)
         self._session_ended(self.sessions.pop(client.key))
 
     def _record(self) -> WorldRecord:

@@ -15,10 +15,13 @@ import numpy as np
 from robocorba.errors.paths import UnknownFloor
 from robocorba.kernels import kernel
 from robocorba.simulation.building import SimulatedBuilding
+from robocorba.simulation.reservations import ReservedAreas
+from robocorba.simulation.robot_scans import RobotScan, RobotScans
 from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_state import FloorState, Pose
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, FloorUpdate, Motions
 from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.posture import Posture
 
 #: Departed bodies remembered for each floor; a client with an older version gets the whole floor.
 MAX_DEPARTED = 10_000
@@ -47,6 +50,8 @@ class OmniDatabase:
         self._first_version = time.time_ns() // 1000
         self._floors: dict[str, _FloorVersions] = {}
         self._scans: dict[str, LastScan] = {}
+        #: The last scan of each sensor of the logged-on robots.
+        self.robot_scans = RobotScans()
 
     @property
     def floors(self) -> list[str]:
@@ -83,9 +88,30 @@ class OmniDatabase:
 
     def last_scans(self, floor: str) -> list[LastScan]:
         """Last scans on a floor. Raises UnknownFloor."""
+        self._check(floor)
+        return [scan for scan in list(self._scans.values()) if scan.at.floor == floor]
+
+    def scans_since(self, floor: str, time_s: float) -> list[RobotScan]:
+        """Scans on a floor after a simulated time [s], the last one of each sensor. Raises UnknownFloor."""
+        self._check(floor)
+        return self.robot_scans.since(floor, time_s)
+
+    # ---- robots ----
+
+    def postures(self, floor: str, time_s: float) -> list[Posture]:
+        """Postures that robots on a floor reported after a simulated time [s]. Raises UnknownFloor."""
+        self._check(floor)
+        robots = list(self._building.robots.values())
+        postures = [robot.posture for robot in robots if robot.floor == floor]
+        return [posture for posture in postures if posture and posture.time > time_s]
+
+    def reservations(self) -> list[ReservedAreas]:
+        """All reservations of areas, granted or waiting, first request first."""
+        return self._building.reservations.all(self._building.time)
+
+    def _check(self, floor: str) -> None:
         if floor not in self._building.floors:
             raise UnknownFloor("floorName", floor, self.floors)
-        return [scan for scan in list(self._scans.values()) if scan.at.floor == floor]
 
 
 class _FloorVersions:

@@ -254,10 +254,27 @@ class FloorPhysics:
         self._has_changed, self._has_new_commands = False, True
         self._take_snapshot()
 
-    def touching(self, x: float, y: float, radius_m: float) -> str | None:
-        """Name of the nearest body that a disc would touch, empty for a static obstacle; None if the disc is free."""
-        found = self._space.point_query_nearest((x, y), radius_m, pymunk.ShapeFilter())
-        return self._name_of.get(found.shape.body.id, "") if found and found.shape and found.shape.body else None
+    def touching(self, x: float, y: float, radius_m: float, but: str | None = None) -> str | None:
+        """Name of the nearest body that a disc would touch, empty for a static obstacle; None if the disc is free.
+
+        but: name of a body that does not count."""
+        found = self._space.point_query((x, y), radius_m, pymunk.ShapeFilter())
+        near = sorted(found, key=lambda info: info.distance)
+        return next((name for info in near if (name := self._owner_of(info.shape)) != but), None)
+
+    def overlapping(
+        self, outline: BaseGeometry, pose: tuple[float, float, float], but: str | None = None
+    ) -> str | None:
+        """As `touching`, for a polygon in its own frame [m] at a pose; any of the bodies that it would touch."""
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        body.position, body.angle = pose[:2], pose[2]
+        parts = [pymunk.Poly(body, part) for part in convex_parts(outline)]
+        found = (info.shape for part in parts for info in self._space.shape_query(part))
+        return next((name for shape in found if (name := self._owner_of(shape)) != but), None)
+
+    def _owner_of(self, shape: pymunk.Shape | None) -> str:
+        """Name of the body that a shape belongs to; empty for a static obstacle."""
+        return self._name_of.get(shape.body.id, "") if shape and shape.body else ""
 
     # ---- time ----
 

@@ -51,6 +51,14 @@ class Reservation(NamedTuple):
     left_s: float
 
 
+class ReservedAreas(NamedTuple):
+    """The areas that a robot has reserved, or waits for."""
+
+    robot: str
+    areas: tuple[FloorArea, ...]
+    status: Reservation
+
+
 class QueuedRequest:
     """A robot's request, granted or waiting. owner: the robot's name."""
 
@@ -81,7 +89,7 @@ class QueuedRequest:
 
 
 class Reservations:
-    """All requests of a building at time `now` [s]. One thread may use it; `find` is thread-safe."""
+    """All requests of a building at time `now` [s]. One thread may use it; `find` and `all` are thread-safe."""
 
     def __init__(self, now: float = 0.0, max_requests: int = MAX_REQUESTS) -> None:
         self.now = now
@@ -133,6 +141,13 @@ class Reservations:
         """Status of an owner's request at a time [s]; None without a request. Thread-safe."""
         request = self.requests.get(owner)
         return request.status_at(now) if request else None
+
+    def all(self, now: float) -> list[ReservedAreas]:
+        """All requests with their status at a time [s], first request first. Thread-safe."""
+        return [
+            ReservedAreas(request.owner, request.areas, request.status_at(now))
+            for request in list(self.requests.values())
+        ]
 
     def advance(self, now: float) -> list[QueuedRequest]:
         """Advance to a time [s]; return the requests whose grant expired."""

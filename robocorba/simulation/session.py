@@ -29,6 +29,8 @@ class Session:
     ) -> None:
         self.client, self.robot = client, robot
         self._building, self._do_durably, self._log_off = building, do_durably, log_off
+        #: Simulated time of the log-on, or of the restart that restored the session [s].
+        self.began = building.time
 
     @property
     def name(self) -> str:
@@ -50,6 +52,11 @@ class Session:
         """Pose and velocity after the last step."""
         self.client.renew_lease(time.monotonic())
         return self.robot.state()
+
+    def report_posture(self, joints: Sequence[float]) -> None:
+        """Publish the robot's joint angles, in the order of its model [rad]. Raises InvalidCommand."""
+        self.client.renew_lease(time.monotonic())
+        self.robot.report_posture(joints)
 
     def heartbeat(self) -> None:
         """Renew the lease."""

@@ -116,6 +116,16 @@ class SimulationStore(RecordFile):
         with self._writing_missions:
             return sorted(self._missions.values(), key=lambda mission: mission.name)
 
+    def mission(self, name: str) -> Mission | None:
+        """A mission by its name; None if there is none."""
+        with self._writing_missions:
+            return self._missions.get(name)
+
+    def is_full_for(self, mission: Mission) -> bool:
+        """Whether other missions have to be removed before this one can be stored."""
+        with self._writing_missions:
+            return bool(self._lacking_room(mission))
+
     def put_mission(self, mission: Mission) -> int:
         """Store a mission if `mission.version` is the stored version, 0 for a new mission; return its new version.
 
@@ -129,11 +139,8 @@ class SimulationStore(RecordFile):
             current = stored.version if stored else 0
             if mission.version != current:
                 raise StaleMission(mission.name, mission.version, current)
-            if stored is None and len(self._missions) >= MAX_MISSIONS:
-                raise InvalidMission("name", f"{MAX_MISSIONS} missions are stored already; remove one")
-            others = sum(len(other.document) for name, other in self._missions.items() if name != mission.name)
-            if others + len(mission.document) > MAX_DOCUMENTS:
-                raise InvalidMission("document", f"all missions would exceed {MAX_DOCUMENTS} bytes; remove one")
+            if lacking := self._lacking_room(mission):
+                raise InvalidMission(*lacking)
             changed = Mission(mission.name, current + 1, mission.document)
             self.save("mission", changed.name, changed)
             self._missions[changed.name] = changed
@@ -146,3 +153,12 @@ class SimulationStore(RecordFile):
                 raise UnknownMission(name)
             self.delete("mission", name)
             del self._missions[name]
+
+    def _lacking_room(self, mission: Mission) -> tuple[str, str] | None:
+        """Why there is no room for a mission: field and reason; None if there is room."""
+        if mission.name not in self._missions and len(self._missions) >= MAX_MISSIONS:
+            return "name", f"{MAX_MISSIONS} missions are stored already; remove one"
+        others = sum(len(other.document) for name, other in self._missions.items() if name != mission.name)
+        if others + len(mission.document) > MAX_DOCUMENTS:
+            return "document", f"all missions would exceed {MAX_DOCUMENTS} bytes; remove one"
+        return None

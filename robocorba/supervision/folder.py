@@ -1,11 +1,12 @@
 """The state folder of a system: its lock, the port of each server, the processes that run.
 
-lock          held (flock) by the `robocorba up` that uses the folder
-ports.json    the port of each server, kept so that references survive restarts
-links.json    the peers with which each event channel was linked
-up.json       the processes that run, replaced atomically at every change
-logs/         a file for each process
-omninames/    the bindings of the naming service
+lock           held (flock) by the `robocorba up` that uses the folder
+ports.json     the port of each server, kept so that references survive restarts
+links.json     the peers with which each event channel was linked
+up.json        the processes that run, replaced atomically at every change
+supervisor.ior the reference of the supervisor, for this user only
+logs/          a file for each process
+omninames/     the bindings of the naming service
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ Schema = TypeVar("Schema")
 
 
 class ProcessRecord(msgspec.Struct):
-    """A process in up.json. started: POSIX time [s]. pid: 0 while it waits for its next start."""
+    """A process in up.json. started: POSIX time [s]. pid: 0 while there is none. endpoint: empty for any port."""
 
     name: str
     state: str

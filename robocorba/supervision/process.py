@@ -37,7 +37,8 @@ class ProcessSpec:
     """The command of a process, and how to check that it serves.
 
     probe: makes a real call, in a thread; raises a RoboCorbaError while there is no answer.
-    output: called with each line that the process prints. start_limit_s: timeout for the answer to the first call."""
+    output: called with each line that the process prints. start_limit_s: timeout for the answer to the first call.
+    endpoint: HOST:PORT where it listens, empty if it chooses a port. names: that it binds in the naming service."""
 
     name: str
     command: tuple[str, ...]
@@ -45,14 +46,17 @@ class ProcessSpec:
     probe: Callable[[], None]
     output: Callable[[str], None]
     start_limit_s: float = 60.0
+    endpoint: str = ""
+    names: tuple[str, ...] = ()
 
 
 @dataclass
 class Supervised:
     """A process under supervision. changed: called whenever one of the following fields has changed.
 
-    state: starting, running or waiting (for its next start). pid: 0 while waiting.
-    started: POSIX time of its last start [s]. restarts: starts after the first one."""
+    state: starting, running, stopping, ended, or waiting for its next start. pid: 0 while waiting and after its end.
+    started: POSIX time of its last start [s]. restarts: starts after the first one.
+    problem: why it is not running; empty while it runs."""
 
     spec: ProcessSpec
     changed: Callable[[], None] = lambda: None
@@ -60,29 +64,38 @@ class Supervised:
     pid: int = 0
     started: float = 0.0
     restarts: int = 0
+    problem: str = ""
     ready: asyncio.Event = field(default_factory=asyncio.Event)
     _lines: deque[str] = field(default_factory=lambda: deque(maxlen=50))
 
     async def supervise(self) -> None:
         """Run until cancelled, then end the process. Raises StartFailed if it does not answer after its first start."""
         for delay_s in self._restart_delays():
-            self._set_state("waiting", pid=0)
+            self.set_state("waiting", pid=0)
             await asyncio.sleep(delay_s)
-            process, reader = await self._spawn()
             try:
-                await self._until_ready(process)
-                self._set_state("running")
-                self.ready.set()
-                code = await process.wait()
-                _log.error("%s ended %s", self.spec.name, _cause(code))
+                await self.run()
             except StartFailed as failure:
                 if not self.ready.is_set():
                     raise
+                self.problem = str(failure)
                 _log.error("%s", failure)
-            finally:
-                await self._end(process)
-                await self._drain(reader)
             self.restarts += 1
+
+    async def run(self) -> None:
+        """Run it once, until it ends or until cancelled. Raises StartFailed if it does not answer."""
+        process, reader = await self._spawn()
+        try:
+            await self._until_ready(process)
+            self.problem = ""
+            self.set_state("running")
+            self.ready.set()
+            code = await process.wait()
+            self.problem = f"ended {_cause(code)}"
+            _log.error("%s %s", self.spec.name, self.problem)
+        finally:
+            await self._end(process)
+            await self._drain(reader)
 
     def last_error(self) -> str:
         """The last printed line that names an error, else the last line, else empty."""
@@ -118,7 +131,7 @@ class Supervised:
         finally:
             os.close(write_end)
         self.started = time.time()
-        self._set_state("starting", pid=process.pid)
+        self.set_state("starting", pid=process.pid)
         _log.info("%s started with process id %d", self.spec.name, process.pid)
         return process, asyncio.create_task(self._read(reader))
 
@@ -129,6 +142,7 @@ class Supervised:
         try:
             while True:
                 probe = asyncio.create_task(asyncio.to_thread(self.spec.probe))
+                probe.add_done_callback(lambda done: done.cancelled() or done.exception())  # even if nobody waits
                 await asyncio.wait({ended, probe}, return_when=asyncio.FIRST_COMPLETED)
                 if ended.done():
                     await _ignore(probe)
@@ -150,6 +164,7 @@ class Supervised:
     async def _end(self, process: asyncio.subprocess.Process) -> None:
         """End the process and all processes in its session."""
         if process.returncode is None:
+            self.set_state("stopping")
             with contextlib.suppress(ProcessLookupError):
                 process.terminate()
             try:
@@ -180,7 +195,7 @@ class Supervised:
             self._lines.append(text)
             self.spec.output(text)
 
-    def _set_state(self, state: str, pid: int | None = None) -> None:
+    def set_state(self, state: str, pid: int | None = None) -> None:
         self.state = state
         self.pid = self.pid if pid is None else pid
         self.changed()

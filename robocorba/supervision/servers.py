@@ -13,7 +13,7 @@ from omniORB import CORBA
 from robocorba.corba.calls import describe
 from robocorba.corba.orb import Orb
 from robocorba.errors.services import NotReachable
-from robocorba.names import CHANNELS, SENSORS
+from robocorba.names import CHANNELS, ROBOTS, SENSORS
 from robocorba.stubs import RoboCorba
 
 
@@ -54,8 +54,10 @@ _MAP_EDITOR = {
 _SIMULATION = {
     "SimulationServer": Probe(RoboCorba.SimulationServer, lambda server: server._get_state()),
     "OmniDatabase": Probe(RoboCorba.OmniDatabase, lambda database: database.floors()),
+    "MissionControl": Probe(RoboCorba.MissionControl, lambda control: control._non_existent()),
 }
 _SENSOR = Probe(RoboCorba.VirtualSensor, lambda sensor: sensor._get_load())
+_ROBOT = Probe(RoboCorba.RobotAgent, lambda agent: agent._get_state())
 _CHANNEL = Probe(RoboCorba.EventChannel, lambda channel: channel._get_name())
 
 
@@ -72,8 +74,8 @@ def servers(subnets: Sequence[str], sensors: int) -> list[Server]:
 
 
 def probe_of(name: str) -> Probe | None:
-    """The probe for the object bound to `name`; None where no server of this version binds it."""
-    contexts = {CHANNELS: _CHANNEL, SENSORS: _SENSOR}
+    """The probe for the object bound to `name`; None where no process of this version binds it."""
+    contexts = {CHANNELS: _CHANNEL, SENSORS: _SENSOR, ROBOTS: _ROBOT}
     return contexts.get(name.partition("/")[0]) or {**_MAP_EDITOR, **_SIMULATION}.get(name)
 
 

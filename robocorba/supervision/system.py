@@ -4,30 +4,40 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import importlib.util
 import logging
 import os
 import re
+import secrets
 import shutil
 import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import psutil
 
 from robocorba import logs
 from robocorba.corba.orb import CONTEXT, Orb
+from robocorba.corba.reference_file import write_reference
+from robocorba.corba.servants.supervisor import SupervisorServant
 from robocorba.errors.services import PortInUse, ServiceError
+from robocorba.names import SUPERVISOR
+from robocorba.processes import RobotOrder
 from robocorba.settings import Address
+from robocorba.supervision.console import console_spec
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, is_free
 from robocorba.supervision.launch import module_command
+from robocorba.supervision.output import relay
 from robocorba.supervision.process import ProcessSpec, Supervised
+from robocorba.supervision.robots import OrderChecker, Robots, robot_spec
 from robocorba.supervision.servers import Server
+from robocorba.supervision.supervisor import Supervisor
 
 NAMING_SERVICE = "omniNames"
 _log = logging.getLogger(__name__)
-_LEVELS = {"WARNING": logging.WARNING, "ERROR": logging.ERROR, "CRITICAL": logging.CRITICAL}
 
 
 @dataclass(frozen=True)
@@ -36,7 +46,7 @@ class System:
 
     before_ready: called in a thread once every server has answered, before the system is ready.
     building: absolute path passed to the servers, or None. start_limit_s: time limit for each process to
-    answer its first call."""
+    answer its first call. console: where the operator's console listens, None for no console."""
 
     folder: StateFolder
     naming: Address
@@ -44,6 +54,7 @@ class System:
     before_ready: Callable[[Orb], None] = lambda orb: None
     building: Path | None = None
     start_limit_s: float = 60.0
+    console: Address | None = None
 
     def run(self, ready: Callable[[SystemRecord], None]) -> None:
         """Run until SIGINT, SIGTERM or SIGHUP; calls `ready` once every server has answered a real call.
@@ -53,12 +64,15 @@ class System:
             logs.setup("up", self.folder.logs)
             if not is_free(self.naming.host, self.naming.port):
                 raise PortInUse(self.naming.host, self.naming.port, "the naming service")
+            if self.console and not is_free(self.console.host, self.console.port):
+                raise PortInUse(self.console.host, self.console.port, "the console")
             ports = self.folder.ports([server.name for server in self.servers], self.naming)
             try:
                 with Orb(self.naming) as orb:
                     asyncio.run(self._run(orb, ports, ready))
             finally:
                 self.folder.remove_record()
+                (self.folder.path / SUPERVISOR).unlink(missing_ok=True)
 
     async def _run(self, orb: Orb, ports: dict[str, int], ready: Callable[[SystemRecord], None]) -> None:
         stop_requested = asyncio.Event()
@@ -69,7 +83,7 @@ class System:
         processes: list[Supervised] = []
 
         def record() -> SystemRecord:
-            rows = tuple(self._row(process, ports) for process in processes)
+            rows = tuple(_row(process) for process in (*processes, *robots.processes))
             return SystemRecord(str(self.naming), os.getpid(), created, rows)
 
         def changed() -> None:
@@ -80,14 +94,19 @@ class System:
 
         names = Supervised(self._naming_service(orb), changed)
         servers = [Supervised(self._server(server, ports[server.name], orb), changed) for server in self.servers]
-        processes += [names, *servers]
-        tasks: list[asyncio.Task[None]] = []
+        consoles = [Supervised(self._console(self.console), changed)] if self.console else []
+        robots = Robots(self._robot, changed)
+        processes += [names, *servers, *consoles]
+        self._serve_supervisor(orb, processes, robots)
+        started: list[list[asyncio.Task[None]]] = []
         try:
-            for group in ([names], servers):  # servers need the naming service: they start after it and end before it
-                tasks += [asyncio.create_task(process.supervise()) for process in group]
-                await _first(asyncio.create_task(_all_ready(group)), stop, *tasks)
+            # Servers need the naming service, and the console needs both: each group ends before those that it needs.
+            for group in filter(None, ([names], servers, consoles)):
+                started.append([asyncio.create_task(process.supervise()) for process in group])
+                await _first(asyncio.create_task(_all_ready(group)), stop, *chain.from_iterable(started))
                 if stop.done():
                     return
+            tasks = list(chain.from_iterable(started))
             await _first(asyncio.create_task(asyncio.to_thread(self.before_ready, orb)), stop, *tasks)
             if stop.done():
                 return
@@ -95,22 +114,24 @@ class System:
             ready(record())
             await _first(stop, *tasks)
         finally:
-            await _cancel(tasks[1:])
-            await _cancel(tasks[:1])
+            await robots.close()
+            for group_tasks in reversed(started):
+                await _cancel(group_tasks)
             _log.info("stopped")
 
-    def _row(self, process: Supervised, ports: dict[str, int]) -> ProcessRecord:
-        name = process.spec.name
-        objects = next((server.objects for server in self.servers if server.name == name), {})
-        return ProcessRecord(
-            name=name,
-            state=process.state,
-            pid=process.pid,
-            endpoint=str(Address(self.naming.host, ports[name]) if name in ports else self.naming),
-            names=tuple(f"{CONTEXT}/{bound}" for bound in objects),
-            started=process.started,
-            restarts=process.restarts,
-        )
+    def _serve_supervisor(self, orb: Orb, processes: Sequence[Supervised], robots: Robots) -> None:
+        loop = asyncio.get_running_loop()
+        supervisor = Supervisor(loop, processes, robots, OrderChecker(orb), self.folder.logs)
+        # Its secret key is the right to call it.
+        reference = orb.activate(SupervisorServant(supervisor), secrets.token_hex(16))
+        orb.accept_calls()
+        write_reference(orb, reference, self.folder.path / SUPERVISOR)
+
+    def _console(self, address: Address) -> ProcessSpec:
+        return console_spec(address, self.folder.path, self.naming, self.start_limit_s)
+
+    def _robot(self, order: RobotOrder) -> ProcessSpec:
+        return robot_spec(order, self.folder.path, self.naming, self.start_limit_s)
 
     def _naming_service(self, orb: Orb) -> ProcessSpec:
         command = naming_service_command(self.naming, self.folder.names)
@@ -120,12 +141,15 @@ class System:
             log.info("%s", re.sub(r"^omniNames: \(\d+\) [\d-]+ [\d:.]+: ", "", line))  # without its own time
 
         return ProcessSpec(
-            NAMING_SERVICE, command, self.folder.path, orb.check_naming, log_line, start_limit_s=self.start_limit_s
+            *(NAMING_SERVICE, command, self.folder.path, orb.check_naming, log_line),
+            start_limit_s=self.start_limit_s,
+            endpoint=str(self.naming),
         )
 
     def _server(self, server: Server, port: int, orb: Orb) -> ProcessSpec:
+        endpoint = str(Address(self.naming.host, port))
         command = [*module_command(server.module), "--state", str(self.folder.path)]
-        command += ["--endpoint", str(Address(self.naming.host, port)), "--naming", str(self.naming)]
+        command += ["--endpoint", endpoint, "--naming", str(self.naming)]
         command += server.arguments
         if self.building:
             command += ["--building", str(self.building)]
@@ -134,15 +158,19 @@ class System:
             for name, object_probe in server.objects.items():
                 object_probe.call_object(orb, name)
 
-        def relay(line: str) -> None:
-            level, _, text = line.partition(" ")
-            text = text if level in _LEVELS else line
-            _log.log(_LEVELS.get(level, logging.WARNING), "%s: %s", server.name, text)
-
         # In the state folder, so that files in the user's folder cannot replace modules.
         return ProcessSpec(
-            server.name, tuple(command), self.folder.path, probe, relay, start_limit_s=self.start_limit_s
+            *(server.name, tuple(command), self.folder.path, probe, functools.partial(relay, server.name)),
+            start_limit_s=self.start_limit_s,
+            endpoint=endpoint,
+            names=tuple(f"{CONTEXT}/{bound}" for bound in server.objects),
         )
+
+
+def _row(process: Supervised) -> ProcessRecord:
+    spec = process.spec
+    place = spec.endpoint, spec.names
+    return ProcessRecord(spec.name, process.state, process.pid, *place, process.started, process.restarts)
 
 
 def naming_service_command(naming: Address, data: Path) -> tuple[str, ...]:

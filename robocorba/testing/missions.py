@@ -24,6 +24,7 @@ from robocorba.control.agent import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool
+from robocorba.corba.remote.mission_control import RemoteMissionControl
 from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
@@ -31,6 +32,7 @@ from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, Geom
 from robocorba.maps.topology import topological_map
 from robocorba.missions.subplan import StoredPlan
 from robocorba.names import MISSIONS
+from robocorba.simulation.mission_record import MissionContent, MissionState
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.floor_update import WHOLE
 from robocorba.stubs import RoboCorba
@@ -104,6 +106,7 @@ class MissionSystem:
         self.folder, self.running, self.orb, self._launch = folder, running, orb, launch
         self.robots: dict[str, subprocess.Popen[str]] = {}
         self._database = RemoteDatabase(orb, 5.0)
+        self.control = RemoteMissionControl(orb, 5.0)
         self.server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
 
     def __enter__(self) -> MissionSystem:
@@ -179,6 +182,38 @@ class MissionSystem:
         out, err = process.communicate(timeout=60.0)
         assert process.returncode == 0, err
         return out
+
+    def refusal(self, user: str, *arguments: str) -> str:
+        """Run `robocorba mission ...`, which must be refused; return the error."""
+        process = self._robocorba(user, "mission", *arguments)
+        _, err = process.communicate(timeout=60.0)
+        assert process.returncode == 1, err
+        return err
+
+    def led_by(self, leader: str) -> str:
+        """The name of the mission that a robot leads, by mission control."""
+        (name,) = (
+            state.name
+            for state in self.control.missions_since(0)
+            if state.content.leader == leader and state.content.is_running
+        )
+        return name
+
+    def ended(self, mission: str) -> MissionContent:
+        """A mission once mission control says that it has ended."""
+
+        def content() -> MissionContent | None:
+            found = self.control.mission(mission).content
+            return None if found.is_running else found
+
+        found: MissionContent = eventually(content, 60.0, f"{mission} has ended")
+        return found
+
+    def missions_since(self, version: int) -> list[MissionState]:
+        """The missions that changed after a version; empty while mission control does not answer."""
+        with contextlib.suppress(NotReachable):
+            return self.control.missions_since(version)
+        return []
 
     def kept(self, leader: str) -> StoredPlan | None:
         """The plan of the mission that a robot leads, or led last."""

@@ -169,9 +169,10 @@ class InProcessSession:
 
 
 class Channel:
-    """Records the events that a program publishes, and delivers events to it."""
+    """Records the events that a program publishes and the missions that it leads, and delivers events to it."""
 
     def __init__(self) -> None:
+        self.missions: list[str] = []
         self.said: list[tuple[str, Any]] = []
         self.patterns: Sequence[tuple[str, str]] = ()
         self.receive: Callable[[ReceivedEvent], None] = lambda event: None
@@ -182,7 +183,8 @@ class Channel:
     def publish(self, type: str, payload: Any) -> None:
         self.said.append((type, payload))
 
-    def cooperate(self, icon: Icon) -> None:
+    def cooperate(self, icon: Icon, mission: str = "") -> None:
+        self.missions.append(mission)
         raise MotionFailed("nobody else is here")
 
 

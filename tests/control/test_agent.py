@@ -16,11 +16,15 @@ from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed, 
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.motion.robot_state import Velocity
 from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.programs.icons import Destination
 from robocorba.programs.program import Program
+from robocorba.programs.report import CheckReport
 from tests.control.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
 SHORT = ProgramBuilder("short").mbase_by(ahead=0.05).program()
 LONG = ProgramBuilder("long").mbase_velocity(0.1, 0.0, 0.0, 60.0).program()
+WRONG = ProgramBuilder("wrong").wait(1).program()
+CARRY = ProgramBuilder("carry").move_table("table", Destination("L1", 3.0, 2.0)).program()
 
 
 @pytest.fixture(scope="module")
@@ -35,14 +39,22 @@ def session(place: Place) -> InProcessSession:
     return place.session()
 
 
-def check(program: Program, state: AgentState) -> None:
+def check(program: Program, state: AgentState) -> CheckReport:
+    report = CheckReport()
+    report.add_note("", f"checked from {state.at.floor}")
     if program.name == "wrong":
-        raise InvalidProgram("icons[0]", "ahead", "is wrong")
+        report.add_finding("icons[0]", "ahead", "is wrong")
+    return report
 
 
 @pytest.fixture
-def agent(place: Place, session: InProcessSession) -> Iterator[ControlAgent]:
-    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel(), check)
+def channel() -> Channel:
+    return Channel()
+
+
+@pytest.fixture
+def agent(place: Place, session: InProcessSession, channel: Channel) -> Iterator[ControlAgent]:
+    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, channel, check)
     agent.start("simulated")
     yield agent
     session.is_away = False
@@ -71,7 +83,7 @@ def test_what_makes_no_sense_is_refused(agent: ControlAgent) -> None:
     with pytest.raises(IllegalOrder, match="was not stopped"):
         agent.reset_stop()
     with pytest.raises(InvalidProgram, match=r"icons\[0\]\.ahead: is wrong"):
-        agent.load(ProgramBuilder("wrong").wait(1).program())
+        agent.load(WRONG)
     with pytest.raises(InvalidChoice, match="speed"):
         agent.cap_speed(float("nan"))
     with pytest.raises(UnknownAdaptor, match="known are corba, simulated, smartpal"):
@@ -95,6 +107,62 @@ def test_pauses_are_seen(agent: ControlAgent) -> None:
     eventually(lambda: agent.state.condition is AgentCondition.RUNNING, "running")
     agent.abort()
     eventually(lambda: ended(agent), "aborted")
+
+
+def test_a_program_is_checked_while_another_one_runs(agent: ControlAgent) -> None:
+    agent.load(LONG)
+    agent.run()
+    report = agent.check(WRONG)
+    assert [str(finding) for finding in report.findings] == ["icons[0].ahead: is wrong"]
+    assert [note.what for note in report.notes] == ["checked from L1"]
+    assert agent.check(SHORT).is_valid
+    assert agent.program is LONG
+    assert agent.state.condition is AgentCondition.RUNNING
+    agent.abort()
+    eventually(lambda: ended(agent), "aborted")
+
+
+def test_only_a_valid_program_is_kept(agent: ControlAgent) -> None:
+    assert agent.program is None
+    agent.load(SHORT)
+    with pytest.raises(InvalidProgram):
+        agent.load(WRONG)
+    assert agent.program is SHORT
+
+
+def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, session: InProcessSession) -> None:
+    assert not agent.path
+    agent.load(ProgramBuilder("drive").mbase_path("L1", session.latest.at.x + 1.0, session.latest.at.y).program())
+    agent.run()
+    eventually(lambda: len(agent.path) > 1, "driving")
+    assert agent.path[-1].x == pytest.approx(session.latest.at.x + 1.0, abs=1.0)
+    agent.abort()
+    eventually(lambda: ended(agent), "aborted")
+    assert not agent.path
+
+
+def test_a_mission_is_started_by_its_name(agent: ControlAgent, channel: Channel) -> None:
+    agent.start_mission("carry-1", CARRY)
+    eventually(lambda: ended(agent), "led")
+    assert channel.missions == ["carry-1"]
+    agent.run()  # the same program as a new mission
+    eventually(lambda: ended(agent), "led")
+    assert channel.missions == ["carry-1", ""]
+
+
+def test_a_mission_is_one_cooperative_icon(agent: ControlAgent, channel: Channel) -> None:
+    two = ProgramBuilder("two").hand_over("cup", "B").hand_over("cup", "C").program()
+    for other in (SHORT, two):
+        with pytest.raises(InvalidProgram, match="cooperative icon"):
+            agent.start_mission("carry-1", other)
+    assert agent.program is None
+    agent.load(LONG)
+    agent.run()
+    with pytest.raises(IllegalOrder, match="runs a program"):
+        agent.start_mission("carry-1", CARRY)
+    agent.abort()
+    eventually(lambda: ended(agent), "aborted")
+    assert channel.missions == []
 
 
 def test_a_wait_ends_where_the_robot_is_lost(agent: ControlAgent, session: InProcessSession) -> None:

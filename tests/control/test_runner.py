@@ -161,7 +161,7 @@ def test_pause_step_resume_and_abort(smartpal: Robot) -> None:
     eventually(lambda: smartpal.controller.state.velocity[1] > 0.1, "moving again")
     execution.abort()
     thread.join(10.0)
-    assert (runner.report.result, runner.report.reason) == (ProgramResult.ABORTED, "somebody ended it")
+    assert (runner.report.result, runner.report.reason) == (ProgramResult.ABORTED, "it was aborted")
     eventually(lambda: np.hypot(*smartpal.controller.state.velocity[:2]) < 0.01, "standing")
     execution.reset(False)
 

@@ -307,6 +307,9 @@ def test_the_memory_is_that_of_one_floor() -> None:
     assert {one.name for one in held if isinstance(one, MapObject)} == {"T1", "S1"}
     fresh = place.pool("L1")
     fresh.follow()
+    place.world.robots["L1-0"].command(0.2, 0.0, 1.0, 0.5)
+    place.run(0.1)
+    fresh.follow()  # the pool remembers an update, too
     assert abs(sizes[-1] - len(reachable(fresh, place))) <= 5
     assert max(sizes) - min(sizes) <= 5
 

@@ -97,7 +97,12 @@ class Crew:
             transport = Transport(BusEnd(self.bus, name), name)
             self._missions.append(MissionAgent(transport, agent, lambda thing: None, taking_part).start())
 
-    def leader(self, name: str, leading: LeaderPolicy | None = None) -> Leader:
+    def leader(
+        self,
+        name: str,
+        leading: LeaderPolicy | None = None,
+        on_progress: Callable[..., None] = lambda plan, phases, is_ending: None,
+    ) -> Leader:
         agent = self.agents[name]
         course = agent.robot.execution
         course.reset(False)
@@ -107,6 +112,7 @@ class Crew:
             lambda: Spot(*agent.place[:3]),
             interruption=lambda: str(course.interruption or ""),
             policy=leading or self._leading,
+            on_progress=on_progress,
         )
 
     def close(self) -> None:

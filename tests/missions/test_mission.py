@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import pytest
@@ -14,8 +14,8 @@ from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.control.runner import ProgramResult
 from robocorba.missions.leader import LeaderPolicy
 from robocorba.missions.member import MemberPolicy
-from robocorba.missions.report import MissionReport
-from robocorba.missions.subplan import Approach, Carry, Gather, Idle
+from robocorba.missions.report import MissionReport, PhaseTimes
+from robocorba.missions.subplan import Approach, Carry, CooperativePlan, Gather, Idle
 from robocorba.missions.trajectory import Trajectory
 from robocorba.planning.request import Place as Spot
 from robocorba.programs.graphic_programming import ProgramBuilder
@@ -88,6 +88,28 @@ def test_steps_are_synchronized(crew: Crew) -> None:
     assert crew.agents["B"].state.program.result is ProgramResult.DONE
     again = crew.leader("B").lead("test", Given([Idle()], [Idle()]))
     assert again.result == "done"
+
+
+def test_progress_is_reported(crew: Crew) -> None:
+    seen: list[tuple[tuple[str, int], ...]] = []
+    endings: list[bool] = []
+
+    def note(plan: CooperativePlan, phases: Sequence[PhaseTimes], is_ending: bool) -> None:
+        seen.append(tuple((phase.name, len(phase.done)) for phase in phases))
+        endings.append(is_ending)
+
+    given = Given([Idle(), Idle()], [Idle(), near("B", 0.1)])
+    report = crew.leader("A", on_progress=note).lead("test", given)
+    assert (report.result, report.reason) == ("done", "")
+    assert seen[0] == ()
+    assert seen[-1] == (("phase 0", 2), ("phase 1", 2))
+    assert (("phase 0", 2), ("phase 1", 1)) in seen
+    assert not any(endings)
+    eventually(lambda: free(crew), "all are free again")
+    crew.agents["B"].robot.execution.reset(False)
+    failing = Given([Idle()], [near("B", 0.6, limit_s=0.01)])
+    assert crew.leader("A", on_progress=note).lead("test", failing).result == "failed"
+    assert endings[-1]
 
 
 def test_carriers_move_simultaneously(crew: Crew) -> None:
@@ -189,7 +211,7 @@ def test_a_disconnected_helper_ends_the_mission_for_all(crew: Crew) -> None:
     thread.join(60.0)
     assert reports[0].reason == "phase 0: B is silent"
     eventually(lambda: free(crew), "all have ended, each for itself")
-    assert crew.agents["B"].state.program.reason in ("the leader A is silent", "somebody ended it")
+    assert crew.agents["B"].state.program.reason in ("the leader A is silent", "it was aborted")
     assert all(abs(math.hypot(*agent.state.actor.velocity)) < 0.01 for agent in crew.agents.values())
 
 

@@ -17,6 +17,7 @@ from robocorba.sensing.reports import Reports
 from robocorba.sensing.virtual_sensor import LAG_LIMIT_S, MAX_RAYS_AT_ONCE, Mount, ScanSpec, VirtualSensor
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
+from robocorba.spatial.pose import Pose
 from tests.simulation.places import Clock, robot, tower
 
 AHEAD = ScanSpec(Fan(0.0, 0.1, 1, 9.0))
@@ -171,7 +172,7 @@ def test_reports_hold_the_load_and_the_last_scans(place: Following) -> None:
     spec = ScanSpec(LASER, 0.2)
     for name in ("A", "A", None):
         seen = place.sensor.scan("L1", np.array([[5.0, 2.0, 0.3]]), Mount(), spec, name)
-        reports.record_scan(name, "L1", spec, seen)
+        reports.record_scan(name, Pose("L1", 5.0, 2.0, 0.3), Mount(), spec, seen)
     place.clock.now += 2.0
     cpu.now += 0.5
     (last,) = reports.collect()
@@ -180,3 +181,20 @@ def test_reports_hold_the_load_and_the_last_scans(place: Following) -> None:
     load = reports.load
     assert (load.busy, load.scan_rate) == (pytest.approx(0.25), pytest.approx(1.5))
     assert reports.collect() == []
+
+
+def test_reports_hold_each_sensor_of_a_robot_and_what_its_rays_hit(place: Following) -> None:
+    reports, at = Reports(place.sensor, place.clock, Clock()), Pose("L1", 5.0, 2.0, 0.3)
+    for mount, spec in ((Mount(), ScanSpec(LASER)), (Mount(0.1), ScanSpec(PROXIMITY, 0.4, seed=5))):
+        for _ in range(2):
+            seen = place.sensor.scan("L1", np.array([at[1:]]), mount, spec, "A")
+            reports.record_scan("A", at, mount, spec, seen)
+    reports.record_scan(None, at, mount, spec, seen)
+    laser, ring = reports.collect_robot_scans()
+    assert (laser.robot, laser.at, laser.mount, laser.range_m, laser.rim_m) == ("A", at, (0.0, 0.0, 0.0), 8.0, 0.0)
+    assert (ring.mount, ring.range_m, ring.rim_m, ring.noise) == ((0.1, 0.0, 0.0), 1.0, 0.4, (0.0, 0.0, 0.0, 5))
+    assert ring.distances.tolist() == seen.distances[0].tolist()
+    for found in (laser, ring):
+        assert found.hits.tolist() == [distance < found.range_m for distance in found.distances.tolist()]
+    assert 0 < laser.hits.sum() < len(laser.hits)
+    assert reports.collect_robot_scans() == []

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+
 from robocorba.maps.model import (
     BoxShape,
     Building,
@@ -14,6 +18,7 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.simulation.registry import Description
+from robocorba.simulation.robot_scans import RobotScan
 from robocorba.spatial.floor_state import Pose
 
 
@@ -42,3 +47,17 @@ def tower() -> Building:
 
 def robot(name: str, floor: str = "L1", x: float = 7.0, y: float = 2.0, heading: float = 0.0) -> Description:
     return Description(name, Pose(floor, x, y, heading))
+
+
+def scan(robot: str = "A", time: float = 1.0, floor: str = "L1", ahead: float = 0.0, **others: Any) -> RobotScan:
+    """A laser's scan, `others` being different."""
+    known: dict[str, Any] = {
+        "first_rad": -1.0,
+        "step_rad": 0.5,
+        "range_m": 8.0,
+        "rim_m": 0.0,
+        "noise": (0.0, 0.0, 0.0, 0),
+        "distances": np.full(5, 8.0),
+        "hits": np.zeros(5, bool),
+    }
+    return RobotScan(robot, time, Pose(floor, 1.0, 2.0, 0.0), (ahead, 0.0, 0.0), **{**known, **others})

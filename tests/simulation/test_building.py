@@ -10,7 +10,14 @@ import msgspec
 import pytest
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import CannotGrip, InvalidCommand, InvalidRide, PlaceTaken
+from robocorba.errors.simulation import (
+    CannotGrip,
+    InvalidChoice,
+    InvalidCommand,
+    InvalidRide,
+    PlaceTaken,
+    UnknownBody,
+)
 from robocorba.maps.model import BoxShape, ElementKind, MapObject, Wall
 from robocorba.maps.samples import load_sample
 from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
@@ -288,3 +295,104 @@ def test_the_sample_runs() -> None:
     run(world, 0.2)
     assert world.objects
     assert set(world.cabins) == set(world.building.elevators)
+
+
+def test_a_robot_is_placed_at_rest_on_any_floor(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 7.0, 2.0)
+    world.robots["A"].command(0.5, 0.0, 0.0, 5.0)
+    run(world, 1.0)
+    for pose in (Pose("L1", 1.0, 8.0, 1.0), Pose("L2", 2.0, 2.0, -2.0), Pose("L2", 2.1, 2.0, 0.0)):
+        events = world.place("A", pose)
+        assert [(event.kind, event.floor, event.who) for event in events] == [("placed", pose.floor, ("A",))]
+        assert world.pose("A") == pytest.approx(pose)
+        assert world.robots["A"].state().pose == pytest.approx(pose)  # also while time is paused
+        run(world, 0.5)
+        assert world.pose("A") == pytest.approx(pose)
+    assert world.robots["A"].state().velocity == (0.0, 0.0, 0.0)
+    world.robots["A"].command(0.5, 0.0, 0.0, 5.0)
+    run(world, 1.0)
+    assert world.pose("A").x > 2.3
+
+
+def test_an_object_is_placed_and_those_who_held_it_learn_so(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 1.0, 2.0)
+    enter(world, "B", "L1", 7.0, 8.5)
+    world.grip("A", "T1", (1.5, 2.0))
+    events = world.place("T1", Pose("L2", 2.0, 7.0, 1.0))
+    assert [(event.kind, event.who) for event in events] == [("grip lost", ("A",)), ("placed", ("T1",))]
+    assert world.robots["A"].holding == ""
+    assert world.objects["T1"][1] == "L2"
+    assert world.floors["L2"].pose("object/T1") == pytest.approx((2.0, 7.0, 1.0))
+    world.place("T1", Pose("L1", 2.0, 2.0, 0.3))
+    world.grip("A", "T1", (1.5, 2.0))
+    events = world.place("A", Pose("L1", 7.0, 2.0, 0.0))
+    assert [(event.kind, event.who) for event in events] == [("grip lost", ("A",)), ("placed", ("A",))]
+    assert world.floors["L1"].pose("object/T1") == pytest.approx((2.0, 2.0, 0.3))
+
+
+@pytest.mark.parametrize(
+    ("body", "x", "y", "blocker"),
+    [
+        *(("A", 3.2, 1.0, ""), ("A", 2.0, 2.2, "T1"), ("A", 8.0, 7.5, ""), ("A", 7.4, 5.1, "B")),
+        *(("T1", 3.2, 1.0, ""), ("T1", 7.2, 2.2, "A"), ("T1", 8.2, 8.0, ""), ("T1", 5.0, 4.1, "")),
+    ],
+)
+def test_nothing_is_placed_where_something_is(
+    world: SimulatedBuilding, body: str, x: float, y: float, blocker: str
+) -> None:
+    enter(world, "A", "L1", 7.0, 2.0)
+    enter(world, "B", "L1", 7.5, 5.0)
+    before = world.record()
+    with pytest.raises(PlaceTaken) as refused:
+        world.place(body, Pose("L1", x, y, 0.0))
+    assert (refused.value.floor, refused.value.blocker) == ("L1", blocker)
+    assert world.record() == before
+
+
+def test_a_body_may_be_placed_over_its_own_place(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 7.0, 2.0)
+    world.place("A", Pose("L1", 7.1, 2.0, 0.0))
+    world.place("T1", Pose("L1", 2.1, 2.0, 0.0))
+    assert world.floors["L1"].pose("object/T1") == pytest.approx((2.1, 2.0, 0.0))
+
+
+def test_an_impossible_placing_is_refused(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 7.0, 2.0)
+    before = world.record()
+    for name in ("S1", "B", "", "x" * 1000):  # S1 does not move
+        with pytest.raises(UnknownBody):
+            world.place(name, Pose("L1", 5.0, 2.0, 0.0))
+    with pytest.raises(UnknownFloor):
+        world.place("A", Pose("roof", 5.0, 2.0, 0.0))
+    for field, pose in (
+        ("at.x", Pose("L1", math.nan, 2.0, 0.0)),
+        ("at.y", Pose("L1", 5.0, -math.inf, 0.0)),
+        ("at.heading", Pose("L1", 5.0, 2.0, 1e9)),
+    ):
+        with pytest.raises(InvalidChoice) as refused:
+            world.place("A", pose)
+        assert refused.value.field == field
+    assert world.record() == before
+
+
+def test_a_placed_robot_keeps_its_ride_and_its_reservation(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 7.0, 2.0)
+    world.call_elevator("A", "E1", "L2")
+    square = ((0.0, 8.0), (1.0, 8.0), (1.0, 9.0))
+    world.reserve("A", area_request([("L1", square)], 60.0, world.floors))
+    world.place("A", Pose("L1", 1.0, 5.0, 0.0))
+    assert "A" in world.rides
+    (kept,) = world.reservations.all(world.time)
+    assert (kept.robot, kept.areas, kept.status.granted) == ("A", (("L1", square),), True)
+
+
+def test_a_posture_is_checked(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 7.0, 2.0)
+    robot = world.robots["A"]
+    assert robot.posture is None
+    run(world, 1.0)
+    robot.report_posture([0.5] * 64)
+    for joints in ([0.0] * 65, [math.nan], [0.0, math.inf]):
+        with pytest.raises(InvalidCommand):
+            robot.report_posture(joints)
+    assert robot.posture == ("A", pytest.approx(1.0), (0.5,) * 64)

@@ -28,8 +28,9 @@ from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import ClientRecord, SimulationStore
+from robocorba.spatial.pose import Pose
 from robocorba.testing.processes import eventually
-from tests.simulation.places import robot, tower
+from tests.simulation.places import robot, scan, tower
 
 PASSAGE = ("L1", ((4.0, 0.0), (6.0, 0.0), (6.0, 1.0), (4.0, 1.0)))
 
@@ -242,3 +243,44 @@ def test_invalid_settings_are_refused(agent: ManagementAgent, choice: dict) -> N
     with pytest.raises(InvalidChoice):
         agent.configure(**choice)
     assert (agent.state.limit, agent.state.pace) == (300, 1.0)
+
+
+def test_a_placed_body_is_there_after_a_kill(store: SimulationStore) -> None:
+    events: list[SimulationEvent] = []
+    agent = ManagementAgent(tower(), 7, store, events.append)
+    agent.register(robot("A"))
+    agent.place("A", Pose("L2", 3.0, 3.0, 1.0))
+    agent.place("T1", Pose("L1", 6.0, 2.0, 1.0))
+    assert [(event.kind, event.who) for event in events] == [("placed", ("A",)), ("placed", ("T1",))]
+    with pytest.raises(PlaceTaken):
+        agent.place("A", Pose("L1", 6.0, 2.0, 0.0))
+    after = ManagementAgent(tower(), 7, store)  # the first one was not closed
+    assert after.simulated.pose("A") == pytest.approx(Pose("L2", 3.0, 3.0, 1.0))
+    assert after.simulated.floors["L1"].pose("object/T1") == pytest.approx((6.0, 2.0, 1.0))
+
+
+def test_postures_reservations_and_scans_of_a_robot_end_with_its_session(agent: ManagementAgent) -> None:
+    session, database = agent.register(robot("A")), agent.database
+    agent.register(robot("B", x=5.0))
+    assert database.postures("L1", 0.0) == []
+    run(agent, 1.0)
+    session.report_posture([0.1, 0.2])
+    assert database.postures("L1", 0.0) == [("A", pytest.approx(1.0), (0.1, 0.2))]
+    assert database.postures("L1", 1.5) == database.postures("L2", 0.0) == []
+    session.reserve([PASSAGE], 30.0)
+    assert [(kept.robot, kept.areas) for kept in database.reservations()] == [("A", (PASSAGE,))]
+    assert agent.record_robot_scans([scan("A"), scan("nobody")]) > 0.1
+    assert [found.robot for found in database.scans_since("L1", 0.0)] == ["A"]
+    assert agent.record_robot_scans([]) < 0.1  # somebody reads them
+    session.deregister()
+    assert database.postures("L1", 0.0) == []
+    assert database.reservations() == []
+    assert database.scans_since("L1", 0.0) == []
+    agent.register(robot("A"))
+    agent.record_robot_scans([scan("A", 0.9)])  # of the first A, on its way while that logged off
+    assert database.scans_since("L1", 0.0) == []
+    for read in (database.postures, database.scans_since):
+        with pytest.raises(UnknownFloor):
+            read("roof", 0.0)
+    with pytest.raises(SessionExpired):
+        session.report_posture([0.0])

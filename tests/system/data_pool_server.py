@@ -35,7 +35,7 @@ def main(naming: str, floor: str, robot: str) -> None:
     plans.put("carry", msgpack.packb({"table": "T1", "robots": [robot, "other"]}), 1)
     with Orb(Address.parse(naming)) as orb, contextlib.closing(PoolFollower(orb, floor, robot)) as follower:
         follower.start()
-        pool = orb.activate(DataPoolServant(follower.pool, plans))
+        pool = orb.activate(DataPoolServant(follower.pool, plans, follower.postures))
         orb.serve({f"{ROBOTS}/{robot}": Agent(pool)})
 
         def obey() -> None:

@@ -22,6 +22,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import UnknownPlan
 from robocorba.errors.services import NotReachable
 from robocorba.maps.model import Wall
+from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import BACK_LIMIT_S, Place, drive_to, simulation
 
@@ -137,14 +138,19 @@ def test_the_pool_survives_a_kill_of_the_simulation_server(place: Place) -> None
 
 
 def test_another_process_is_read_over_corba(place: Place) -> None:
-    place.log_on("below", *HALL)
+    below = place.log_on("below", *HALL)
     place.log_on("above", 80.0, 2.0, floor="L2")
+    below.reportPosture([0.5, -0.5])
     with another_robot(place, "L1", "leader") as (pool, process):
         eventually(lambda: pool.lag_s < math.inf, what="it knows its floor")
         assert pool.floor == "L1"
         whole = pool.content()
         assert (whole.floor, whole.since) == ("L1", 0)
         assert "below" in {body.name for body in whole.came}
+        assert [posture.joints for posture in pool.postures(0.0)] == [(0.5, -0.5)]
+        below.command(RoboCorba.Velocity(0.5, 0.0, 0.0), 1.0)
+        moved = eventually(lambda: len((update := pool.changes(whole.version)).motions) and update)
+        assert (moved.since, moved.came) == (whole.version, [])
         plan = pool.plan("carry")
         assert (plan.name, plan.version) == ("carry", 2)
         assert msgpack.unpackb(plan.content) == {"table": "T1", "robots": ["leader", "other"]}
@@ -156,6 +162,7 @@ def test_another_process_is_read_over_corba(place: Place) -> None:
         assert process.stdout.readline() == "True\n"
         assert pool.floor == "L2"
         assert {body.name for body in pool.content().came} == set(bodies(place, "L2"))
+        assert pool.postures(0.0) == []
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
         for ask in (pool.content, pool.plans, lambda: pool.lag_s):

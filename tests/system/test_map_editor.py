@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
+import io
+import os
+import signal
 from typing import Any
 
 import pytest
+from PIL import Image
 
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.edit_session import RemoteEditSession, RemoteMapEditor
+from robocorba.errors.maps import (
+    EditedByOthers,
+    InvalidElement,
+    NothingToRedo,
+    SessionEnded,
+    TooManyTransactions,
+    TransactionClosed,
+    UnknownElement,
+)
+from robocorba.errors.services import NotReachable
 from robocorba.maps import native
+from robocorba.maps.changes import ChangeKind
+from robocorba.maps.model import ElementKind, PathNode, Wall
+from robocorba.maps.underlays import Underlay
 from robocorba.stubs import RoboCorba
 from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import Running
+from robocorba.testing.processes import Running, eventually
 from tests.system.elements import XY, all_elements, examples, id_of, replay, wall
 
 pytestmark = pytest.mark.system
@@ -364,3 +382,122 @@ def test_an_edge_is_blocked_while_its_door_is_locked(editor: Any, planner: Any, 
     assert blocked() == []
     (path,) = planner.findPaths(planner.defaultRequest(WEST, EAST))
     assert path.distance == direct.distance and changed < path.mapVersion
+
+
+def short_wall(name: str, x: float = 0.5) -> Wall:
+    """A wall far from all nodes and edges."""
+    return Wall(name=name, a=(x, 8.5), b=(x, 9.5))
+
+
+def test_two_authors_share_a_map(system_orb: Orb) -> None:
+    remote = RemoteMapEditor(system_orb)
+    before, began = remote.building()
+    ada, bob = remote.open_session("Ada Ж"), remote.open_session("Bob")
+    made = ada.create("L2", short_wall("a"))
+    bob.create("L2", short_wall("b"))
+    ada.create("L2", short_wall("c"))
+    assert (ada.author, ada.undoable(), ada.redoable()) == ("Ada Ж", "wall c on L2 created", "")
+    ada.undo()
+    assert ada.redoable() == "wall c on L2 created"
+    changed = bob.change("L2", short_wall("a", 0.75), made)
+    with pytest.raises(EditedByOthers) as refused:
+        ada.undo()
+    assert (refused.value.kind, refused.value.name, refused.value.author) == ("wall", "a", "Bob")
+    assert remote.read(ElementKind.WALL, "L2", "a") == (short_wall("a", 0.75), changed)
+    assert bob.rename(ElementKind.WALL, "L2", "a", "z", changed) == changed + 1
+    transaction = bob.begin()
+    transaction.create("L2", PathNode(name="n", at=(1.0, 1.0), elevator="E9"))
+    (problem,) = transaction.problems()
+    assert (problem.name, problem.where) == ("n", ("L2", 1.0, 1.0))
+    assert problem.reason == "it names elevator 'E9', which does not exist"
+    transaction.roll_back()
+    with pytest.raises(TransactionClosed):
+        transaction.problems()
+    assert [(edit.author, edit.summary) for edit in remote.edits_since(began)] == [
+        ("Ada Ж", "wall a on L2 created"),
+        ("Bob", "wall b on L2 created"),
+        ("Ada Ж", "wall c on L2 created"),
+        ("Ada Ж", "undone: wall c on L2 created"),
+        ("Bob", "wall a on L2 changed"),
+        ("Bob", "wall a on L2 renamed to z"),
+    ]
+    assert [change.kind for change in remote.changes_since(changed)] == [ChangeKind.REMOVED, ChangeKind.CREATED]
+    ada.redo()
+    with pytest.raises(NothingToRedo):
+        ada.redo()
+    ada.undo()
+    for _ in range(3):
+        bob.undo()
+    after, version = remote.building()
+    assert after == before.with_element("L2", short_wall("a"))
+    remote_edit = remote.open_session("Eve")
+    remote_edit.remove(ElementKind.WALL, "L2", "a", remote.read(ElementKind.WALL, "L2", "a")[1])
+    assert remote.version() == version + 1
+    for session in (ada, bob, remote_edit):
+        session.close()
+        session.close()
+        with pytest.raises(SessionEnded):
+            session.undoable()
+
+
+def test_sessions_are_bounded_and_named(system_orb: Orb) -> None:
+    remote = RemoteMapEditor(system_orb)
+    with pytest.raises(InvalidElement, match="the author's name is empty"):
+        remote.open_session("")
+    opened: list[RemoteEditSession] = []
+    with pytest.raises(TooManyTransactions):
+        while len(opened) < 100:
+            opened.append(remote.open_session("Ada"))
+    assert len(opened) == 64
+    for session in opened:
+        session.close()
+
+
+def test_a_floor_is_checked_for_a_robot_of_any_size(system_orb: Orb) -> None:
+    remote = RemoteMapEditor(system_orb)
+    assert {finding.where[0] for finding in remote.check_floor("L1", 1.5)} == {"L1"}
+    assert len(remote.check_floor("L1", 1.5)) > len(remote.check_floor("L1", 0.3))
+    with pytest.raises(UnknownElement):
+        remote.check_floor("L9", 0.4)
+    for radius in (float("nan"), 0.0, 6.0):
+        with pytest.raises(InvalidElement, match="the radius of the robot must be from"):
+            remote.check_floor("L1", radius)
+
+
+def test_authors_and_pictures_survive_a_kill(system_orb: Orb, system: Running) -> None:
+    remote = RemoteMapEditor(system_orb)
+    buffer = io.BytesIO()
+    Image.effect_noise((2000, 1500), 80).save(buffer, "PNG")
+    plan = Underlay(buffer.getvalue(), (-1.0, 2.5), 0.02)
+    assert remote.underlay("L1") is None
+    began = remote.version()
+    ada = remote.open_session("Ada")
+    ada.create("L2", short_wall("kept"))
+    remote.set_underlay("L1", plan)
+    pid = system.pid("map_editor")
+    os.kill(pid, signal.SIGKILL)
+    eventually(lambda: system.pid("map_editor") not in (0, pid), 30.0, "restarted")
+
+    def edits() -> list[tuple[str, str]]:
+        try:
+            return [(edit.author, edit.summary) for edit in remote.edits_since(began)]
+        except NotReachable:
+            return []
+
+    assert eventually(edits, 30.0, "answers again") == [("Ada", "wall kept on L2 created")]
+    assert remote.underlay("L1") == plan
+
+    def session_ended() -> bool:
+        try:
+            ada.undo()
+        except SessionEnded:
+            return True
+        except NotReachable:  # by a connection to the killed server
+            return False
+        pytest.fail("an undo of a session that the server does not know")
+
+    eventually(session_ended, what="the session ended with its server")
+    remote.set_underlay("L1", None)
+    assert remote.underlay("L1") is None
+    with pytest.raises(InvalidElement, match="no PNG or JPEG"):
+        remote.set_underlay("L1", plan._replace(picture=b"<svg/>"))

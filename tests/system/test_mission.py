@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from robocorba.simulation.mission_record import MissionContent, MissionResult
 from robocorba.testing.missions import (
     MissionSystem,
     RobotStart,
@@ -97,11 +98,15 @@ class TableStory(NamedTuple):
 
 
 class DeskStory(NamedTuple):
-    """The leader's channel was killed, and the mission ended by its user; then the leader was killed."""
+    """The leader's channel was killed, and the mission ended by its user; one was aborted by its name, and then once
+    more; then the leader was killed. What mission control says of the last two."""
 
     killed_channel: Ended
     aborted: Ended
+    aborted_as: MissionContent
+    aborted_again: str
     killed_leader: Ended
+    killed_leader_as: MissionContent
     helpers_reason: str
 
 
@@ -148,14 +153,20 @@ def desk_story(place: MissionSystem) -> DeskStory:
 
     user = crew.carry("E")
     place.at_phase("E", "approaching", user)
-    place.command("E", "abort", "--leader", "E")
+    name = place.led_by("E")
+    assert f"{name}: move table desk, running" in " ".join(place.command("anybody", "status", name).split())
+    place.command("anybody", "abort", name)
     aborted = crew.end(user)
+    aborted_as = place.ended(name)
+    refused = place.refusal("anybody", "abort", name)
 
     user = crew.carry("E")
     place.carrying("E", "desk", user)
+    name = place.led_by("E")
     crew.kill("E")
     killed_leader = crew.end(user)
-    return DeskStory(killed_channel, aborted, killed_leader, place.agent("F").state().program.reason)
+    reason = place.agent("F").state().program.reason
+    return DeskStory(killed_channel, aborted, aborted_as, refused, killed_leader, place.ended(name), reason)
 
 
 def test_three_robots_of_two_sub_networks_carry_a_table(told: Told) -> None:
@@ -197,18 +208,29 @@ def test_the_leader_is_killed_while_it_carries(told: Told) -> None:
     assert story.killed_leader.code == 1
     assert "robot E does not answer" in story.killed_leader.told
     assert story.helpers_reason == "the leader E is silent"
+    content = story.killed_leader_as
+    assert content.result is MissionResult.FAILED
+    assert content.reason.startswith("its leader E was gone for ")
 
 
 def test_the_user_ends_it(told: Told) -> None:
     story = told.desk.result()
     assert story.aborted.code == 1
-    assert story.aborted.told.endswith("somebody ended it")
+    assert story.aborted.told.endswith("it was aborted")
+    content = story.aborted_as
+    assert (content.result, content.kind, content.about) == (MissionResult.ABORTED, "move_table", "desk")
+    assert {member.robot: member.role for member in content.members} == {"E": "leader", "F": "helper"}
+    names = [phase.name for phase in content.phases]
+    assert (names[0], names[-1]) == ("asking", "ending safely")
+    assert "approaching" in names
+    assert all(phase.begun <= phase.ended for phase in content.phases)
+    assert "has ended already, aborted" in story.aborted_again
 
 
 def test_the_leaders_channel_is_killed_while_it_carries(told: Told) -> None:
     ended = told.desk.result().killed_channel
     assert ended.code == 1
-    assert re.search(r"somebody ended it$|[EF] is silent$|F has left the mission$", ended.told), ended
+    assert re.search(r"it was aborted$|[EF] is silent$|F has left the mission$", ended.told), ended
 
 
 def test_what_blocks_is_named(told: Told) -> None:
@@ -220,3 +242,25 @@ def test_what_blocks_is_named(told: Told) -> None:
     code, out, err = place.outcome(place.mission("A", "sofa", "L1:8,2.6"))
     assert code == 1
     assert "there is no object 'sofa' that can be carried; there are desk, table" in out + err
+
+
+def test_missions_that_ended_survive_a_kill_of_the_server(told: Told) -> None:
+    told.table.result()
+    told.desk.result()
+    place, control = told.place, told.place.control
+    eventually(
+        lambda: not any(state.content.is_running for state in control.missions_since(0)), 30.0, "all ends are recorded"
+    )
+    before = {state.name: state.content for state in control.missions_since(0)}
+    reports = {name: control.report(name) for name in before}
+    since = max(state.version for state in control.missions_since(0))
+    pid = place.kill_server("simulation")
+    eventually(lambda: place.is_back("simulation", pid), 30.0, "the simulation server is back")
+    again = eventually(lambda: place.missions_since(since), 30.0, "mission control answers")
+    assert {state.name: state.content for state in again} == before
+    assert {name: control.report(name) for name in before} == reports
+    done = next(name for name, content in before.items() if content.result is MissionResult.DONE)
+    assert reports[done]["phases"][-1]["name"] == "backing off"
+    # A user who has only the running system gets the report as a page, too.
+    assert "wrote" in place.command("anybody", "report", done)
+    assert done in place.command("anybody", "list", "--json")

@@ -19,7 +19,7 @@ from robocorba.errors.services import NotReachable, ServiceError
 #: Maximum length of each text in an IDL exception [characters]; it may quote input of any length.
 MAX_TEXT = 500
 #: The modules that register errors.
-SUBJECTS = ("events", "maps", "paths", "plans", "robot", "scans", "simulation")
+SUBJECTS = ("events", "maps", "missions", "paths", "plans", "robot", "scans", "simulation", "supervisor")
 
 _log = logging.getLogger(__name__)
 _to_idl: dict[type[Exception], Callable[[Any], Exception]] = {}

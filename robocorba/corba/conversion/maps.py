@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from omniORB import CORBA
 
-from robocorba.corba.conversion.errors import register, register_with
+from robocorba.corba.conversion.errors import register, register_system, register_with
 from robocorba.corba.conversion.structs import (
     BOOLEAN,
     SAME,
@@ -19,8 +19,10 @@ from robocorba.corba.conversion.structs import (
 )
 from robocorba.errors import maps as errors
 from robocorba.maps import model
-from robocorba.maps.changes import Change, ElementKey
+from robocorba.maps.changes import Change, ChangeKind, ElementKey
+from robocorba.maps.edits import EditRecord, Finding, MapChange
 from robocorba.maps.model import KIND_OF, CabinSide, DoorKind, Element, ElementKind, Shape
+from robocorba.maps.underlays import Underlay
 from robocorba.spatial.pose import XY
 from robocorba.stubs import RoboCorba
 
@@ -113,6 +115,11 @@ def kind_of(enumerator: Any) -> ElementKind:
     return kind
 
 
+def enumerator_of(kind: ElementKind) -> Any:
+    """The ElementKind enumerator of a kind."""
+    return _KIND.to_idl(kind)
+
+
 def key_of(struct: Any) -> ElementKey:
     """The key of an ElementId."""
     return ElementKey(kind_of(struct.kind), struct.onFloor, struct.name)
@@ -128,12 +135,17 @@ def record(floor: str, value: Element, changed_in: int) -> Any:
     return RoboCorba.ElementRecord(floor, element(value), changed_in)
 
 
-def findings(map_findings: Iterable[MapFinding]) -> list[Any]:
+def findings(map_findings: Iterable[MapFinding | Finding]) -> list[Any]:
     """A FindingSeq."""
     return [
         RoboCorba.Finding(element_id(one.kind.value, one.floor, one.name), RoboCorba.Point(*one.where), one.reason)
         for one in map_findings
     ]
+
+
+def findings_of(found: Iterable[Any]) -> list[Finding]:
+    """The findings of a FindingSeq."""
+    return [Finding(*key_of(one.id), (one.position.floor, one.position.x, one.position.y), one.reason) for one in found]
 
 
 def changes(values: Iterable[Change]) -> list[Any]:
@@ -142,6 +154,35 @@ def changes(values: Iterable[Change]) -> list[Any]:
         RoboCorba.Change(change.version, getattr(RoboCorba, change.kind.name), change.floor, element(change.element))
         for change in values
     ]
+
+
+def changes_of(found: Iterable[Any]) -> list[MapChange]:
+    """The changes of a ChangeSeq."""
+    return [MapChange(one.changedTo, ChangeKind[str(one.kind)], one.onFloor, element_of(one.value)) for one in found]
+
+
+_EDIT_RECORD = struct_converter(EditRecord, RoboCorba.EditRecord, {"changedTo": "version", "time": "time_s"})
+
+
+def edits(values: Iterable[EditRecord]) -> list[Any]:
+    """An EditRecordSeq."""
+    return [_EDIT_RECORD.to_idl(value) for value in values]
+
+
+def edits_of(found: Iterable[Any]) -> list[EditRecord]:
+    """The edits of an EditRecordSeq."""
+    return [_EDIT_RECORD.from_idl(one) for one in found]
+
+
+def underlay(value: Underlay | None) -> Any:
+    """An Underlay struct; without a picture for None."""
+    shown = value or Underlay(b"", (0.0, 0.0), 0.0)
+    return RoboCorba.Underlay(shown.picture, RoboCorba.XY(*shown.origin), shown.resolution)
+
+
+def underlay_of(struct: Any) -> Underlay | None:
+    """The underlay of an Underlay struct, None if it has no picture."""
+    return Underlay(bytes(struct.picture), xy_of(struct.origin), struct.resolution) if struct.picture else None
 
 
 def _register_element_error(error: type[errors.MapError], exception: Any, *fields: str) -> None:
@@ -158,6 +199,7 @@ _register_element_error(errors.InvalidElement, RoboCorba.InvalidElement, "reason
 _register_element_error(errors.UnknownElement, RoboCorba.UnknownElement)
 _register_element_error(errors.DuplicateElement, RoboCorba.DuplicateElement)
 _register_element_error(errors.StaleEdit, RoboCorba.StaleEdit, "expected", "current")
+_register_element_error(errors.EditedByOthers, RoboCorba.EditedByOthers, "author")
 register_with(
     errors.MapFileError,
     RoboCorba.InvalidMap,
@@ -168,5 +210,6 @@ register(errors.StaleVersion, RoboCorba.StaleVersion, "expected", "current")
 register(errors.NothingToUndo, RoboCorba.NothingToUndo)
 register(errors.NothingToRedo, RoboCorba.NothingToRedo)
 register(errors.VersionUnavailable, RoboCorba.VersionUnavailable, "version", "oldest", "current")
+register_system(errors.SessionEnded, CORBA.OBJECT_NOT_EXIST)
 register(errors.TransactionClosed, RoboCorba.TransactionClosed)
 register(errors.TooManyTransactions, RoboCorba.TooManyTransactions, "limit")

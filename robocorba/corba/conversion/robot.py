@@ -14,6 +14,8 @@ from robocorba.corba.conversion.structs import Converter, enumeration, struct_co
 from robocorba.errors import robots as errors
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.planning.request import PathPoint
+from robocorba.programs.report import CheckReport
 from robocorba.stubs import RoboCorba
 
 
@@ -82,6 +84,33 @@ def agent_state_of(struct: Any) -> AgentState:
     return state
 
 
+def path_point(point: PathPoint) -> Any:
+    """A PathPoint struct."""
+    where = RoboCorba.Point(point.floor, point.x, point.y)
+    kind = getattr(RoboCorba, point.kind.name)
+    return RoboCorba.PathPoint(kind, point.node, where, point.heading, point.distance, point.time, point.elevator)
+
+
+def program_check(report: CheckReport) -> Any:
+    """A ProgramCheck struct."""
+    errors_found = [
+        RoboCorba.ProgramFinding(RoboCorba.PROGRAM_ERROR, found.icon, found.parameter, found.reason)
+        for found in report.findings
+    ]
+    notes = [RoboCorba.ProgramFinding(RoboCorba.PROGRAM_NOTE, note.icon, "", note.what) for note in report.notes]
+    return RoboCorba.ProgramCheck([*errors_found, *notes], report.is_valid)
+
+
+def program_check_of(struct: Any) -> CheckReport:
+    report = CheckReport()
+    for found in struct.findings:
+        if found.kind == RoboCorba.PROGRAM_NOTE:
+            report.add_note(found.icon, found.reason)
+        else:
+            report.add_finding(found.icon, found.parameter, found.reason)
+    return report
+
+
 def begun(icon: IconBegun) -> Any:
     return RoboCorba.IconBegun(*icon)
 
@@ -90,8 +119,6 @@ def begun_of(struct: Any) -> IconBegun:
     return IconBegun(struct.number, struct.icon, struct.kind, struct.seconds)
 
 
-register(errors.InvalidProgram, RoboCorba.InvalidProgram, "icon", "parameter", "reason")
-register(errors.IllegalOrder, RoboCorba.IllegalOrder, "order", "condition")
 register(errors.UnknownAdaptor, RoboCorba.UnknownAdaptor, "name", "known")
 register(errors.AdaptorFailed, RoboCorba.AdaptorFailed, "cause")
 for _kind in (errors.UnitFailed, errors.RobotLost):

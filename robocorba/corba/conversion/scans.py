@@ -7,13 +7,15 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from omniORB import CORBA
 
 from robocorba.corba.conversion.errors import register
 from robocorba.errors.sensing import InvalidScan, SensorBehind
-from robocorba.sensing.fan import Fan
+from robocorba.sensing.fan import MAX_RAYS, Fan
 from robocorba.sensing.noise import Noise
 from robocorba.sensing.virtual_sensor import Mount, ScanResult, ScanSpec
 from robocorba.simulation.omni_database import LastScan
+from robocorba.simulation.robot_scans import RobotScan
 from robocorba.spatial.floor_state import Pose
 from robocorba.spatial.grids import Floats
 from robocorba.stubs import RoboCorba
@@ -30,6 +32,24 @@ class _SensorDataStruct(NamedTuple):
     robot: str
     at: Pose
     seen: _ScanDataStruct
+
+
+class _ScanSpecStruct(NamedTuple):
+    firstAngle: float
+    step: float
+    rays: int
+    range: float
+    rim: float
+    noise: Any
+
+
+class _RobotScanStruct(NamedTuple):
+    robot: str
+    at: Pose
+    where: Any
+    spec: _ScanSpecStruct
+    seen: _ScanDataStruct
+    hits: bytes
 
 
 def spec_of(struct: Any) -> ScanSpec:
@@ -97,6 +117,33 @@ def last_scan_of(struct: Any) -> LastScan:
     at, seen = struct.at, struct.seen
     pose = Pose(at.floor, at.x, at.y, at.heading)
     return LastScan(struct.robot, seen.time, pose, seen.firstAngle, seen.step, np.array(seen.distances, float))
+
+
+def robot_scan(value: RobotScan) -> Any:
+    distances = value.distances.tolist()
+    frame = value.first_rad, value.step_rad
+    return _RobotScanStruct(
+        value.robot,
+        value.at,
+        RoboCorba.Mount(*value.mount),
+        _ScanSpecStruct(*frame, len(distances), value.range_m, value.rim_m, RoboCorba.ScanNoise(*value.noise)),
+        _ScanDataStruct(value.time, *frame, distances),
+        value.hits.astype(np.uint8).tobytes(),
+    )
+
+
+def robot_scan_of(struct: Any) -> RobotScan:
+    """Raises CORBA.BAD_PARAM for a scan that is inconsistent or not finite."""
+    at, where, spec, seen = struct.at, struct.where, struct.spec, struct.seen
+    distances, hits = np.array(seen.distances, float), np.frombuffer(struct.hits, np.uint8) != 0
+    mount = (where.ahead, where.left, where.heading)
+    frame = (spec.firstAngle, spec.step, spec.range, spec.rim)
+    is_consistent = len(distances) == len(hits) == spec.rays <= MAX_RAYS
+    if not is_consistent or not np.isfinite([seen.time, at.x, at.y, at.heading, *mount, *frame, *distances]).all():
+        raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+    noise = (spec.noise.sigma, spec.noise.relative, spec.noise.lost, spec.noise.seed)
+    pose = Pose(at.floor, at.x, at.y, at.heading)
+    return RobotScan(struct.robot, seen.time, pose, mount, *frame, noise, distances, hits)
 
 
 register(InvalidScan, RoboCorba.InvalidScan, "field", "reason")

@@ -19,9 +19,10 @@ from robocorba.simulation.elevator import RidePhase, RideStatus
 from robocorba.simulation.load_balance import Load, SensorServer
 from robocorba.simulation.management_agent import ServerState
 from robocorba.simulation.registry import Description, RobotClient
-from robocorba.simulation.reservations import Reservation, check_sizes
+from robocorba.simulation.reservations import Reservation, ReservedAreas, check_sizes
 from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.pose import Limits
+from robocorba.spatial.posture import Posture
 from robocorba.stubs import RoboCorba
 
 _PHASES = {
@@ -130,6 +131,25 @@ def reservation_of(struct: Any) -> Reservation | None:
     return Reservation(granted, struct.ahead, struct.longestWait, struct.left)
 
 
+def reserved_areas(value: ReservedAreas) -> Any:
+    return RoboCorba.ReservationRecord(value.robot, areas(value.areas), reservation(value.status))
+
+
+def reserved_areas_of(struct: Any) -> ReservedAreas:
+    found = tuple((area.onFloor, tuple(map(xy_of, area.polygon))) for area in struct.areas)
+    state = struct.state
+    granted = state.phase == RoboCorba.AREAS_GRANTED
+    return ReservedAreas(struct.robot, found, Reservation(granted, state.ahead, state.longestWait, state.left))
+
+
+def posture(value: Posture) -> Any:
+    return RoboCorba.Posture(value.robot, value.time, list(value.joints))
+
+
+def posture_of(struct: Any) -> Posture:
+    return Posture(struct.robot, struct.time, tuple(struct.joints))
+
+
 def server_state(state: ServerState) -> Any:
     return RoboCorba.ServerState(*state)
 
@@ -172,6 +192,7 @@ register(errors.InvalidReservation, RoboCorba.InvalidReservation, "field", "reas
 register(errors.ReservationsFull, RoboCorba.ReservationsFull, "limit")
 register(errors.InvalidPicture, RoboCorba.InvalidPicture, "field", "reason")
 register(errors.UnknownRobot, RoboCorba.UnknownRobot, "name")
+register(errors.UnknownBody, RoboCorba.UnknownBody, "name")
 register(errors.InvalidChoice, RoboCorba.InvalidSetting, "field", "reason")
 register(errors.InvalidMission, RoboCorba.InvalidMission, "field", "reason")
 register(errors.StaleMission, RoboCorba.StaleMission, "name", "expected", "current")

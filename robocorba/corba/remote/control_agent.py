@@ -10,6 +10,7 @@ from robocorba.corba.conversion import robot
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import Answer, translated
 from robocorba.names import ROBOTS
+from robocorba.programs.report import CheckReport
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call [s].
@@ -29,6 +30,22 @@ class RemoteAgent:
 
     def state(self) -> AgentState:
         return robot.agent_state_of(self._call(self._agent._get_state))
+
+    def mission(self) -> str:
+        """The mission that the robot leads or takes part in; empty for none."""
+        return str(self._call(self._agent._get_mission))
+
+    def channel(self) -> str:
+        """The event channel of its sub-network; empty for none."""
+        return str(self._call(self._agent._get_channel))
+
+    def program(self) -> str:
+        """The loaded program in JSON; empty if there is none."""
+        return str(self._call(self._agent._get_program))
+
+    def check(self, json: str) -> CheckReport:
+        """Check a program from the robot's present state, also while another one runs."""
+        return robot.program_check_of(self._call(lambda: self._slow_agent.checkProgram(json)))
 
     def load(self, json: str) -> None:
         """Raises InvalidProgram, IllegalOrder."""
@@ -57,6 +74,10 @@ class RemoteAgent:
     def abort(self) -> None:
         self._call(self._agent.abort)
 
+    def abort_mission(self, mission: str) -> None:
+        """Abort this mission. Raises UnknownMission if the robot does not lead it."""
+        self._call(lambda: self._agent.abortMission(mission))
+
     def stop(self) -> None:
         """Emergency stop."""
         self._call(self._agent.stop)
@@ -68,6 +89,10 @@ class RemoteAgent:
     def switch(self, adaptor: str, argv: Sequence[str]) -> None:
         """Raises UnknownAdaptor, IllegalOrder, AdaptorFailed."""
         self._call(lambda: self._slow_agent.switchAdaptor(adaptor, list(argv)))
+
+    def adaptors(self) -> list[str]:
+        """Names of the installed adaptors."""
+        return list(self._call(self._agent.adaptors))
 
     def cap_speed(self, speed: float) -> None:
         """Limit the base's speed [m/s]. Raises InvalidChoice."""

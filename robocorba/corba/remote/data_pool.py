@@ -7,18 +7,20 @@ from collections.abc import Callable
 from typing import Any
 
 from robocorba.corba.calls import set_call_timeout
-from robocorba.corba.conversion import floors, plans
+from robocorba.corba.conversion import floors, plans, simulation
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.map_editor import RemoteFloorMap
 from robocorba.corba.remote.omni_database import CALL_TIMEOUT_S, RemoteDatabase
 from robocorba.corba.remote.remote_object import translated
 from robocorba.data_pool.plans import Plan
 from robocorba.data_pool.pool import DataPool
+from robocorba.data_pool.postures import PoolPostures
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.names import ROBOTS
 from robocorba.repeating import Repeating
 from robocorba.spatial.floor_update import FloorUpdate
+from robocorba.spatial.posture import Posture
 from robocorba.stubs import RoboCorba
 
 #: Interval between requests for the floor's changes [s].
@@ -35,7 +37,10 @@ class PoolFollower:
     own_name: the robot's name in the simulation. Change floors with `pool.change_floor`."""
 
     def __init__(self, orb: Orb, floor: str, own_name: str = "", interval_s: float = FOLLOW_INTERVAL_S) -> None:
-        self.pool = DataPool(RemoteDatabase(orb, RESOLVE_TIMEOUT_S), RemoteFloorMap(orb).of, floor, own_name)
+        database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
+        self.pool = DataPool(database, RemoteFloorMap(orb).of, floor, own_name)
+        #: Postures on the pool's floor.
+        self.postures = PoolPostures(database.postures, lambda: self.pool.floor)
         self._tasks = [
             Repeating("data pool", self.pool.follow, interval_s),
             Repeating("data pool's map", self._follow_map, MAP_CHECK_INTERVAL_S),
@@ -84,6 +89,15 @@ class RemotePool:
     def content(self) -> FloorUpdate:
         """The whole floor."""
         return floors.update_of(_answer(self._pool.content))
+
+    def changes(self, since: int) -> FloorUpdate:
+        """What changed since a version; the whole floor if the robot does not remember that version, which may be
+        another floor's: versions of different floors don't compare."""
+        return floors.update_of(_answer(self._pool.changes, since))
+
+    def postures(self, time_s: float) -> list[Posture]:
+        """Postures on the floor that were reported after a simulated time [s]."""
+        return [simulation.posture_of(posture) for posture in _answer(self._pool.postures, time_s)]
 
     def plan(self, name: str) -> Plan:
         """Raises UnknownPlan."""

@@ -14,7 +14,7 @@ from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import RemoteObject, translated
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
-from robocorba.maps.model import COLLECTION_OF, KIND_OF, Building, ElementKind, FloorMap, GeometricalMap
+from robocorba.maps.model import COLLECTION_OF, KIND_OF, Building, ElementKind, FloorMap, GeometricalMap, TopologicalMap
 from robocorba.stubs import RoboCorba
 
 #: Default timeout to resolve the map editor [s]. An editor that compiles for the first time starts slowly; the
@@ -25,7 +25,7 @@ RESOLVE_TIMEOUT_S = 5.0
 #: Timeouts of RemoteFloorMap [s]: to resolve a map editor that does not answer, which also limits the rate of attempts,
 #: and of each call.
 FLOOR_RESOLVE_TIMEOUT_S, FLOOR_CALL_TIMEOUT_S = 0.2, 2.0
-#: Element kinds that RemoteMap omits: only the path planning agent uses the topological map.
+#: Element kinds that RemoteMap omits by default: only the path planning agent uses the topological map.
 _TOPOLOGICAL_KINDS = (ElementKind.NODE, ElementKind.EDGE)
 #: Element kinds that are not on one floor.
 _KINDS_OF_ALL_FLOORS = (ElementKind.FLOOR, ElementKind.ELEVATOR)
@@ -36,9 +36,11 @@ _OBSTACLE_KINDS = {"walls": ElementKind.WALL, "objects": ElementKind.OBJECT, "do
 class RemoteMap:
     """A copy of the geometrical maps and elevators of the building, loaded once and then updated by changes.
 
-    Raises NotReachable if there is no map editor within `timeout_s`, or if loading fails."""
+    with_topology: also of the topological maps. Raises NotReachable if there is no map editor within `timeout_s`, or if
+    loading fails."""
 
-    def __init__(self, orb: Orb, timeout_s: float = LOAD_TIMEOUT_S) -> None:
+    def __init__(self, orb: Orb, timeout_s: float = LOAD_TIMEOUT_S, with_topology: bool = False) -> None:
+        self._omitted = () if with_topology else _TOPOLOGICAL_KINDS
         self._editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
         self._load()
 
@@ -60,12 +62,15 @@ class RemoteMap:
             name = self._editor._get_buildingName()
             floors = {}
             for floor, element in _elements(self._editor, ElementKind.FLOOR).items():
-                plan = {
-                    collection: _elements(self._editor, kind, floor)
-                    for kind, (layer, collection) in COLLECTION_OF.items()
-                    if layer == "geometrical"
-                }
-                floors[floor] = FloorMap(element, GeometricalMap(**plan))
+                layers: dict[str, dict[str, Any]] = {"geometrical": {}, "topological": {}}
+                for kind, (layer, collection) in COLLECTION_OF.items():
+                    if kind not in self._omitted:
+                        layers[layer][collection] = _elements(self._editor, kind, floor)
+                geometrical, topological = (
+                    GeometricalMap(**layers["geometrical"]),
+                    TopologicalMap(**layers["topological"]),
+                )
+                floors[floor] = FloorMap(element, geometrical, topological)
             self.building = Building(name, floors, _elements(self._editor, ElementKind.ELEVATOR))
         except CORBA.Exception as error:
             raise NotReachable(f"the map can't be loaded from the map editor ({describe(error)})") from None
@@ -77,7 +82,7 @@ class RemoteMap:
         for change in self._editor.changesSince(version):
             version, element = change.changedTo, maps.element_of(change.value)
             kind = KIND_OF[type(element)]
-            if kind in _TOPOLOGICAL_KINDS:
+            if kind in self._omitted:
                 continue
             with contextlib.suppress(KeyError):  # on a floor that was removed later
                 if change.kind == RoboCorba.REMOVED:

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from robocorba.corba.conversion import floors
+from robocorba.corba.conversion import floors, scans, simulation
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import RemoteObject, translated
 from robocorba.errors.services import NotReachable
+from robocorba.simulation.reservations import ReservedAreas
+from robocorba.simulation.robot_scans import RobotScan
+from robocorba.simulation.store import Mission
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
+from robocorba.spatial.posture import Posture
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call to the database [s].
@@ -54,6 +58,25 @@ class RemoteDatabase:
     def changes(self, floor: str, since: int) -> FloorUpdate:
         """Changes of a floor since a version. Raises UnknownFloor, NotReachable."""
         return self._database.call(lambda database: changes(database, floor, since))
+
+    def scans_since(self, floor: str, time_s: float) -> list[RobotScan]:
+        """Scans on a floor after a simulated time [s], the last one of each sensor.
+
+        Raises UnknownFloor, NotReachable."""
+        return self._database.call(lambda to: [scans.robot_scan_of(scan) for scan in to.scansSince(floor, time_s)])
+
+    def postures(self, floor: str, time_s: float) -> list[Posture]:
+        """Postures that robots on a floor reported after a simulated time [s]. Raises UnknownFloor, NotReachable."""
+        return [simulation.posture_of(found) for found in self._database.call(lambda to: to.postures(floor, time_s))]
+
+    def reservations(self) -> list[ReservedAreas]:
+        """All reservations of areas, granted or waiting. Raises NotReachable."""
+        return [simulation.reserved_areas_of(record) for record in self._database.call(lambda to: to.reservations())]
+
+    def put_mission(self, mission: Mission) -> int:
+        """Store a mission; return its new version. Raises InvalidMission, StaleMission, NotReachable."""
+        record = RoboCorba.MissionRecord(mission.name, mission.version, mission.document)
+        return int(self._database.call(lambda database: database.putMission(record)))
 
     def set_resolve_timeout(self, timeout_s: float) -> None:
         self._database.resolve_timeout_s = timeout_s

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, TypeVar
 
 from omniORB import CORBA
@@ -44,11 +45,30 @@ class RemoteObject:
         """The answer of `operation` for the reference. Raises NotReachable, and the domain errors of IDL exceptions."""
         reference = self._reference
         if reference is None:
-            timeouts = self.resolve_timeout_s, self._call_timeout_s
-            reference = self._reference = self._orb.resolve(self._name, self._interface, *timeouts)
+            reference = self._reference = self._resolve()
         try:
             with translated(self._what):
                 return operation(reference)
         except NotReachable:
             self._reference = None
             raise
+
+    def _resolve(self) -> Any:
+        return self._orb.resolve(self._name, self._interface, self.resolve_timeout_s, self._call_timeout_s)
+
+
+class FileObject(RemoteObject):
+    """The object whose reference is in a file. The file is read at the first call, and again after one that the object
+    did not answer. Thread-safe."""
+
+    def __init__(self, orb: Orb, file: Path, interface: Any, what: str, call_timeout_s: float) -> None:
+        super().__init__(orb, file.name, interface, what, 0.0, call_timeout_s)
+        self._file = file
+
+    def _resolve(self) -> Any:
+        try:
+            uri = self._file.read_text().strip()
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", "") or "not a reference"
+            raise NotReachable(f"{self._what} is not reachable: {self._file}: {reason}") from None
+        return self._orb.reference(uri, self._interface, self._call_timeout_s)

@@ -94,6 +94,10 @@ class RemoteSession:
     def brake(self) -> None:
         self._call(lambda to: to.session.brake())
 
+    def report_posture(self, joints: Floats) -> None:
+        """Publish the robot's joint angles (n,), at most 64 [rad]. Raises RobotLost, InvalidCommand."""
+        self._call(lambda to: to.session.reportPosture(joints.tolist()))
+
     def scan(self, at: Pose, mount: Mount, spec: ScanSpec) -> Floats:
         seen = self._call(lambda to: to.sensor.scan(at, RoboCorba.Mount(*mount), scans.spec(spec)))
         return np.array(seen.distances)

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from omniORB import CORBA
+
 from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.omni_database import changes
 from robocorba.corba.remote.remote_object import translated
 from robocorba.simulation.load_balance import Load
 from robocorba.simulation.omni_database import LastScan
+from robocorba.simulation.robot_scans import IDLE_INTERVAL_S, RobotScan
 from robocorba.spatial.floor_update import FloorUpdate
 from robocorba.stubs import RoboCorba
 
@@ -34,3 +37,12 @@ class RemoteSimulation:
         last_scans = [scans.last_scan(scan) for scan in latest]
         with translated("the simulation server"):
             self._server.reportSensor(name, reference, simulation.load(load), last_scans)
+
+    def report_scans(self, name: str, latest: Sequence[RobotScan]) -> float:
+        """Report complete scans; returns the seconds until the next report is wanted. Raises NotReachable."""
+        robot_scans = [scans.robot_scan(scan) for scan in latest]
+        with translated("the simulation server"):
+            try:
+                return float(self._server.reportScans(name, robot_scans))
+            except CORBA.BAD_OPERATION:  # a server of an earlier version
+                return IDLE_INTERVAL_S

@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 from robocorba.control import model_switcher
 from robocorba.control.agent import ControlAgent
 from robocorba.corba.conversion import robot
 from robocorba.corba.conversion.errors import translating
+from robocorba.errors.robots import InvalidProgram
+from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import UnknownMission
 from robocorba.programs import program
+from robocorba.programs.report import report_of
 from robocorba.stubs import RoboCorba__POA
+
+#: Maximum length of a mission's name [characters].
+MAX_MISSION_NAME = 200
+
+
+class Missions(Protocol):
+    """The robot's part in missions. mission: the one that it leads or takes part in; led_mission: the one that it
+    leads; empty for none."""
+
+    @property
+    def mission(self) -> str: ...
+
+    @property
+    def led_mission(self) -> str: ...
 
 
 class RobotAgentServant(RoboCorba__POA.RobotAgent):
-    """RoboCorba::RobotAgent. pool: the reference of its data pool."""
+    """RoboCorba::RobotAgent. pool: the reference of its data pool. channel: the event channel of its sub-network."""
 
-    def __init__(self, agent: ControlAgent, pool: Any) -> None:
-        self._agent, self._pool = agent, pool
+    def __init__(self, agent: ControlAgent, pool: Any, channel: str, missions: Missions) -> None:
+        self._agent, self._pool, self._channel, self._missions = agent, pool, channel, missions
 
     def _get_name(self) -> str:
         return self._agent.name
@@ -27,6 +45,40 @@ class RobotAgentServant(RoboCorba__POA.RobotAgent):
 
     def _get_pool(self) -> Any:
         return self._pool
+
+    def _get_program(self) -> str:
+        loaded = self._agent.program
+        return program.dumps(loaded) if loaded else ""
+
+    def _get_channel(self) -> str:
+        return self._channel
+
+    def _get_path(self) -> list[Any]:
+        return [robot.path_point(point) for point in self._agent.path]
+
+    def _get_mission(self) -> str:
+        return self._missions.mission
+
+    @translating
+    def checkProgram(self, json: str) -> Any:
+        try:
+            return robot.program_check(self._agent.check(program.loads(json)))
+        except InvalidProgram as error:  # it can't be read, so there is one finding
+            return robot.program_check(report_of(error))
+        except NotReachable as error:  # the path planning agent, without which drives can't be checked
+            return robot.program_check(report_of(InvalidProgram("", "", f"can't be checked: {error}")))
+
+    @translating
+    def startMission(self, mission: str, icon: str) -> None:
+        if not 1 <= len(mission) <= MAX_MISSION_NAME:
+            raise InvalidProgram("", "mission", f"its name has {len(mission)} characters, not 1 to {MAX_MISSION_NAME}")
+        self._agent.start_mission(mission, program.of_icon(icon))
+
+    @translating
+    def abortMission(self, mission: str) -> None:
+        if self._missions.led_mission != mission:
+            raise UnknownMission(mission)
+        self._agent.abort()
 
     @translating
     def loadProgram(self, json: str) -> None:

@@ -1,15 +1,16 @@
-"""Servants of the map building agent: the map editor and its transactions."""
+"""Servants of the map building agent: the map editor, its sessions and transactions."""
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from robocorba.corba.conversion import maps
 from robocorba.corba.conversion.errors import translating
 from robocorba.errors.maps import InvalidElement, MapFileError
 from robocorba.maps import native
-from robocorba.maps.map_building_agent import BuildingEditor, Transaction
+from robocorba.maps.map_building_agent import BuildingEditor, EditSession, Transaction
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
@@ -59,14 +60,95 @@ class TransactionServant(RoboCorba__POA.Transaction):
     def rollBack(self) -> None:
         self._transaction.roll_back()
 
+    @translating
+    def problems(self) -> list[Any]:
+        return maps.findings(self._transaction.problems()[:MAX_FINDINGS])
+
+
+class Transactions:
+    """The servants of the transactions that are open or ended lately."""
+
+    def __init__(self, activator: Activator) -> None:
+        self._activator = activator
+        self._servants: list[TransactionServant] = []
+        self._beginning = threading.Lock()
+
+    def begin(self, begin: Callable[[], Transaction]) -> Any:
+        """A reference to the transaction that `begin` returns."""
+        with self._beginning:
+            servant = TransactionServant(begin())
+            ended = [each for each in self._servants if not each.is_open]
+            for oldest in ended[:-CLOSED_TRANSACTIONS_KEPT]:
+                self._servants.remove(oldest)
+                self._activator.deactivate(oldest)
+            self._servants.append(servant)
+            return self._activator.activate(servant)
+
+
+class EditSessionServant(RoboCorba__POA.EditSession):
+    """RoboCorba::EditSession."""
+
+    def __init__(self, session: EditSession, transactions: Transactions, ended: Callable[[], None]) -> None:
+        self._session, self._transactions, self._ended = session, transactions, ended
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it was neither closed nor has timed out."""
+        return self._session.is_open
+
+    def _get_author(self) -> str:
+        return self._session.author
+
+    @translating
+    def _get_undoable(self) -> str:
+        return self._session.undoable
+
+    @translating
+    def _get_redoable(self) -> str:
+        return self._session.redoable
+
+    @translating
+    def create(self, onFloor: str, value: Any) -> int:
+        return self._session.create(onFloor, maps.element_of(value))
+
+    @translating
+    def change(self, onFloor: str, value: Any, expected: int) -> int:
+        return self._session.change(onFloor, maps.element_of(value), expected)
+
+    @translating
+    def remove(self, id: Any, expected: int) -> int:
+        return self._session.remove(*maps.key_of(id), expected)
+
+    @translating
+    def rename(self, id: Any, name: str, expected: int) -> int:
+        return self._session.rename(*maps.key_of(id), name, expected)
+
+    @translating
+    def begin(self) -> Any:
+        return self._transactions.begin(self._session.begin)
+
+    @translating
+    def undo(self) -> int:
+        return self._session.undo()
+
+    @translating
+    def redo(self) -> int:
+        return self._session.redo()
+
+    @translating
+    def close(self) -> None:
+        self._session.close()
+        self._ended()
+
 
 class MapEditorServant(RoboCorba__POA.MapEditor):
     """RoboCorba::MapEditor for a BuildingEditor."""
 
     def __init__(self, editor: BuildingEditor, activator: Activator) -> None:
         self._editor, self._activator = editor, activator
-        self._transactions: list[TransactionServant] = []
-        self._beginning = threading.Lock()
+        self._transactions = Transactions(activator)
+        self._sessions: list[EditSessionServant] = []
+        self._opening = threading.Lock()
 
     def _get_buildingName(self) -> str:
         return self._editor.building.name
@@ -101,14 +183,39 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
 
     @translating
     def begin(self) -> Any:
-        with self._beginning:
-            servant = TransactionServant(self._editor.begin())
-            ended = [each for each in self._transactions if not each.is_open]
-            for oldest in ended[:-CLOSED_TRANSACTIONS_KEPT]:
-                self._transactions.remove(oldest)
-                self._activator.deactivate(oldest)
-            self._transactions.append(servant)
+        return self._transactions.begin(self._editor.begin)
+
+    @translating
+    def rename(self, id: Any, name: str, expected: int) -> int:
+        return self._editor.rename(*maps.key_of(id), name, expected)
+
+    @translating
+    def openSession(self, author: str) -> Any:
+        session = self._editor.open_session(author)
+        self._deactivate_ended_sessions()
+        servant = EditSessionServant(session, self._transactions, self._deactivate_ended_sessions)
+        with self._opening:
+            self._sessions.append(servant)
             return self._activator.activate(servant)
+
+    def _deactivate_ended_sessions(self) -> None:
+        """At most the limit of open sessions have timed out and are still active."""
+        with self._opening:
+            for servant in [each for each in self._sessions if not each.is_open]:
+                self._sessions.remove(servant)
+                self._activator.deactivate(servant)
+
+    @translating
+    def editsSince(self, since: int) -> list[Any]:
+        return maps.edits(self._editor.edits_since(since))
+
+    @translating
+    def getUnderlay(self, onFloor: str) -> Any:
+        return maps.underlay(self._editor.underlay(onFloor))
+
+    @translating
+    def setUnderlay(self, onFloor: str, value: Any) -> None:
+        self._editor.set_underlay(onFloor, maps.underlay_of(value))
 
     @translating
     def undo(self, expected: int) -> int:
@@ -133,6 +240,12 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
         from robocorba.maps.checking import findings  # imported here for the same reason
 
         return maps.findings(findings(self._editor.building)[:MAX_FINDINGS])
+
+    @translating
+    def checkFloor(self, onFloor: str, robotRadius: float) -> list[Any]:
+        from robocorba.maps.checking import floor_findings  # imported here for the same reason
+
+        return maps.findings(floor_findings(self._editor.building, onFloor, robotRadius)[:MAX_FINDINGS])
 
     def exportMap(self) -> str:
         return native.dumps(self._editor.building)

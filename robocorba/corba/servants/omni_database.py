@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
-from robocorba.corba.conversion import floors, scans
+from robocorba.corba.conversion import floors, scans, simulation
 from robocorba.corba.conversion.errors import translating
+from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.omni_database import OmniDatabase
-from robocorba.simulation.store import Mission, SimulationStore
+from robocorba.simulation.store import Mission
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 
 class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
-    """RoboCorba::OmniDatabase, with missions in `store`."""
+    """RoboCorba::OmniDatabase, with the building's missions."""
 
-    def __init__(self, database: OmniDatabase, store: SimulationStore) -> None:
-        self._database, self._store = database, store
+    def __init__(self, database: OmniDatabase, missions: MissionDirectory) -> None:
+        self._database, self._missions = database, missions
 
     def floors(self) -> list[str]:
         return self._database.floors
@@ -32,17 +33,30 @@ class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
     def lastScans(self, name: str) -> list[Any]:
         return [scans.last_scan(scan) for scan in self._database.last_scans(name)]
 
+    @translating
+    def scansSince(self, name: str, since: float) -> list[Any]:
+        return [scans.robot_scan(scan) for scan in self._database.scans_since(name, since)]
+
+    @translating
+    def postures(self, name: str, since: float) -> list[Any]:
+        return [simulation.posture(posture) for posture in self._database.postures(name, since)]
+
+    def reservations(self) -> list[Any]:
+        return [simulation.reserved_areas(reserved) for reserved in self._database.reservations()]
+
     def elevators(self) -> list[Any]:
         return floors.elevators(self._database.elevators())
 
     @translating
     def putMission(self, mission: Any) -> int:
-        return self._store.put_mission(Mission(mission.name, mission.current, mission.document))
+        return self._missions.put_mission(Mission(mission.name, mission.current, mission.document))
 
     @translating
     def missions(self) -> list[Any]:
-        return [RoboCorba.MissionRecord(*(kept.name, kept.version, kept.document)) for kept in self._store.missions()]
+        return [
+            RoboCorba.MissionRecord(*(kept.name, kept.version, kept.document)) for kept in self._missions.missions()
+        ]
 
     @translating
     def removeMission(self, name: str) -> None:
-        self._store.remove_mission(name)
+        self._missions.remove_mission(name)

@@ -58,6 +58,9 @@ class SimulationServerServant(RoboCorba__POA.SimulationServer):
         for robot, previous in self._agent.load_balance.report(name, reference, load):
             self._dismiss(previous, robot)
 
+    def reportScans(self, name: str, latest: list[Any]) -> float:
+        return self._agent.record_robot_scans([scans.robot_scan_of(struct) for struct in latest])
+
 
 def _measured(method: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a method of a session: translate errors, and record its latency."""
@@ -97,6 +100,10 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
     @_measured
     def brake(self) -> None:
         self.session.brake()
+
+    @_measured
+    def reportPosture(self, joints: list[float]) -> None:
+        self.session.report_posture(joints)
 
     @_measured
     def state(self) -> Any:
@@ -179,6 +186,10 @@ class SimulationAdministratorServant(RoboCorba__POA.SimulationAdministrator):
     @translating
     def resume(self) -> None:
         self._agent.configure(is_paused=False)
+
+    @translating
+    def place(self, body: str, at: Any) -> None:
+        self._agent.place(body, simulation.pose_of(at))
 
     @translating
     def step(self, steps: int) -> None:

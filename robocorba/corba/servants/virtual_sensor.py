@@ -39,15 +39,15 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
         spec = scans.spec_of(wanted)
         pose_rows, mount = scans.pose_rows_of([robot]), scans.mount_of(where)
         result = self._sensor.scan(robot.floor, pose_rows, mount, spec, self._robot)
-        self._reports.record_scan(self._robot, robot.floor, spec, result)
+        self._reports.record_scan(self._robot, simulation.pose_of(robot), mount, spec, result)
         return scans.scan(result, spec)
 
     @translating
     def scanMany(self, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
-        spec, floors = scans.spec_of(wanted), [robot.floor for robot in robots]
-        results = self._sensor.scan_many(floors, scans.pose_rows_of(robots), scans.mount_of(where), spec, self._robot)
-        for floor, result in zip(floors, results, strict=True):
-            self._reports.record_scan(self._robot, floor, spec, result)
+        spec, mount, floors = scans.spec_of(wanted), scans.mount_of(where), [robot.floor for robot in robots]
+        results = self._sensor.scan_many(floors, scans.pose_rows_of(robots), mount, spec, self._robot)
+        for robot, result in zip(robots, results, strict=True):
+            self._reports.record_scan(self._robot, simulation.pose_of(robot), mount, spec, result)
         return [scans.scan(result, spec) for result in results]
 
     def laser(self) -> Any:

@@ -1,0 +1,1 @@
+"""Benches of the operator's console."""

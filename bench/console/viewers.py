@@ -1,0 +1,246 @@
+"""The console beside 50 robots, 8 with lasers and 3 with arms: updates, delay and cost in a browser and for 8 viewers.
+
+python -m bench.console.viewers [--seconds S] [--robots N] [--viewers N]
+
+It needs Chromium, which draws without a graphics card, and keeps a picture of each page. The delay is from the step of
+the simulation to the picture."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import math
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+
+from bench.common.harness import run
+from bench.simulation.robots_client import Clients
+from robocorba.clients.robot_processes import servers
+from robocorba.corba.conversion import simulation
+from robocorba.corba.orb import Orb
+from robocorba.kinematics.smartpal import JOINTS
+from robocorba.repeating import Repeating
+from robocorba.simulation.registry import Description
+from robocorba.stubs import RoboCorba
+from robocorba.supervision.console import CONSOLE
+from robocorba.supervision.folder import StateFolder
+from robocorba.testing.generated_buildings import office, saved_office
+from robocorba.testing.generated_buildings import robots as robots_in
+from robocorba.testing.json_process import Cpu, ProcessFailed, pids_of
+from robocorba.testing.report import PROGRESS, RESULTS, at_least, at_most, bars, quantile, summarize
+
+NAME, FLOOR = "console_viewers", "L1"
+LASERS, ARMS = 8, 3
+#: Rate of commands, scans and postures of each robot [1/s].
+RATE = 10.0
+#: Interval at which simulated time is sampled [s].
+SAMPLE_S = 0.02
+#: Time for a page to draw at its final rate before the measurement [s].
+SETTLE_S = 6.0
+FLAGS = ["--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+MONITOR_SIZE, SCENE_SIZE = {"width": 1366, "height": 768}, {"width": 1000, "height": 737}
+NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
+
+#: Notes the browser's time [ms since 1970] and the simulated time [s] of each update, once it is drawn.
+_WATCH = """async floor => { const { live } = await import("/static/live.js"); window.drawn = []; let last = -1;
+    live.listen((kind, name) => kind === "floor" && name === floor && requestAnimationFrame(() => setTimeout(() => {
+        const time = live.floors.get(floor).time;
+        if (time !== last) { last = time; window.drawn.push([Date.now(), time]); } }, 0))); }"""
+_PICTURES = "() => document.querySelector('.console-scene canvas').sceneView.pictures"
+
+
+class Crowd:
+    """Robots of this process: each drives in circles and scans, the first ones move their arms."""
+
+    def __init__(self, server: Any, robots: Sequence[Description]) -> None:
+        self._sessions = [server.registerRobot(simulation.description(about)) for about in robots]
+        self._tasks = [
+            Repeating(f"robot {number}", self._task(number, session), 1 / RATE).start()
+            for number, session in enumerate(self._sessions)
+        ]
+
+    def close(self) -> None:
+        for task in self._tasks:
+            task.close()
+
+    @staticmethod
+    def _task(number: int, session: Any) -> Any:
+        sensor = session._get_sensor()
+        laser, ticks = sensor.laser(), itertools.count()
+
+        def tick() -> None:
+            session.command(RoboCorba.Velocity(0.3, 0.0, 0.5), 0.5)
+            sensor.scan(session.state().at, NO_MOUNT, laser)
+            if number < ARMS:
+                session.reportPosture([0.3 * math.sin(next(ticks) / 5 + joint) for joint in range(len(JOINTS))])
+
+        return tick
+
+
+class Clock:
+    """When the simulation reached which simulated time [s], sampled in the background."""
+
+    def __init__(self, server: Any) -> None:
+        self._server = server
+        self.samples: list[tuple[float, float]] = []
+        self._task = Repeating("clock", self._sample, SAMPLE_S).start()
+
+    def _sample(self) -> None:
+        simulated = self._server._get_state().time
+        self.samples.append((simulated, time.time()))
+
+    def at(self, simulated: Sequence[float]) -> np.ndarray:
+        """POSIX times of simulated times [s]."""
+        times, walls = zip(*self.samples, strict=True)
+        return np.interp(simulated, times, walls)
+
+    def pace(self, since: int) -> float:
+        """Simulated seconds per second since a sample."""
+        (first, began), (last, ended) = self.samples[since], self.samples[-1]
+        return (last - first) / (ended - began)
+
+    def close(self) -> None:
+        self._task.close()
+
+
+@contextlib.contextmanager
+def crowded_console(folder: Path, count: int) -> Iterator[tuple[str, int, Clock]]:
+    """A console beside `count` driving robots: its address, its process id, and the simulation's clock."""
+    building = saved_office(folder)
+    crowd = [about for about in robots_in(office(), 6 * count) if about.pose.floor == FLOOR][:count]
+    with (
+        servers(folder, "--building", str(building), "--console", "--console-port", "0") as naming,
+        Orb(naming) as orb,
+        Clients(naming, 1, folder) as clients,
+    ):
+        server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+        clients.log_on(crowd[LASERS:], count - LASERS)
+        ended = threading.Event()
+
+        def drive() -> None:
+            with contextlib.suppress(ProcessFailed):
+                while not ended.is_set():
+                    clients.all("drive", begin=time.monotonic(), seconds=5.0, rate=RATE, threads=4)
+
+        record = StateFolder(folder).read_record()
+        assert record is not None
+        endpoint = next(process.endpoint for process in record.processes if process.name == CONSOLE)
+        with (
+            ThreadPoolExecutor(1) as driver,
+            contextlib.closing(Crowd(server, crowd[:LASERS])),
+            contextlib.closing(Clock(server)) as clock,
+        ):
+            driving = driver.submit(drive)
+            try:
+                yield f"127.0.0.1:{endpoint.rpartition(':')[2]}", pids_of(folder, CONSOLE)[0], clock
+            finally:
+                ended.set()
+                driving.result()
+
+
+def measured(clock: Clock, pid: int, seconds: float) -> dict[str, float]:
+    """Pace of the simulation and load of the console over `seconds`."""
+    since, cpu = len(clock.samples) - 1, Cpu([pid])
+    time.sleep(seconds)
+    return {"pace": clock.pace(since), "console cores": cpu.spent_s()[0] / seconds}
+
+
+def in_browser(address: str, pid: int, clock: Clock, seconds: float, browser: str) -> tuple[dict[str, Any], ...]:
+    """Rows of the monitor and of the 3D page."""
+    from playwright.sync_api import sync_playwright  # imported here: the rest needs no browser
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=browser, args=FLAGS)
+        page = chromium.new_page(viewport=MONITOR_SIZE)  # type: ignore[arg-type]
+        page.goto(f"http://{address}/")
+        page.wait_for_timeout(SETTLE_S * 1e3)
+        page.evaluate(_WATCH, FLOOR)
+        monitor = measured(clock, pid, seconds)
+        drawn = page.evaluate("() => window.drawn")
+        delays = [at / 1e3 - wall for (at, _), wall in zip(drawn, clock.at([t for _, t in drawn]), strict=True)]
+        page.screenshot(path=RESULTS / "console_monitor.png")
+        page.set_viewport_size(SCENE_SIZE)  # type: ignore[arg-type]
+        page.goto(f"http://{address}/3d")
+        page.wait_for_timeout(2 * SETTLE_S * 1e3)
+        before, began = page.evaluate(_PICTURES), time.monotonic()
+        scene = measured(clock, pid, seconds)
+        pictures = (page.evaluate(_PICTURES) - before) / (time.monotonic() - began)
+        page.screenshot(path=RESULTS / "console_3d.png")
+        chromium.close()
+    return (
+        {"viewers": "monitor", "updates/s": len(drawn) / seconds, "p95 ms": 1e3 * quantile(delays, 0.95), **monitor},
+        {"viewers": "3D", "updates/s": pictures, "p95 ms": None, **scene},
+    )
+
+
+def of_sockets(address: str, pid: int, clock: Clock, seconds: float, count: int) -> dict[str, Any]:
+    """Row of `count` viewers that read all that the monitor reads."""
+    wanted = json.dumps({"watch": [FLOOR], "scans": [FLOOR], "postures": [FLOOR]})
+    received, ended = [0] * count, threading.Event()
+
+    def view(number: int) -> None:
+        origin = {"Origin": f"http://{address}"}
+        connection: Any = connect(f"ws://{address}/live", additional_headers=origin, max_size=None)
+        with connection as socket:
+            socket.send(wanted)
+            while not ended.is_set():
+                with contextlib.suppress(TimeoutError):
+                    received[number] += isinstance(socket.recv(1.0), bytes)
+
+    with ThreadPoolExecutor(count) as pool:
+        viewers = [pool.submit(view, number) for number in range(count)]
+        time.sleep(SETTLE_S / 2)
+        before = sum(received)
+        row = measured(clock, pid, seconds)
+        frames = (sum(received) - before) / count / seconds
+        ended.set()
+        for viewer in viewers:
+            with contextlib.suppress(WebSocketException):
+                viewer.result()
+    return {"viewers": f"{count} sockets", "updates/s": frames, "p95 ms": None, **row}
+
+
+def measure(seconds: float = 20.0, robots: int = 50, viewers: int = 8) -> bool:
+    browser = shutil.which("chromium")
+    if browser is None:
+        PROGRESS.print("Chromium is missing: only viewers without a browser are measured")
+    with (
+        tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder,
+        crowded_console(Path(folder), robots) as (address, pid, clock),
+    ):
+        time.sleep(SETTLE_S)
+        rows: list[dict[str, Any]] = [
+            {"viewers": "none", "updates/s": None, "p95 ms": None, **measured(clock, pid, seconds)}
+        ]
+        sockets = of_sockets(address, pid, clock, seconds, viewers)
+        rows.append(sockets)
+        marks = [
+            at_most(f"console with {viewers} viewers, share of a core", sockets["console cores"], 0.25),
+            at_least("pace beside that without viewers", sockets["pace"] / rows[0]["pace"], 0.98),
+        ]
+        if browser:
+            monitor, scene = in_browser(address, pid, clock, seconds, browser)
+            rows += [monitor, scene]
+            marks += [
+                at_least("updates of the monitor each second", monitor["updates/s"], 20.0),
+                at_most("from the simulation to the picture, p95 in ms", monitor["p95 ms"], 150.0),
+                at_most("console with one monitor, share of a core", monitor["console cores"], 0.15),
+                at_least("pictures of the 3D page each second, 1000 x 650", scene["updates/s"], 15.0),
+            ]
+    picture = bars({row["viewers"]: row["console cores"] for row in rows}, "share of a core")
+    return summarize(NAME, f"The console beside {robots} robots", rows, marks, picture)
+
+
+if __name__ == "__main__":
+    run(measure, seconds="of each measurement", robots="on one floor", viewers="without a browser")

@@ -1,0 +1,26 @@
+"""The operator's console: a web server that shows and steers the running system."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from robocorba import logs
+from robocorba.console.server import Console, serve
+from robocorba.console.settings import ConsoleSettings
+from robocorba.corba.orb import Orb
+from robocorba.errors.base import RoboCorbaError
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    try:
+        settings = ConsoleSettings.read(arguments, __doc__ or "")
+        logs.setup("console", settings.common.state / "logs")
+        with Orb(settings.common.naming) as orb:
+            serve(Console(orb, settings), settings)
+    except RoboCorbaError as error:
+        sys.exit(f"robocorba console: {error}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,148 @@
+"""Take the pictures of the console in docs/pictures from a running system of its own (`make pictures`).
+
+    python docs/make_pictures.py [FOLDER] [--browser PROGRAM]
+
+It starts the building five-floors with three robots and the console on free ports, and takes each page, 1366 x 768,
+by Playwright. Exit code 1 with a reason where there is no browser."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from robocorba.clients.robot_processes import START_TIMEOUT_S, servers
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.supervisor import RemoteSupervisor
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.services import StartFailed
+from robocorba.maps.samples import sample_path
+from robocorba.names import SUPERVISOR
+from robocorba.processes import ProcessPhase, RobotOrder
+from robocorba.supervision.console import CONSOLE
+from robocorba.supervision.folder import StateFolder
+from robocorba.testing.processes import eventually
+
+SIZE = {"width": 1366, "height": 768}
+#: Together they let Chromium draw WebGL without a graphics card.
+FLAGS = ["--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+#: Time for a page to show live data [ms].
+SETTLED_MS = 5000
+ROBOTS = (
+    RobotOrder("A", channel="lab", floor="L1", at=(30.0, 9.2, 0.0)),
+    RobotOrder("B", channel="lab", floor="L1", at=(36.0, 9.5, 0.0)),
+    RobotOrder("C", channel="hall", floor="L1", at=(25.5, 4.0, 0.0)),
+)
+
+
+class View(NamedTuple):
+    """A page to take. prepare, select: scripts that are run before the waiting time, and before each picture."""
+
+    path: str
+    prepare: str = ""
+    select: str = ""
+    settled_ms: int = 0
+    schemes: tuple[str, ...] = ("light",)
+
+
+#: A call of one of the console's operations.
+_CALL = """async (name, given) => (await fetch("/call/" + name, {method: "POST", body: JSON.stringify(given),
+    headers: {"Content-Type": "application/json"}})).json()"""
+_PROGRAM = """(x1, y1, x2, y2) => JSON.stringify({format: 1, name: "patrol", robot: "SmartPal",
+    icons: [{icon: "repeat", times: 50, icons: [
+    {icon: "mhand_posture", hand: "both", posture: "reach"},
+    {icon: "mbase_path", floor: "L1", x: x1, y: y1, speed: 0.4},
+    {icon: "mhand_posture", hand: "both", posture: "tuck"}, {icon: "mbase_path", floor: "L1", x: x2, y: y2}]}]})"""
+_PATROL = f"""async () => {{ const call = {_CALL}, program = {_PROGRAM};
+    await call("run_program", {{robot: "A", program: program(26, 9.3, 33, 9.3)}});
+    await call("run_program", {{robot: "B", program: program(37, 14, 36, 10)}}); }}"""
+_CARRY = f"""async () => {{ const call = {_CALL};
+    for (const robot of ["A", "B"]) await call("abort_program", {{robot}});
+    await call("start_mission", {{leader: "C", icon: {{icon: "move_table", table: "cafe-table-1",
+        to: {{floor: "L1", x: 28.5, y: 5.0, heading: 0}}}}}}); }}"""
+_CLICK = "text => [...document.querySelectorAll('tr, td')].find(each => each.textContent.includes(text))?.click()"
+_OPEN = """() => { const choice = document.querySelector("select.program-examples");
+    choice.value = "example fetch"; choice.dispatchEvent(new Event("change")); }"""
+VIEWS = {
+    "monitor": View("", _PATROL, f"() => ({_CLICK})('B')", 4000),
+    "3d": View("3d?robot=B", settled_ms=SETTLED_MS, schemes=("light", "dark")),
+    "map": View("map"),
+    "missions": View("missions", _CARRY, f"() => ({_CLICK})('cafe-table-1')", 70_000),
+    "program": View("program", select=_OPEN),
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).parent / "pictures", metavar="FOLDER")
+    parser.add_argument("--browser", default=shutil.which("chromium"), metavar="PROGRAM", help="Chromium [chromium]")
+    given = parser.parse_args()
+    if given.browser is None:
+        sys.exit("make pictures: Chromium is missing; on Debian: apt install chromium, or give --browser PROGRAM")
+    given.folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with running_console() as address:
+            take(address, given.folder, given.browser)
+    except RoboCorbaError as error:
+        sys.exit(f"make pictures: {error}")
+
+
+@contextlib.contextmanager
+def running_console() -> Iterator[str]:
+    """A system with robots and console inside the `with`; yields the console's address. Raises StartFailed."""
+    with tempfile.TemporaryDirectory(prefix="robocorba-pictures-") as folder:
+        state = Path(folder)
+        options = ("--building", str(sample_path("five-floors")), "--subnets", "lab,hall")
+        with servers(state, *options, "--console", "--console-port", "0") as naming, Orb(naming) as orb:
+            supervisor = RemoteSupervisor(orb, state / SUPERVISOR)
+            for order in ROBOTS:
+                supervisor.start_robot(order)
+
+            def are_ready() -> bool:
+                robots = [process for process in supervisor.processes() if process.robot]
+                for robot in robots:
+                    if robot.phase is ProcessPhase.ENDED:
+                        raise StartFailed(f"{robot.name}: {robot.problem}")
+                return all(robot.phase is ProcessPhase.READY for robot in robots)
+
+            eventually(are_ready, START_TIMEOUT_S, "the robots started")
+            record = StateFolder(state).read_record()
+            assert record is not None
+            yield next(f"http://{process.endpoint}/" for process in record.processes if process.name == CONSOLE)
+
+
+def take(address: str, folder: Path, browser: str) -> None:
+    """Take each page."""
+    from playwright.sync_api import sync_playwright  # imported here: the rest needs no browser
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=browser, args=FLAGS)
+        page = chromium.new_page(viewport=SIZE)
+        for name, view in VIEWS.items():
+            page.goto(address + view.path)
+            if view.prepare:
+                page.evaluate(view.prepare)
+            page.wait_for_timeout(view.settled_ms)
+            for scheme in view.schemes:
+                page.emulate_media(color_scheme=scheme)
+                page.evaluate(
+                    "scheme => localStorage.setItem('robocorba-dark', scheme === 'dark' ? 'yes' : 'no')", scheme
+                )
+                page.reload()
+                page.wait_for_timeout(SETTLED_MS)
+                if view.select:
+                    page.evaluate(view.select)
+                    page.wait_for_timeout(SETTLED_MS)
+                file = folder / f"console-{name}-{scheme}.png"
+                page.screenshot(path=file)
+                print(file)
+        chromium.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,22 @@
+"""robocorba console: the operator's console in the browser."""
+
+from __future__ import annotations
+
+import os
+
+import typer
+
+from robocorba.commands.reporting import reporting
+from robocorba.console.settings import check_installed
+from robocorba.supervision.launch import module_command
+
+
+def console(context: typer.Context) -> None:
+    """Serve the operator's console: [--host H] [--port N] [--password-file FILE] [--certificate FILE --key FILE]
+    [--administrator FILE] [--supervisor FILE] [--recording FILE] [--naming HOST:PORT] [--state DIR].
+
+    It prints its address, and serves until Ctrl-C or SIGTERM. `--help` lists the options."""
+    with reporting("console"):
+        check_installed()
+    command = module_command("robocorba.clients.console", *context.args)
+    os.execv(command[0], command)

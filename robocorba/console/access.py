@@ -1,0 +1,147 @@
+"""Who may use the console: pages of this host only, and with a password on any address but the loopback."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+import secrets
+import time
+from collections.abc import Mapping
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+COOKIE = "robocorba_console"
+#: How long a log-in holds [s].
+SESSION_S = 12 * 3600.0
+#: Pause after a wrong password [s].
+WRONG_PASSWORD_PAUSE_S = 1.0
+#: Maximum number of log-ins that wait for the one before; more are refused.
+MAX_WAITING = 20
+#: Longest body of a log-in [bytes], and the timeout to receive it [s].
+MAX_FORM, FORM_LIMIT_S = 4096, 10.0
+_HEADERS = {
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+}
+_FORM = """<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>RoboCorba console</title><style>body{{font:16px system-ui,sans-serif;display:grid;place-items:center;height:90vh;
+color-scheme:light dark}}form{{display:grid;gap:12px;width:280px}}input,button{{font:inherit;padding:8px}}
+p{{color:#b00068;margin:0}}</style><form method="post" action="/login"><h1>RoboCorba</h1><label for="password">Password
+</label><input id="password" name="password" type="password" autofocus required><p role="alert">{problem}</p>
+<button>Log in</button></form></html>"""
+
+
+class Access:
+    """ASGI middleware around the console.
+
+    hosts: accepted values of the Host header, without port; empty: any, for a server that listens on all addresses.
+    password: empty for none. pause_s: after a wrong password, for all clients together [s]."""
+
+    def __init__(
+        self, app: ASGIApp, hosts: frozenset[str], password: str, pause_s: float = WRONG_PASSWORD_PAUSE_S
+    ) -> None:
+        self._app, self._hosts, self._pause_s = app, frozenset(map(str.lower, hosts)), pause_s
+        self._password = hashlib.sha256(password.encode()).digest() if password else b""
+        self._key = secrets.token_bytes(32)
+        self._one_attempt, self._attempts = asyncio.Lock(), 0
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+        if problem := self._foreign(headers):
+            await self._refuse(PlainTextResponse(problem, 403), scope, receive, send)
+        elif not self._password or self._has_session(headers):
+            await self._app(scope, receive, self._with_headers(send))
+        elif scope["type"] == "http" and scope["path"] == "/login" and scope["method"] == "POST":
+            await (await self._log_in(Request(scope, receive)))(scope, receive, send)
+        elif scope["type"] == "http" and scope["method"] == "GET" and "text/html" in headers.get("accept", ""):
+            await HTMLResponse(_FORM.format(problem=""), headers=_HEADERS)(scope, receive, send)
+        else:
+            await self._refuse(PlainTextResponse("log in first", 401), scope, receive, send)
+
+    def _foreign(self, headers: Mapping[str, str]) -> str:
+        """Why a request comes from a page that is not the console's; empty if it is."""
+        host, origin = headers.get("host", ""), headers.get("origin")
+        try:
+            if self._hosts and (urlsplit(f"//{host}").hostname or "") not in self._hosts:
+                return "this address is not the console's"
+            if origin and urlsplit(origin).netloc != host:
+                return "requests from other sites are refused"
+        except ValueError:  # no address at all
+            return "this address is not the console's"
+        return ""
+
+    async def _refuse(self, response: Response, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await response(scope, receive, send)
+
+    def _with_headers(self, send: Send) -> Send:
+        async def send_with_headers(message: dict[str, Any]) -> None:
+            if message["type"] == "http.response.start":
+                added = [(name.lower().encode(), value.encode()) for name, value in _HEADERS.items()]
+                message = {**message, "headers": [*message["headers"], *added]}
+            await send(message)
+
+        return send_with_headers  # type: ignore[return-value]
+
+    async def _log_in(self, request: Request) -> Response:
+        try:
+            given = await asyncio.wait_for(_password_in(request), FORM_LIMIT_S)
+        except (asyncio.TimeoutError, ClientDisconnect):
+            return PlainTextResponse("the form did not arrive in time", 408)
+        if given is None:
+            return PlainTextResponse("too long", 413)
+        if self._attempts >= MAX_WAITING:
+            return PlainTextResponse("too many log-ins; try again later", 429)
+        self._attempts += 1
+        try:
+            async with self._one_attempt:
+                if not hmac.compare_digest(hashlib.sha256(given.encode()).digest(), self._password):
+                    await asyncio.sleep(self._pause_s)
+                    return HTMLResponse(_FORM.format(problem="The password is wrong."), 401, headers=_HEADERS)
+        finally:
+            self._attempts -= 1
+        response = RedirectResponse("/", 303)
+        is_secure = request.url.scheme == "https"
+        response.set_cookie(
+            COOKIE, self._session(), max_age=int(SESSION_S), httponly=True, samesite="strict", secure=is_secure
+        )
+        return response
+
+    def _session(self) -> str:
+        until = str(int(time.time() + SESSION_S))
+        return f"{until}.{self._signature(until)}"
+
+    def _signature(self, until: str) -> str:
+        return hmac.new(self._key, until.encode(), "sha256").hexdigest()
+
+    def _has_session(self, headers: Mapping[str, str]) -> bool:
+        try:
+            cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        except CookieError:
+            return False
+        until, _, signature = (cookie.value if cookie else "").partition(".")
+        if not hmac.compare_digest(signature.encode(), self._signature(until).encode()):
+            return False
+        return time.time() < float(until)
+
+
+async def _password_in(request: Request) -> str | None:
+    """The password in a form; None if the form is too long."""
+    body = b""
+    async for piece in request.stream():
+        body += piece
+        if len(body) > MAX_FORM:
+            return None
+    return parse_qs(body.decode("utf-8", "replace")).get("password", [""])[0]

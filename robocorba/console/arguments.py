@@ -1,0 +1,63 @@
+"""Checks of operations' arguments, which come from a browser as any JSON: each returns the value or raises."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from robocorba.errors.base import RoboCorbaError
+
+#: Maximum length of a text [characters].
+MAX_TEXT = 4096
+
+
+class InvalidArguments(RoboCorbaError):
+    """Arguments that the operation does not have, that it misses, or with impossible values."""
+
+
+def check_type(name: str, value: Any, wanted: object) -> None:
+    """Raises InvalidArguments unless a value has the type of the parameter `name`; other types than JSON's simple ones
+    are left to the operation."""
+    if wanted is str and not _is_text(value):
+        raise InvalidArguments(f"{name} is not a text that can be sent")
+    if wanted is bool and not isinstance(value, bool):
+        raise InvalidArguments(f"{name} is not true or false")
+    if wanted is int and (isinstance(value, bool) or not isinstance(value, int)):
+        raise InvalidArguments(f"{name} is not a whole number")
+    if wanted is float:
+        number(name, value)
+
+
+def _is_text(value: Any) -> bool:
+    """Whether CORBA can send it as a text."""
+    return isinstance(value, str) and "\0" not in value and not any("\ud800" <= each <= "\udfff" for each in value)
+
+
+def text(name: str, value: Any) -> str:
+    """Raises InvalidArguments unless it is a text that CORBA can send."""
+    if not isinstance(value, str) or len(value) > MAX_TEXT:
+        raise InvalidArguments(f"{name} is not a text of at most {MAX_TEXT} characters")
+    if not _is_text(value):
+        raise InvalidArguments(f"{name} has characters that are no text")
+    return value
+
+
+def texts(name: str, values: Any) -> tuple[str, ...]:
+    """Raises InvalidArguments unless it is a list of texts."""
+    if not isinstance(values, list):
+        raise InvalidArguments(f"{name} is not a list")
+    return tuple(text(name, value) for value in values)
+
+
+def number(name: str, value: Any) -> float:
+    """Raises InvalidArguments unless it is a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InvalidArguments(f"{name} is not a number")
+    return float(value)
+
+
+def count(name: str, value: Any, maximum: int) -> int:
+    """Raises InvalidArguments unless it is a whole number from 1 to `maximum`."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= maximum:
+        raise InvalidArguments(f"{name} is not a whole number from 1 to {maximum}")
+    return value

@@ -1,0 +1,48 @@
+"""Calls of operations over HTTP: POST /call/NAME with a JSON object of arguments; the answer is JSON in any case."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+
+from robocorba.console.operations import Operations
+from robocorba.errors.base import RoboCorbaError
+
+_log = logging.getLogger(__name__)
+
+#: Largest body of a call [bytes].
+MAX_BODY = 8 * 1024 * 1024
+
+
+async def answer_call(operations: Operations, name: str, request: Request) -> Response:
+    """`answer`, or `error` with a sentence for the user; operations run in threads."""
+    try:
+        arguments = await _arguments(request)
+        return JSONResponse({"answer": await asyncio.to_thread(operations.call, name, arguments)})
+    except RoboCorbaError as error:
+        return JSONResponse({"error": str(error)})
+    except Exception:
+        _log.exception("operation %r failed", name[:80])
+        return JSONResponse({"error": "the console failed; its log says why"})
+
+
+async def _arguments(request: Request) -> dict[str, Any]:
+    body = b""
+    async for piece in request.stream():
+        body += piece
+        if len(body) > MAX_BODY:
+            raise RoboCorbaError(f"the request is longer than {MAX_BODY} bytes")
+    try:
+        arguments = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise RoboCorbaError(f"the request is not JSON: {str(error)[:200]}") from None
+    # Pages of other sites can send a form or plain text here, but not this type.
+    is_json = request.headers.get("content-type", "").partition(";")[0] == "application/json"
+    if not is_json or not isinstance(arguments, dict):
+        raise RoboCorbaError("the request is not a JSON object")
+    return arguments

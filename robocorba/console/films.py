@@ -1,0 +1,190 @@
+"""Films of what happened on a floor: a span of the history is recorded to a file, which `robocorba replay` films."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robocorba.console.frames import Rows
+from robocorba.console.history import Moment
+from robocorba.errors.base import RoboCorbaError
+from robocorba.maps.model import Building
+from robocorba.simulation.recording import Recorder
+from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate, Motions
+
+#: Pictures per second of a film, and the most that one may have.
+FPS, MAX_PICTURES = 10, 6000
+#: Bounds of the speed of a film, relative to what happened.
+MIN_SPEED, MAX_SPEED = 0.1, 100.0
+WIDTH_PX = 1280
+#: Timeout for the making of a film [s].
+LIMIT_S = 900.0
+#: The latest films are kept for download, so many.
+KEPT = 3
+#: Lower priority of the process that draws, so that live views go on.
+NICENESS = 10
+
+
+class InvalidFilm(RoboCorbaError):
+    """A film that can't be made, or is not there."""
+
+
+class Films:
+    """Makes one film at a time, in a process of its own; `close` ends it. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="robocorba-films-")
+        self._lock = threading.Lock()
+        self._films: dict[int, _Film] = {}
+        self._count = 0
+
+    def start(self, building: Building, floor: str, moments: Sequence[Moment], end_s: float, speed: float) -> int:
+        """Begin a film of these moments of a floor, up to POSIX time `end_s` [s]; its number.
+
+        Raises InvalidFilm while another one is being made."""
+        if not MIN_SPEED <= speed <= MAX_SPEED:
+            raise InvalidFilm(f"speed {speed:g} is not {MIN_SPEED:g} to {MAX_SPEED:g}")
+        span_s = end_s - moments[0].at
+        pictures = span_s / speed * FPS
+        if pictures > MAX_PICTURES:
+            least = span_s * FPS / MAX_PICTURES
+            raise InvalidFilm(f"{span_s:.0f} s are too long for a film at speed {speed:g}: choose {least:.0f} or more")
+        with self._lock:
+            if any(film.is_under_way for film in self._films.values()):
+                raise InvalidFilm("another film is being made: wait for it, or cancel it")
+            self._count += 1
+            film = self._films[self._count] = _Film(Path(self._folder.name), self._count)
+            for number in list(self._films)[:-KEPT]:
+                self._films.pop(number).remove()
+            film.start(building, floor, moments, end_s, speed)
+            return self._count
+
+    def state(self, number: int) -> dict[str, Any]:
+        """`phase`: making, ready or failed; `seconds` since its begin; `problem`. Raises InvalidFilm."""
+        film = self._film(number)
+        return {"phase": film.phase, "seconds": film.seconds, "problem": film.problem}
+
+    def cancel(self, number: int) -> None:
+        """End the making of a film. Raises InvalidFilm."""
+        self._film(number).cancel()
+
+    def file(self, number: int) -> Path:
+        """The MP4 file of a film that is ready. Raises InvalidFilm."""
+        film = self._film(number)
+        if film.phase != "ready":
+            raise InvalidFilm("the film is not ready")
+        return film.video
+
+    def close(self) -> None:
+        with self._lock:
+            for film in self._films.values():
+                film.cancel()
+        self._folder.cleanup()
+
+    def _film(self, number: int) -> _Film:
+        with self._lock:
+            if number not in self._films:
+                raise InvalidFilm("this film is not kept any more: make it again")
+            return self._films[number]
+
+
+class _Film:
+    """A film and the process that makes it."""
+
+    def __init__(self, folder: Path, number: int) -> None:
+        self.recording, self.video = folder / f"{number}.mcap", folder / f"{number}.mp4"
+        self.phase, self.problem = "making", ""
+        self._began_s, self._ended_s = time.monotonic(), 0.0
+        self._is_cancelled = threading.Event()
+        self._thread = threading.Thread()
+
+    @property
+    def is_under_way(self) -> bool:
+        return self.phase == "making"
+
+    @property
+    def seconds(self) -> float:
+        return (self._ended_s or time.monotonic()) - self._began_s
+
+    def start(self, building: Building, floor: str, moments: Sequence[Moment], end_s: float, speed: float) -> None:
+        work = building, floor, moments, end_s, speed
+        self._thread = threading.Thread(target=self._make, args=work, name="console film", daemon=True)
+        self._thread.start()
+
+    def cancel(self) -> None:
+        self._is_cancelled.set()
+        if self._thread.is_alive():
+            self._thread.join(5.0)
+
+    def remove(self) -> None:
+        for file in (self.recording, self.video):
+            file.unlink(missing_ok=True)
+
+    def _make(self, building: Building, floor: str, moments: Sequence[Moment], end_s: float, speed: float) -> None:
+        try:
+            record(self.recording, building, floor, moments, end_s)
+            arguments = ["replay", str(self.recording), "--video", str(self.video), "--floor", floor]
+            arguments += ["--fps", str(FPS), "--speed", str(speed), "--width", str(WIDTH_PX)]
+            self.problem = self._run(arguments)
+        except (RoboCorbaError, OSError) as error:
+            self.problem = str(error)
+        finally:
+            self.recording.unlink(missing_ok=True)
+            self._ended_s = time.monotonic()
+            self.phase = "failed" if self.problem else "ready"
+
+    def _run(self, arguments: Sequence[str]) -> str:
+        """Run a command; why it failed, or an empty text."""
+        command = [sys.executable, "-P", "-c", "from robocorba.commands import main; main()", *arguments]
+        with (
+            tempfile.TemporaryFile() as output,
+            subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output) as process,
+        ):
+            with contextlib.suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
+            while process.poll() is None:
+                if self._is_cancelled.wait(0.1) or self.seconds > LIMIT_S:
+                    process.kill()
+                    return "cancelled" if self._is_cancelled.is_set() else f"not ready within {LIMIT_S:.0f} s"
+            if process.returncode == 0:
+                return ""
+            output.seek(0)
+            lines = output.read().decode(errors="replace").strip().splitlines()
+            return lines[-1][:300] if lines else f"ended with exit code {process.returncode}"
+
+
+def record(path: Path, building: Building, floor: str, moments: Sequence[Moment], end_s: float) -> None:
+    """Write moments of a floor as a recording, whose last one lasts until POSIX time `end_s` [s].
+
+    Raises InvalidRecording."""
+    with Recorder(path, building, overwrite=True) as recorder:
+        for version, moment in enumerate(moments, start=1):
+            recorder.write(_update(floor, version, moment), moment.at)
+        last = moments[-1]
+        if end_s > last.at:
+            recorder.write(_update(floor, len(moments) + 1, last), end_s)
+
+
+def _update(floor: str, version: int, moment: Moment) -> FloorUpdate:
+    motions = _motions(moment.rows)
+    elevators = dict(moment.elevators)
+    return FloorUpdate(
+        floor, WHOLE, version, moment.time, moment.map_version, list(moment.bodies), [], motions, elevators
+    )
+
+
+def _motions(rows: Rows) -> Motions:
+    motions = np.empty(len(rows), MOTION)
+    for name in MOTION.names or ():
+        motions[name] = rows[name]
+    return motions

@@ -1,0 +1,106 @@
+"""The map of a floor as plain data that a browser draws."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from shapely.geometry.base import BaseGeometry
+
+from robocorba.maps import geometry
+from robocorba.maps.model import Building, Elevator, MapObject
+from robocorba.spatial.pose import XY
+
+Points = list[list[float]]
+Lines = list[Points]
+#: Decimals of coordinates sent to a browser: 0.1 mm.
+DECIMALS = 4
+
+
+def floor_plan(building: Building, floor: str) -> dict[str, Any]:
+    """The geometrical and the topological map of a floor, in m and rad of its frame.
+
+    Each element has its `name` and the members that a drawing needs; `walls` also have `pieces`, what their doors leave
+    of them. Raises KeyError for an unknown floor."""
+    entry = building.floors[floor]
+    plan, roads = entry.geometrical, entry.topological
+    pieces = _pieces(building, floor)
+    return {
+        "name": floor,
+        "level": entry.floor.level,
+        "elevation": entry.floor.elevation,
+        "height": entry.floor.height,
+        "outline": _points(entry.floor.outline),
+        "bounds": list(geometry.bounds(building, floor)),
+        "walls": [
+            {"name": wall.name, "a": wall.a, "b": wall.b, "height": wall.height, "pieces": pieces.get(wall.name, [])}
+            for wall in plan.walls.values()
+        ],
+        "objects": [_object(map_object) for map_object in plan.objects.values()],
+        "doors": [
+            {"name": door.name, "a": door.a, "b": door.b, "kind": door.kind.value, "locked": door.locked}
+            for door in plan.doors.values()
+        ],
+        "areas": [
+            {"name": area.name, "polygon": _points(area.polygon), "subnet": area.subnet} for area in plan.areas.values()
+        ],
+        "nodes": [{"name": node.name, "at": node.at, "elevator": node.elevator} for node in roads.nodes.values()],
+        "edges": [
+            {
+                "name": edge.name,
+                "from": edge.a,
+                "to": edge.b,
+                "a": roads.nodes[edge.a].at,
+                "b": roads.nodes[edge.b].at,
+                "oneWay": edge.one_way,
+            }
+            for edge in roads.edges.values()
+        ],
+        "elevators": [
+            _elevator(elevator, floor) for elevator in building.elevators.values() if floor in elevator.floors()
+        ],
+    }
+
+
+def _pieces(building: Building, floor: str) -> dict[str, Lines]:
+    """What doors leave of each wall, as lines."""
+    return {
+        obstacle.name: _lines(obstacle.geometry)
+        for obstacle in geometry.obstacles(building, floor)
+        if obstacle.kind == "wall"
+    }
+
+
+def _object(map_object: MapObject) -> dict[str, Any]:
+    shape = geometry.object_geometry(map_object)
+    is_line = shape.geom_type == "LineString"
+    return {
+        "name": map_object.name,
+        "at": map_object.at,
+        "heading": map_object.heading,
+        "height": map_object.height,
+        "movable": map_object.movable,
+        "polygon": _points(shape.coords if is_line else shape.exterior.coords[:-1]),
+    }
+
+
+def _elevator(elevator: Elevator, floor: str) -> dict[str, Any]:
+    return {
+        "name": elevator.name,
+        "at": elevator.at,
+        "size": elevator.size,
+        "heading": elevator.heading,
+        "floors": list(elevator.floors()),
+        "polygon": _points(geometry.shaft_polygon(elevator).exterior.coords[:-1]),
+        "doors": [
+            _points(geometry.landing_line(elevator, door).coords) for door in elevator.doors if door.floor == floor
+        ],
+    }
+
+
+def _lines(shape: BaseGeometry) -> Lines:
+    return [_points(line.coords) for line in getattr(shape, "geoms", [shape]) if not line.is_empty]
+
+
+def _points(points: Iterable[Sequence[float] | XY]) -> Points:
+    return [[round(point[0], DECIMALS), round(point[1], DECIMALS)] for point in points]

@@ -1,0 +1,174 @@
+"""What happens in the system, in words: noticed as differences between what servers and robots report."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+#: Happenings are forgotten after this time [s], and beyond this number.
+KEPT_S, MAX_KEPT = 1800.0, 2000
+#: Maximum length of a text [characters]; names may be long.
+MAX_TEXT = 300
+#: A robot without news for this time does not answer [s].
+SILENT_S = 3.0
+Rows = Mapping[str, Any]
+
+
+class Happening(NamedTuple):
+    """number: increases by one. at: POSIX time [s]. kind: collision, robot, stop, program, mission, server or channel.
+    robot, floor: whom and where it concerns; empty for all."""
+
+    number: int
+    at: float
+    kind: str
+    robot: str
+    floor: str
+    text: str
+
+
+class Happenings:
+    """The happenings of the last KEPT_S seconds. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._kept: deque[Happening] = deque(maxlen=MAX_KEPT)
+        self._count = 0
+        self._before: Rows | None = None
+
+    def note(self, rows: Rows, at_s: float) -> None:
+        """Compare rows, as of SystemState, with those of the last call. at_s: POSIX time [s]."""
+        found = list(_differences(self._before, rows)) if self._before is not None else []
+        self._before = rows
+        with self._lock:
+            for kind, robot, floor, text in found:
+                self._count += 1
+                self._kept.append(Happening(self._count, at_s, kind, robot, floor, text[:MAX_TEXT]))
+            while self._kept and self._kept[0].at < at_s - KEPT_S:
+                self._kept.popleft()
+
+    def after(self, number: int) -> list[Happening]:
+        """Happenings with a higher number, the oldest first."""
+        with self._lock:
+            return [happening for happening in self._kept if happening.number > number]
+
+    @property
+    def last(self) -> int:
+        """Number of the last happening; 0 before the first."""
+        return self._count
+
+
+#: Kind, robot, floor, text.
+Difference = tuple[str, str, str, str]
+
+
+def _differences(before: Rows, now: Rows) -> Iterator[Difference]:
+    yield from _of_server(before["server"], now["server"])
+    for name, row in now["robots"].items():
+        old = before["robots"].get(name)
+        if old is None and before["robots"]:
+            yield "robot", name, _floor(row), f"{_shown(name)} has started"
+        elif old is not None:
+            yield from _of_robot(name, old, row)
+    for name, row in now["channels"].items():
+        if name in before["channels"]:
+            yield from _of_channel(name, before["channels"][name], row)
+        elif before["channels"]:
+            yield "channel", "", "", f"channel {_shown(name)} has started"
+
+
+def _of_server(before: Rows, now: Rows) -> Iterator[Difference]:
+    if bool(before["problem"]) != bool(now["problem"]):
+        problem = now["problem"]
+        yield (
+            "server",
+            "",
+            "",
+            f"the simulation server: {problem}" if problem else "the simulation server answers again",
+        )
+    if not before["state"] or not now["state"]:
+        return
+    old, new = before["state"]["state"], now["state"]["state"]
+    if new["collisions"] > old["collisions"]:
+        count = new["collisions"] - old["collisions"]
+        yield "collision", "", "", "a collision" if count == 1 else f"{count} collisions"
+    if new["paused"] != old["paused"]:
+        yield "server", "", "", "the simulation is paused" if new["paused"] else "the simulation goes on"
+    came = {client["name"]: client for client in now["state"]["clients"]}
+    went = {client["name"]: client for client in before["state"]["clients"]}
+    for name in came.keys() - went.keys():
+        yield "robot", name, came[name]["at"]["floor"], f"{_shown(name)} has logged on"
+    for name in went.keys() - came.keys():
+        yield "robot", name, went[name]["at"]["floor"], f"{_shown(name)} has logged off"
+
+
+def _of_robot(name: str, before: Rows, now: Rows) -> Iterator[Difference]:
+    floor = _floor(now)
+    if _is_silent(before) != _is_silent(now):
+        words = ("does not answer" if now["bound"] else "has ended") if _is_silent(now) else "answers again"
+        yield "robot", name, floor, f"{_shown(name)} {words}"
+    old, new = before["state"], now["state"]
+    if not old or not new:
+        return
+    if old["condition"] != new["condition"]:
+        if new["condition"] == "STOPPED":
+            yield "stop", name, floor, f"{_shown(name)} is stopped" + (f": {new['reason']}" if new["reason"] else "")
+        elif old["condition"] == "STOPPED":
+            yield "stop", name, floor, f"{_shown(name)} may move again"
+        elif new["condition"] == "PAUSED":
+            yield "program", name, floor, f"{_shown(name)} pauses its program"
+    yield from _of_program(name, floor, old, new)
+    for word, one, other in (("leaves", old, new), ("takes part in", new, old)):
+        mission = one.get("mission", "")
+        if mission and mission != other.get("mission", ""):
+            yield "mission", name, floor, f"{_shown(name)} {word} mission {_shown(mission)}"
+
+
+def _of_program(name: str, floor: str, old: Rows, new: Rows) -> Iterator[Difference]:
+    program = new["program"]
+    was_running, is_running = (each["condition"] in ("RUNNING", "PAUSED") for each in (old, new))
+    if is_running and (not was_running or program["name"] != old["program"]["name"]):
+        yield "program", name, floor, f"{_shown(name)} runs {_shown(program['name'])}"
+    elif was_running and not is_running and program["result"] != "NO_RESULT":
+        reason = f": {program['reason']}" if program["reason"] else ""
+        yield (
+            "program",
+            name,
+            floor,
+            f"{_shown(name)} has ended {_shown(program['name'])}, {program['result'].lower()}{reason}",
+        )
+
+
+def _of_channel(name: str, before: Rows, now: Rows) -> Iterator[Difference]:
+    if bool(before["problem"]) != bool(now["problem"]):
+        problem = now["problem"]
+        yield (
+            "channel",
+            "",
+            "",
+            f"channel {_shown(name)}: {problem}" if problem else f"channel {_shown(name)} answers again",
+        )
+    old = _links(before)
+    for peer, is_up in _links(now).items():
+        if peer in old and old[peer] != is_up:
+            yield "channel", "", "", f"the gateway from {_shown(peer)} to {_shown(name)} is {'up' if is_up else 'down'}"
+
+
+def _links(row: Rows) -> dict[str, bool]:
+    """Whether the gateway from each peer is up."""
+    links = row["state"]["links"] if row["state"] else []
+    return {link["peer"]: link["condition"] == "UP" for link in links if link["direction"] == "INCOMING"}
+
+
+def _shown(name: str) -> str:
+    """A name within a sentence: marks of writing direction in it end with it."""
+    return name if name.isascii() else f"\u2068{name}\u2069"
+
+
+def _is_silent(row: Rows) -> bool:
+    return bool(row["age"] is None or row["age"] > SILENT_S)
+
+
+def _floor(row: Rows) -> str:
+    return str(row["state"]["at"]["floor"]) if row["state"] else ""

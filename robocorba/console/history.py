@@ -1,0 +1,124 @@
+"""What happened on the floors during the last half hour, or in a recording: to look back and scrub."""
+
+from __future__ import annotations
+
+import bisect
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from robocorba.console.frames import Rows, rows_of, whole_frame
+from robocorba.errors.paths import UnknownFloor
+from robocorba.simulation.recording import Recording
+from robocorba.spatial.elevator_state import ElevatorState
+from robocorba.spatial.floor_update import Body, FloorView
+
+#: Age beyond which moments are forgotten [s].
+KEPT_S = 1800.0
+#: Shortest interval between the moments of a floor [s].
+INTERVAL_S = 0.2
+#: Maximum memory of the rows of all moments [bytes]; beyond, the oldest moments of the fullest floor are forgotten.
+MAX_BYTES = 256 * 1024 * 1024
+
+
+class Moment(NamedTuple):
+    """A floor at one time. at: POSIX time [s]. time: simulated [s]. rows: of frames.ROW, one for each body."""
+
+    at: float
+    time: float
+    map_version: int
+    bodies: tuple[Body, ...]
+    elevators: Mapping[str, ElevatorState]
+    rows: Rows
+
+
+class History:
+    """Moments of floors in the order of their times. Thread-safe."""
+
+    def __init__(self, kept_s: float = KEPT_S, max_bytes: int = MAX_BYTES) -> None:
+        self._kept_s, self._max_bytes = kept_s, max_bytes
+        self._lock = threading.Lock()
+        self._moments: dict[str, list[Moment]] = {}
+        self._bytes = 0
+
+    @classmethod
+    def of_recording(cls, path: Path) -> History:
+        """The whole recording. Raises InvalidRecording."""
+        recording = Recording(path)
+        history = cls(kept_s=float("inf"))
+        for at_s, views in recording.sampled(INTERVAL_S):
+            for view in views.values():
+                history.add(view, recording.began + at_s)
+        return history
+
+    @property
+    def floors(self) -> list[str]:
+        with self._lock:
+            return list(self._moments)
+
+    def add(self, view: FloorView, at_s: float) -> None:
+        """Remember a floor as it is at POSIX time `at_s` [s], unless it is unchanged, or INTERVAL_S have not passed."""
+        with self._lock:
+            moments = self._moments.setdefault(view.floor, [])
+            last = moments[-1] if moments else None
+            if last and 0.0 <= at_s - last.at < INTERVAL_S * 0.99:
+                return
+            bodies: tuple[Body, ...] = tuple(view.bodies.values())
+            elevators: Mapping[str, ElevatorState] = dict(view.elevators)
+            rows = rows_of(view.motions)
+            if last:
+                is_same = bodies == last.bodies, elevators == last.elevators, np.array_equal(rows, last.rows)
+                if all(is_same):
+                    return
+                bodies, elevators = (
+                    (last.bodies if is_same[0] else bodies),
+                    (last.elevators if is_same[1] else elevators),
+                )
+            moments.append(Moment(at_s, view.time, view.map_version, bodies, elevators, rows))
+            self._bytes += rows.nbytes
+            self._forget(at_s)
+
+    def span(self) -> tuple[float, float]:
+        """POSIX times of the first and the last moment [s]; (0, 0) if there is none."""
+        with self._lock:
+            kept = [moments for moments in self._moments.values() if moments]
+            if not kept:
+                return 0.0, 0.0
+            return min(moments[0].at for moments in kept), max(moments[-1].at for moments in kept)
+
+    def at(self, floor: str, at_s: float) -> Moment:
+        """The last moment of a floor at POSIX time `at_s` [s], or the first after it. Raises UnknownFloor."""
+        with self._lock:
+            moments = self._moments.get(floor)
+            if not moments:
+                raise UnknownFloor("floor", floor, [name for name, kept in self._moments.items() if kept])
+            return moments[max(0, bisect.bisect_right(moments, at_s, key=lambda moment: moment.at) - 1)]
+
+    def between(self, floor: str, begin_s: float, end_s: float) -> list[Moment]:
+        """Moments of a floor in a span of POSIX times [s], with the state at `begin_s` as the first one.
+
+        Raises UnknownFloor."""
+        first = self.at(floor, begin_s)
+        first = first._replace(at=max(first.at, begin_s))
+        with self._lock:
+            return [first] + [moment for moment in self._moments[floor] if first.at < moment.at <= end_s]
+
+    def frame(self, floor: str, at_s: float) -> bytes:
+        """The frame of a floor at POSIX time `at_s` [s]. Raises UnknownFloor."""
+        moment = self.at(floor, at_s)
+        return whole_frame(floor, moment.time, moment.map_version, moment.bodies, moment.elevators, moment.rows)
+
+    def _forget(self, now_s: float) -> None:
+        for moments in self._moments.values():
+            old = bisect.bisect_left(moments, now_s - self._kept_s, key=lambda moment: moment.at)
+            self._drop(moments, old)
+        while self._bytes > self._max_bytes:
+            longest = max(self._moments.values(), key=len)
+            self._drop(longest, max(1, len(longest) // 10))
+
+    def _drop(self, moments: list[Moment], count: int) -> None:
+        self._bytes -= sum(moment.rows.nbytes for moment in moments[:count])
+        del moments[:count]

@@ -1,0 +1,154 @@
+"""The floors of the running system as they are now, for all viewers of the console."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+
+from robocorba.console.frames import rows_of, update_frame, whole_frame
+from robocorba.console.history import History
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.omni_database import RemoteDatabase
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import NotReachable
+from robocorba.repeating import Repeating
+from robocorba.spatial.floor_update import WHOLE, FloorView
+
+#: Interval between updates of floors that somebody watches, and of the others [s].
+WATCHED_S, UNWATCHED_S = 0.045, 0.5
+#: Interval between requests for the names of the floors [s].
+NAMES_S = 2.0
+#: Timeout for resolving the Omni database in each round [s].
+RESOLVE_TIMEOUT_S = 0.5
+
+
+class LiveFloor:
+    """The newest content of a floor, and the frames that bring a viewer to it. Thread-safe."""
+
+    def __init__(self, name: str) -> None:
+        self._lock = threading.Lock()
+        self._view = FloorView(name)
+        #: Frame of the last update, and the version that it continues.
+        self._frame, self._since = b"", WHOLE
+        self._whole: tuple[int, bytes] = WHOLE, b""
+        #: Time of the next request on the monotonic clock [s].
+        self.next_s = 0.0
+
+    @property
+    def version(self) -> int:
+        """Version of the content; WHOLE before there is any."""
+        return self._view.version
+
+    @property
+    def time(self) -> float:
+        """Simulated time of the content [s]."""
+        return self._view.time
+
+    def follow(self, database: RemoteDatabase, history: History) -> bool:
+        """Update the content; whether it has changed. Raises UnknownFloor, NotReachable."""
+        update = database.changes(self._view.floor, self._view.version)
+        with self._lock:
+            is_new = update.version != self._view.version
+            since = self._view.version if update.since else WHOLE
+            self._view.apply(update)
+            history.add(self._view, time.time())
+            if is_new:
+                self._frame, self._since = update_frame(update), since
+        return is_new
+
+    def frame_since(self, version: int) -> tuple[int, bytes]:
+        """The present version, and the frame that leads a viewer from `version` there; empty if it is there."""
+        with self._lock:
+            view = self._view
+            if version == view.version:
+                return version, b""
+            if version == self._since != WHOLE:
+                return view.version, self._frame
+            if self._whole[0] != view.version:
+                bodies, rows = view.bodies.values(), rows_of(view.motions)
+                frame = whole_frame(view.floor, view.time, view.map_version, bodies, view.elevators, rows)
+                self._whole = view.version, frame
+            return self._whole
+
+
+class LiveFloors:
+    """Follows all floors of a running system in a thread of its own, from `start` to `close`. Thread-safe.
+
+    changed: called in that thread with the name of a floor that has changed, or with an empty name when the connection
+    or the list of floors has changed."""
+
+    def __init__(self, orb: Orb, history: History, changed: Callable[[str], None]) -> None:
+        self._database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
+        self._history, self._changed = history, changed
+        self._lock = threading.Lock()
+        self._floors: dict[str, LiveFloor] = {}
+        self._watched: dict[object, frozenset[str]] = {}
+        self._names_at_s = 0.0
+        #: Why the Omni database does not answer; empty while it does.
+        self.problem = "connecting"
+        self._task = Repeating("console floors", self._follow, WATCHED_S)
+
+    def start(self) -> None:
+        self._task.start()
+
+    def close(self) -> None:
+        self._task.close()
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the floors, the lowest first."""
+        with self._lock:
+            return list(self._floors)
+
+    def floor(self, name: str) -> LiveFloor:
+        """Raises UnknownFloor."""
+        with self._lock:
+            if name not in self._floors:
+                raise UnknownFloor("floor", name, list(self._floors))
+            return self._floors[name]
+
+    def watch(self, viewer: object, floors: Iterable[str]) -> None:
+        """What a viewer watches from now on; nothing: it has left."""
+        with self._lock:
+            self._watched[viewer] = frozenset(floors)
+            if not self._watched[viewer]:
+                del self._watched[viewer]
+
+    def _follow(self) -> None:
+        now_s = time.monotonic()
+        try:
+            if now_s >= self._names_at_s:
+                self._read_names()
+                self._names_at_s = now_s + NAMES_S
+            with self._lock:
+                watched = frozenset().union(*self._watched.values())
+                due = {name: floor for name, floor in self._floors.items() if name in watched or now_s >= floor.next_s}
+            for name, floor in due.items():
+                floor.next_s = now_s + UNWATCHED_S
+                if floor.follow(self._database, self._history):
+                    self._changed(name)
+        except NotReachable as error:
+            self._set_problem(str(error))
+        except UnknownFloor:
+            self._names_at_s = 0.0  # it was removed from the map
+        except RoboCorbaError as error:  # a server that was replaced meanwhile
+            with self._lock:
+                self._floors = {name: LiveFloor(name) for name in self._floors}
+            self._set_problem(str(error))
+        else:
+            self._set_problem("")
+
+    def _read_names(self) -> None:
+        names = self._database.floors()
+        with self._lock:
+            if names == list(self._floors):
+                return
+            self._floors = {name: self._floors.get(name) or LiveFloor(name) for name in names}
+        self._changed("")
+
+    def _set_problem(self, problem: str) -> None:
+        if problem != self.problem:
+            self.problem = problem
+            self._changed("")

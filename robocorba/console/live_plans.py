@@ -1,0 +1,75 @@
+"""The building's map as the console shows it: a plan of each floor, made again after an edit that concerns it."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+
+from robocorba.console.floor_plan import floor_plan
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.map_editor import RemoteMap
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import NotReachable
+from robocorba.maps.model import Building
+from robocorba.repeating import Repeating
+
+#: Interval between requests for map edits [s].
+INTERVAL_S = 0.25
+#: Timeout of each attempt to find the map editor [s].
+RESOLVE_TIMEOUT_S = 1.0
+
+
+class LivePlans:
+    """Floor plans of the map editor's building, followed from `start` to `close`. Thread-safe.
+
+    changed: called in the thread that follows, when the map has changed or the editor was lost or found."""
+
+    def __init__(self, orb: Orb, changed: Callable[[], None]) -> None:
+        self._orb, self._changed = orb, changed
+        self._lock = threading.Lock()
+        self._map: RemoteMap | None = None
+        self._building = Building("")
+        self._plans: dict[str, tuple[Building, bytes]] = {}
+        #: Version of the map; 0 before it is loaded.
+        self.version = 0
+        #: Why the map editor does not answer; empty while it does.
+        self.problem = "connecting"
+        self._task = Repeating("console map", self._follow, INTERVAL_S)
+
+    def start(self) -> None:
+        self._task.start()
+
+    def close(self) -> None:
+        self._task.close()
+
+    @property
+    def building(self) -> Building:
+        """The building of the last version; without floors before it is loaded."""
+        return self._building
+
+    def plan(self, floor: str) -> bytes:
+        """The plan of a floor as JSON. Raises UnknownFloor."""
+        building = self._building
+        if floor not in building.floors:
+            raise UnknownFloor("floor", floor, list(building.floors))
+        with self._lock:
+            kept = self._plans.get(floor)
+            if kept is None or kept[0] is not building:
+                kept = self._plans[floor] = building, json.dumps(floor_plan(building, floor)).encode()
+            return kept[1]
+
+    def _follow(self) -> None:
+        try:
+            if self._map is None:
+                self._map, has_changed = RemoteMap(self._orb, RESOLVE_TIMEOUT_S, with_topology=True), True
+            else:
+                has_changed = self._map.follow()
+            problem = ""
+        except NotReachable as error:
+            self._map, has_changed, problem = None, False, str(error)
+        if has_changed and self._map is not None:
+            self._building, self.version = self._map.building, self._map.version
+        if has_changed or problem != self.problem:
+            self.problem = problem
+            self._changed()

@@ -1,0 +1,74 @@
+"""Operations of the monitor page: what has happened, films and recordings."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from robocorba.console.arguments import InvalidArguments, number, text
+from robocorba.console.films import Films, InvalidFilm
+from robocorba.console.history import History
+from robocorba.console.monitor_state import MonitorState
+from robocorba.console.recordings import Recordings
+from robocorba.maps.model import Building
+
+
+class MonitorOperations:
+    """What has happened, films and recordings.
+
+    building: returns the map of the running system."""
+
+    def __init__(
+        self,
+        state: MonitorState,
+        history: History,
+        building: Callable[[], Building],
+        recordings: Recordings,
+        films: Films,
+    ) -> None:
+        self._state, self._history, self._building = state, history, building
+        self._recordings, self._films = recordings, films
+
+    def forget_robot(self, robot: str) -> None:
+        """Take a robot that has left from the table."""
+        self._state.forget(text("robot", robot))
+
+    def happenings(self, after: int = 0) -> list[dict[str, Any]]:
+        """What has happened, with a higher number than `after`, the oldest first: `number`, `at` (POSIX time [s]),
+        `kind`, `robot`, `floor` and `text`."""
+        first = number("after", after)
+        return [happening._asdict() for happening in self._state.happenings.after(int(first))]
+
+    def recordings(self) -> list[dict[str, Any]]:
+        """Open recordings: `key`, `name`, `floors` and `past`, POSIX times of their first and last moment [s]."""
+        return self._recordings.rows()
+
+    def start_film(self, floor: str, begin: float, end: float, speed: float = 1.0, recording: str = "") -> int:
+        """Make a film of a floor between two POSIX times [s], of an open recording or of the last half hour; its
+        number."""
+        begin, end, speed = number("begin", begin), number("end", end), number("speed", speed)
+        floor, recording = text("floor", floor), text("recording", recording)
+        opened = self._recordings.get(recording) if recording else None
+        history, building = (opened.history, opened.building) if opened else (self._history, self._building())
+        if floor not in building.floors:
+            raise InvalidFilm("the map is not known yet: try again when its server answers")
+        end = min(end, history.span()[1] if opened else time.time())
+        if not begin < end:
+            raise InvalidFilm("the film's end is not after its begin")
+        return self._films.start(building, floor, history.between(floor, begin, end), end, speed)
+
+    def film_state(self, film: int) -> dict[str, Any]:
+        """`phase` of a film: making, ready (then GET /film/NUMBER has it) or failed; `seconds`; `problem`."""
+        return self._films.state(_film(film))
+
+    def cancel_film(self, film: int) -> None:
+        """End the making of a film."""
+        self._films.cancel(_film(film))
+
+
+def _film(film: Any) -> int:
+    """The number of a film. Raises InvalidArguments."""
+    if isinstance(film, bool) or not isinstance(film, int):
+        raise InvalidArguments("film is not a whole number")
+    return film

@@ -1,0 +1,87 @@
+"""What the monitor shows beside the floors: the state of the system, robots that have left, the times to look back."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any, Protocol
+
+from robocorba.console.happenings import Happenings
+from robocorba.console.history import KEPT_S, History
+from robocorba.repeating import Repeating
+
+#: Interval between comparisons of the state [s].
+INTERVAL_S = 0.5
+#: Maximum number of robots that are remembered after they have logged off.
+MAX_GONE = 500
+
+
+class StateSource(Protocol):
+    """As SystemState."""
+
+    def start(self) -> None: ...
+    def close(self) -> None: ...
+    def forget(self, robot: str) -> None: ...
+    def rows(self) -> dict[str, Any]: ...
+
+
+class MonitorState:
+    """Adds to the state of the system what was seen before, from `start` to `close`. Thread-safe."""
+
+    def __init__(self, state: StateSource, history: History) -> None:
+        self._state, self._history = state, history
+        self.happenings = Happenings()
+        self._lock = threading.Lock()
+        #: The last record of each robot that has logged on, and when it was there [s, monotonic], the oldest first.
+        self._clients: dict[str, tuple[dict[str, Any], float]] = {}
+        self._task = Repeating("console happenings", self.update, INTERVAL_S)
+
+    def start(self) -> None:
+        self._state.start()
+        self._task.start()
+
+    def close(self) -> None:
+        self._task.close()
+        self._state.close()
+
+    def update(self) -> None:
+        """Remember who is there now, and notice what has changed."""
+        rows = self._state.rows()
+        self.happenings.note(rows, time.time())
+        self._remember(rows)
+
+    def forget(self, robot: str) -> None:
+        """Drop a robot that has left."""
+        self._state.forget(robot)
+        with self._lock:
+            self._clients.pop(robot, None)
+
+    def rows(self) -> dict[str, Any]:
+        """As SystemState.rows, with more members.
+
+        `gone`: the last `client` record of each robot that has logged off, with its `age` [s]. `past`: POSIX times
+        between which one can look back [s]. `happenings`: number of the last one."""
+        rows = self._state.rows()
+        now_s, monotonic_s = time.time(), time.monotonic()
+        present = {client["name"] for client in (rows["server"]["state"] or {"clients": ()})["clients"]}
+        with self._lock:
+            gone = {
+                name: {"client": client, "age": monotonic_s - seen_s}
+                for name, (client, seen_s) in self._clients.items()
+                if name not in present
+            }
+        began_s, _ = self._history.span()
+        past = [max(began_s, now_s - KEPT_S), now_s] if began_s else [now_s, now_s]
+        return {**rows, "gone": gone, "past": past, "happenings": self.happenings.last}
+
+    def _remember(self, rows: dict[str, Any]) -> None:
+        server = rows["server"]
+        if not server["state"] or server["problem"]:
+            return
+        now_s = time.monotonic()
+        with self._lock:
+            for client in server["state"]["clients"]:
+                self._clients.pop(client["name"], None)
+                self._clients[client["name"]] = client, now_s
+            while len(self._clients) > MAX_GONE:
+                del self._clients[next(iter(self._clients))]

@@ -1,0 +1,83 @@
+"""What pages ask the console to do: calls by name with JSON arguments, each translated to calls of CORBA objects."""
+
+from __future__ import annotations
+
+import inspect
+import threading
+from collections.abc import Callable
+from typing import Any, get_type_hints
+
+from robocorba.console.arguments import InvalidArguments, check_type
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.control_agent import RemoteAgent, robots
+from robocorba.errors.base import RoboCorbaError
+
+#: Timeout for the confirmation of an emergency stop [s].
+STOP_LIMIT_S = 3.0
+#: Timeout for finding a robot [s].
+RESOLVE_TIMEOUT_S = 1.0
+Operation = Callable[..., Any]
+
+
+class Operations:
+    """Operations by name: public methods of this class and of the parts that pages add."""
+
+    def __init__(self, orb: Orb) -> None:
+        self._orb = orb
+        self._known: dict[str, Operation] = {}
+        self.add(self)
+
+    def add(self, part: object) -> None:
+        """Add the public methods of `part`. Raises ValueError for a name that another part has."""
+        for name, _ in inspect.getmembers(type(part), inspect.isfunction):
+            if not name.startswith("_") and name not in ("add", "call"):
+                if name in self._known:
+                    raise ValueError(f"two operations are called {name}")
+                self._known[name] = getattr(part, name)
+
+    def call(self, name: str, arguments: dict[str, Any]) -> Any:
+        """The answer of an operation, as JSON types. Raises RoboCorbaError."""
+        if name not in self._known:
+            raise InvalidArguments(f"there is no operation {name[:80]!r}")
+        operation = self._known[name]
+        try:
+            inspect.signature(operation).bind(**arguments)
+        except TypeError as error:
+            raise InvalidArguments(f"{name}: {error}") from None
+        wanted = get_type_hints(operation)
+        for argument, value in arguments.items():
+            check_type(argument, value, wanted.get(argument))
+        return operation(**arguments)
+
+    # ---- robots ----
+
+    def stop_all(self) -> dict[str, str]:
+        """Emergency stop of all robots, at the same time; robots that did not confirm, with the reason."""
+        failed: dict[str, str] = {}
+
+        def stop(robot: str) -> None:
+            try:
+                RemoteAgent(self._orb, robot, RESOLVE_TIMEOUT_S).stop()
+            except RoboCorbaError as error:
+                failed[robot] = str(error)
+
+        names = robots(self._orb)
+        threads = [threading.Thread(target=stop, args=(name,), daemon=True) for name in names]
+        for thread in threads:
+            thread.start()
+        for name, thread in zip(names, threads, strict=True):
+            thread.join(STOP_LIMIT_S)
+            if thread.is_alive():
+                failed[name] = f"did not answer within {STOP_LIMIT_S:g} s"
+        return dict(failed)
+
+    def stop(self, robot: str) -> None:
+        """Emergency stop of a robot."""
+        self._agent(robot).stop()
+
+    def reset_stop(self, robot: str) -> None:
+        """Let a stopped robot move again."""
+        self._agent(robot).reset_stop()
+
+    def _agent(self, robot: str) -> RemoteAgent:
+        return RemoteAgent(self._orb, robot, RESOLVE_TIMEOUT_S)

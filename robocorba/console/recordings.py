@@ -1,0 +1,76 @@
+"""Recordings that users of the console have opened to look at."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+from robocorba.console.floor_plan import floor_plan
+from robocorba.console.history import History
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.paths import UnknownFloor
+from robocorba.maps.model import Building
+from robocorba.simulation.recording import Recording
+
+#: Maximum number of recordings kept in memory; the oldest one gives way to a new one.
+MAX_OPEN = 3
+#: Maximum length of a recording's name [characters].
+MAX_NAME = 80
+
+
+class UnknownRecording(RoboCorbaError):
+    """A recording that is not open, or not any more."""
+
+
+class OpenRecording:
+    """A recording in memory. Raises InvalidRecording."""
+
+    def __init__(self, key: str, name: str, path: Path) -> None:
+        recording = Recording(path)
+        self.key, self.name = key, name
+        self.building: Building = recording.building
+        self.floors = [floor for floor in recording.building.floors if floor in recording.floors]
+        self.history = History.of_recording(path)
+
+    def plan(self, floor: str) -> dict[str, Any]:
+        """The map of a floor as it was recorded, for the browser. Raises UnknownFloor."""
+        if floor not in self.building.floors:
+            raise UnknownFloor("floor", floor, self.floors)
+        return floor_plan(self.building, floor)
+
+    def row(self) -> dict[str, Any]:
+        """`key`, `name`, `floors`, `past`: POSIX times of the first and the last moment [s]."""
+        return {"key": self.key, "name": self.name, "floors": self.floors, "past": list(self.history.span())}
+
+
+class Recordings:
+    """The open recordings by key. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._open: dict[str, OpenRecording] = {}
+        self._count = 0
+
+    def open(self, path: Path, name: str) -> OpenRecording:
+        """Read a recording, under this name. Raises InvalidRecording."""
+        with self._lock:
+            self._count += 1
+            key = f"recording {self._count}"
+        opened = OpenRecording(key, name[:MAX_NAME], path)
+        with self._lock:
+            self._open[key] = opened
+            while len(self._open) > MAX_OPEN:
+                del self._open[next(iter(self._open))]
+        return opened
+
+    def get(self, key: str) -> OpenRecording:
+        """Raises UnknownRecording."""
+        with self._lock:
+            if key not in self._open:
+                raise UnknownRecording("this recording is not open any more; open its file again")
+            return self._open[key]
+
+    def rows(self) -> list[dict[str, Any]]:
+        with self._lock:
+            return [opened.row() for opened in self._open.values()]

@@ -1,0 +1,131 @@
+"""What the 3D page shows of one robot beside the live floors: the floor in its data pool, and the path that it drives.
+
+A WebSocket for each page and robot: frames as in `frames.py`, and JSON: {"path": [{"floor", "x", "y", "heading"},
+...]}, {"pool": {"floor", "lag", "joints": {robot: [rad]}}}, {"problem": why there is nothing newer}. Only changes are
+sent."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from fastapi import WebSocket, WebSocketDisconnect
+
+from robocorba.console.frames import update_frame
+from robocorba.errors.base import RoboCorbaError
+from robocorba.spatial.floor_update import WHOLE, FloorUpdate
+
+#: Interval between requests for the pool's changes, and for path and postures [s].
+POOL_INTERVAL_S, SLOW_INTERVAL_S = 0.1, 0.4
+#: Pause after a robot did not answer [s].
+RETRY_S = 1.0
+#: Pages that may watch a robot at the same time.
+MAX_VIEWS = 32
+#: Longest name of a robot.
+MAX_NAME = 200
+Message = bytes | dict[str, Any]
+
+
+class WatchedRobot(Protocol):
+    """The robot as these views need it, `RemoteRobotView`. Its methods raise RoboCorbaError."""
+
+    def path(self) -> list[dict[str, Any]]: ...
+    def floor(self) -> str: ...
+    def lag_s(self) -> float: ...
+    def changes(self, since: int) -> FloorUpdate: ...
+    def postures(self, since_s: float) -> list[tuple[str, float, list[float]]]: ...
+
+
+class RobotView:
+    """What has changed of a robot since the last call; `poll` blocks. with_pool: also the floor in its data pool."""
+
+    def __init__(self, connect: Callable[[], WatchedRobot], with_pool: bool) -> None:
+        self._connect, self._with_pool = connect, with_pool
+        self._robot: WatchedRobot | None = None
+        self._path: list[dict[str, Any]] | None = None
+        self._version, self._floor, self._posture_time = WHOLE, "", -1.0
+        self._problem = ""
+        self._next_slow_s = 0.0
+
+    def poll(self, now_s: float) -> tuple[list[Message], float]:
+        """New messages, and the pause before the next call [s]."""
+        messages: list[Message] = []
+        try:
+            if self._robot is None:
+                self._robot = self._connect()
+            is_slow_due = now_s >= self._next_slow_s
+            if self._with_pool:
+                messages += self._pool_frames(self._robot)
+            if is_slow_due:
+                self._next_slow_s = now_s + SLOW_INTERVAL_S
+                messages += self._slow(self._robot)
+            problem, pause_s = "", POOL_INTERVAL_S if self._with_pool else SLOW_INTERVAL_S
+        except RoboCorbaError as error:
+            self._robot, self._version, self._posture_time = None, WHOLE, -1.0
+            problem, pause_s = str(error), RETRY_S
+        if problem != self._problem:
+            self._problem = problem
+            messages.append({"problem": problem})
+        return messages, pause_s
+
+    def _pool_frames(self, robot: WatchedRobot) -> list[Message]:
+        update = robot.changes(self._version)
+        if update.floor != self._floor and update.since != WHOLE:  # versions of two floors don't compare
+            update = robot.changes(WHOLE)
+        if (update.floor, update.version) == (self._floor, self._version):
+            return []
+        self._floor, self._version = update.floor, update.version
+        return [update_frame(update)]
+
+    def _slow(self, robot: WatchedRobot) -> list[Message]:
+        messages: list[Message] = []
+        path = robot.path()
+        if path != self._path:
+            self._path = path
+            messages.append({"path": path})
+        if self._with_pool:
+            postures = robot.postures(self._posture_time)
+            self._posture_time = max((time_s for _, time_s, _ in postures), default=self._posture_time)
+            joints = {name: angles for name, _, angles in postures}
+            messages.append({"pool": {"floor": robot.floor(), "lag": robot.lag_s(), "joints": joints}})
+        return messages
+
+
+class RobotViews:
+    """Serves the views of all pages. connect: finds a robot by name; raises NotReachable."""
+
+    def __init__(self, connect: Callable[[str], WatchedRobot]) -> None:
+        self._connect = connect
+        self._count = 0
+
+    async def serve(self, socket: WebSocket, robot: str, with_pool: bool) -> None:
+        """Serve a page until it leaves."""
+        await socket.accept()
+        if self._count >= MAX_VIEWS or not 0 < len(robot) <= MAX_NAME:
+            await socket.close(1008)
+            return
+        self._count += 1
+        sending = asyncio.create_task(self._send(socket, RobotView(lambda: self._connect(robot), with_pool)))
+        try:
+            with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+                while True:  # until it leaves; a page has nothing to say
+                    await socket.receive_text()
+        finally:
+            self._count -= 1
+            sending.cancel()
+            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+                await sending
+
+    async def _send(self, socket: WebSocket, view: RobotView) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            messages, pause_s = await asyncio.to_thread(view.poll, loop.time())
+            for message in messages:
+                if isinstance(message, bytes):
+                    await socket.send_bytes(message)
+                else:
+                    await socket.send_text(json.dumps(message, separators=(",", ":")))
+            await asyncio.sleep(pause_s)

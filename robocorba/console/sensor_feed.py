@@ -1,0 +1,148 @@
+"""Scans and postures of a floor as JSON, with what has changed since a version."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections import deque
+from collections.abc import Collection, Iterable
+from typing import Any, NamedTuple
+
+from robocorba.sensing.fan import LASER, PROXIMITY
+from robocorba.simulation.robot_scans import RobotScan
+
+#: Time after which a scan is taken away if its sensor makes no other one, in simulated and in real time [s].
+MAX_AGE_S = 2.0
+#: Departed entries that a feed remembers; a viewer with an older version gets the whole feed.
+MAX_GONE = 1000
+#: Version of a viewer that has nothing yet.
+NOTHING = 0
+
+_versions = itertools.count(1)
+
+
+class Feed:
+    """Entries by key as JSON texts. Versions are unique among all feeds. One thread may use it."""
+
+    def __init__(self) -> None:
+        self.version = self._oldest = next(_versions)
+        self._entries: dict[str, tuple[int, str]] = {}
+        self._gone: deque[tuple[int, str]] = deque()
+
+    @property
+    def keys(self) -> Collection[str]:
+        return self._entries.keys()
+
+    def put(self, key: str, value: Any) -> None:
+        """Set an entry to a value of JSON types."""
+        text = json.dumps(value, separators=(",", ":"))
+        if key not in self._entries or self._entries[key][1] != text:
+            self.version = next(_versions)
+            self._entries[key] = self.version, text
+
+    def drop(self, keys: Iterable[str]) -> None:
+        """Remove entries."""
+        for key in [key for key in keys if key in self._entries]:
+            del self._entries[key]
+            self.version = next(_versions)
+            self._gone.append((self.version, key))
+        while len(self._gone) > MAX_GONE:
+            self._oldest = self._gone.popleft()[0]
+
+    def since(self, version: int) -> Changes:
+        """What changed after a version; everything for NOTHING, and for a version that is not remembered."""
+        if version < self._oldest:
+            return Changes(True, {key: text for key, (_, text) in self._entries.items()}, [])
+        changed = {key: text for key, (since, text) in self._entries.items() if since > version}
+        return Changes(False, changed, [key for since, key in self._gone if since > version and key not in changed])
+
+
+class Changes(NamedTuple):
+    """Changes of a feed: entries as JSON texts by key, and keys of entries that it no longer has."""
+
+    is_whole: bool
+    entries: dict[str, str]
+    gone: list[str]
+
+
+class _Sensor(NamedTuple):
+    """A sensor: its key, the simulated time of its last scan, and when that was received [s]."""
+
+    key: str
+    time: float
+    received_at: float
+
+
+class ScanFeed:
+    """The last scans on a floor. clock times are in s."""
+
+    def __init__(self) -> None:
+        self.feed = Feed()
+        #: Simulated time of the newest scan [s].
+        self.newest_s = -1.0
+        self._sensors: dict[tuple[object, ...], _Sensor] = {}
+        self._is_new = True
+
+    def update(self, found: Iterable[RobotScan], is_all: bool, time_s: float, now_s: float) -> None:
+        """Take over scans that were read at simulated time `time_s` and real time `now_s`; is_all: there are no other
+        ones on the floor."""
+        seen = set()
+        for scan in found:
+            of = scan.robot, *scan.sensor
+            seen.add(of)
+            self.newest_s = max(self.newest_s, scan.time)
+            known = self._sensors.get(of)
+            if known is None or known.time != scan.time:
+                # The first time there may be scans of sensors that were switched off long ago.
+                age_s = max(0.0, time_s - scan.time) if self._is_new else 0.0
+                key = known.key if known else self._new_key(scan)
+                self._sensors[of] = _Sensor(key, scan.time, now_s - age_s)
+                if age_s <= MAX_AGE_S:
+                    self.feed.put(key, _scan_as_json(key, scan))
+        self._is_new = False
+        if is_all:
+            self.newest_s = max((scan.time for scan in self._sensors.values()), default=-1.0)
+            self._forget([of for of in self._sensors if of not in seen])
+        self.feed.drop(
+            sensor.key
+            for sensor in self._sensors.values()
+            if now_s - sensor.received_at > MAX_AGE_S and time_s - sensor.time > MAX_AGE_S
+        )
+
+    def _forget(self, sensors: Iterable[tuple[object, ...]]) -> None:
+        self.feed.drop([self._sensors.pop(of).key for of in sensors])
+
+    def _new_key(self, scan: RobotScan) -> str:
+        """The robot's name and that of the sensor, such as R1/laser; the second laser is R1/laser 2."""
+        name, taken = f"{scan.robot}/{_kind(scan)}", {sensor.key for sensor in self._sensors.values()}
+        numbered = (f"{name} {number}" for number in itertools.count(1))
+        if name.endswith("/sensor"):
+            return next(key for key in numbered if key not in taken)
+        next(numbered)
+        return next(key for key in itertools.chain([name], numbered) if key not in taken)
+
+
+def _kind(scan: RobotScan) -> str:
+    rays = scan.first_rad, scan.step_rad, len(scan.distances), scan.range_m
+    for name, fan in (("laser", LASER), ("proximity", PROXIMITY)):
+        if rays == (fan.first_rad, fan.step_rad, fan.count, fan.range_m):
+            return name
+    return "sensor"
+
+
+def _scan_as_json(key: str, scan: RobotScan) -> dict[str, Any]:
+    """A scan as static/live.js documents it."""
+    at, (ahead_m, left_m, heading) = scan.at, scan.mount
+    return {
+        "key": key,
+        "robot": scan.robot,
+        "sensor": key.rpartition("/")[2],
+        "time": scan.time,
+        "pose": {"x": at.x, "y": at.y, "heading": at.heading},
+        "mount": {"ahead": ahead_m, "left": left_m, "heading": heading},
+        "angles": {"first": scan.first_rad, "step": scan.step_rad, "count": len(scan.distances)},
+        "range": scan.range_m,
+        "rim": scan.rim_m,
+        "ranges": (scan.distances + scan.rim_m).round(3).tolist(),
+        "hits": scan.hits.astype(int).tolist(),
+    }

@@ -1,0 +1,243 @@
+"""The console's web server: NiceGUI's pages, plans and live frames for them, and the operations that they call."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import socket
+import tempfile
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from fastapi import FastAPI, Request, Response, WebSocket
+from fastapi.responses import FileResponse, JSONResponse
+from fastapi.staticfiles import StaticFiles
+from nicegui import ui
+
+from robocorba.console.access import Access
+from robocorba.console.calls import answer_call
+from robocorba.console.films import Films, InvalidFilm
+from robocorba.console.history import History
+from robocorba.console.kinematics_operations import KinematicsOperations
+from robocorba.console.live_floors import RESOLVE_TIMEOUT_S, LiveFloors
+from robocorba.console.live_missions import LiveMissions
+from robocorba.console.live_plans import LivePlans
+from robocorba.console.live_sensors import LiveSensors
+from robocorba.console.map_operations import MapOperations
+from robocorba.console.mission_operations import MissionOperations
+from robocorba.console.monitor_operations import MonitorOperations
+from robocorba.console.monitor_state import MonitorState
+from robocorba.console.operations import Operations
+from robocorba.console.pages import add_pages
+from robocorba.console.process_operations import ProcessOperations
+from robocorba.console.program_operations import ProgramOperations
+from robocorba.console.recordings import Recordings, UnknownRecording
+from robocorba.console.robot_views import RobotViews
+from robocorba.console.settings import ConsoleSettings
+from robocorba.console.simulation_operations import SimulationOperations
+from robocorba.console.system_state import SystemState
+from robocorba.console.viewers import Viewers
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.mission_control import RemoteMissionControl
+from robocorba.corba.remote.omni_database import RemoteDatabase
+from robocorba.corba.remote.robot_view import RemoteRobotView
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import PortInUse, ServiceError
+from robocorba.errors.simulation import InvalidRecording
+
+STATIC = Path(__file__).parent / "static"
+#: Largest recording that a user may open [bytes].
+MAX_RECORDING = 512 * 1024 * 1024
+#: The server ends at most this long after a signal, also while browsers are connected [s].
+SHUTDOWN_S = 2
+#: Timeout of each attempt to find mission control [s].
+MISSIONS_RESOLVE_S = 1.0
+
+
+class Console:
+    """A console of the system that `orb` is connected with."""
+
+    def __init__(self, orb: Orb, settings: ConsoleSettings) -> None:
+        self._settings = settings
+        self.history = History()
+        self.state = MonitorState(SystemState(orb), self.history)
+        self.recordings, self.films = Recordings(), Films()
+        if settings.recording is not None:
+            self.recordings.open(settings.recording, settings.recording.name)
+        self.viewers = Viewers(self.state)
+        self.floors = LiveFloors(orb, self.history, lambda floor: self.viewers.notify())
+        self.plans = LivePlans(orb, self.viewers.notify)
+        database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
+        self.sensors = LiveSensors(database, lambda floor: self.floors.floor(floor).time, self.viewers.notify)
+        self.missions = LiveMissions(RemoteMissionControl(orb, MISSIONS_RESOLVE_S), self.viewers.notify)
+        self.viewers.missions = self.missions
+        self.robot_views = RobotViews(lambda robot: RemoteRobotView(orb, robot))
+        self.operations = Operations(orb)
+        for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb)):
+            self.operations.add(part)
+        self.operations.add(
+            MonitorOperations(self.state, self.history, lambda: self.plans.building, self.recordings, self.films)
+        )
+        self.operations.add(SimulationOperations(orb, settings.administrator, settings.supervisor))
+        self.operations.add(ProcessOperations(orb, settings.supervisor))
+        self.operations.add(KinematicsOperations())
+
+    def app(self) -> Access:
+        """The web application."""
+        app = FastAPI(
+            title="RoboCorba console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=self._running
+        )
+        app.mount("/static", _Static(directory=STATIC), "static")
+        app.add_api_route("/plan", self._plan)
+        app.add_api_route("/past", self._past)
+        app.add_api_route("/recording", self._open_recording, methods=["POST"])
+        app.add_api_route("/film/{number}", self._film)
+        app.add_api_route("/robot-model", self._robot_model)
+        app.add_api_route("/robot.urdf", self._robot_urdf)
+        app.add_api_route("/call/{name}", self._call, methods=["POST"])
+        app.add_api_websocket_route("/live", self._live)
+        app.add_api_websocket_route("/robot-view", self._robot_view)
+        add_pages()
+        ui.run_with(
+            app,
+            title="RoboCorba",
+            dark=None,
+            favicon=STATIC / "favicon.svg",
+            reconnect_timeout=10.0,
+            show_welcome_message=False,
+        )
+        return Access(app, self._settings.hosts, self._settings.password)
+
+    @contextlib.asynccontextmanager
+    async def _running(self, app: FastAPI) -> AsyncIterator[None]:
+        self.viewers.attach(self.floors, self.plans, self.sensors)
+        parts = (self.state, self.plans, self.floors, self.sensors, self.missions)
+        for part in parts:
+            part.start()
+        try:
+            yield
+        finally:
+            for part in parts:
+                await asyncio.to_thread(part.close)
+            await asyncio.to_thread(self.films.close)
+
+    async def _live(self, socket: WebSocket) -> None:
+        await self.viewers.serve(socket)
+
+    async def _robot_view(self, socket: WebSocket) -> None:
+        wanted = socket.query_params
+        await self.robot_views.serve(socket, wanted.get("robot", ""), wanted.get("pool") == "yes")
+
+    async def _plan(self, floor: str, recording: str = "") -> Response:
+        """The map of a floor, as it is or as an open recording has it."""
+        try:
+            if recording:
+                return JSONResponse(await asyncio.to_thread(self.recordings.get(recording).plan, floor))
+            plan = await asyncio.to_thread(self.plans.plan, floor)
+        except (UnknownFloor, UnknownRecording) as error:
+            return JSONResponse({"error": str(error)}, 404)
+        return Response(plan, media_type="application/json")
+
+    async def _robot_model(self) -> Response:
+        from robocorba.kinematics.link_tree import as_json  # imported here, since it loads the physics engine
+
+        return JSONResponse(await asyncio.to_thread(as_json))
+
+    async def _robot_urdf(self) -> Response:
+        """The robot for other viewers."""
+        from robocorba.kinematics.urdf import urdf
+
+        return Response(
+            await asyncio.to_thread(urdf),
+            media_type="application/xml",
+            headers={"Content-Disposition": 'attachment; filename="smartpal.urdf"'},
+        )
+
+    async def _past(self, floor: str, at: float, recording: str = "") -> Response:
+        """The frame of a floor at POSIX time `at` [s], of an open recording or of the last half hour."""
+        try:
+            history = self.recordings.get(recording).history if recording else self.history
+            return Response(history.frame(floor, at), media_type="application/octet-stream")
+        except (UnknownFloor, UnknownRecording) as error:
+            return JSONResponse({"error": str(error)}, 404)
+
+    async def _open_recording(self, request: Request, name: str = "recording") -> Response:
+        """Open the recording in the body of the request; its row."""
+        try:
+            with tempfile.NamedTemporaryFile(prefix="robocorba-", suffix=".mcap") as file:
+                size = 0
+                async for piece in request.stream():
+                    size += len(piece)
+                    if size > MAX_RECORDING:
+                        raise RoboCorbaError(f"the recording is longer than {MAX_RECORDING // 2**20} MiB")
+                    await asyncio.to_thread(file.write, piece)
+                file.flush()
+                opened = await asyncio.to_thread(self.recordings.open, Path(file.name), name)
+        except InvalidRecording as error:
+            return JSONResponse({"error": f"{name[:80]}: {error.reason}"})
+        except (RoboCorbaError, OSError) as error:
+            return JSONResponse({"error": str(error)})
+        return JSONResponse({"answer": opened.row()})
+
+    async def _film(self, number: int) -> Response:
+        """A film as a download."""
+        try:
+            return FileResponse(self.films.file(number), media_type="video/mp4", filename=f"robocorba-{number}.mp4")
+        except InvalidFilm as error:
+            return JSONResponse({"error": str(error)}, 404)
+
+    async def _call(self, name: str, request: Request) -> Response:
+        return await answer_call(self.operations, name, request)
+
+
+class _Static(StaticFiles):
+    """Files of the console: browsers ask each time whether they have changed."""
+
+    def file_response(self, *arguments: Any, **options: Any) -> Response:
+        response = super().file_response(*arguments, **options)
+        response.headers["Cache-Control"] = "no-cache"
+        return response
+
+
+def serve(console: Console, settings: ConsoleSettings) -> None:
+    """Serve until SIGINT or SIGTERM. Raises PortInUse, ServiceError."""
+    config = uvicorn.Config(
+        console.app(),
+        log_level="warning",
+        ssl_certfile=settings.certificate,
+        ssl_keyfile=settings.key,
+        timeout_graceful_shutdown=SHUTDOWN_S,
+        ws_max_size=64 * 1024,
+    )
+    with listening(settings.host, settings.port) as listener:
+        _Server(config, settings.host).run([listener])
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """A socket that listens there. Raises PortInUse, ServiceError."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, port), family=family, backlog=128)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise PortInUse(host, port, "the console") from None
+        raise ServiceError(f"can't listen on {host}, port {port}: {error.strerror}") from None
+
+
+class _Server(uvicorn.Server):
+    """Prints its address when it accepts connections."""
+
+    def __init__(self, config: uvicorn.Config, host: str) -> None:
+        super().__init__(config)
+        self._host = host if ":" not in host else f"[{host}]"
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started and sockets:
+            scheme = "https" if self.config.ssl_certfile else "http"
+            print(f"{scheme}://{self._host}:{sockets[0].getsockname()[1]}/", flush=True)
+            print("ready", flush=True)

@@ -1,0 +1,141 @@
+"""Settings of the console."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import importlib.util
+import ssl
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from robocorba.errors.services import ServiceError
+from robocorba.names import SUPERVISOR
+from robocorba.settings import Address, InvalidSetting, Settings
+
+#: Default port of the console.
+DEFAULT_PORT = 8800
+#: Shortest password on an address that other machines reach.
+MIN_PASSWORD = 8
+LOOPBACK_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
+
+
+def check_installed() -> None:
+    """Raises ServiceError without the packages of the console."""
+    if importlib.util.find_spec("nicegui") is None:
+        raise ServiceError("the console's packages are not installed: pip install 'robocorba[console]'")
+
+
+@dataclass(frozen=True)
+class ConsoleSettings:
+    """Settings of the console.
+
+    port: 0 for any free one. password: empty for none. certificate, key: PEM files, None without TLS.
+    administrator: file with the reference of the simulation's administrator, None for no such rights.
+    supervisor: file with the reference of the system's supervisor; it need not exist. recording: a file to look at
+    beside the running system, or None."""
+
+    common: Settings
+    host: str
+    port: int
+    password: str
+    certificate: Path | None
+    key: Path | None
+    administrator: Path | None
+    supervisor: Path
+    recording: Path | None = None
+
+    @property
+    def hosts(self) -> frozenset[str]:
+        """Host names by which browsers may call the console."""
+        return LOOPBACK_HOSTS if Address(self.host, 1).is_loopback else frozenset({self.host})
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ConsoleSettings:
+        """From `[--host H] [--port N] [--password-file FILE] [--certificate FILE --key FILE] [--administrator FILE]
+        [--supervisor FILE] [--recording FILE] [--naming HOST:PORT] [--state DIR]`.
+
+        Asks for a password where one is needed and none is given. Raises InvalidSetting; SystemExit with a usage line
+        for unknown arguments."""
+        parser = argparse.ArgumentParser(prog="robocorba console", description=description, allow_abbrev=False)
+        parser.add_argument("--host", default="127.0.0.1", metavar="H", help="address on which to listen [127.0.0.1]")
+        parser.add_argument("--port", type=int, default=DEFAULT_PORT, metavar="N", help="port [8800]; 0: any free one")
+        parser.add_argument(
+            "--password-file", type=Path, metavar="FILE", help="file with the password in its first line"
+        )
+        parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM certificate: serve by TLS")
+        parser.add_argument("--key", type=Path, metavar="FILE", help="PEM key of the certificate")
+        parser.add_argument(
+            "--administrator",
+            type=Path,
+            metavar="FILE",
+            help="administrator.ior of the state folder: allows to pause, evict and place robots",
+        )
+        parser.add_argument(
+            "--supervisor",
+            type=Path,
+            metavar="FILE",
+            help="the system's supervisor, for processes and robots [supervisor.ior of the state folder]",
+        )
+        parser.add_argument("--recording", type=Path, metavar="FILE", help="a recording to look at")
+        parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
+        parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
+        given = parser.parse_args(arguments)
+        if given.port:
+            Address.checked(given.host, given.port, "--host or --port")
+        else:
+            Address.checked(given.host, 1, "--host")
+        if (given.certificate is None) != (given.key is None):
+            raise InvalidSetting("--certificate", str(given.certificate), "a certificate and its --key go together")
+        files = {"--certificate": given.certificate, "--key": given.key}
+        files |= {"--administrator": given.administrator, "--supervisor": given.supervisor}
+        for option, file in files.items():
+            if file is not None and not file.is_file():
+                raise InvalidSetting(option, str(file), "there is no such file")
+        if given.certificate is not None:
+            _check_certificate(given.certificate, given.key)
+        common = Settings.read(given.naming, given.state)
+        return cls(
+            common,
+            given.host,
+            given.port,
+            _password(given.host, given.password_file),
+            given.certificate,
+            given.key,
+            given.administrator,
+            given.supervisor or common.state / SUPERVISOR,
+            given.recording,
+        )
+
+
+def _check_certificate(certificate: Path, key: Path) -> None:
+    """Raises InvalidSetting for files that a server cannot use."""
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")
+    except (ssl.SSLError, OSError) as error:
+        reason = getattr(error, "reason", "") or error.strerror or str(error)
+        raise InvalidSetting("--certificate", str(certificate), f"not usable with {key} ({reason})") from None
+
+
+def _password(host: str, file: Path | None) -> str:
+    """The password to ask users for; empty if only this machine reaches the console and no file is given."""
+    if file is not None:
+        try:
+            password = file.read_text().split("\n")[0].strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise InvalidSetting("--password-file", str(file), str(error)) from None
+    elif Address(host, 1).is_loopback:
+        return ""
+    elif not sys.stdin.isatty():
+        raise InvalidSetting("--host", host, "other machines reach this address: give a --password-file")
+    else:
+        print(f"Other machines reach {host}: choose a password for the console.", file=sys.stderr)
+        try:
+            password = getpass.getpass("Password: ")
+        except EOFError:
+            raise InvalidSetting("password", "", "none was given") from None
+    if len(password) < MIN_PASSWORD:
+        raise InvalidSetting("--password-file" if file else "password", "", f"shorter than {MIN_PASSWORD} characters")
+    return password

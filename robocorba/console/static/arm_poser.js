@@ -1,0 +1,181 @@
+// A robot in a small 3D view whose hand one drags to where it shall be; the arm follows by inverse kinematics.
+//
+//   <arm-poser :joints="joints" side="left" @change="poseChanged"></arm-poser>
+//
+// joints: 18 angles [rad] in the order of the model; none: arms at the posture `ready`. side: left, right, or both: the
+// right hand mirrors the left one. with-attitude: false if the hand may turn as it likes. use-lumbar: the trunk may
+// move. change: {joints, pose, side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left) hand
+// in the robot's frame, arm: the 7 angles of its arm.
+import { OrbitControls, THREE } from "nicegui-scene";
+import { HandTarget } from "/static/hand_target.js";
+import { call } from "/static/live.js";
+import { ArticulatedRobot, loadRobotShape } from "/static/robot_model.js";
+
+const STEP_M = 0.02, STEP_RAD = Math.PI / 36;
+// Label, icon, key, and the move (ahead, left, up) or turn (roll, pitch, yaw) of one step.
+const STEPS = [
+  ["forward", "north", "ArrowUp", "move", [1, 0, 0]],
+  ["back", "south", "ArrowDown", "move", [-1, 0, 0]],
+  ["to its left", "west", "ArrowLeft", "move", [0, 1, 0]],
+  ["to its right", "east", "ArrowRight", "move", [0, -1, 0]],
+  ["up", "keyboard_double_arrow_up", "PageUp", "move", [0, 0, 1]],
+  ["down", "keyboard_double_arrow_down", "PageDown", "move", [0, 0, -1]],
+  ["roll left", "undo", ",", "turn", [-1, 0, 0]],
+  ["roll right", "redo", ".", "turn", [1, 0, 0]],
+  ["tip up", "vertical_align_top", ";", "turn", [0, -1, 0]],
+  ["tip down", "vertical_align_bottom", "'", "turn", [0, 1, 0]],
+  ["turn left", "rotate_left", "[", "turn", [0, 0, 1]],
+  ["turn right", "rotate_right", "]", "turn", [0, 0, -1]],
+];
+
+// Do the step of a key with a HandTarget; whether there is one.
+export function stepByKey(target, event) {
+  const step = STEPS.find(([, , key]) => key === event.key);
+  if (!step || event.ctrlKey || event.metaKey || event.altKey) return false;
+  stepBy(target, step);
+  event.preventDefault();
+  return true;
+}
+
+function stepBy(target, [, , , kind, values]) {
+  target?.[kind](...values.map((value) => value * (kind === "move" ? STEP_M : STEP_RAD)));
+}
+
+// Buttons for the steps of a hand; `target` is a function that gives the HandTarget.
+export const HandSteps = {
+  props: { target: Function },
+  data: () => ({ steps: STEPS }),
+  template: `
+    <div class="hand-steps" role="group" aria-label="Move the hand">
+      <q-btn v-for="step in steps" :key="step[0]" dense flat size="sm" :icon="step[1]" :aria-label="'Hand ' + step[0]"
+             :title="step[0] + ' (' + step[2] + ')'" @click="go(step)" />
+    </div>`,
+  methods: {
+    go(step) {
+      stepBy(this.target(), step);
+    },
+  },
+};
+
+export const ArmPoser = {
+  components: { HandSteps },
+  props: {
+    joints: { type: Array, default: () => [] },
+    side: { type: String, default: "left" },
+    withAttitude: { type: Boolean, default: true },
+    useLumbar: { type: Boolean, default: false },
+  },
+  emits: ["change"],
+  data: () => ({ problem: "", words: "", message: "loading the robot" }),
+  template: `
+    <div class="arm-poser">
+      <div class="arm-poser-view" ref="view">
+        <canvas ref="canvas" tabindex="0" @keydown="key"
+                aria-label="The robot; arrows, page up and page down move its hand, brackets turn it"></canvas>
+        <div v-if="message" class="console-overlay">{{ message }}</div>
+        <div class="arm-poser-words" :class="{ 'is-problem': problem }" role="status">{{ problem || words }}</div>
+      </div>
+      <hand-steps :target="() => target"></hand-steps>
+    </div>`,
+  async mounted() {
+    try {
+      const [shape, postures] = await Promise.all([loadRobotShape(), call("arm_postures")]);
+      if (this.isGone) return;
+      this.ready = [...postures.ready, ...postures.ready, 0, 0, 0, 0];
+      this.setUp(shape);
+      this.message = "";
+    } catch (error) {
+      this.message = error.message;
+    }
+  },
+  unmounted() {
+    this.isGone = true;
+    this.observer?.disconnect();
+    cancelAnimationFrame(this.frame);
+    window.removeEventListener("robocorba-colors", this.recolor);
+    this.target?.close();
+    this.robot?.close();
+    this.orbit?.dispose();
+    this.renderer?.dispose();
+  },
+  methods: {
+    setUp(shape) {
+      const { canvas, view } = this.$refs;
+      this.scene = new THREE.Scene();
+      this.camera = new THREE.PerspectiveCamera(38, 1, 0.05, 30);
+      this.camera.up.set(0, 0, 1);
+      this.camera.position.set(2.1, 1.5, 1.6);
+      this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8090a0, 2.2));
+      const sun = new THREE.DirectionalLight(0xffffff, 1.6);
+      sun.position.set(3, 2, 5);
+      this.scene.add(sun, new THREE.GridHelper(2, 8, 0x888888, 0x888888).rotateX(Math.PI / 2));
+      this.robot = new ArticulatedRobot(shape);
+      this.scene.add(this.robot.group);
+      this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, powerPreference: "low-power" });
+      this.orbit = new OrbitControls(this.camera, canvas);
+      this.orbit.target.set(0.15, 0, 0.85);
+      this.orbit.enablePan = false;
+      this.orbit.addEventListener("change", () => this.redraw());
+      this.orbit.update();
+      this.target = new HandTarget(this.robot, { camera: this.camera, canvas, orbit: this.orbit }, {
+        changed: (result) => this.changed(result),
+        told: (problem) => (this.problem = problem),
+        redraw: () => this.redraw(),
+      });
+      this.recolor = () => this.redraw();
+      window.addEventListener("robocorba-colors", this.recolor);
+      canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+      canvas.addEventListener("webglcontextrestored", () => this.redraw());
+      this.observer = new ResizeObserver(() => this.resize());
+      this.observer.observe(view);
+      this.resize();
+      this.take();
+    },
+    resize() {
+      const { width, height } = this.$refs.view.getBoundingClientRect();
+      if (!width || !height) return;
+      this.renderer.setSize(width, height);
+      this.camera.aspect = width / height;
+      this.camera.updateProjectionMatrix();
+      this.redraw();
+    },
+    redraw() {
+      this.frame ??= requestAnimationFrame(() => {
+        this.frame = undefined;
+        if (this.isGone) return;
+        this.scene.background = new THREE.Color(document.body.classList.contains("body--dark") ? 0x20262c : 0xe9eef2);
+        this.renderer.render(this.scene, this.camera);
+      });
+    },
+    take() {
+      if (!this.target) return;
+      const options = { side: this.side, with_attitude: this.withAttitude, use_lumbar: this.useLumbar };
+      this.target.set(this.joints?.length ? this.joints : this.ready, options);
+      this.words = inWords(this.target.pose);
+    },
+    changed(result) {
+      this.words = inWords(result.pose);
+      this.own = result.joints;
+      this.$emit("change", result);
+    },
+    key(event) {
+      if (this.target) stepByKey(this.target, event);
+    },
+  },
+  watch: {
+    // Joints that come back from the page after a change of our own are there already.
+    joints(joints) {
+      const isOwn = (joint, number) => Math.abs(joint - this.own[number]) < 1e-9;
+      if (this.own && joints?.length && joints.every(isOwn)) return;
+      this.take();
+    },
+    side() { this.take(); },
+    withAttitude() { this.take(); },
+    useLumbar() { this.take(); },
+  },
+};
+
+export function inWords({ x, y, z, roll, pitch, yaw }) {
+  const degrees = [roll, pitch, yaw].map((angle) => `${Math.round((angle * 180) / Math.PI) + 0}\u00b0`);
+  return `x ${x.toFixed(2)}  y ${y.toFixed(2)}  z ${z.toFixed(2)} m \u00b7 roll, pitch, yaw ${degrees.join(" ")}`;
+}

@@ -1,0 +1,34 @@
+// What has happened, the newest first; a press looks back to the moment before.
+const SIGNS = {
+  collision: "\u2715 collision", stop: "\u25a0 stop", mission: "\u25c6 mission", program: "program", robot: "robot",
+  server: "\u25b2 server", channel: "\u25b2 channel" };
+
+export default {
+  props: { happenings: Array },
+  emits: ["look"],
+  template: `
+    <section aria-label="Events">
+      <p v-if="!happenings.length" class="panel-note">nothing yet: stops, programs, missions, collisions appear here</p>
+      <ol v-else class="happenings">
+        <li v-for="each in newest" :key="each.at + ' ' + each.number">
+          <button type="button" :title="'Look back to ' + clock(each.at)" @click="$emit('look', each)">
+            <time>{{ clock(each.at) }}</time><span :class="'is-' + each.kind">{{ sign(each.kind) }}</span>
+            <span class="happening-text">{{ each.text }}</span>
+          </button>
+        </li>
+      </ol>
+    </section>`,
+  computed: {
+    newest() {
+      return this.happenings.slice(-300).reverse();
+    },
+  },
+  methods: {
+    clock(at) {
+      return new Date(at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" });
+    },
+    sign(kind) {
+      return SIGNS[kind] ?? kind;
+    },
+  },
+};

@@ -1,0 +1,188 @@
+// The panel of files: export and import with their losses, and the picture below a floor; and the map page's methods
+// for it.
+import { call } from "/static/live.js";
+
+const FORMATS = [
+  { name: "native", title: "RoboCorba map (.yaml)" }, { name: "openrmf", title: "Open-RMF (.building.yaml)" },
+  { name: "ros", title: "ROS maps (.yaml and pictures)" }, { name: "nav2", title: "Nav2 route graph (.geojson)" },
+];
+// Larger files don't fit into a request of 8 MiB.
+const MAX_BYTES = 5.5 * 1024 * 1024;
+
+export const FilesPanel = {
+  props: { floor: String, version: Number, underlay: Object },
+  emits: ["replace", "underlay", "roads"],
+  template: `
+    <div class="map-files">
+      <h3 class="console-heading">Export</h3>
+      <label class="map-field"><span>format</span><select v-model="format">
+        <option v-for="each in formats" :key="each.name" :value="each.name">{{ each.title }}</option></select></label>
+      <template v-if="format === 'ros'">
+        <label class="map-field"><span>cell <small>m</small></span><input v-model.number="resolution" type="number"
+            min="0.01" step="0.01"></label>
+        <label class="map-field"><span>picture</span><select
+            v-model="image"><option>pgm</option><option>png</option></select></label>
+      </template>
+      <div class="console-actions"><q-btn dense no-caps color="primary" icon="download" label="Export"
+          :loading="busy === 'export'" @click="export_" /></div>
+      <div v-if="exported" role="status">
+        <p class="map-none">{{ exported.name }} {{ exported.losses.length ? 'lacks:' : 'holds everything.' }}</p>
+        <ul class="map-losses"><li v-for="loss in exported.losses">{{ loss }}</li></ul></div>
+
+      <h3 class="console-heading">Import</h3>
+      <p class="map-none">A RoboCorba map, an Open-RMF building, or ROS maps with their pictures. It replaces the whole
+        building.</p>
+      <div class="map-field"><span>files</span><input type="file" multiple
+          accept=".yaml,.yml,.json,.pgm,.png,.jpg,.jpeg" aria-label="Map files"
+          @change="read($event.target.files)"></div>
+      <label class="map-field"><span>unknown cells of ROS maps</span><select v-model="unknown"
+          @change="again"><option>blocked</option><option>free</option></select></label>
+      <label class="map-field"><span>specks of ROS maps</span><select v-model="specks" @change="again"><option
+          value="walls">remove beside walls</option><option value="all">remove all</option><option
+          value="keep">keep</option></select></label>
+      <label class="map-field"><span>generate roads where there are none</span><input v-model="topology"
+          type="checkbox" @change="again"></label>
+      <q-linear-progress v-if="busy === 'read'" indeterminate />
+      <div v-if="found" role="status">
+        <p class="map-none">{{ found.format }}: {{ found.summary }}</p>
+        <ul class="map-losses"><li v-for="loss in found.losses">{{ loss }}</li><li
+            v-for="warning in found.warnings">warning: {{ warning }}</li></ul>
+        <p v-if="!found.losses.length && !found.warnings.length" class="map-none">Nothing is lost.</p>
+        <div class="console-actions"><q-btn dense no-caps color="primary" icon="upload" label="Replace the building"
+            @click="replace" />
+          <q-btn dense no-caps outline label="Cancel" @click="found = null" /></div></div>
+      <p v-if="problem" class="map-note" role="alert">{{ problem }}</p>
+
+      <h3 class="console-heading">Picture below floor {{ floor }}</h3>
+      <div class="map-field"><span>PNG or JPEG</span><input type="file" accept="image/png,image/jpeg"
+          aria-label="Picture below the floor" @change="readPicture($event.target.files[0])"></div>
+      <template v-if="underlay">
+        <label v-for="[key, title] in placing" :key="key" class="map-field"><span>{{ title }}</span>
+          <input type="number" step="any" :value="underlay[key]" @change="place(key, $event.target)"></label>
+        <div class="console-actions"><q-btn dense no-caps outline icon="delete" label="Remove the picture"
+            @click="$emit('underlay', null)" /></div>
+      </template>
+      <p v-if="pictureProblem" class="map-note" role="alert">{{ pictureProblem }}</p>
+    </div>`,
+  data() {
+    return {
+      formats: FORMATS, format: "native", resolution: 0.05, image: "pgm", unknown: "blocked", specks: "walls",
+        topology: false,
+      busy: "", exported: null, found: null, problem: "", pictureProblem: "", files: null,
+      placing: [["x", "left m"], ["y", "lower edge m"], ["resolution", "m per pixel"]],
+    };
+  },
+  methods: {
+    async export_() {
+      this.busy = "export";
+      this.exported = null;
+      this.problem = "";
+      try {
+        const argument = { format: this.format, resolution: this.resolution, image: this.image };
+        this.exported = await call("map_export", argument);
+        download(this.exported);
+      } catch (error) {
+        this.problem = error.message;
+      } finally {
+        this.busy = "";
+      }
+    },
+    async read(list) {
+      this.files = null;
+      this.found = null;
+      this.problem = "";
+      const files = [...list];
+      if (!files.length) return;
+      if (files.reduce((sum, file) => sum + file.size, 0) > MAX_BYTES) {
+        this.problem = "these files have more than 5.5 MiB; use `robocorba map import` instead";
+        return;
+      }
+      this.files = {};
+      for (const file of files) this.files[file.name] = await base64(file);
+      await this.again();
+    },
+    async again() {
+      if (!this.files) return;
+      this.busy = "read";
+      this.found = null;
+      this.problem = "";
+      try {
+        const { unknown, specks, topology } = this;
+        this.found = await call("map_read_files", { files: this.files, unknown, specks, topology });
+        this.readAt = this.version;
+      } catch (error) {
+        this.problem = error.message;
+      } finally {
+        this.busy = "";
+      }
+    },
+    replace() {
+      this.$emit("replace", { document: this.found.document, version: this.readAt });
+      this.found = null;
+    },
+    async readPicture(file) {
+      this.pictureProblem = "";
+      if (!file) return;
+      if (file.size > MAX_BYTES) this.pictureProblem = "the picture has more than 5.5 MiB";
+      else this.$emit("underlay", { x: 0, y: 0, resolution: 0.05, ...this.underlay, picture: await base64(file) });
+    },
+    place(key, target) {
+      if (Number.isFinite(target.valueAsNumber)) this.$emit("underlay", { ...this.underlay,
+        [key]: target.valueAsNumber });
+      else target.value = this.underlay[key];
+    },
+  },
+};
+
+// Methods of the map page.
+export const fileMethods = {
+  async replace({ document, version }) {
+    const isMade = await this.session.changeWhole("map_replace", { document, version });
+    if (isMade) this.say("the building is replaced; undo brings the old one back");
+  },
+  async loadUnderlay() {
+    const floor = this.current;
+    this.underlay = null;
+    this.canvas.underlay = null;
+    try {
+      const found = await call("map_underlay", { floor });
+      if (floor !== this.current || !found) return;
+      this.underlay = found;
+      const image = new Image();
+      image.src = `data:${found.picture.startsWith("iVBOR") ? "image/png" : "image/jpeg"};base64,${found.picture}`;
+      await image.decode();
+      const { x, y, resolution } = found;
+      if (floor === this.current) this.canvas.underlay = { image, x, y, resolution };
+      this.canvas.redraw();
+    } catch (error) {
+      this.say(`the picture below the floor can't be shown: ${error.message}`, true);
+    }
+  },
+  async setUnderlay(underlay) {
+    try {
+      await call("map_set_underlay", { floor: this.current, ...underlay });
+    } catch (error) {
+      this.say(error.message, true);
+    }
+    await this.loadUnderlay();
+    this.canvas.redraw();
+  },
+};
+
+function base64(file) {
+  return new Promise((resolve, reject) => {
+    const reader = new FileReader();
+    reader.onload = () => resolve(reader.result.slice(reader.result.indexOf(",") + 1));
+    reader.onerror = () => reject(new Error(`${file.name} can't be read`));
+    reader.readAsDataURL(file);
+  });
+}
+
+function download({ name, content }) {
+  const bytes = Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
+  const address = URL.createObjectURL(new Blob([bytes]));
+  const link = document.createElement("a");
+  Object.assign(link, { href: address, download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(address), 10000);
+}

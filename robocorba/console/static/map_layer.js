@@ -1,0 +1,241 @@
+// What the map page draws over a floor: selection with handles, what is being drawn or moved, findings, and paths.
+import { disc, line, polygon, shortened } from "/static/floor_canvas.js";
+
+export const HANDLE_PX = 6;
+// Dashes that tell the modes of paths apart without colours.
+export const PATH_STYLES = {
+  smoothed: { dash: [], width: 3 }, topological: { dash: [10, 5], width: 2.5 }, geometric: { dash: [2, 5], width: 2.5 },
+};
+
+export class MapLayer {
+  constructor() {
+    this.elements = null;
+    this.selected = [];       // records
+    this.handles = [];        // of the only selected one
+    this.ghosts = [];         // records as they will be: {kind, members}
+    this.draft = [];          // points of a half-drawn element
+    this.cursor = null;       // {at, to}: where the next point would be
+    this.frame = null;        // two corners of a rubber band
+    this.tool = null;
+    this.findings = [];
+    this.finding = -1;
+    this.paths = [];          // {mode, points, isChosen}
+    this.ends = [];           // of a path that is being chosen: {floor, x, y}
+  }
+
+  above(context, canvas) {
+    const { elements } = this;
+    if (!elements) return;
+    this.drawPaths(context, canvas);
+    for (const node of elements.of("node")) if (node.members.elevator) this.drawCabinNode(context, canvas, node);
+    for (const record of this.selected) this.drawOutline(context, canvas, record, 3);
+    for (const record of this.ghosts) this.drawOutline(context, canvas, record, 2, [canvas.px(6), canvas.px(4)]);
+    context.fillStyle = canvas.colors.ground;
+    context.strokeStyle = canvas.colors.selected;
+    context.lineWidth = canvas.px(2);
+    for (const handle of this.handles) this.drawHandle(context, canvas, handle);
+    this.drawDraft(context, canvas);
+    if (this.frame) this.drawFrame(context, canvas);
+  }
+
+  drawOutline(context, canvas, record, width, dash = []) {
+    const { points, isClosed } = this.elements.outline(record);
+    if (!points.length) return;
+    context.strokeStyle = context.fillStyle = canvas.colors.selected;
+    context.lineWidth = canvas.px(width);
+    context.setLineDash(dash);
+    if (points.length === 1) {
+      context.beginPath();
+      context.arc(points[0][0], points[0][1], canvas.px(7), 0, 2 * Math.PI);
+      context.stroke();
+    } else {
+      trace(context, points, isClosed);
+      if (isClosed) {
+        context.globalAlpha = 0.12;
+        context.fill();
+        context.globalAlpha = 1;
+      }
+      if (!dash.length) { // a halo, since movable objects are of a similar colour
+        context.strokeStyle = canvas.colors.ground;
+        context.lineWidth = canvas.px(width + 4);
+        context.stroke();
+        context.strokeStyle = canvas.colors.selected;
+        context.lineWidth = canvas.px(width);
+      }
+      context.stroke();
+    }
+    context.setLineDash([]);
+  }
+
+  drawHandle(context, canvas, { at, isTurn }) {
+    const size = canvas.px(HANDLE_PX);
+    context.beginPath();
+    if (isTurn) context.arc(at[0], at[1], size, 0, 2 * Math.PI);
+    else context.rect(at[0] - size, at[1] - size, 2 * size, 2 * size);
+    context.fill();
+    context.stroke();
+  }
+
+  // A ring: such a node belongs to its elevator.
+  drawCabinNode(context, canvas, { members }) {
+    context.strokeStyle = canvas.colors.node;
+    context.lineWidth = canvas.px(1.5);
+    context.beginPath();
+    context.arc(members.at[0], members.at[1], canvas.px(7), 0, 2 * Math.PI);
+    context.stroke();
+  }
+
+  drawDraft(context, canvas) {
+    const { draft, cursor, tool } = this;
+    if (!tool?.points) return;
+    const points = cursor ? [...draft, cursor.at] : draft;
+    context.strokeStyle = context.fillStyle = canvas.colors.selected;
+    context.lineWidth = canvas.px(2.5);
+    if (points.length > 1) {
+      context.setLineDash([canvas.px(7), canvas.px(4)]);
+      if (tool.name === "room" || tool.name === "box") {
+        const [[x0, y0], [x1, y1]] = points;
+        context.strokeRect(Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0));
+      } else if (tool.name === "circle") {
+        context.beginPath();
+        context.arc(points[0][0], points[0][1], Math.hypot(points[1][0] - points[0][0], points[1][1] - points[0][1]), 0,
+          7);
+        context.stroke();
+      } else {
+        trace(context, points, ["polygon", "area", "outline"].includes(tool.name));
+        context.stroke();
+      }
+      context.setLineDash([]);
+    }
+    for (const point of draft) disc(context, point[0], point[1], canvas.px(4));
+    if (cursor) this.drawCursor(context, canvas, cursor);
+  }
+
+  // The shape says what the point snaps to: square end, circle node, cross line, small cross grid or direction.
+  drawCursor(context, canvas, { at: [x, y], to }) {
+    const size = canvas.px(to === "grid" || to === "direction" || !to ? 5 : 7);
+    context.lineWidth = canvas.px(2);
+    context.beginPath();
+    if (to === "node") context.arc(x, y, size, 0, 2 * Math.PI);
+    else if (to === "end") context.rect(x - size, y - size, 2 * size, 2 * size);
+    else if (to === "line") {
+      context.moveTo(x - size, y - size);
+      context.lineTo(x + size, y + size);
+      context.moveTo(x - size, y + size);
+      context.lineTo(x + size, y - size);
+    } else {
+      context.moveTo(x - size, y);
+      context.lineTo(x + size, y);
+      context.moveTo(x, y - size);
+      context.lineTo(x, y + size);
+    }
+    context.stroke();
+  }
+
+  drawFrame(context, canvas) {
+    const [[x0, y0], [x1, y1]] = this.frame;
+    context.strokeStyle = context.fillStyle = canvas.colors.selected;
+    context.lineWidth = canvas.px(1);
+    context.globalAlpha = 0.1;
+    context.fillRect(x0, y0, x1 - x0, y1 - y0);
+    context.globalAlpha = 1;
+    context.strokeRect(x0, y0, x1 - x0, y1 - y0);
+  }
+
+  drawPaths(context, canvas) {
+    context.strokeStyle = context.fillStyle = canvas.colors.path;
+    const floor = this.elements.floor;
+    for (const path of [...this.paths].sort((a, b) => a.isChosen - b.isChosen)) {
+      const style = PATH_STYLES[path.mode];
+      context.globalAlpha = path.isChosen ? 1 : 0.45;
+      context.lineWidth = canvas.px(style.width + (path.isChosen ? 1.5 : 0));
+      context.setLineDash(style.dash.map((pixels) => canvas.px(pixels)));
+      path.points.forEach((point, n) => {
+        const before = path.points[n - 1];
+        if (before && before.floor === floor && point.floor === floor) line(context, [before.x, before.y], [point.x,
+          point.y]);
+      });
+    }
+    context.setLineDash([]);
+    context.globalAlpha = 1;
+    for (const end of this.ends) if (end.floor === floor) disc(context, end.x, end.y, canvas.px(6));
+  }
+
+  labels(context, canvas) {
+    if (!this.elements) return;
+    const { colors } = canvas;
+    const write = (text, [px, py], color) => {
+      context.lineWidth = 3;
+      context.strokeStyle = colors.ground;
+      context.strokeText(text, px, py);
+      context.fillStyle = color;
+      context.fillText(text, px, py);
+    };
+    context.font = "12px system-ui, sans-serif";
+    context.textAlign = "center";
+    context.textBaseline = "bottom";
+    if (canvas.scale > 25) {
+      for (const node of this.elements.of("node")) {
+        const [px, py] = canvas.pixel(...node.members.at);
+        write(shortened(node.name, 16), [px, py - 8], colors.node);
+      }
+      for (const object of this.elements.of("object")) {
+        const [px, py] = canvas.pixel(...object.members.at);
+        write(shortened(object.name, 18), [px, py + 6], colors.text);
+      }
+    }
+    this.ends.forEach((end, n) => {
+      if (end.floor !== this.elements.floor) return;
+      const [px, py] = canvas.pixel(end.x, end.y);
+      write(n ? "goal" : "start", [px, py - 9], colors.path);
+    });
+    this.drawFindings(context, canvas);
+    this.drawLength(canvas, write);
+  }
+
+  // A triangle with an exclamation mark at each place.
+  drawFindings(context, canvas) {
+    this.findings.forEach((finding, n) => {
+      if (finding.floor !== this.elements.floor || finding.x === undefined) return;
+      const [px, py] = canvas.pixel(finding.x, finding.y);
+      const size = n === this.finding ? 13 : 9;
+      context.fillStyle = canvas.colors.locked;
+      context.strokeStyle = canvas.colors.ground;
+      context.lineWidth = 2;
+      context.beginPath();
+      context.moveTo(px, py - size);
+      context.lineTo(px + size, py + size * 0.8);
+      context.lineTo(px - size, py + size * 0.8);
+      context.closePath();
+      context.stroke();
+      context.fill();
+      context.fillStyle = canvas.colors.ground;
+      context.textBaseline = "middle";
+      context.font = `bold ${size + 2}px system-ui, sans-serif`;
+      context.fillText("!", px, py + 1);
+    });
+    context.textBaseline = "bottom";
+    context.font = "12px system-ui, sans-serif";
+  }
+
+  // The length of what is being drawn, beside the cursor.
+  drawLength(canvas, write) {
+    const last = this.draft[this.draft.length - 1];
+    if (!last || !this.cursor || !this.tool?.points) return;
+    const [dx, dy] = [this.cursor.at[0] - last[0], this.cursor.at[1] - last[1]];
+    const [px, py] = canvas.pixel(...this.cursor.at);
+    const isFrame = this.tool.name === "room" || this.tool.name === "box";
+    const text = isFrame
+      ? `${Math.abs(dx).toFixed(2)} \u00d7 ${Math.abs(dy).toFixed(2)} m`
+      : `${Math.hypot(dx, dy).toFixed(2)} m, ${((Math.atan2(dy, dx) * 180) / Math.PI).toFixed(0)}\u00b0`;
+    write(text, [px, py - 12], canvas.colors.text);
+  }
+}
+
+function trace(context, points, isClosed) {
+  if (isClosed) polygon(context, points);
+  else {
+    context.beginPath();
+    points.forEach(([x, y], n) => (n ? context.lineTo(x, y) : context.moveTo(x, y)));
+  }
+}

@@ -1,0 +1,149 @@
+// A tab's session at the map editor: its edits, what it can undo, and the news of other editors.
+import { call } from "/static/live.js";
+import { Elements } from "/static/map_model.js";
+
+const AUTHOR = "robocorba-author";
+const MAX_NEWS = 50;
+// Pause before the next attempt when the server does not answer.
+const RETRY_MS = 2000;
+const ENDED = "the session of this page has ended";
+
+export class MapSession {
+  // changed(): called when elements, news or what can be undone have changed. say(text, isProblem): tell the user.
+  constructor(changed, say) {
+    Object.assign(this, { changed, say, key: "", version: 0, undoable: "", redoable: "", news: [], floor: "" });
+    this.author = localStorage.getItem(AUTHOR) || "operator";
+    this.elements = new Elements();
+    this.own = new Set();
+    // The version after an edit of the whole building or its roads, which is outside the session.
+    this.whole = 0;
+    // The promise of the load that is under way, and whether it must load once more.
+    this.loading = null;
+    this.isWaiting = false;
+  }
+
+  async open() {
+    const { session, version } = await call("map_open", { author: this.author });
+    this.key = session;
+    if (!this.version) this.version = version;
+  }
+
+  close() {
+    if (!this.key) return;
+    fetch("/call/map_close", {
+      method: "POST", keepalive: true, headers: { "Content-Type": "application/json" },
+      body: JSON.stringify({ session: this.key }),
+    }).catch(() => {}); // the server ends silent sessions by itself
+    this.key = "";
+  }
+
+  end() {
+    this.isClosed = true;
+    clearTimeout(this.timer);
+    this.close();
+  }
+
+  async rename(author) {
+    this.author = author.trim().slice(0, 60) || "operator";
+    localStorage.setItem(AUTHOR, this.author);
+    this.close();
+    await this.refresh();
+  }
+
+  // Load elements and news as they are now; calls while a load is under way share one more load after it.
+  refresh(floor = this.floor) {
+    this.floor = floor;
+    this.isWaiting = true;
+    this.loading ??= this.load();
+    return this.loading;
+  }
+
+  async load() {
+    try {
+      while (this.isWaiting) {
+        this.isWaiting = false;
+        const wanted = this.floor;
+        const [answer, news] = await Promise.all([
+          call("map_floor", { floor: wanted }), this.inSession("map_news", () => ({ since: this.version })),
+        ]);
+        if (wanted === this.floor) this.elements = new Elements(wanted, answer);
+        this.takeNews(news);
+      }
+      this.problem = "";
+    } catch (error) {
+      this.problem = error.message;
+      clearTimeout(this.timer);
+      if (!this.isClosed) this.timer = setTimeout(() => this.refresh(), RETRY_MS);
+    } finally {
+      this.loading = null;
+    }
+    this.changed();
+  }
+
+  // Call an operation of the session; a session that the console has ended, or forgot in a restart, is opened anew.
+  async inSession(operation, argument) {
+    if (!this.key) await this.open();
+    try {
+      return await call(operation, { session: this.key, ...argument() });
+    } catch (error) {
+      if (!error.message.startsWith(ENDED)) throw error;
+      await this.open();
+      return call(operation, { session: this.key, ...argument() });
+    }
+  }
+
+  takeNews({ version, edits, undoable, redoable, note }) {
+    Object.assign(this, { version, undoable, redoable });
+    if (note) this.say(note);
+    if (edits === null) this.say("the building has been replaced");
+    for (const edit of edits ?? []) {
+      const isOwn = this.own.has(edit.version);
+      const text = `${isOwn ? "you" : edit.author || "somebody"}: ${edit.summary}`;
+      this.news.unshift({ ...edit, isOwn, text });
+      if (!isOwn) this.say(text);
+    }
+    this.news.length = Math.min(this.news.length, MAX_NEWS);
+  }
+
+  // Make edits as one step. Returns the answer: {version} or {refused}; undefined if the server did not answer.
+  edit(edits) {
+    return this.change("map_edit", { edits });
+  }
+
+  undo() {
+    const isWhole = this.whole && this.whole === this.version;
+    return isWhole ? this.changeWhole("map_undo_whole", { version: this.whole }) : this.change("map_undo");
+  }
+
+  redo() {
+    return this.change("map_redo");
+  }
+
+  async change(operation, argument = {}) {
+    try {
+      const answer = await this.inSession(operation, () => argument);
+      if (answer.note) this.say(answer.note);
+      if (answer.version) this.own.add(answer.version);
+      await this.refresh();
+      return answer;
+    } catch (error) {
+      this.say(error.message, true);
+      await this.refresh();
+      return undefined;
+    }
+  }
+
+  // An edit outside the session, such as of the whole building. Returns whether it was made.
+  async changeWhole(operation, argument) {
+    try {
+      const version = await call(operation, argument);
+      this.own.add(version);
+      this.whole = operation === "map_undo_whole" ? 0 : version;
+      await this.refresh();
+      return true;
+    } catch (error) {
+      this.say(error.message, true);
+      return false;
+    }
+  }
+}

@@ -1,0 +1,378 @@
+// The monitor page: a live floor beside robots, events, channels and processes, and a timeline to look back.
+import { FloorCanvas } from "/static/floor_canvas.js";
+import { call, live } from "/static/live.js";
+import { Collisions, ageText, robotRows } from "/static/robot_rows.js";
+import { BodyDrag } from "/static/body_drag.js";
+import { MonitorScene } from "/static/monitor_scene.js";
+import ChannelGraph from "/static/channel_graph.js";
+import HappeningList from "/static/happening_list.js";
+import ProcessList from "/static/process_list.js";
+import RobotPanel from "/static/robot_panel.js";
+import RobotTable from "/static/robot_table.js";
+import SimulationBar from "/static/simulation_bar.js";
+import TabList from "/static/tab_list.js";
+import TimeBar from "/static/time_bar.js";
+
+const PAN_PX = 60;
+// Look back so long before an event [s].
+const BEFORE_S = 3;
+const RIGHTS_MS = 5000;
+// Events are kept for this time [s].
+const KEPT_S = 1800;
+
+export default {
+  components: { ChannelGraph, HappeningList, ProcessList, RobotPanel, RobotTable, SimulationBar, TabList, TimeBar },
+  template: `
+    <div class="console-split">
+      <section class="monitor-main">
+        <div class="monitor-bar">
+          <TabList label="Floors" :names="shownFloors" :chosen="current" :counts="counts" @choose="show" />
+          <SimulationBar :rights="rights" />
+        </div>
+        <div class="console-scene" :class="{ 'is-picking': isPicking, 'is-past': !past.isLive }">
+          <canvas ref="canvas" tabindex="0" role="application"
+                  :aria-label="'Floor ' + current + '; + and - zoom, 0 shows all, arrows move, F follows'"></canvas>
+          <div v-if="!hasPlan" class="console-overlay">{{ message }}</div>
+          <div v-if="!past.isLive" class="scene-note" role="status">
+            <strong>{{ past.recording ? "recording" : "past" }}</strong> {{ pastNote }}
+          </div>
+          <div v-else-if="trouble" class="scene-note is-problem" role="status">{{ trouble }}</div>
+          <div v-else-if="hint" class="scene-note" role="status">{{ hint }}</div>
+          <div class="console-tools" role="toolbar" aria-label="View">
+            <q-btn v-for="tool in tools" :key="tool.name" dense round :color="tool.isOn ? 'accent' : 'primary'"
+                   :icon="tool.icon" :aria-label="tool.title" :aria-pressed="tool.isOn" :title="tool.title"
+                   :disable="tool.disable" @click="tool.press" />
+          </div>
+        </div>
+        <TimeBar ref="time" :floor="current" :happenings="events" @show="showTime" />
+      </section>
+      <aside class="console-side" aria-label="Details">
+        <TabList label="Details" :names="sides" :chosen="side" @choose="side = $event" />
+        <div v-show="side === 'Robots'" class="side-robots">
+          <RobotTable :robots="robots" :selected="selected" :is-connected="floors.length > 0" @select="select" />
+          <RobotPanel v-if="robot" class="robot-panel" :robot="robot" :scans="scans" :rights="rights" :floors="floors"
+                      :is-past="!past.isLive"
+                      :process="processes[robot.name]" @forgotten="select('')" />
+          <p v-else-if="robots.length" class="panel-note">Select a robot here or on the map.</p>
+        </div>
+        <HappeningList v-if="side === 'Events'" :happenings="events" @look="lookBack" />
+        <ChannelGraph v-if="side === 'Channels'" />
+        <ProcessList v-if="side === 'Processes'" :floors="floors" :channels="channels" :rights="rights" :picked="picked"
+                     @pick="pick" @processes="setProcesses" />
+      </aside>
+    </div>`,
+  data() {
+    return {
+      floors: [], current: "", counts: {}, robots: [], selected: "", isFollowing: false, hasPlan: false,
+        message: "connecting",
+      sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], rights: {}, happenings: [],
+        missions: [], channels: [],
+      past: { isLive: true }, trouble: "", shown: { scans: true, ways: true, roads: false }, isMoving: false,
+        isPicking: false,
+      picked: null, processes: {},
+    };
+  },
+  computed: {
+    shownFloors() {
+      return this.past.floors ?? this.floors;
+    },
+    robot() {
+      return this.robots.find((each) => each.name === this.selected);
+    },
+    // What has happened, with the missions that began and ended, the oldest first.
+    events() {
+      return [...this.happenings, ...this.missions].sort((a, b) => a.at - b.at);
+    },
+    hint() {
+      if (this.isPicking) return "click a free place; Escape cancels";
+      return this.isMoving ? "drag a robot or an object; Q and E turn it, Escape cancels" : "";
+    },
+    pastNote() {
+      if (!this.past.at) return "";
+      const at = new Date(this.past.at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" });
+      const last = this.past.recording ? undefined
+        : this.events.filter((each) => each.at <= this.past.at && each.at > this.past.at - BEFORE_S).pop();
+      return last ? `${at}: ${last.text}` : at;
+    },
+    tools() {
+      const toggle = (name, icon, title) => ({
+        name, icon, title, isOn: this.shown[name],
+        press: () => {
+          this.shown[name] = !this.shown[name];
+          this.showLayers();
+        },
+      });
+      const view = (name, icon, title, press) => ({ name, icon, title, press });
+      return [
+        view("fit", "fit_screen", "Show the whole floor (0)", () => this.canvas.fit()),
+        view("enlarge", "add", "Enlarge (+)", () => this.canvas.zoom(1.4)),
+        view("reduce", "remove", "Reduce (-)", () => this.canvas.zoom(1 / 1.4)),
+        {
+          name: "follow", icon: "my_location", title: "Follow the selected robot (F)", isOn: this.isFollowing,
+          press: () => this.follow(),
+        },
+        toggle("scans", "sensors", "Lasers and proximity"),
+        toggle("ways", "route", "Planned ways and reserved areas"),
+        toggle("roads", "hub", "Nodes and edges"),
+        {
+          name: "move", icon: "open_with", isOn: this.isMoving, disable: !this.rights.administrator
+            || !this.past.isLive,
+          title: this.rights.administrator ? "Drag robots and objects" : "Dragging needs --administrator FILE",
+          press: () => { this.isMoving = !this.isMoving; },
+        },
+      ];
+    },
+  },
+  mounted() {
+    this.canvas = new FloorCanvas(this.$refs.canvas, { pointer: (...news) => this.pointer(...news) });
+    this.scene = new MonitorScene(this.canvas);
+    this.collisions = this.scene.collisions = new Collisions();
+    this.drag = new BodyDrag(this.scene);
+    this.lastHappening = 0;
+    this.unlisten = live.listen((kind, name) => this.news(kind, name));
+    this.recolor = () => this.canvas.redraw();
+    this.onKey = (event) => this.key(event);
+    window.addEventListener("robocorba-colors", this.recolor);
+    window.addEventListener("keydown", this.onKey);
+    this.timer = setInterval(() => this.updateTable(), 1000);
+    this.rightsTimer = setInterval(() => this.askRights(), RIGHTS_MS);
+    this.askRights();
+    this.news("connection");
+  },
+  unmounted() {
+    this.unlisten();
+    live.want(this);
+    clearInterval(this.timer);
+    clearInterval(this.rightsTimer);
+    window.removeEventListener("robocorba-colors", this.recolor);
+    window.removeEventListener("keydown", this.onKey);
+    this.canvas.close();
+  },
+  watch: {
+    selected() {
+      this.canvas.selected = this.selected;
+      this.updateTable();
+      this.canvas.redraw();
+    },
+    isMoving() {
+      if (!this.isMoving) this.drag.cancel();
+    },
+  },
+  methods: {
+    news(kind, name) {
+      if (kind === "connection") {
+        this.floors = live.names;
+        if (this.past.isLive && !this.floors.includes(this.current)) this.show(this.floors[0] ?? "");
+        if (!this.floors.length) this.message = live.problems.floors || "connecting";
+      }
+      if (kind === "floor" && name === this.current && this.past.isLive) {
+        this.followBody();
+        this.canvas.redraw();
+      }
+      if (kind === "scans" && name === this.current) this.takeScans();
+      if (kind === "reservations") this.scene.reservations = live.reservations;
+      if (kind === "scans" || kind === "reservations") this.canvas.redraw();
+      if (kind === "connection" || kind === "plan") this.showPlan();
+      if (kind === "state" || kind === "connection") this.updateTable();
+      if (kind === "missions") this.missions = missionEvents(live.missions.values(),
+        (live.state?.past[1] ?? 0) - KEPT_S);
+    },
+    show(floor) {
+      this.current = this.scene.floorName = floor;
+      this.scene.scans = [];
+      this.drag.cancel();
+      this.showLayers();
+      if (this.past.isLive) this.canvas.floor = floor ? live.floor(floor) : null;
+      this.showPlan();
+    },
+    showLayers() {
+      const { current, shown } = this;
+      this.scene.shown = shown;
+      this.canvas.isShownRoadmap = shown.roads;
+      live.want(this, current
+        ? { floors: [current], scans: shown.scans ? [current] : [], reservations: shown.ways, missions: true }
+          : undefined);
+      if (!shown.scans) this.scene.scans = [];
+      this.canvas.redraw();
+    },
+    async showPlan() {
+      const { current, past } = this;
+      if (past.recording) {
+        const plan = await this.recordedPlan(past.recording, current);
+        if (current !== this.current || past.recording !== this.past.recording) return;
+        this.setPlan(plan);
+      } else this.setPlan(current ? live.plan(current) : undefined);
+    },
+    setPlan(plan) {
+      this.hasPlan = Boolean(plan);
+      if (plan) this.canvas.setPlan(plan);
+      else if (this.current) this.message = "loading the map";
+    },
+    async recordedPlan(recording, floor) {
+      this.recordedPlans ??= new Map();
+      const key = `${recording}\n${floor}`;
+      if (!this.recordedPlans.has(key)) {
+        const answer = await fetch(`/plan?${new URLSearchParams({ floor, recording })}`).catch(() => null);
+        if (answer?.ok) this.recordedPlans.set(key, await answer.json());
+      }
+      return this.recordedPlans.get(key);
+    },
+    // News of the time bar: {isLive} or a floor of the past.
+    showTime(news) {
+      const wasOther = news.isLive !== this.past.isLive || news.recording !== this.past.recording;
+      this.past = { ...news, floors: news.isLive || !news.recording ? undefined : news.floors ?? this.past.floors };
+      this.scene.isPast = !news.isLive;
+      if (!news.isLive) this.isMoving = false;
+      const names = this.shownFloors;
+      if (!names.includes(this.current)) this.show(names[0] ?? "");
+      else if (wasOther) this.show(this.current);
+      if (news.floor && news.floor.name === this.current) this.canvas.floor = news.floor;
+      this.followBody();
+      this.canvas.redraw();
+    },
+    lookBack(happening) {
+      if (this.floors.includes(happening.floor)) this.show(happening.floor);
+      if (happening.robot) this.selected = happening.robot;
+      this.$refs.time.recording = "";
+      this.$nextTick(() => this.$refs.time.seek(happening.at - BEFORE_S));
+    },
+    updateTable() {
+      const { state } = live;
+      if (!state) return;
+      const wait = (performance.now() - live.stateAt) / 1000;
+      const rows = robotRows(state, live.isConnected ? Math.min(wait, 1) : wait);
+      this.counts = {};
+      for (const row of rows) {
+        if (row.isHere) this.counts[row.floor] = (this.counts[row.floor] ?? 0) + 1;
+        row.news = ageText(row.age);
+      }
+      this.collisions.update(state.server.state?.state.collisions ?? null, live.floor(this.current),
+        live.plan(this.current));
+      for (const row of rows) row.word = this.collisions.has(row.name) ? "\u2715 collision" : row.condition;
+      this.robots = rows;
+      this.scene.robots = new Map(rows.map((row) => [row.name, row]));
+      this.channels = Object.keys(state.channels);
+      this.noteTrouble();
+      if (this.isFollowing && this.past.isLive && this.robot?.isHere && this.robot.floor !== this.current
+        && this.floors.includes(this.robot.floor)) {
+        this.show(this.robot.floor);
+      }
+      if (state.happenings < this.lastHappening) this.lastHappening = 0; // another process of the console counts anew
+      if (state.happenings > this.lastHappening) this.loadHappenings();
+      this.takeScans();
+      this.canvas.redraw();
+    },
+    // Since when the shown floor is not up to date, and why.
+    noteTrouble() {
+      const lost = !live.isConnected ? "the console does not answer" : live.problems.floors || "";
+      if (!lost) this.lostAt = undefined;
+      else this.lostAt ??= performance.now();
+      this.scene.floorAge = lost ? Math.max((performance.now() - this.lostAt) / 1000, 0.1) : 0;
+      const isShown = lost && this.hasPlan;
+      this.trouble = isShown ? `shown as it was ${ageText(this.scene.floorAge)} ago` : (!lost && live.problems.sensors)
+        || "";
+    },
+    takeScans() {
+      this.scene.scans = this.shown.scans ? live.scansOn(this.current) : [];
+      this.scans = this.scene.scans.filter((scan) => scan.robot === this.selected);
+    },
+    async loadHappenings() {
+      if (this.isAsking) return;
+      this.isAsking = true;
+      try {
+        const news = await call("happenings", { after: this.lastHappening });
+        this.lastHappening = news.at(-1)?.number ?? this.lastHappening;
+        // A state that is older than the last answer looks like that of another process: some come twice.
+        const known = new Set(this.happenings.map(({ at, number }) => `${at} ${number}`));
+        const fresh = news.filter(({ at, number }) => !known.has(`${at} ${number}`));
+        this.happenings = [...this.happenings, ...fresh].slice(-2000);
+      } catch {
+        // the connection is lost, which the header says; asked again with the next news
+      } finally {
+        this.isAsking = false;
+      }
+    },
+    async askRights() {
+      try {
+        this.rights = await call("rights");
+      } catch {
+        this.rights = {};
+      }
+      if (!this.rights.supervisor) return;
+      await call("processes").then((rows) => this.setProcesses(rows)).catch(() => {});
+    },
+    setProcesses(rows) {
+      this.processes = Object.fromEntries(rows.filter((row) => row.robot).map((row) => [row.robot, row]));
+    },
+    select(name) {
+      this.selected = name;
+      const robot = this.robots.find((each) => each.name === name);
+      if (this.past.isLive && robot?.floor && robot.floor !== this.current
+        && this.floors.includes(robot.floor)) this.show(robot.floor);
+    },
+    follow() {
+      this.isFollowing = !this.isFollowing;
+      this.followBody();
+    },
+    followBody() {
+      if (!this.isFollowing || !this.selected) return;
+      const body = this.canvas.floor?.body(this.selected);
+      if (body) this.canvas.centreOn(body.x, body.y);
+    },
+    pick(isPicking) {
+      this.isPicking = isPicking;
+      if (!isPicking) this.picked = null;
+    },
+    pointer(kind, event, point) {
+      if (this.drag.isActive) return this.drag.pointer(kind, point);
+      if (kind !== "down") return false;
+      if (this.isPicking) {
+        this.picked = { floor: this.current, x: point[0], y: point[1] };
+        this.isPicking = false;
+        return true;
+      }
+      const body = this.canvas.bodyAt(point) ?? this.scene.lostAt(point);
+      if (!body) return false;
+      if (body.kind !== "object") this.select(body.name);
+      const mayMove = this.isMoving && this.past.isLive && body.number !== undefined;
+      return mayMove && this.drag.begin(body, point, this.current);
+    },
+    key(event) {
+      const { target } = event;
+      if (event.ctrlKey || event.metaKey || event.altKey
+        || target.closest("input, select, textarea, [contenteditable]")) return;
+      const moves = { ArrowLeft: [PAN_PX, 0], ArrowRight: [-PAN_PX, 0], ArrowUp: [0, PAN_PX], ArrowDown: [0, -PAN_PX] };
+      if (event.key === "Escape") this.escape();
+      else if (this.drag.isActive && "qQ".includes(event.key)) this.drag.turn(1);
+      else if (this.drag.isActive && "eE".includes(event.key)) this.drag.turn(-1);
+      else if (moves[event.key] && [this.$refs.canvas, document.body].includes(target)) {
+        this.canvas.pan(...moves[event.key]);
+      }
+      else if (event.key === "+" || event.key === "=") this.canvas.zoom(1.4);
+      else if (event.key === "-") this.canvas.zoom(1 / 1.4);
+      else if (event.key === "0") this.canvas.fit();
+      else if (event.key === "f" || event.key === "F") this.follow();
+      else return;
+      event.preventDefault();
+    },
+    // Ends one thing: a drag, picking, the tool, following, the selection.
+    escape() {
+      if (this.drag.isActive) this.drag.cancel();
+      else if (this.isPicking) this.pick(false);
+      else if (this.isMoving) this.isMoving = false;
+      else if (this.isFollowing) this.isFollowing = false;
+      else this.selected = "";
+    },
+  },
+};
+
+// The begin and the end of each mission since a time, as happenings.
+function missionEvents(missions, since) {
+  const event = ({ name, leader }, what, at, text) => ({
+    number: `${what} ${name}`, at, kind: "mission", robot: leader, floor: "", text: `mission ${name} ${text}`,
+  });
+  return [...missions].flatMap((mission) => [
+    event(mission, "begin", mission.begun, "has begun"),
+    mission.ended && event(mission, "end", mission.ended, `has ended, ${mission.result}${mission.reason ? `: ${mission.reason}` : ""}`),
+  ]).filter((each) => each && each.at >= since);
+}

@@ -1,0 +1,81 @@
+// The header of all pages. The emergency stop acts at once, without a question.
+import { call, live } from "/static/live.js";
+
+export default {
+  props: { pages: Array, current: String },
+  template: `
+    <header class="console-header">
+      <span class="console-brand">RoboCorba</span>
+      <nav style="display: flex; gap: 2px" aria-label="Pages">
+        <a v-for="page in pages" :key="page.address" :href="page.address" :title="page.title"
+           :aria-current="page.title === current ? 'page' : undefined">
+          <q-icon :name="page.icon" size="18px" /> <span>{{ page.title }}</span>
+        </a>
+      </nav>
+      <span class="console-status" :class="{ 'is-problem': problem }" role="status">{{ problem || summary }}</span>
+      <q-btn flat round dense :icon="isDark ? 'light_mode' : 'dark_mode'" :aria-label="isDark ? 'Light' : 'Dark'"
+             @click="toggleDark" />
+      <q-btn class="console-stop" dense icon="front_hand" label="Stop all" no-caps :loading="isStopping" @click="stopAll"
+             aria-label="Emergency stop of all robots" />
+    </header>`,
+  data() {
+    return { problem: "connecting", summary: "", isStopping: false, isDark: false };
+  },
+  mounted() {
+    const wanted = localStorage.getItem("robocorba-dark");
+    const isDark = wanted ? wanted === "yes" : window.matchMedia("(prefers-color-scheme: dark)").matches;
+    this.setDark(isDark);
+    this.unlisten = live.listen((kind) => kind !== "floor" && this.update());
+    this.timer = setInterval(() => this.update(), 1000);
+    this.handshakeTimer = setInterval(() => this.leaveNiceGui(), 250);
+    this.update();
+  },
+  unmounted() {
+    this.unlisten();
+    clearInterval(this.timer);
+    clearInterval(this.handshakeTimer);
+  },
+  methods: {
+    // Pages need NiceGUI's own connection no more once they are built; it would reload them, and lose what users have
+    // typed, when the console's process was replaced.
+    leaveNiceGui() {
+      if (!window.did_handshake) return;
+      clearInterval(this.handshakeTimer);
+      window.socket.disconnect();
+    },
+    update() {
+      const server = live.state?.server;
+      if (!live.isConnected) this.problem = "the console does not answer; reconnecting";
+      else if (live.problems.floors) this.problem = live.problems.floors;
+      else if (live.problems.map) this.problem = live.problems.map;
+      else this.problem = server?.problem || live.state?.naming || "";
+      const state = server?.state?.state;
+      if (state) {
+        const pace = state.paused ? "paused" : `${state.achieved.toFixed(2)} x real time`;
+        this.summary = `${state.robots} of at most ${state.limit} robots \u00b7 ${state.time.toFixed(1)} s \u00b7 ${pace}`;
+      }
+    },
+    async stopAll() {
+      this.isStopping = true;
+      try {
+        const failed = Object.entries(await call("stop_all"));
+        const message = failed.map(([robot, reason]) => `${robot}: ${reason}`).join("; ");
+        if (failed.length) this.$q.notify({ type: "negative", message: `not stopped: ${message}`, timeout: 0, closeBtn: true });
+        else this.$q.notify({ type: "positive", message: "all robots are stopped" });
+      } catch (error) {
+        this.$q.notify({ type: "negative", message: error.message, timeout: 0, closeBtn: true });
+      } finally {
+        this.isStopping = false;
+      }
+    },
+    toggleDark() {
+      this.setDark(!this.isDark);
+      localStorage.setItem("robocorba-dark", this.isDark ? "yes" : "no");
+    },
+    setDark(isDark) {
+      this.isDark = isDark;
+      this.$q.dark.set(isDark);
+      window.dispatchEvent(new Event("robocorba-colors"));
+    },
+  },
+};

@@ -1,0 +1,131 @@
+// The processes of the supervisor: their state and their logs, robots to start and to end.
+import { call } from "/static/live.js";
+import { ageText } from "/static/robot_rows.js";
+import SureButton from "/static/sure_button.js";
+
+const REFRESH_MS = 1000;
+const LOG_LINES = 200;
+
+export default {
+  components: { SureButton },
+  props: { floors: Array, channels: Array, rights: Object, picked: Object },
+  emits: ["pick", "processes"],
+  template: `
+    <section aria-label="Processes">
+      <form class="start-form" @submit.prevent="start">
+        <label class="wide">New robot <input v-model.trim="order.name" required maxlength="60"
+               placeholder="name, such as R5"></label>
+        <label>floor <select v-model="order.floor"><option value="">lowest</option>
+          <option v-for="floor in floors" :key="floor">{{ floor }}</option></select></label>
+        <label>channel <select v-model="order.channel"><option value="">none</option>
+          <option v-for="channel in channels" :key="channel">{{ channel }}</option></select></label>
+        <q-btn dense no-caps outline icon="place" :label="place" title="Pick its place on the map" @click="pick" />
+        <q-btn v-if="order.at" dense flat round icon="close" aria-label="First free place" title="First free place"
+               @click="order.at = null" />
+        <q-btn dense no-caps color="primary" type="submit" label="Start" :loading="isStarting"
+               :disable="!rights.supervisor" />
+      </form>
+      <p v-if="error" class="panel-error is-problem" role="alert">{{ error }}</p>
+      <p v-if="isPicking" class="panel-note" role="status">Click a free place on the map; Escape cancels.</p>
+      <p v-if="problem" class="panel-note">{{ problem }}</p>
+      <table v-if="rows.length" class="console-table">
+        <thead><tr><th>Process</th><th>State</th><th>Since</th><th>Starts</th><th></th></tr></thead>
+        <tbody><tr v-for="row in rows" :key="row.name" tabindex="0" :aria-selected="row.name === logOf"
+                   :title="row.problem || row.name"
+                   @click="showLog(row.name)" @keydown.enter="showLog(row.name)">
+          <td>{{ row.name }}</td>
+          <td :class="{ 'is-problem': row.problem }">{{ [row.phase, row.problem].filter(Boolean).join(", ") }}</td>
+          <td>{{ row.since ? since(row) : "" }}</td><td>{{ row.restarts + 1 }}</td>
+          <td><SureButton v-if="row.robot" label="End" :question="'End?'" :title="'End robot ' + row.robot"
+                          @sure="end(row.robot)" @click.stop /></td>
+        </tr></tbody>
+      </table>
+      <template v-if="logOf">
+        <h2 class="console-heading">Log of {{ logOf }}</h2>
+        <pre class="process-log" tabindex="0">{{ log }}</pre>
+      </template>
+    </section>`,
+  data() {
+    return {
+      rows: [], problem: "loading", error: "", isStarting: false, isPicking: false, logOf: "", log: "",
+      order: { name: "", floor: "", channel: "", at: null },
+    };
+  },
+  computed: {
+    place() {
+      return this.order.at ? `${this.order.at[0].toFixed(2)}, ${this.order.at[1].toFixed(2)} m` : "at the first free node; choose\u2026";
+    },
+  },
+  watch: {
+    picked() {
+      if (!this.isPicking) return;
+      this.isPicking = false;
+      if (!this.picked) return;
+      this.order.floor = this.picked.floor;
+      this.order.at = [this.picked.x, this.picked.y];
+    },
+    "order.floor"(floor) {
+      if (this.order.at && this.picked?.floor !== floor) this.order.at = null;
+    },
+  },
+  mounted() {
+    this.refresh();
+  },
+  unmounted() {
+    this.isOver = true;
+    clearTimeout(this.timer);
+    if (this.isPicking) this.$emit("pick", false);
+  },
+  methods: {
+    async refresh() {
+      try {
+        this.rows = await call("processes");
+        this.problem = "";
+        this.$emit("processes", this.rows);
+        if (this.logOf) await this.loadLog();
+      } catch (error) {
+        this.problem = error.message;
+      }
+      if (!this.isOver) this.timer = setTimeout(() => this.refresh(), REFRESH_MS);
+    },
+    since({ since }) {
+      return ageText(Math.max(0, Date.now() / 1000 - since));
+    },
+    pick() {
+      this.isPicking = !this.isPicking;
+      this.$emit("pick", this.isPicking);
+    },
+    async start() {
+      this.error = "";
+      this.isStarting = true;
+      const { name, floor, channel, at } = this.order;
+      try {
+        await call("start_robot", { name, floor, channel, ...(at ? { x: at[0], y: at[1] } : {}) });
+        this.order.name = "";
+        this.order.at = null;
+      } catch (error) {
+        this.error = error.message;
+      } finally {
+        this.isStarting = false;
+      }
+    },
+    async end(robot) {
+      this.error = "";
+      await call("end_robot", { robot }).catch((error) => { this.error = error.message; });
+    },
+    showLog(name) {
+      this.logOf = this.logOf === name ? "" : name;
+      this.log = "loading";
+      if (this.logOf) this.loadLog();
+    },
+    async loadLog() {
+      const name = this.logOf;
+      try {
+        const lines = await call("log_lines", { process: name, lines: LOG_LINES });
+        if (name === this.logOf) this.log = lines.join("\n") || "nothing yet";
+      } catch (error) {
+        this.log = error.message;
+      }
+    },
+  },
+};

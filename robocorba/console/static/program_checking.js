@@ -1,0 +1,74 @@
+// The check of the program while it is edited: methods of the program page's component. The robot's agent checks all
+// icons up to the first incomplete one, from where the robot is.
+import { call } from "/static/live.js";
+import { missing } from "/static/icon_problems.js";
+
+// Time from the last change to the check [ms].
+const CHECK_MS = 400;
+
+// The state that the methods keep in the component.
+export const checkingState = () => ({ findings: [], python: "", isChecked: false, checkProblem: "" });
+
+export const checking = {
+  // What every icon lacks, by its identity; asked for after each change.
+  findIncomplete() {
+    this.incomplete = new Map();
+    for (const { node } of this.model.walk()) {
+      const found = missing(this.schema, node);
+      if (found.length) this.incomplete.set(node.id, found);
+    }
+  },
+  // Problems of an icon: {kind: incomplete, error or note, parameter, reason}.
+  problemsOf(id) {
+    return [...(this.incomplete.get(id) ?? []), ...this.findings.filter((finding) => finding.nodeId === id)];
+  },
+  checkSoon() {
+    this.isChecked = false;
+    clearTimeout(this.checkTimer);
+    this.checkTimer = setTimeout(() => this.check(), CHECK_MS);
+  },
+  // The icons of the program before the first one that is incomplete or holds one that is.
+  completeIcons() {
+    const isWhole = (node) => !this.incomplete.has(node.id) && Object.values(node.bodies).flat().every(isWhole);
+    const end = this.model.icons.findIndex((node) => !isWhole(node));
+    return end < 0 ? this.model.icons : this.model.icons.slice(0, end);
+  },
+  async check() {
+    if (!this.schema) return;
+    const revision = this.revision, robot = this.robot, icons = this.completeIcons();
+    this.checkedAt = this.placeOf(robot);
+    if (!icons.length) {
+      this.findings = [];
+      this.python = "";
+      this.isChecked = true;
+      return;
+    }
+    try {
+      const program = JSON.stringify(this.model.plain(icons));
+      const { findings, python } = await call("check_program", { robot, program });
+      if (revision !== this.revision || robot !== this.robot) return;
+      this.findings = findings.map((finding) => ({ ...finding, nodeId: this.model.at(finding.icon)?.id ?? null }));
+      this.python = this.incomplete.size ? "" : python;
+      this.checkProblem = "";
+    } catch (error) {
+      if (revision !== this.revision || robot !== this.robot) return;
+      this.findings = [];
+      this.checkProblem = `not checked: ${error.message}`;
+    }
+    this.isChecked = true;
+  },
+  // Check again when the robot rests somewhere else than at the last check.
+  checkWhereRobotIs() {
+    if (this.robotRow.condition !== "idle" || !this.isChecked) return;
+    const at = this.placeOf(this.robot);
+    if (at !== this.checkedAt || (this.checkProblem && !this.robotRow.problem)) this.checkSoon();
+  },
+  // Where a robot stands and how its arms are, in steps that matter for a check.
+  placeOf(robot) {
+    const state = this.rows[robot]?.state;
+    if (!state) return "";
+    const { at, actor } = state;
+    const joints = actor.joints.map((joint) => Math.round(joint * 50));
+    return [at.floor, Math.round(at.x * 20), Math.round(at.y * 20), Math.round(at.heading * 20), ...joints].join(" ");
+  },
+};

@@ -1,0 +1,196 @@
+// The robot of the program page: its state, what is taken from it for icons, and the run of the program on it.
+import { call, live } from "/static/live.js";
+import { VIRTUAL } from "/static/upload_panel.js";
+
+const STORED_ROBOT = "robocorba-robot";
+const STORED_RUN = "robocorba-run";
+// A robot without news for this time does not answer [s].
+const LOST_S = 3;
+const LEFT_ARM = 0, RIGHT_ARM = 7, ARM = 7, LUMBAR = 14;
+
+const rounded = (value, digits = 4) => Number(value.toFixed(digits));
+
+function state() {
+  return {
+    rows: {}, robots: [], robot: "", robotRow: { name: "" }, isUploading: false, names: {}, floors: [],
+    marks: { runningId: null, holderIds: new Set(), doneIds: new Set(), failedId: null, report: null, condition: "" },
+    progress: { text: "", kind: "", isOver: false },
+  };
+}
+
+const methods = {
+  news() {
+    const wait = live.state ? (performance.now() - live.stateAt) / 1000 : 0;
+    this.rows = live.state?.robots ?? {};
+    const bound = Object.entries(this.rows).filter(([, row]) => row.bound);
+    this.robots = bound.map(([name, row]) => ({ name, text: `${name} - ${stateText(row, wait)}` }));
+    const names = bound.map(([name]) => name);
+    const before = this.robot;
+    if (!names.includes(this.robot)) {
+      const stored = this.stored(STORED_ROBOT);
+      this.robot = names.includes(stored) ? stored : this.robot || names[0] || "";
+    }
+    this.robotRow = robotRow(this.robot, this.rows[this.robot], wait);
+    this.floors = live.names;
+    this.findNames(names);
+    if (!this.schema) return;
+    if (before !== this.robot) this.robotChosen();
+    else this.checkWhereRobotIs();
+  },
+  findNames(robots) {
+    const plans = live.names.map((floor) => live.plan(floor)).filter(Boolean);
+    const movable = plans.flatMap((plan) => plan.objects).filter((object) => object.movable);
+    this.names = { objects: [...new Set(movable.map((object) => object.name))].sort(), robots };
+  },
+  choose(robot) {
+    this.robot = robot;
+    this.store(STORED_ROBOT, robot);
+    this.news();
+    this.robotChosen();
+  },
+  robotChosen() {
+    this.isUploading = false;
+    this.findings = [];
+    this.run.close();
+    this.run.clear();
+    this.progressed();
+    this.checkSoon();
+    this.followAgain();
+  },
+  // ---- taken from the robot or the map ----
+  targetOf(node) {
+    return node.icon === "move_table" ? node.values.to ?? {} : node.values;
+  },
+  pick(values, isNew = true) {
+    const { node } = this;
+    if (isNew) this.model.separate();
+    this.setAll(node.id, node.icon === "move_table" ? { to: { ...node.values.to, ...values } } : values, "target");
+  },
+  takePose() {
+    const at = this.rows[this.robot]?.state?.at;
+    if (!at) return this.note(`${this.robot} does not report its pose`, "error");
+    const pose = { x: rounded(at.x, 3), y: rounded(at.y, 3), heading: rounded(at.heading, 3) };
+    this.pick(this.node.icon === "mbase_to" ? pose : { floor: at.floor, ...pose });
+  },
+  async takePosture() {
+    const joints = live.joints(this.robot), { node } = this;
+    if (!joints) return this.note(`${this.robot} does not report its joints`, "error");
+    const isRight = node.values.hand === "right", first = isRight ? RIGHT_ARM : LEFT_ARM;
+    let values;
+    if (node.icon === "lumbar") values = { lower: rounded(joints[LUMBAR]), upper: rounded(joints[LUMBAR + 1]) };
+    else if (node.icon === "mhand_joints") {
+      values = { joints: [...joints].slice(first, first + ARM).map((angle) => rounded(angle)) };
+    } else values = await this.handPose(joints, isRight ? "right" : "left");
+    if (!values) return;
+    if (node.icon !== "lumbar" && !node.values.hand) values.hand = "left";
+    this.setAll(node.id, values);
+  },
+  async handPose(joints, side) {
+    try {
+      const poses = await call("hand_poses", { joints: [...joints] });
+      return Object.fromEntries(Object.entries(poses[side]).map(([name, value]) => [name, rounded(value)]));
+    } catch (error) {
+      this.note(error.message, "error");
+      return null;
+    }
+  },
+  setAll(id, values, kind = "taken") {
+    for (const [name, value] of Object.entries(values)) this.model.set(id, name, value, `${id} ${kind}`);
+    this.changed();
+  },
+  // ---- run ----
+  async start(isStepping, first = 0) {
+    const ids = this.idsByPath(), { robot } = this, program = this.jsonText;
+    if (await this.order("run_program", { program, step: isStepping, first })) {
+      this.store(STORED_RUN, JSON.stringify({ robot, program, first }));
+      this.run.follow(robot, ids, first);
+      this.progressed();
+    } else {
+      this.checkSoon();
+    }
+  },
+  idsByPath() {
+    return new Map([...this.model.walk()].map(({ path, node }) => [path, node.id]));
+  },
+  async step() {
+    if (this.robotRow.condition === "paused") await this.order("step_program");
+    else await this.start(true);
+  },
+  async pause() {
+    await this.order(this.robotRow.condition === "paused" ? "resume_program" : "pause_program");
+  },
+  // After a reload: follow the program that was started from here, if the robot still runs it.
+  followAgain() {
+    let last = null;
+    try {
+      last = JSON.parse(this.stored(STORED_RUN));
+    } catch { /* of an older version */ }
+    if (!isActive(this.robotRow) || last?.robot !== this.robot || last.program !== this.jsonText) return;
+    this.run.follow(this.robot, this.idsByPath(), last.first);
+  },
+  progressed() {
+    const { runningId, holderIds, doneIds, failedId, report, condition, problem, isFollowed } = this.run;
+    if (runningId !== null && runningId !== this.marks.runningId) this.reveal(runningId);
+    this.marks = { runningId, holderIds: new Set(holderIds), doneIds: new Set(doneIds), failedId, report, condition };
+    this.progress = problem ? { text: problem, kind: "error", isOver: true } : progressOf(report, isFollowed);
+    if (report && report.result !== "no_result") this.checkSoon();
+  },
+  dismiss() {
+    this.run.clear();
+    this.progressed();
+  },
+  async takeProgram() {
+    const { robot } = this;
+    try {
+      const isOpen = this.openText(`the program of ${robot}`, await call("loaded_program", { robot }));
+      if (isOpen && isActive(this.robotRow)) this.run.follow(robot, this.idsByPath());
+    } catch (error) {
+      this.note(error.message, "error");
+    }
+  },
+  async switched({ robot, adaptor, isRun }) {
+    this.isUploading = false;
+    this.note(`${robot} now moves the robot behind ${adaptor}`);
+    if (isRun) await this.start(false);
+  },
+  async order(operation, argument = {}) {
+    try {
+      await call(operation, { robot: this.robot, ...argument });
+      if (this.message.kind === "error") this.note("");
+      return true;
+    } catch (error) {
+      this.note(error.message, "error");
+      return false;
+    }
+  },
+};
+
+function isActive(robotRow) {
+  return ["running", "paused"].includes(robotRow.condition);
+}
+
+function stateText(row, wait) {
+  if (!row.state) return row.problem ? "does not answer" : "connecting";
+  if (row.age + wait > LOST_S) return "does not answer";
+  return `${row.state.condition.toLowerCase()}, ${row.state.at.floor}`;
+}
+
+function robotRow(name, row, wait) {
+  if (!name) return { name: "" };
+  if (!row?.state) return { name, problem: row?.problem ? `${name} does not answer: ${row.problem}` : "" };
+  const { condition, adaptor, reason } = row.state, age = row.age + wait;
+  const problem = age > LOST_S ? `${name} does not answer since ${Math.round(age)} s` : "";
+  const isActual = adaptor !== VIRTUAL, runs = row.state.program.name;
+  return { name, condition: condition.toLowerCase(), adaptor, isActual, runs, reason, problem };
+}
+
+function progressOf(report, isFollowed) {
+  if (!report) return { text: "", kind: "", isOver: false };
+  const time = `${report.seconds.toFixed(1)} s`;
+  const count = report.icons_done === 1 ? "1 icon" : `${report.icons_done} icons`;
+  if (isFollowed) return { text: `${report.name}: ${count} done, ${time}`, kind: "", isOver: false };
+  const kind = report.result === "done" ? "done" : "error", reason = report.reason ? `: ${report.reason}` : "";
+  return { text: `${report.name}: ${report.result} after ${time}${reason}`, kind, isOver: true };
+}
+
+export const robotSide = { state, methods };

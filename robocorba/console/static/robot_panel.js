@@ -1,0 +1,147 @@
+// The selected robot: what it does, what its sensors see, how it is reached, and orders to it.
+import { call } from "/static/live.js";
+import { ageText, degrees } from "/static/robot_rows.js";
+import SureButton from "/static/sure_button.js";
+
+export default {
+  components: { SureButton },
+  props: { robot: Object, scans: Array, rights: Object, floors: Array, isPast: Boolean, process: Object },
+  emits: ["forgotten"],
+  template: `
+    <section :aria-label="'Robot ' + robot.name">
+      <h2 class="console-heading robot-name" :title="robot.name">{{ robot.name }}
+        <a v-if="robot.isHere" :href="'/3d?robot=' + encodeURIComponent(robot.name)" title="Show it in 3D">3D</a></h2>
+      <div class="console-actions">
+        <q-btn dense no-caps color="negative" icon="front_hand" label="Stop" :disable="!robot.agent"
+               @click="order('stop')" />
+        <q-btn v-if="robot.condition === 'stopped'" dense no-caps outline label="Release stop"
+               @click="order('reset_stop')" />
+        <q-btn v-if="robot.isHere" dense no-caps outline label="Place" :disable="!rights.administrator"
+               :aria-expanded="isPlacing"
+               :title="rights.administrator ? 'Put it at a pose' : administratorHint" @click="openPlace" />
+        <SureButton v-if="robot.isHere" label="Log off" :question="'Log ' + short + ' off?'"
+                    :disable="!rights.administrator"
+                    :title="rights.administrator ? 'Log it off the simulation' : administratorHint"
+                    @sure="order('evict')" />
+        <SureButton v-if="process" label="End" :question="'End ' + short + '?'" title="End its process"
+                    @sure="order('end_robot')" />
+        <q-btn v-if="!robot.isHere && robot.isLost" dense no-caps outline label="Remove from the list"
+               @click="forget" />
+      </div>
+      <form v-if="isPlacing" class="place-form" @submit.prevent="place">
+        <label>floor <select v-model="pose.floor"><option v-for="floor in floors" :key="floor">{{ floor }}</option>
+          </select></label>
+        <label>x, m <input v-model.number="pose.x" type="number" step="0.05" required></label>
+        <label>y, m <input v-model.number="pose.y" type="number" step="0.05" required></label>
+        <label>heading, \u00b0 <input v-model.number="pose.degrees" type="number" step="15" required></label>
+        <q-btn dense no-caps color="primary" type="submit" label="Place here" />
+      </form>
+      <p v-if="error" class="panel-error is-problem" role="alert">{{ error }}</p>
+      <p v-if="isPast" class="panel-note">The values below are those of now.</p>
+      <dl class="console-facts">
+        <template v-for="[name, value] in facts" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></template>
+      </dl>
+    </section>`,
+  data() {
+    return { error: "", isPlacing: false, pose: { floor: "", x: 0, y: 0, degrees: 0 } };
+  },
+  computed: {
+    facts() {
+      return [...stateFacts(this.robot), ...sensorFacts(this.scans), ...programFacts(this.robot),
+        ...reachFacts(this.robot)];
+    },
+    short() {
+      return [...this.robot.name].slice(0, 16).join("");
+    },
+    administratorHint() {
+      return "start the console with --administrator FILE for this";
+    },
+  },
+  watch: {
+    "robot.name"() {
+      this.error = "";
+      this.isPlacing = false;
+    },
+  },
+  methods: {
+    openPlace() {
+      const { floor, x, y, heading } = this.robot.at;
+      const round = (value) => Math.round(value * 100) / 100;
+      this.pose = { floor, x: round(x), y: round(y), degrees: Math.round((heading * 180) / Math.PI) };
+      this.isPlacing = !this.isPlacing;
+    },
+    async place() {
+      const { floor, x, y, degrees: angle } = this.pose;
+      const heading = (angle * Math.PI) / 180;
+      if (await this.run("place", { body: this.robot.name, floor, x, y, heading })) this.isPlacing = false;
+    },
+    order(operation) {
+      return this.run(operation, { robot: this.robot.name });
+    },
+    async forget() {
+      if (await this.order("forget_robot")) this.$emit("forgotten");
+    },
+    async run(operation, argument) {
+      this.error = "";
+      try {
+        await call(operation, argument);
+        return true;
+      } catch (error) {
+        this.error = error.message;
+        return false;
+      }
+    },
+  },
+};
+
+function stateFacts({ at, agent, client, condition, problem, age, mission, isHere }) {
+  const rows = [["state", agent?.reason ? `${condition}: ${agent.reason}` : condition], ["last news", ageText(age)]];
+  if (problem) rows.push(["problem", problem]);
+  if (at) rows.push([isHere ? "pose" : "last pose",
+    `${at.floor}: ${at.x.toFixed(2)} m, ${at.y.toFixed(2)} m, ${degrees(at.heading)}`]);
+  const moving = agent?.actor.moving;
+  if (moving && condition !== "stopped") { // the adaptor of a stopped robot is not read
+    const speed = Math.hypot(moving.ahead, moving.left);
+    const most = agent.speedCap.toFixed(2);
+    rows.push(["speed", `${speed.toFixed(2)} m/s of at most ${most}, turning ${degrees(moving.turn)}/s`]);
+  }
+  if (mission) rows.push(["mission", mission]);
+  if (client?.since) rows.push(["logged on", new Date(client.since * 1000).toLocaleTimeString(undefined,
+    { hourCycle: "h23" })]);
+  return rows;
+}
+
+function sensorFacts(scans) {
+  return scans.map((scan) => {
+    const seen = scan.ranges.filter((_, k) => scan.hits[k]).map((range) => range - scan.rim);
+    const nearest = seen.length
+      ? `nearest ${Math.min(...seen).toFixed(2)} m, ${seen.length} of ${scan.ranges.length} rays hit`
+        : "nothing within";
+    return [scan.sensor, `${nearest}${seen.length ? "" : ` ${scan.range.toFixed(1)} m`}`];
+  });
+}
+
+function programFacts({ agent }) {
+  const program = agent?.program;
+  if (!program?.name) return [];
+  const rows = [["program", program.name]];
+  if (program.icon) rows.push(["icon", `${program.icon}, ${program.kind}`]);
+  rows.push(["done", `${program.iconsDone} icons in ${program.seconds.toFixed(1)} s`]);
+  if (program.result !== "NO_RESULT") rows.push(["result", [program.result.toLowerCase(),
+    program.reason].filter(Boolean).join(": ")]);
+  return rows;
+}
+
+function reachFacts({ agent, client }) {
+  const rows = [];
+  if (client) {
+    rows.push(["calls", `${client.callRate.toFixed(0)} per second, ${(client.latency * 1000).toFixed(2)} ms each`]);
+    rows.push(["last call", `${ageText(client.silent)} before`], ["sensor server", client.sensor || "none"]);
+  }
+  if (agent) {
+    rows.push(["adaptor", agent.adaptor]);
+    if (agent.channel !== undefined) rows.push(["channel", agent.channel || "none"]);
+    rows.push(["control cycle", `at most ${(agent.tickJitter * 1000).toFixed(1)} ms late`]);
+  }
+  return rows;
+}

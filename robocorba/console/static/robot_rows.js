@@ -1,0 +1,115 @@
+// Rows of the monitor's table from what the servers report. Robots that were seen once stay, with the age of their
+// news.
+
+// A robot without news for this time is shown as lost [s].
+export const LOST_S = 3;
+// How long a collision is shown [s].
+const COLLISION_S = 4;
+// Gap up to which two bodies, or a body and a wall, are regarded as touching [m].
+const TOUCH_M = 0.03;
+
+// {name, floor, at, isLost, isHere, age, condition, program, agent, client, problem}, sorted by name.
+// isHere: the simulation has it. age: of its agent's last news, or for one without agent of its last call [s]; null:
+// none yet.
+export function robotRows(state, waitS) {
+  const clients = new Map((state.server.state?.clients ?? []).map((client) => [client.name, client]));
+  const gone = state.gone ?? {};
+  const names = new Set([...Object.keys(state.robots), ...clients.keys(), ...Object.keys(gone)]);
+  const isServerLost = Boolean(state.server.problem);
+  return [...names].sort(byName).map((name) => {
+    const entry = state.robots[name];
+    const agent = entry?.state ?? null;
+    const isHere = clients.has(name) && !isServerLost;
+    const client = clients.get(name) ?? gone[name]?.client ?? null;
+    const clientAge = clients.has(name) ? (state.server.age ?? 0) + waitS : (gone[name]?.age ?? 0) + waitS;
+    const age = entry?.age == null ? (client ? clientAge : null) : entry.age + waitS;
+    const isLost = age === null || age > LOST_S || (!isHere && (!agent || agent.adaptor === "simulated"));
+    const at = client?.at ?? agent?.at ?? null;
+    return {
+      name, agent, client, at, isHere, isLost, age,
+      floor: at?.floor ?? "",
+      // Since when the simulation does not have it any more [s].
+      goneAge: isHere || !gone[name] ? null : gone[name].age + waitS,
+      isSilent: Boolean(entry) && (entry.age == null || entry.age + waitS > LOST_S),
+      condition: conditionOf(entry, agent, isHere),
+      program: agent?.program.name ?? "",
+      path: entry?.state?.path ?? null,
+      mission: entry?.state?.mission ?? "",
+      problem: entry?.problem ?? "",
+    };
+  });
+}
+
+function byName(a, b) {
+  return a.localeCompare(b, undefined, { numeric: true });
+}
+
+function conditionOf(entry, agent, isHere) {
+  if (!entry) return isHere ? "no agent" : "left";
+  if (!isHere && !entry.bound) return "left";
+  if (!agent) return entry.problem ? "no answer" : "";
+  if (!isHere && agent.adaptor === "simulated") return "logged off";
+  return entry.problem ? "no answer" : agent.condition.toLowerCase();
+}
+
+export function ageText(age) {
+  if (age === null) return "none";
+  if (age < 10) return `${age.toFixed(1)} s`;
+  if (age < 120) return `${age.toFixed(0)} s`;
+  return age < 7200 ? `${(age / 60).toFixed(0)} min` : `${(age / 3600).toFixed(0)} h`;
+}
+
+export function degrees(angle) {
+  return `${Math.round((angle * 180) / Math.PI) || 0}\u00b0`;
+}
+
+// Finds which robots touch something when the server's count of collisions rises.
+export class Collisions {
+  constructor() {
+    this.count = null;
+    this.until = new Map();
+  }
+
+  // Names of the robots that are to be shown as colliding.
+  update(count, floor, plan) {
+    const now = performance.now();
+    if (this.count !== null && count > this.count) {
+      for (const name of touching(floor, plan)) this.until.set(name, now + COLLISION_S * 1000);
+      this.last = now;
+    }
+    this.count = count;
+    for (const [name, until] of this.until) if (until < now) this.until.delete(name);
+  }
+
+  has(name) {
+    return this.until.has(name);
+  }
+
+  get isRecent() {
+    return this.last !== undefined && performance.now() - this.last < COLLISION_S * 1000;
+  }
+}
+
+function touching(floor, plan) {
+  const bodies = [...(floor?.bodies.values() ?? [])];
+  const robots = bodies.filter((body) => body.kind !== "object");
+  const walls = (plan?.walls ?? []).flatMap((wall) => wall.pieces);
+  return robots.filter((robot) => bodies.some((body) => body !== robot && touches(robot, body))
+    || walls.some((piece) => distanceTo(robot, piece[0], piece[piece.length - 1]) < robot.radius + TOUCH_M))
+    .map((robot) => robot.name);
+}
+
+function touches(robot, body) {
+  const reach = robot.radius + TOUCH_M;
+  if (body.kind !== "object") return Math.hypot(robot.x - body.x, robot.y - body.y) < reach + body.radius;
+  const cos = Math.cos(body.heading), sin = Math.sin(body.heading);
+  const corners = body.outline.map(([x, y]) => [body.x + x * cos - y * sin, body.y + x * sin + y * cos]);
+  return corners.some((corner, index) => distanceTo(robot, corner, corners[(index + 1) % corners.length]) < reach);
+}
+
+// Distance of a body's middle from a line between two points [m].
+function distanceTo({ x, y }, [ax, ay], [bx, by]) {
+  const dx = bx - ax, dy = by - ay;
+  const along = Math.max(0, Math.min(1, ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1)));
+  return Math.hypot(x - ax - along * dx, y - ay - along * dy);
+}

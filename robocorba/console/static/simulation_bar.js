@@ -1,0 +1,72 @@
+// Simulated time: pause, single steps and pace, for administrators.
+import { call, live } from "/static/live.js";
+
+const PACES = [[0.25, "0.25x"], [0.5, "0.5x"], [1, "1x"], [2, "2x"], [5, "5x"], [0, "as fast as possible"]];
+
+export default {
+  props: { rights: Object },
+  template: `
+    <div class="simulation-bar" role="group" aria-label="Simulated time">
+      <q-btn dense no-caps outline :icon="state?.paused ? 'play_arrow' : 'pause'" :disable="!mayAct"
+             :label="state?.paused ? 'Resume time' : 'Pause time'" :title="why"
+             @click="act(state.paused ? 'resume' : 'pause')" />
+      <q-btn v-if="state?.paused" dense no-caps outline label="Step" :disable="!mayAct" title="0.1 s" @click="step" />
+      <select :value="state?.pace ?? 1" :disabled="!mayAct" aria-label="Pace of simulated time" :title="why"
+              @change="setPace($event)">
+        <option v-for="[pace, text] in paces" :key="pace" :value="pace">{{ text }}</option>
+      </select>
+      <span v-if="error" class="is-problem" role="alert" :title="error">{{ error }}</span>
+    </div>`,
+  data() {
+    return { state: null, isLost: false, error: "" };
+  },
+  computed: {
+    mayAct() {
+      return Boolean(this.rights.administrator && this.state && !this.isLost);
+    },
+    why() {
+      if (!this.rights.administrator) return "pausing needs a console that was started with --administrator FILE";
+      return this.mayAct ? "simulated time, for everybody" : "the simulation server does not answer";
+    },
+    paces() {
+      const pace = this.state?.pace ?? 1;
+      return PACES.some(([known]) => known === pace) ? PACES : [[pace, `${pace}x`], ...PACES];
+    },
+  },
+  mounted() {
+    this.unlisten = live.listen((kind) => (kind === "state" || kind === "connection") && this.update());
+    this.update();
+  },
+  unmounted() {
+    this.unlisten();
+    clearTimeout(this.timer);
+  },
+  methods: {
+    update() {
+      const server = live.state?.server;
+      this.state = server?.state?.state ?? null;
+      this.isLost = !live.isConnected || Boolean(server?.problem);
+    },
+    act(word) {
+      return this.order(`${word}_simulation`);
+    },
+    step() {
+      return this.order("step_simulation", { steps: 5 });
+    },
+    async setPace(event) {
+      await this.order("set_pace", { pace: Number(event.target.value) });
+      event.target.value = this.state?.pace ?? 1;
+    },
+    async order(operation, argument = {}) {
+      this.error = "";
+      clearTimeout(this.timer);
+      try {
+        await call(operation, argument);
+        if (operation === "set_pace") this.state = { ...this.state, pace: argument.pace };
+      } catch (error) {
+        this.error = error.message;
+        this.timer = setTimeout(() => { this.error = ""; }, 8000);
+      }
+    },
+  },
+};

@@ -1,0 +1,270 @@
+// The 3D simulator: floors with walls cut away, from the live system or from a robot's data pool; robots at their joint
+// angles with what their display shows, their rays, and the ghost of the selected one at its target.
+import { HandSteps } from "/static/arm_poser.js";
+import { FloorMesh } from "/static/floor_mesh.js";
+import { live } from "/static/live.js";
+import { RayFans } from "/static/ray_fans.js";
+import { RobotCrowd } from "/static/robot_crowd.js";
+import { loadRobotShape } from "/static/robot_model.js";
+import { SceneView } from "/static/scene_view.js";
+import { cameraMethods } from "/static/simulator3d_camera.js";
+import { poseMethods } from "/static/simulator3d_pose.js";
+import { sceneMethods } from "/static/simulator3d_scene.js";
+
+const CUT_M = 1.1;
+// In the stack heights are drawn larger by this factor.
+const STACK_SPREAD = 2.5;
+const STACKED = "\u0000stack";
+
+export default {
+  components: { HandSteps },
+  template: `
+    <div class="scene-page">
+      <div class="console-tabs">
+        <div role="tablist" aria-label="Floors" class="scene-floors">
+          <button v-for="floor in floors" :key="floor" role="tab" :aria-selected="floor === current" :disable="isPool"
+                  :title="floor" @click="show(floor)">
+            <bdi>{{ floor }}</bdi> <small>{{ counts[floor] || "" }}</small></button>
+          <button v-if="floors.length > 1" role="tab" :aria-selected="isStacked" @click="show(stacked)">
+            all floors</button>
+        </div>
+        <label class="scene-field">scene of
+          <select v-model="source" aria-label="Source of the scene"><option value="">the simulation</option>
+            <option v-for="name in robots" :key="name" :value="name">{{ name }}'s data pool</option></select></label>
+        <label class="scene-field">robot
+          <select v-model="selected" aria-label="Robot"><option value="">none</option>
+            <option v-for="name in robots" :key="name" :value="name">{{ name }}</option></select></label>
+        <label class="scene-field">walls
+          <input type="range" min="0.1" max="3" step="0.1" v-model.number="cut" aria-label="Height of walls"></label>
+      </div>
+      <div class="console-scene" ref="scene">
+        <div v-if="message" class="console-overlay"><span>{{ message }}</span></div>
+        <div class="console-tools">
+          <q-btn dense round color="primary" icon="fit_screen" aria-label="Show everything" title="show everything (0)"
+                 @click="lookAtAll" />
+          <q-btn dense round color="primary" icon="add" aria-label="Enlarge" @click="view.turn(0, 0, 0.8)" />
+          <q-btn dense round color="primary" icon="remove" aria-label="Reduce" @click="view.turn(0, 0, 1.25)" />
+          <q-btn dense round :color="isFollowing ? 'accent' : 'primary'" icon="my_location" :disable="!selected"
+                 :aria-pressed="isFollowing" aria-label="Follow the robot" title="follow the robot"
+                 @click="isFollowing = !isFollowing" />
+          <q-btn dense round :color="hasRays ? 'accent' : 'primary'" icon="sensors" :aria-pressed="hasRays"
+                 aria-label="Rays of the sensors" title="rays of the sensors" @click="hasRays = !hasRays" />
+          <q-btn dense round :color="hasNames ? 'accent' : 'primary'" icon="label" :aria-pressed="hasNames"
+                 aria-label="Names" title="names" @click="hasNames = !hasNames" />
+          <q-btn dense round :color="isPosing ? 'accent' : 'primary'" icon="back_hand" :disable="!selected"
+                 :aria-pressed="isPosing" aria-label="Pose a hand" title="pose a hand" @click="isPosing = !isPosing" />
+          <q-btn dense round color="primary" icon="download" aria-label="The robot as URDF" title="the robot as URDF"
+                 type="a" href="/robot.urdf" />
+        </div>
+        <section v-if="selected" class="scene-facts" aria-label="Selected robot">
+          <h2 class="console-heading"><bdi>{{ selected }}</bdi></h2>
+          <dl class="console-facts"><template v-for="[name, value] in facts" :key="name">
+            <dt>{{ name }}</dt><dd>{{ value }}</dd></template></dl>
+          <template v-if="isPosing">
+            <div class="console-actions">
+              <label>hand <select v-model="side" aria-label="Hand">
+                <option>left</option><option>right</option><option>both</option></select></label>
+              <q-btn dense flat no-caps size="sm" icon="accessibility_new" label="as it stands" @click="pose" />
+            </div>
+            <hand-steps :target="() => target"></hand-steps>
+            <div class="scene-words" :class="{ 'is-problem': problem }" role="status">{{ problem || words }}</div>
+          </template>
+        </section>
+      </div>
+    </div>`,
+  data() {
+    return {
+      floors: [], counts: {}, current: "", stacked: STACKED, source: "", robots: [], selected: "", isFollowing: false,
+      hasRays: true, hasNames: true, isPosing: false, cut: CUT_M, message: "loading the robot's model", side: "left",
+      facts: [], words: "", problem: "",
+    };
+  },
+  computed: {
+    isStacked() { return this.current === STACKED; },
+    isPool() { return Boolean(this.source); },
+  },
+  async mounted() {
+    this.meshes = new Map();
+    const wanted = new URLSearchParams(location.search);
+    try {
+      const shape = await loadRobotShape();
+      if (this.isGone) return;
+      this.shape = shape;
+      this.view = new SceneView(this.$refs.scene, {
+        told: (message) => this.told(message), key: (event) => this.key(event),
+        pointer: (kind, event) => this.pointer(kind, event), moved: () => this.crowd?.update(),
+        remade: () => (this.isPosing = false),
+      });
+    } catch (error) {
+      this.message = error.message;
+      return;
+    }
+    this.crowd = new RobotCrowd(this.view, this.shape);
+    this.rays = new RayFans(this.view, this.shape);
+    this.unlisten = live.listen((kind, name) => this.news(kind, name));
+    this.timer = setInterval(() => this.second(), 500);
+    const [floor, robot, pool] = ["floor", "robot", "pool"].map((name) => wanted.get(name) ?? "");
+    this.wanted = { floor: floor === "all" ? STACKED : floor, robot: pool || robot, pool };
+    this.news("connection");
+  },
+  unmounted() {
+    this.isGone = true;
+    clearInterval(this.timer);
+    this.unlisten?.();
+    live.want(this);
+    this.link?.close();
+    this.endPose();
+    for (const mesh of this.meshes?.values() ?? []) mesh.close();
+    this.crowd?.close();
+    this.rays?.close();
+    this.view?.close();
+  },
+  methods: {
+    told(message) {
+      this.graphics = message;
+      this.say();
+    },
+    // What stands in the way of seeing the scene.
+    say() {
+      if (this.graphics) this.message = this.graphics;
+      else if (this.isPool && this.link?.problem) this.message = this.link.problem;
+      else if (this.isPool && !this.link?.floor) this.message = `waiting for ${this.source}'s data pool`;
+      else if (!this.floors.length) this.message = live.problems.floors || "connecting";
+      else if (!this.meshes.size) this.message = live.problems.map || "loading the map";
+      else this.message = live.isConnected ? "" : "the connection is lost; this is the last that was seen";
+    },
+    news(kind, name) {
+      if (kind === "connection") {
+        this.floors = live.names;
+        const isThere = this.floors.includes(this.wanted.floor) || (this.wanted.floor === STACKED && this.floors.length);
+        const first = isThere ? this.wanted.floor : this.floors[0];
+        if (!this.isPool && !this.isStacked && !this.floors.includes(this.current) && first) this.show(first);
+        if (this.isStacked) this.want();
+      }
+      if (kind === "connection" || kind === "plan") this.loadPlans();
+      if (kind === "floor" && !this.isPool && this.meshes.has(name)) this.update();
+      if (kind === "postures" || kind === "state") this.update();
+      if (kind === "state") this.updateRobots();
+      if (kind === "scans") this.updateRays();
+    },
+    // Floors that are stacked are drawn apart, so that one sees into each.
+    drawn(height) {
+      return this.isStacked ? STACK_SPREAD * height : height;
+    },
+    shown() {
+      if (this.isPool) return this.link?.floor ? [this.link.floor.name] : [];
+      return this.isStacked ? this.floors : [this.current].filter(Boolean);
+    },
+    floor(name) {
+      return this.isPool ? this.link.floor : live.floor(name);
+    },
+    show(floor) {
+      this.current = floor;
+      if (this.source) this.source = "";
+      this.isFollowing = false;
+      this.isNew = true;
+      this.want();
+      this.loadPlans();
+    },
+    want() {
+      const shown = this.shown();
+      const floors = this.isPool ? [] : shown;
+      live.want(this, { floors, postures: floors, scans: this.hasRays ? shown : [] });
+    },
+    loadPlans() {
+      if (!this.view) return;
+      const shown = this.shown();
+      for (const [name, mesh] of this.meshes) {
+        const isSame = mesh.plan === live.plan(name) && mesh.group.position.z === this.drawn(mesh.plan.elevation);
+        if (shown.includes(name) && isSame) continue;
+        mesh.close();
+        this.meshes.delete(name);
+      }
+      for (const name of shown) {
+        const plan = live.plan(name);
+        if (!plan || this.meshes.has(name)) continue;
+        const mesh = new FloorMesh(plan, this.cut, this.drawn(plan.elevation));
+        this.meshes.set(name, mesh);
+        this.view.scene.add(mesh.group);
+      }
+      if (this.isNew && shown.length && this.meshes.size === shown.length) {
+        this.isNew = false;
+        if (!this.isFollowing) this.look();
+      }
+      this.say();
+      this.update();
+    },
+    lookAtAll() {
+      this.isFollowing = false;
+      this.look();
+    },
+    look() {
+      const plans = [...this.meshes.values()].map((mesh) => mesh.plan);
+      if (!plans.length) return;
+      const of = (most, index) => most(...plans.map((plan) => plan.bounds[index]));
+      const heights = plans.map((plan) => this.drawn(plan.elevation));
+      const low = [of(Math.min, 0), of(Math.min, 1), Math.min(...heights)];
+      const high = [of(Math.max, 2), of(Math.max, 3), Math.max(...heights) + this.cut];
+      this.view.fit([low, high], this.isStacked ? [-0.5, -0.9, 0.75] : undefined);
+    },
+    // What is shown is in the address, so that a reload or a copied link shows the same.
+    note() {
+      const shown = this.isPool ? { pool: this.source } : { floor: this.isStacked ? "all" : this.current };
+      if (this.selected && !this.isPool) shown.robot = this.selected;
+      history.replaceState(history.state, "", `?${new URLSearchParams(shown)}`);
+    },
+    ...sceneMethods,
+    ...cameraMethods,
+    ...poseMethods,
+  },
+  watch: {
+    current() { this.note(); },
+    source() {
+      this.poolFloor = "";
+      this.note();
+      this.isFollowing = false;
+      this.isNew = true;
+      if (this.source) this.selected = this.source;
+      this.connect();
+      this.want();
+      this.loadPlans();
+    },
+    selected() {
+      this.note();
+      this.isPosing = false;
+      this.followed = "";
+      if (!this.selected) this.isFollowing = false;
+      this.connect();
+      this.updateFacts();
+      this.update();
+      if (this.selected && !this.crowd?.robot(this.selected)) {
+        this.isFollowing = true;
+        this.follow();
+      }
+    },
+    isFollowing() {
+      this.followed = "";
+      this.update();
+    },
+    cut() {
+      for (const mesh of this.meshes.values()) mesh.build(this.cut);
+      this.update();
+    },
+    hasRays() {
+      this.want();
+      this.updateRays();
+    },
+    hasNames() { this.update(); },
+    isPosing() {
+      if (!this.isPosing) {
+        this.endPose();
+        return;
+      }
+      this.isFollowing = true;
+      this.pose();
+    },
+    side() {
+      if (this.isPosing) this.pose();
+    },
+  },
+};

@@ -1,0 +1,240 @@
+// Looks back: pause, a timeline of the last half hour or of a recording, playing it, and films of a span.
+import { call, Floor, live, readFrame } from "/static/live.js";
+
+// Interval between pictures while the past is played [ms].
+const PLAY_MS = 100;
+// Steps of the buttons [s].
+const STEP_S = 10;
+const MARKS = { collision: "\u2715", stop: "\u25a0", mission: "\u25c6", server: "\u25b2", channel: "\u25b2" };
+
+export default {
+  props: { floor: String, happenings: Array },
+  emits: ["show"],
+  template: `
+    <div class="time-bar" role="group" aria-label="Look back">
+      <div class="time-row">
+        <q-btn dense no-caps class="time-live" :color="isLive ? 'primary' : undefined" :outline="!isLive" label="Live"
+               :aria-pressed="isLive" title="Show what happens now" @click="goLive" />
+        <q-btn dense flat round icon="replay_10" aria-label="10 s back" title="10 s back" @click="seek(at - 10)" />
+        <q-btn dense flat round :icon="isRunning ? 'pause' : 'play_arrow'" :aria-label="isRunning ? 'Pause' : 'Play'"
+               :title="isRunning ? 'Hold this picture; the world goes on' : 'Play'" @click="toggle" />
+        <q-btn dense flat round icon="forward_10" aria-label="10 s ahead" title="10 s ahead" :disable="isLive"
+               @click="seek(at + 10)" />
+        <select v-model.number="speed" aria-label="Speed" title="Speed">
+          <option :value="1">1x</option><option :value="4">4x</option><option :value="20">20x</option>
+        </select>
+        <div class="time-line">
+          <div class="time-marks" aria-hidden="true">
+            <span v-for="mark in marks" :key="mark.at + ' ' + mark.number" :class="'is-' + mark.kind" :style="{ left: mark.left + '%' }"
+                  :title="mark.text">{{ mark.sign }}</span>
+          </div>
+          <input type="range" :min="from" :max="to" step="0.1" :value="at" aria-label="Time" :aria-valuetext="text"
+                 @input="seek(Number($event.target.value))">
+        </div>
+        <span class="time-text">{{ text }}</span>
+        <select v-if="recordings.length" v-model="recording" aria-label="What to look at" class="time-source">
+          <option value="">running system</option>
+          <option v-for="each in recordings" :key="each.key" :value="each.key">{{ each.name }}</option>
+        </select>
+        <q-btn dense flat round icon="folder_open" aria-label="Open a recording" title="Open a recording"
+               :loading="isOpening"
+               @click="$refs.file.click()" />
+        <input ref="file" type="file" accept=".mcap" hidden @change="open">
+        <q-btn dense flat round icon="movie" aria-label="Film" title="Make a film" :aria-expanded="isFilming"
+               @click="isFilming = !isFilming; error = ''" />
+      </div>
+      <div v-if="isFilming" class="time-row">
+        <span>Film of {{ floor }} from</span>
+        <q-btn dense outline no-caps :label="clock(begin)" title="Begin at the shown time" @click="begin = at" />
+        <span>to</span>
+        <q-btn dense outline no-caps :label="clock(end)" title="End at the shown time" @click="end = at" />
+        <label>speed <select v-model.number="filmSpeed">
+          <option :value="1">1x</option><option :value="4">4x</option><option :value="20">20x</option></select></label>
+        <q-btn v-if="film?.phase !== 'making'" dense no-caps color="primary" label="Make film" :disable="begin >= end"
+               @click="makeFilm" />
+        <q-btn v-else dense no-caps outline :label="'Cancel, ' + film.seconds.toFixed(0) + ' s'" @click="cancelFilm" />
+        <a v-if="film?.phase === 'ready'" :href="'/film/' + film.number" download>Download the film</a>
+        <span v-if="film?.phase === 'making'" class="time-note" role="status">the film is being made</span>
+        <span v-else-if="begin >= end" class="time-note">go to a time and press the button beside "to"</span>
+      </div>
+      <div v-if="error || lost" class="time-row is-problem" role="alert">{{ error || lost }}</div>
+    </div>`,
+  data() {
+    return {
+      isLive: true, isPlaying: false, at: 0, from: 0, to: 1, now: 0, speed: 1, recording: "", recordings: [],
+        isOpening: false,
+      error: "", lost: "", isFilming: false, begin: 0, end: 0, filmSpeed: 1, film: null,
+    };
+  },
+  computed: {
+    isRunning() {
+      return this.isLive || this.isPlaying;
+    },
+    text() {
+      if (this.isLive) return this.to > 1 ? `${this.clock(this.to)} now` : "";
+      return this.recording ? `${this.clock(this.at)}, ${span(this.at - this.from)}`
+        : `${this.clock(this.at)}, ${span(this.now - this.at)} ago`;
+    },
+    marks() {
+      if (this.recording || this.to <= this.from) return [];
+      return this.happenings.filter((each) => MARKS[each.kind] && each.at >= this.from).slice(-300).map((each) => ({
+        ...each, sign: MARKS[each.kind], left: (100 * (each.at - this.from)) / (this.to - this.from),
+      }));
+    },
+  },
+  watch: {
+    floor() {
+      if (!this.isLive) this.load();
+    },
+    isFilming() {
+      if (this.isFilming && !this.end) [this.begin, this.end] = [Math.max(this.from, this.at - 30), this.at];
+    },
+    recording() {
+      this.error = "";
+      this.film = null;
+      const chosen = this.recordings.find((each) => each.key === this.recording);
+      if (!chosen) {
+        this.begin = this.end = 0;
+        return this.goLive();
+      }
+      [this.from, this.to] = [this.begin, this.end] = chosen.past;
+      this.isPlaying = false;
+      this.$emit("show", { isLive: false, floors: chosen.floors, recording: chosen.key, at: this.from });
+      this.seek(this.from);
+    },
+  },
+  mounted() {
+    this.past = new Floor("");
+    this.unlisten = live.listen((kind) => kind === "state" && this.news());
+    this.timer = setInterval(() => this.play(), PLAY_MS);
+    call("recordings").then((rows) => { this.recordings = rows; }).catch(() => {});
+  },
+  unmounted() {
+    this.unlisten();
+    clearInterval(this.timer);
+    clearInterval(this.filmTimer);
+  },
+  methods: {
+    clock(at) {
+      return at ? new Date(at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" }) : "-";
+    },
+    news() {
+      const past = live.state?.past;
+      if (!past) return;
+      this.now = past[1];
+      if (this.recording) return;
+      [this.from, this.to] = past;
+      if (this.isLive) this.at = this.to;
+    },
+    goLive() {
+      this.isLive = true;
+      this.isPlaying = false;
+      this.recording = "";
+      this.error = this.lost = "";
+      this.news();
+      this.$emit("show", { isLive: true });
+    },
+    toggle() {
+      if (this.isLive) this.seek(this.to);
+      else if (this.isPlaying) this.isPlaying = false;
+      else {
+        if (this.at >= this.to) this.at = this.from;
+        this.playedAt = performance.now();
+        this.isPlaying = true;
+      }
+    },
+    seek(at) {
+      this.isLive = false;
+      this.at = Math.min(Math.max(at, this.from), this.to);
+      this.load();
+    },
+    play() {
+      if (!this.isPlaying) return;
+      const now = performance.now();
+      const at = this.at + ((now - this.playedAt) / 1000) * this.speed;
+      this.playedAt = now;
+      this.at = Math.min(at, this.to);
+      if (at >= this.to && !this.recording) return this.goLive();
+      if (at >= this.to) this.isPlaying = false;
+      this.load();
+    },
+    // Show the floor at the chosen time; one request at a time, the newest time wins.
+    async load() {
+      if (this.isLoading || !this.floor) return;
+      this.isLoading = true;
+      try {
+        let loaded;
+        do {
+          loaded = `${this.floor} ${this.at} ${this.recording}`;
+          const [floor, at] = [this.floor, this.at];
+          const query = new URLSearchParams({ floor, at, recording: this.recording });
+          const answer = await fetch(`/past?${query}`);
+          if (!answer.ok) throw new Error((await answer.json()).error);
+          const buffer = await answer.arrayBuffer();
+          if (this.isLive) return;
+          const { header, offset } = readFrame(buffer);
+          this.past.name = floor;
+          this.past.apply(header, buffer, offset);
+          this.lost = "";
+          this.$emit("show", { isLive: false, floor: this.past, at, recording: this.recording });
+        } while (loaded !== `${this.floor} ${this.at} ${this.recording}`);
+      } catch (error) {
+        this.lost = error instanceof TypeError ? "the console does not answer" : error.message;
+        this.isPlaying = false;
+      } finally {
+        this.isLoading = false;
+      }
+    },
+    async open(event) {
+      const [file] = event.target.files;
+      event.target.value = "";
+      if (!file) return;
+      this.isOpening = true;
+      this.error = "";
+      try {
+        const answer = await fetch(`/recording?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
+        const content = await answer.json();
+        if (content.error) throw new Error(content.error);
+        this.recordings = await call("recordings");
+        this.recording = content.answer.key;
+      } catch (error) {
+        this.error = error instanceof TypeError ? "the console does not answer" : error.message;
+      } finally {
+        this.isOpening = false;
+      }
+    },
+    async makeFilm() {
+      this.error = "";
+      const wanted = { floor: this.floor, begin: this.begin, end: this.end, speed: this.filmSpeed,
+        recording: this.recording };
+      try {
+        this.film = { number: await call("start_film", wanted), phase: "making", seconds: 0 };
+        clearInterval(this.filmTimer);
+        this.filmTimer = setInterval(() => this.watchFilm(), 500);
+      } catch (error) {
+        this.error = error.message;
+      }
+    },
+    async watchFilm() {
+      const { number } = this.film;
+      try {
+        const state = await call("film_state", { film: number });
+        if (this.film.number !== number) return;
+        this.film = { number, ...state };
+        if (state.problem && state.problem !== "cancelled") this.error = `no film: ${state.problem}`;
+      } catch (error) {
+        this.error = error.message;
+        this.film = null;
+      }
+      if (this.film?.phase !== "making") clearInterval(this.filmTimer);
+    },
+    async cancelFilm() {
+      await call("cancel_film", { film: this.film.number }).catch((error) => { this.error = error.message; });
+    },
+  },
+};
+
+function span(seconds) {
+  const whole = Math.max(0, Math.round(seconds));
+  return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${String(whole % 60).padStart(2, "0")} s`;
+}

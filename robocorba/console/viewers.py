@@ -1,0 +1,200 @@
+"""The WebSocket of each viewer: frames of the floors that it watches, and news of everything else as JSON."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+from collections.abc import Collection
+from typing import Any, Protocol
+
+from fastapi import WebSocket, WebSocketDisconnect
+
+from robocorba.console.live_floors import LiveFloors
+from robocorba.console.live_missions import LiveMissions, MissionFeed
+from robocorba.console.live_plans import LivePlans
+from robocorba.console.live_sensors import LiveSensors, Wanted
+from robocorba.console.sensor_feed import NOTHING
+from robocorba.errors.paths import UnknownFloor
+
+_log = logging.getLogger(__name__)
+
+#: Interval between messages with the state of servers and robots [s].
+STATE_INTERVAL_S = 0.5
+#: Longest message that a viewer may send [bytes], and the number of floors that it may watch.
+MAX_MESSAGE, MAX_FLOORS = 4096, 64
+
+
+class StateSource(Protocol):
+    """What the console knows of servers, robots and channels."""
+
+    def rows(self) -> dict[str, Any]: ...
+
+
+class Viewers:
+    """All viewers of a console. `attach` is called in the thread of the event loop, `notify` in any."""
+
+    def __init__(self, state: StateSource) -> None:
+        self._state = state
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._viewers: set[Viewer] = set()
+        self._state_text: tuple[float, str] = 0.0, ""
+        self.floors: LiveFloors
+        self.plans: LivePlans
+        self.sensors: LiveSensors
+        #: The building's missions; None without mission control.
+        self.missions: LiveMissions | None = None
+
+    def attach(self, floors: LiveFloors, plans: LivePlans, sensors: LiveSensors) -> None:
+        """Serve viewers of these floors, plans and sensors with the running event loop."""
+        self.floors, self.plans, self.sensors = floors, plans, sensors
+        self._loop = asyncio.get_running_loop()
+
+    @property
+    def count(self) -> int:
+        return len(self._viewers)
+
+    def notify(self) -> None:
+        """Wake all viewers: there is something new."""
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # the loop has been closed
+                self._loop.call_soon_threadsafe(self._wake)
+
+    def _wake(self) -> None:
+        for viewer in self._viewers:
+            viewer.news.set()
+
+    def state_text(self) -> str:
+        """The state as a message; the same one for all viewers within STATE_INTERVAL_S."""
+        now_s = asyncio.get_running_loop().time()
+        if now_s - self._state_text[0] >= STATE_INTERVAL_S * 0.9:
+            self._state_text = now_s, json.dumps({"state": self._state.rows()}, separators=(",", ":"))
+        return self._state_text[1]
+
+    def overview(self) -> str:
+        """Floors, map version and problems as a message."""
+        problems = {"floors": self.floors.problem, "map": self.plans.problem, "sensors": self.sensors.problem}
+        problems["missions"] = self.missions.problem if self.missions else ""
+        return json.dumps({"floors": self.floors.names, "map": self.plans.version, "problems": problems})
+
+    async def serve(self, socket: WebSocket) -> None:
+        """Serve a viewer until it leaves."""
+        await socket.accept()
+        viewer = Viewer(self, socket)
+        self._viewers.add(viewer)
+        tasks = [asyncio.create_task(viewer.send()), asyncio.create_task(viewer.receive())]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                error = task.exception()
+                if error is not None and not isinstance(error, WebSocketDisconnect | RuntimeError):
+                    _log.warning("a viewer was disconnected: %s", error)
+        finally:
+            self._viewers.discard(viewer)
+            self.floors.watch(viewer, ())
+            self.sensors.want(viewer, Wanted())
+            viewer.missions.want(False)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it has left already
+                await socket.close()
+
+
+class Viewer:
+    """One browser page. A slow one skips frames: `send` waits for its socket."""
+
+    def __init__(self, viewers: Viewers, socket: WebSocket) -> None:
+        self._viewers, self._socket = viewers, socket
+        self.news = asyncio.Event()
+        #: Version of each watched floor that the browser has.
+        self._sent: dict[str, int] = {}
+        #: The same of the scans and postures that it wants, and of the reservations; None if it does not want them.
+        self._scans: dict[str, int] = {}
+        self._postures: dict[str, int] = {}
+        self._reservations: int | None = None
+        self._overview = ""
+        self.missions = MissionFeed(viewers.missions)
+
+    async def send(self) -> None:
+        loop = asyncio.get_running_loop()
+        next_state_s = 0.0
+        while True:
+            overview = self._viewers.overview()
+            if overview != self._overview:
+                await self._socket.send_text(overview)
+                self._overview = overview
+            for name in list(self._sent):
+                await self._send_floor(name)
+            await self._send_sensors()
+            if missions := self.missions.message():
+                await self._socket.send_text(missions)
+            if loop.time() >= next_state_s:
+                next_state_s = loop.time() + STATE_INTERVAL_S
+                await self._socket.send_text(self._viewers.state_text())
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(self.news.wait(), max(0.0, next_state_s - loop.time()))
+            self.news.clear()
+
+    async def _send_floor(self, name: str) -> None:
+        try:
+            version, frame = self._viewers.floors.floor(name).frame_since(self._sent[name])
+        except UnknownFloor:
+            return  # it does not exist yet, or any more
+        if frame:
+            await self._socket.send_bytes(frame)
+            if name in self._sent:
+                self._sent[name] = version
+
+    async def _send_sensors(self) -> None:
+        sensors = self._viewers.sensors
+        for sent, message in ((self._scans, sensors.scans_message), (self._postures, sensors.postures_message)):
+            for name in list(sent):
+                version, text = message(name, sent[name])
+                if text:
+                    await self._socket.send_text(text)
+                    if name in sent:
+                        sent[name] = version
+        if self._reservations is not None:
+            version, text = sensors.reservations_message(self._reservations)
+            if text:
+                await self._socket.send_text(text)
+                self._reservations = None if self._reservations is None else version
+
+    async def receive(self) -> None:
+        while True:
+            text = await self._socket.receive_text()
+            if len(text) > MAX_MESSAGE:
+                return
+            try:
+                wanted = json.loads(text)
+                names = _floors(wanted["watch"])
+                sensors = Wanted(
+                    tuple(_floors(wanted.get("scans"))),
+                    tuple(_floors(wanted.get("postures"))),
+                    wanted.get("reservations") is True,
+                )
+                self.missions.want(wanted.get("missions") is True)
+            except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+                return
+            self._sent = {name: self._sent.get(name, 0) for name in names}
+            self._viewers.floors.watch(self, names)
+            self._viewers.sensors.want(self, sensors)
+            _keep(self._scans, sensors.scans)
+            _keep(self._postures, sensors.postures)
+            self._reservations = (self._reservations or NOTHING) if sensors.reservations else None
+            self.news.set()
+
+
+def _floors(names: Any) -> list[str]:
+    """The names of floors in a message; none if it is no list."""
+    return [name for name in names if isinstance(name, str)][:MAX_FLOORS] if isinstance(names, list) else []
+
+
+def _keep(sent: dict[str, int], names: Collection[str]) -> None:
+    """Forget what was sent of floors that are no longer wanted, and begin with new ones."""
+    for name in [name for name in sent if name not in names]:
+        del sent[name]
+    for name in names:
+        sent.setdefault(name, NOTHING)

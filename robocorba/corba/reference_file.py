@@ -1,0 +1,22 @@
+"""Files with an object reference that is a right: who can read the file may call the object."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from robocorba.corba.orb import Orb
+from robocorba.errors.services import ServiceError
+
+
+def write_reference(orb: Orb, reference: Any, file: Path) -> None:
+    """Write a reference to a file that only this user can read; replaces it atomically. Raises ServiceError."""
+    new = file.with_suffix(".new")
+    try:
+        new.unlink(missing_ok=True)  # a former one may have another mode
+        with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as out:
+            out.write(orb.uri(reference))
+        new.replace(file)
+    except OSError as error:
+        raise ServiceError(f"can't write {file}: {error.strerror}") from None

@@ -1,0 +1,142 @@
+"""All missions of the building, in versions: what leaders store in the Omni database, kept for a week after the end."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+import msgspec
+
+from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
+from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState
+from robocorba.simulation.store import Mission, SimulationStore
+
+#: Time for which a mission that has ended is kept [s].
+KEPT_S = 7 * 86400.0
+
+_log = logging.getLogger(__name__)
+
+
+class MissionDirectory:
+    """The missions in `store`, which nobody else changes. Thread-safe. clock: POSIX time [s].
+
+    A mission whose document is no MissionContent is stored like the others, but is in none of the lists here."""
+
+    def __init__(self, store: SimulationStore, clock: Callable[[], float] = time.time) -> None:
+        self._store, self._clock = store, clock
+        self._lock = threading.RLock()
+        # Clients of an earlier process hold smaller versions, and so get all missions.
+        self._version = time.time_ns() // 1000
+        #: Oldest change first, without reports, which can be long.
+        self._states: dict[str, MissionState] = {}
+        for mission in sorted(store.missions(), key=_last_time):
+            self._note(mission)
+
+    # ---- the Omni database ----
+
+    def put_mission(self, mission: Mission) -> int:
+        """As SimulationStore.put_mission; if there is no room, the missions that ended first make room."""
+        with self._lock:
+            while True:
+                try:
+                    version = self._store.put_mission(mission)
+                    break
+                except InvalidMission:
+                    if not self._store.is_full_for(mission) or not self._forget_oldest(mission.name):
+                        raise
+            self._note(Mission(mission.name, version, mission.document))
+            return version
+
+    def missions(self) -> list[Mission]:
+        """All missions as stored, sorted by name."""
+        return self._store.missions()
+
+    def remove_mission(self, name: str) -> None:
+        """Raises UnknownMission."""
+        with self._lock:
+            self._store.remove_mission(name)
+            self._states.pop(name, None)
+
+    # ---- mission control ----
+
+    def since(self, version: int) -> list[MissionState]:
+        """The missions that changed after a version, oldest change first; all of them if it is not one of ours."""
+        with self._lock:
+            if version > self._version:
+                version = 0
+            return [state for state in self._states.values() if state.version > version]
+
+    def mission(self, name: str) -> MissionState:
+        """Raises UnknownMission."""
+        state = self._states.get(name)
+        if state is None:
+            raise UnknownMission(name)
+        return state
+
+    def report(self, name: str) -> str:
+        """The report of a mission as JSON; of one whose leader has left none, what the record says. Raises
+        UnknownMission."""
+        content = self.mission(name).content
+        stored = self._store.mission(name)
+        report = MissionContent.decode(stored.document).report if stored else None
+        return msgspec.json.encode(content.brief_report(name) if report is None else report).decode()
+
+    def begin(self, name: str, content: MissionContent) -> None:
+        """Store a new mission, unless its leader has done so. Raises InvalidMission if there is no room."""
+        with contextlib.suppress(StaleMission):
+            self.put_mission(Mission(name, 0, content.encode()))
+
+    def fail(self, state: MissionState, reason: str) -> None:
+        """End a mission whose leader is gone, unless it has changed since `state`. A leader that comes back stores what
+        is true."""
+        with self._lock:
+            stored = self._store.mission(state.name)
+            if stored is None or self._states.get(state.name) is not state:
+                return
+            content = state.content.ended_as(MissionResult.FAILED, reason, self._clock())
+            self.put_mission(Mission(state.name, stored.version, content.encode()))
+
+    def running(self) -> list[MissionState]:
+        """The missions that have not ended."""
+        with self._lock:
+            return [state for state in self._states.values() if state.content.is_running]
+
+    def forget_old(self) -> None:
+        """Remove the missions that ended more than KEPT_S ago."""
+        limit = self._clock() - KEPT_S
+        with self._lock:
+            for state in list(self._states.values()):
+                if not state.content.is_running and state.content.ended < limit:
+                    self.remove_mission(state.name)
+
+    # ---- implementation; the lock is held ----
+
+    def _note(self, mission: Mission) -> None:
+        self._states.pop(mission.name, None)
+        with contextlib.suppress(msgspec.MsgspecError, UnicodeError, RecursionError):
+            content = MissionContent.decode(mission.document)
+            self._version += 1
+            without_report = msgspec.structs.replace(content, report=None)
+            self._states[mission.name] = MissionState(mission.name, self._version, without_report)
+
+    def _forget_oldest(self, except_for: str) -> bool:
+        """Remove the mission that ended first; whether there was one."""
+        ended = [state for state in self._states.values() if not state.content.is_running and state.name != except_for]
+        if not ended:
+            return False
+        oldest = min(ended, key=lambda state: state.content.ended)
+        _log.info("mission %s is removed to make room", oldest.name)
+        self.remove_mission(oldest.name)
+        return True
+
+
+def _last_time(mission: Mission) -> float:
+    """When a mission ended or began [s]."""
+    try:
+        content = MissionContent.decode(mission.document)
+    except (msgspec.MsgspecError, UnicodeError, RecursionError):
+        return 0.0
+    return content.ended or content.begun

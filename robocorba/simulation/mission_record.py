@@ -1,0 +1,135 @@
+"""The record of a mission, as its leader keeps it in the Omni database: JSON, described in docs/mission.md."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from enum import Enum
+from typing import Annotated, Any, Literal, NamedTuple
+
+import msgspec
+from msgspec import Meta, Struct
+
+from robocorba.simulation.store import MAX_DOCUMENT
+
+#: Texts of a record; CORBA strings have no NUL.
+Text = Annotated[str, Meta(max_length=2000, pattern="^[^\x00]*$")]
+Seconds = Annotated[float, Meta(ge=0.0, le=1e12)]
+Count = Annotated[int, Meta(ge=0, le=2**31 - 1)]
+#: Maximum number of members and of phases.
+MAX_MEMBERS, MAX_PHASES = 100, 1000
+#: Maximum length of the leader's part in a new mission's name [characters].
+MAX_LEADER = 150
+
+
+class MissionResult(Enum):
+    """How a mission ended, or that it runs."""
+
+    RUNNING = "running"
+    DONE = "done"
+    ABORTED = "aborted"
+    FAILED = "failed"
+
+
+class PhaseRecord(Struct, frozen=True):
+    """A phase that has begun. begun, ended: POSIX times by the leader's clock [s]; ended is 0 while it runs.
+    waited_for: the robot that finished last, or has not finished yet."""
+
+    name: Text
+    begun: Seconds
+    ended: Seconds = 0.0
+    waited_for: Text = ""
+
+
+class MemberRecord(Struct, frozen=True):
+    """A robot of a mission and its role, such as leader or helper."""
+
+    robot: Text
+    role: Text
+
+
+class MissionContent(Struct, frozen=True, kw_only=True):
+    """The state of a mission. Unknown fields are ignored, so that later releases may add some.
+
+    kind: tag of the cooperative icon. about: the object that it moves. term: increments with each change of the leader.
+    phases_in_all: 0 before there is a plan. begun, ended: as of a phase. report: at the end, see docs/mission.md."""
+
+    format: Literal[1] = 1
+    kind: Text
+    about: Text
+    leader: Text
+    term: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 1
+    members: Annotated[tuple[MemberRecord, ...], Meta(max_length=MAX_MEMBERS)] = ()
+    phases: Annotated[tuple[PhaseRecord, ...], Meta(max_length=MAX_PHASES)] = ()
+    phases_in_all: Count = 0
+    begun: Seconds
+    ended: Seconds = 0.0
+    result: MissionResult = MissionResult.RUNNING
+    reason: Text = ""
+    report: dict[str, Any] | None = None
+
+    @property
+    def is_running(self) -> bool:
+        return self.result is MissionResult.RUNNING
+
+    def encode(self) -> bytes:
+        """The document for the Omni database; without the report if it would be too long."""
+        document = msgspec.json.encode(self)
+        if len(document) > MAX_DOCUMENT:
+            document = msgspec.json.encode(msgspec.structs.replace(self, report=None))
+        return document
+
+    @classmethod
+    def decode(cls, document: bytes) -> MissionContent:
+        """The inverse of `encode`. Raises msgspec.ValidationError, msgspec.DecodeError for any other document."""
+        return msgspec.json.decode(document, type=cls)
+
+    def ended_as(self, result: MissionResult, reason: str, at: float) -> MissionContent:
+        """The mission with its end at POSIX time `at` [s]; a phase that runs ends with it."""
+        phases = tuple(phase if phase.ended else msgspec.structs.replace(phase, ended=at) for phase in self.phases)
+        return msgspec.structs.replace(self, phases=phases, ended=at, result=result, reason=reason[:2000])
+
+    def brief_report(self, name: str) -> dict[str, Any]:
+        """A report from what the record has, for a mission whose leader left none."""
+        ended = self.ended or time.time()
+        return {
+            "mission": name,
+            "kind": self.kind.replace("_", " "),
+            "leader": self.leader,
+            "result": self.result.value,
+            "reason": self.reason,
+            "robots": {member.robot: member.role for member in self.members},
+            "thing": self.about,
+            "began": self.begun,
+            "seconds": max(0.0, ended - self.begun),
+            "phases": [
+                {
+                    "name": phase.name,
+                    "began_s": phase.begun - self.begun,
+                    "started_s": {},
+                    "done_s": {phase.waited_for: phase.ended - self.begun} if phase.ended and phase.waited_for else {},
+                    "waited_for": phase.waited_for,
+                    "skew_ms": None,
+                }
+                for phase in self.phases
+            ],
+            "tick_skew_ms": None,
+            "farthest_grip_m": None,
+            "clocks": {},
+            "latency_ms": {},
+            "events": [],
+            "events_in_all": 0,
+        }
+
+
+class MissionState(NamedTuple):
+    """A mission of the building. version: increments with each change, over all missions."""
+
+    name: str
+    version: int
+    content: MissionContent
+
+
+def new_mission_name(leader: str) -> str:
+    """A unique name of a mission."""
+    return f"{leader[:MAX_LEADER]}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"

@@ -1,0 +1,78 @@
+"""Map files of browsers: uploads of each format, and downloads with what they lose."""
+
+from __future__ import annotations
+
+import base64
+import io
+import zipfile
+
+import pytest
+
+from robocorba.console.map_files import FORMATS, InvalidUpload, read_upload, write_download
+from robocorba.errors.maps import MapFileError
+from robocorba.maps import native
+from robocorba.maps.formats import WRITTEN
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
+from robocorba.testing.buildings import two_floors
+
+
+def packed(content: str | bytes) -> str:
+    return base64.b64encode(content.encode() if isinstance(content, str) else content).decode()
+
+
+def upload(files: dict[str, str]) -> dict[str, object]:
+    return read_upload(files, "blocked", "walls", False, SMARTPAL_RADIUS_M)
+
+
+def test_every_format_that_is_known_is_offered() -> None:
+    assert set(FORMATS) == set(WRITTEN)
+
+
+def test_a_native_map_comes_back_unchanged() -> None:
+    download = write_download(two_floors(), "native", 0.05, "pgm")
+    assert (download["name"], download["losses"]) == ("two_floors.yaml", [])
+    answer = upload({"house.yaml": download["content"]})
+    assert native.loads(str(answer["document"])) == two_floors()
+    assert (answer["format"], answer["losses"]) == ("native", [])
+
+
+@pytest.mark.parametrize("format", ["openrmf", "ros", "nav2"])
+def test_a_foreign_format_names_its_losses(format: str) -> None:
+    assert write_download(two_floors(), format, 0.2, "png")["losses"]
+
+
+def test_ros_maps_are_an_archive_that_can_be_read_again() -> None:
+    download = write_download(two_floors(), "ros", 0.2, "png")
+    with zipfile.ZipFile(io.BytesIO(base64.b64decode(download["content"]))) as archive:
+        files = {name: packed(archive.read(name)) for name in archive.namelist() if "L1" in name}
+    answer = upload(files)
+    assert answer["format"] == "ros"
+
+
+def test_an_error_names_the_file_and_its_line_but_no_folder() -> None:
+    with pytest.raises(MapFileError) as refused:
+        upload({"C:\\maps\\house.yaml": packed("robocorba: 1\nname: x\nfloors: [{name: 1}]\n")})
+    assert (refused.value.file, refused.value.line > 0) == ("house.yaml", True)
+    assert "/" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {},
+        {"picture.png": packed(b"\x89PNG")},
+        {"a.yaml": "no base64!"},
+        {"..": packed("x")},
+        {"a.yaml": packed("a: 1"), "b.yaml": packed("b: 1")},
+        {"n\0.yaml": packed("a: 1")},
+        {"x" * 300 + ".yaml": packed("a: 1")},
+    ],
+)
+def test_what_is_no_map_is_refused(files: dict[str, str]) -> None:
+    with pytest.raises(InvalidUpload):
+        upload(files)
+
+
+def test_an_unknown_format_is_refused() -> None:
+    with pytest.raises(InvalidUpload):
+        write_download(two_floors(), "dwg", 0.05, "pgm")

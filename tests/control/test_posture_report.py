@@ -1,0 +1,80 @@
+"""Reports of joint angles: when they have changed, and again after a failure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robocorba.control.posture_report import MIN_CHANGE_RAD, REFRESH_S, PostureReport
+from robocorba.errors.robots import RobotLost
+from robocorba.spatial.grids import Floats
+from tests.simulation.places import Clock
+
+
+class Robot:
+    """A robot whose reports a test reads."""
+
+    def __init__(self) -> None:
+        self.clock = Clock()
+        self.joints = np.zeros(3)
+        self.is_away = False
+        self.reported: list[list[float]] = []
+        self.report = PostureReport(self.read, self.receive, self.clock)
+
+    def read(self) -> Floats:
+        return self.joints
+
+    def receive(self, joints: Floats) -> None:
+        if self.is_away:
+            raise RobotLost("nobody answers")
+        self.reported.append(joints.tolist())
+
+    def update(self) -> int:
+        """The number of reports by an update a tenth of a second later."""
+        self.clock.now += 0.1
+        before = len(self.reported)
+        self.report.update()
+        return len(self.reported) - before
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return Robot()
+
+
+def test_only_changed_angles_are_reported(robot: Robot) -> None:
+    assert [robot.update() for _ in range(3)] == [1, 0, 0]
+    robot.joints = np.array([0.0, 2 * MIN_CHANGE_RAD, 0.0])
+    assert [robot.update() for _ in range(2)] == [1, 0]
+    robot.joints = robot.joints + MIN_CHANGE_RAD / 2
+    assert robot.update() == 0
+    assert robot.reported[-1] == [0.0, 2 * MIN_CHANGE_RAD, 0.0]
+
+
+def test_a_slow_movement_is_reported_as_well(robot: Robot) -> None:
+    robot.update()
+    for _ in range(10):
+        robot.joints = robot.joints + MIN_CHANGE_RAD / 4
+        robot.update()
+    assert len(robot.reported) == 3
+
+
+def test_angles_are_repeated_for_a_server_that_restarted(robot: Robot) -> None:
+    robot.update()
+    robot.clock.now += REFRESH_S
+    assert robot.update() == 1
+
+
+def test_a_failed_report_disturbs_nobody_and_is_repeated(robot: Robot) -> None:
+    robot.update()
+    robot.joints = np.ones(3)
+    robot.is_away = True
+    assert robot.update() == 0
+    robot.is_away, robot.joints = False, np.zeros(3)  # as before the failure
+    assert [robot.update() for _ in range(2)] == [1, 0]
+
+
+@pytest.mark.parametrize("joints", [[], [0.0, float("nan"), 0.0]])
+def test_a_robot_without_readable_joints_reports_nothing(robot: Robot, joints: list[float]) -> None:
+    robot.joints = np.array(joints)
+    assert robot.update() == 0

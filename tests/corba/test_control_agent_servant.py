@@ -1,0 +1,157 @@
+"""The servant of a control agent: how checks, programs, paths and missions look over CORBA."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from robocorba.corba.servants.control_agent import MAX_MISSION_NAME, RobotAgentServant
+from robocorba.errors.robots import IllegalOrder
+from robocorba.errors.services import NotReachable
+from robocorba.planning.request import PathPoint, PointKind
+from robocorba.programs import program
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.programs.program import Program
+from robocorba.programs.report import CheckReport
+from robocorba.stubs import RoboCorba
+
+WAITING = ProgramBuilder("waiting").wait(1.0).program()
+CARRY = '{"icon": "move_table", "table": "t", "to": {"floor": "L1", "x": 1, "y": 2}}'
+
+
+class Agent:
+    """The part of a ControlAgent that the servant uses here."""
+
+    name = "A"
+
+    def __init__(self) -> None:
+        self.program: Program | None = None
+        self.path: list[PathPoint] = []
+        self.report = CheckReport()
+        self.checked: list[Program] = []
+        self.missions: list[tuple[str, Program]] = []
+        self.aborted = 0
+        self.is_planner_away = False
+
+    def check(self, program: Program) -> CheckReport:
+        if self.is_planner_away:
+            raise NotReachable("PathPlanner does not answer")
+        self.checked.append(program)
+        return self.report
+
+    def start_mission(self, mission: str, program: Program) -> None:
+        if self.missions:
+            raise IllegalOrder("run a program", "runs a program")
+        self.missions.append((mission, program))
+
+    def abort(self) -> None:
+        self.aborted += 1
+
+
+class Missions:
+    mission = "carry-1"
+    led_mission = ""
+
+
+@pytest.fixture
+def agent() -> Agent:
+    return Agent()
+
+
+@pytest.fixture
+def missions() -> Missions:
+    return Missions()
+
+
+@pytest.fixture
+def servant(agent: Agent, missions: Missions) -> RobotAgentServant:
+    return RobotAgentServant(agent, None, "a", missions)  # type: ignore[arg-type]
+
+
+def findings(check: Any) -> list[tuple[str, str, str, str]]:
+    return [(found.kind._n, found.icon, found.parameter, found.reason) for found in check.findings]
+
+
+def test_a_check_has_errors_and_notes(servant: RobotAgentServant, agent: Agent) -> None:
+    agent.report.add_note("icons[0]", "is not checked")
+    agent.report.add_finding("icons[0]", "seconds", "is wrong")
+    check = servant.checkProgram(program.dumps(WAITING))
+    assert findings(check) == [
+        ("PROGRAM_ERROR", "icons[0]", "seconds", "is wrong"),
+        ("PROGRAM_NOTE", "icons[0]", "", "is not checked"),
+    ]
+    assert not check.isExecutable
+    assert agent.checked == [WAITING]
+
+
+def test_notes_alone_forbid_nothing(servant: RobotAgentServant, agent: Agent) -> None:
+    agent.report.add_note("", "no map")
+    assert servant.checkProgram(program.dumps(WAITING)).isExecutable
+
+
+def test_what_is_no_program_is_a_finding(servant: RobotAgentServant, agent: Agent) -> None:
+    check = servant.checkProgram('{"name": "x", "icons": [{"icon": "wait", "seconds": -1}]}')
+    assert not check.isExecutable
+    ((kind, icon, parameter, _),) = findings(check)
+    assert (kind, icon, parameter) == ("PROGRAM_ERROR", "icons[0]", "seconds")
+    assert findings(servant.checkProgram("{"))[0][3].startswith("not JSON")
+    assert agent.checked == []
+
+
+def test_without_a_planner_the_check_says_why(servant: RobotAgentServant, agent: Agent) -> None:
+    agent.is_planner_away = True
+    check = servant.checkProgram(program.dumps(WAITING))
+    assert not check.isExecutable
+    ((_, icon, _, reason),) = findings(check)
+    assert (icon, "PathPlanner" in reason) == ("", True)
+
+
+def test_the_loaded_program_is_readable(servant: RobotAgentServant, agent: Agent) -> None:
+    assert servant._get_program() == ""
+    agent.program = WAITING
+    assert program.loads(servant._get_program()) == WAITING
+
+
+def test_the_path_that_is_driven(servant: RobotAgentServant, agent: Agent) -> None:
+    assert servant._get_path() == []
+    agent.path = [PathPoint(PointKind.START, "", "L1", 1.0, 2.0, 0.5, 0.0, 0.0, "")]
+    (point,) = servant._get_path()
+    assert (point.kind, point.position.floor, point.position.x, point.position.y) == (RoboCorba.START, "L1", 1.0, 2.0)
+
+
+def test_channel_and_mission(servant: RobotAgentServant) -> None:
+    assert (servant._get_channel(), servant._get_mission()) == ("a", "carry-1")
+
+
+def test_a_mission_is_started_from_the_json_of_an_icon(servant: RobotAgentServant, agent: Agent) -> None:
+    servant.startMission("carry-1", CARRY)
+    ((name, started),) = agent.missions
+    assert (name, len(started.icons)) == ("carry-1", 1)
+    with pytest.raises(RoboCorba.IllegalOrder):
+        servant.startMission("carry-2", CARRY)
+
+
+@pytest.mark.parametrize("name", ["", "x" * (MAX_MISSION_NAME + 1)])
+def test_a_mission_has_a_name(servant: RobotAgentServant, agent: Agent, name: str) -> None:
+    with pytest.raises(RoboCorba.InvalidProgram, match="characters"):
+        servant.startMission(name, CARRY)
+    assert agent.missions == []
+
+
+@pytest.mark.parametrize("icon", ["", "{", f"{CARRY}, {CARRY}", '{"icon": "move_table"}'])
+def test_a_mission_is_one_readable_icon(servant: RobotAgentServant, agent: Agent, icon: str) -> None:
+    with pytest.raises(RoboCorba.InvalidProgram):
+        servant.startMission("carry-1", icon)
+    assert agent.missions == []
+
+
+def test_only_the_led_mission_is_aborted(servant: RobotAgentServant, agent: Agent, missions: Missions) -> None:
+    for led in ("", "carry-2"):
+        missions.led_mission = led
+        with pytest.raises(RoboCorba.UnknownMission, match="carry-1"):
+            servant.abortMission("carry-1")
+    assert agent.aborted == 0
+    missions.led_mission = "carry-1"
+    servant.abortMission("carry-1")
+    assert agent.aborted == 1

@@ -1,0 +1,219 @@
+"""A leader's records of its missions, which never hold up the mission."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from robocorba.backoff import Backoff
+from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import InvalidMission, StaleMission
+from robocorba.missions.messages import Answer, MemberState
+from robocorba.missions.recorder import MAX_WAITING, LedMission, MissionRecorder
+from robocorba.missions.report import MAX_BRIEF_EVENTS, MissionReport, PhaseTimes
+from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, plan_of
+from robocorba.missions.transport import Received
+from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord
+from robocorba.simulation.store import Mission
+from tests.control.places import eventually
+
+QUICK = Backoff(0.001, 0.002)
+PLAN = plan_of(
+    "m.1", "move_table", "A", "desk", (("A", "leader"), ("B", "helper")), [PhaseSteps("one", [Idle(), Idle()])] * 2
+)
+
+
+class Database:
+    """Missions by name, as the Omni database keeps them. is_away: it does not answer."""
+
+    def __init__(self) -> None:
+        self.missions: dict[str, tuple[int, MissionContent]] = {}
+        self.is_away = False
+        self.calls = 0
+        self.gate = threading.Event()
+        self.gate.set()
+
+    def put(self, mission: Mission) -> int:
+        self.calls += 1
+        self.gate.wait(10.0)
+        if self.is_away:
+            raise NotReachable("the Omni database does not answer")
+        if mission.name == "invalid":
+            raise InvalidMission("name", "1000 missions are stored already")
+        current = self.missions[mission.name][0] if mission.name in self.missions else 0
+        if mission.version != current:
+            raise StaleMission(mission.name, mission.version, current)
+        self.missions[mission.name] = current + 1, MissionContent.decode(mission.document)
+        return current + 1
+
+    def content(self, name: str) -> MissionContent | None:
+        return self.missions[name][1] if name in self.missions else None
+
+
+def content(begun: float, result: MissionResult = MissionResult.RUNNING) -> MissionContent:
+    return MissionContent(kind="move_table", about="desk", leader="A", begun=begun, result=result)
+
+
+@pytest.fixture
+def database() -> Database:
+    return Database()
+
+
+@pytest.fixture
+def recorder(database: Database) -> Iterator[MissionRecorder]:
+    recorder = MissionRecorder(database.put, QUICK)
+    yield recorder
+    database.gate.set()
+    recorder.close()
+
+
+def test_a_recorder_does_not_wait_for_the_database(database: Database, recorder: MissionRecorder) -> None:
+    database.gate.clear()
+    for begun in range(1, 100):
+        recorder.record("m", content(begun))
+    assert database.missions == {}
+    database.gate.set()
+    eventually(lambda: database.content("m") == content(99), "the latest state is there")
+    assert database.calls <= 3
+
+
+def test_a_database_that_was_away_gets_the_latest_state(database: Database, recorder: MissionRecorder) -> None:
+    recorder.record("m", content(1))
+    eventually(lambda: database.content("m") == content(1), "it is recorded")
+    database.is_away = True
+    recorder.record("m", content(2))
+    before = database.calls
+    eventually(lambda: database.calls > before + 3, "it is tried again")
+    recorder.record("m", content(3, MissionResult.DONE))
+    recorder.record("next", content(4))
+    database.is_away = False
+    eventually(lambda: database.content("m") == content(3, MissionResult.DONE), "the end is recorded")
+    eventually(lambda: database.content("next") == content(4), "and the next mission")
+
+
+def test_a_record_that_another_has_changed_is_brought_up_to_date(database: Database, recorder: MissionRecorder) -> None:
+    database.missions["m"] = 7, content(0, MissionResult.FAILED)
+    recorder.record("m", content(1))
+    eventually(lambda: database.missions["m"] == (8, content(1)), "what the leader knows")
+
+
+def test_what_can_t_be_recorded_is_dropped(database: Database, recorder: MissionRecorder) -> None:
+    recorder.record("invalid", content(1))
+    recorder.record("m", content(1))
+    eventually(lambda: database.content("m") == content(1), "the other one is recorded")
+
+
+def test_only_so_many_wait(database: Database, recorder: MissionRecorder) -> None:
+    database.gate.clear()
+    for number in range(2 * MAX_WAITING):
+        recorder.record(f"m{number}", content(number))
+    database.gate.set()
+    last = f"m{2 * MAX_WAITING - 1}"
+    recorder.close()
+    assert database.content(last) is not None
+    assert len(database.missions) <= MAX_WAITING + 1
+
+
+def test_a_recorder_ends_while_the_database_is_away(database: Database, recorder: MissionRecorder) -> None:
+    database.is_away = True
+    recorder.record("m", content(1))
+    recorder.close()
+    recorder.record("m", content(2))
+    assert "mission records" not in {thread.name for thread in threading.enumerate()}
+
+
+# ---- what is recorded ----
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+class Kept(MissionRecorder):
+    """Keeps the latest state instead of writing it."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda mission: 1)
+
+    def record(self, name: str, content: MissionContent) -> None:
+        self.latest = MissionContent.decode(content.encode())
+
+
+def report(result: str, reason: str = "", received: list[Received] | None = None, plan: CooperativePlan | None = None):  # type: ignore[no-untyped-def]
+    return MissionReport("m", "move table", "A", result, reason, 100.0, 120.0, plan, [], {}, received or [])
+
+
+@pytest.fixture
+def kept() -> Kept:
+    return Kept()
+
+
+def test_phases_say_who_is_waited_for(kept: Kept) -> None:
+    led = LedMission(kept, "m", "move_table", "desk", "A", Clock())
+    assert kept.latest.phases == (PhaseRecord("asking", 100.0),)
+    led.update(PLAN, [], False)
+    assert kept.latest.members == (MemberRecord("A", "leader"), MemberRecord("B", "helper"))
+    assert kept.latest.phases_in_all == 3
+    phases = [PhaseTimes("one", 102.0, {}, {})]
+    led.update(PLAN, phases, False)
+    assert kept.latest.phases == (PhaseRecord("asking", 100.0, 102.0), PhaseRecord("one", 102.0))
+    phases[0].done["A"] = 103.0
+    led.update(PLAN, phases, False)
+    assert kept.latest.phases[1] == PhaseRecord("one", 102.0, 0.0, "B")
+    phases[0].done["B"] = 105.0
+    led.update(PLAN, phases, False)
+    assert kept.latest.phases[1] == PhaseRecord("one", 102.0, 105.0, "B")
+
+
+def test_a_failure_ends_its_phase_and_the_mission_safely(kept: Kept) -> None:
+    clock = Clock()
+    led = LedMission(kept, "m", "move_table", "desk", "A", clock)
+    phases = [PhaseTimes("one", 102.0, {}, {"A": 103.0})]
+    clock.now = 110.0
+    led.update(PLAN, phases, True)
+    assert kept.latest.phases[1:] == (PhaseRecord("one", 102.0, 110.0, "B"), PhaseRecord("ending safely", 110.0))
+    led.end(report("failed", "one: B is silent", plan=PLAN), False)
+    assert (kept.latest.result, kept.latest.reason) == (MissionResult.FAILED, "one: B is silent")
+    assert kept.latest.ended == kept.latest.phases[-1].ended == 120.0
+    assert kept.latest.report is not None
+    assert kept.latest.report["robots"] == {"A": "leader", "B": "helper"}
+
+
+@pytest.mark.parametrize(
+    ("end", "result"),
+    [
+        (lambda led: led.end(report("failed", "it was aborted"), True), MissionResult.ABORTED),
+        (lambda led: led.end(report("done"), True), MissionResult.DONE),
+        (lambda led: led.end(report("done"), False), MissionResult.DONE),
+        (lambda led: led.fail("there is no object 'sofa'"), MissionResult.FAILED),
+        (lambda led: led.fail("x" * 10_000), MissionResult.FAILED),
+    ],
+)
+def test_ends(kept: Kept, end: Callable[[LedMission], None], result: MissionResult) -> None:
+    end(LedMission(kept, "m", "move_table", "sofa", "A", Clock()))
+    assert kept.latest.result is result
+    assert kept.latest.ended
+
+
+def test_the_report_has_the_messages_that_say_something_new() -> None:
+    def state(step: int, at: float) -> Received:
+        return Received("B", MemberState(mission="m.1", robot="B", leader="A", step=step), at, "lab")
+
+    answer = Received("B", Answer(mission="m.1", robot="B", leader="A", accepts=True), 100.5, "lab")
+    received = [answer, *(state(step, 101.0 + step + n / 10) for step in range(2) for n in range(10))]
+    brief = report("done", received=received).brief_json()
+    assert [(event["type"], event["at_s"]) for event in brief["events"]] == [
+        ("mission.answer", 0.5),
+        ("mission.state", 1.0),
+        ("mission.state", 2.0),
+    ]
+    assert brief["events_in_all"] == 21
+    assert brief["latency_ms"]["lab"]["count"] == 21
+    many = report("done", received=[state(step, 101.0) for step in range(2 * MAX_BRIEF_EVENTS)]).brief_json()
+    assert len(many["events"]) == MAX_BRIEF_EVENTS

@@ -1,0 +1,288 @@
+"""The building's missions as leaders store them: versions, bounds, and what mission control makes of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robocorba.errors.robots import IllegalOrder
+from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import InvalidMission, NoLeader, StaleMission, UnknownMission
+from robocorba.simulation import store as store_module
+from robocorba.simulation.mission_control import GONE_LIMIT_S, SILENT_LIMIT_S, LeaderWatch, MissionControl
+from robocorba.simulation.mission_directory import KEPT_S, MissionDirectory
+from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord
+from robocorba.simulation.store import MAX_DOCUMENT, Mission, SimulationStore
+
+ICON = json.dumps({"icon": "move_table", "table": "desk", "to": {"floor": "L1", "x": 1, "y": 2}})
+RUNNING = MissionContent(
+    kind="move_table",
+    about="desk",
+    leader="A",
+    members=(MemberRecord("A", "leader"), MemberRecord("B", "helper")),
+    phases=(PhaseRecord("asking", 100.0, 101.0), PhaseRecord("gathering", 101.0, 0.0, "B")),
+    phases_in_all=7,
+    begun=100.0,
+)
+
+
+def ended(at: float, **more: Any) -> MissionContent:
+    return MissionContent(
+        kind="move_table", about="desk", leader="A", begun=at - 10.0, ended=at, result=MissionResult.DONE, **more
+    )
+
+
+class Robots:
+    """Robots as mission control calls them. lead: the mission that each leads; absent ones don't answer."""
+
+    def __init__(self, **lead: str) -> None:
+        self.lead = lead
+        self.refusal: Exception | None = None
+        self.aborted: list[str] = []
+
+    def start(self, leader: str, mission: str, icon: str) -> None:
+        if self.refusal:
+            raise self.refusal
+        self.mission_of(leader)
+        self.lead[leader] = mission
+
+    def abort(self, leader: str, mission: str) -> None:
+        if self.mission_of(leader) != mission:
+            raise UnknownMission(mission)
+        self.aborted.append(mission)
+
+    def mission_of(self, leader: str) -> str:
+        if leader not in self.lead:
+            raise NotReachable(f"robot {leader} does not answer")
+        return self.lead[leader]
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Any:
+    with SimulationStore(tmp_path / "file") as store:
+        yield store
+
+
+@pytest.fixture
+def missions(store: SimulationStore) -> MissionDirectory:
+    return MissionDirectory(store, lambda: 1000.0)
+
+
+def put(missions: MissionDirectory, name: str, content: MissionContent, version: int = 0) -> int:
+    return missions.put_mission(Mission(name, version, content.encode()))
+
+
+# ---- records ----
+
+
+def test_changes_are_listed_since_a_version(missions: MissionDirectory) -> None:
+    put(missions, "one", RUNNING)
+    put(missions, "two", RUNNING)
+    both = missions.since(0)
+    assert [state.name for state in both] == ["one", "two"]
+    assert missions.since(both[-1].version) == []
+    put(missions, "one", ended(200.0), 1)
+    (changed,) = missions.since(both[-1].version)
+    assert (changed.name, changed.content.result) == ("one", MissionResult.DONE)
+    assert [state.name for state in missions.since(0)] == ["two", "one"]
+    assert missions.since(changed.version + 10**6) == missions.since(0), "a version of another server"
+
+
+def test_a_client_of_the_server_before_gets_all_missions(store: SimulationStore) -> None:
+    before = MissionDirectory(store)
+    put(before, "late", ended(300.0, reason="a"))
+    put(before, "early", ended(200.0))
+    version = before.since(0)[-1].version
+    again = MissionDirectory(store)
+    assert [state.name for state in again.since(version)] == ["early", "late"]
+    assert again.mission("late").content == ended(300.0, reason="a")
+
+
+def test_a_writer_that_is_late_is_refused(missions: MissionDirectory) -> None:
+    put(missions, "one", RUNNING)
+    with pytest.raises(StaleMission):
+        put(missions, "one", RUNNING)
+    missions.remove_mission("one")
+    with pytest.raises(UnknownMission):
+        missions.mission("one")
+    assert missions.since(0) == []
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        *(b"", b"\xff\x00", b"[" * 100_000, b"[]", b'{"kind": "a"}'),
+        RUNNING.encode().replace(b'"desk"', b'"de\\u0000sk"'),
+        RUNNING.encode().replace(b"100.0", b"-1e999"),
+        RUNNING.encode().replace(b'"term":1', b'"term":18446744073709551615'),
+    ],
+)
+def test_other_documents_are_stored_and_not_listed(missions: MissionDirectory, document: bytes) -> None:
+    assert missions.put_mission(Mission("other", 0, document)) == 1
+    assert [mission.document for mission in missions.missions()] == [document]
+    assert missions.since(0) == []
+
+
+def test_the_missions_that_ended_first_make_room(
+    store: SimulationStore, missions: MissionDirectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store_module, "MAX_MISSIONS", 3)
+    put(missions, "running", RUNNING)
+    put(missions, "later", ended(300.0))
+    put(missions, "first", ended(200.0))
+    put(missions, "new", RUNNING)
+    assert {state.name for state in missions.since(0)} == {"running", "later", "new"}
+    put(missions, "newer", RUNNING)
+    with pytest.raises(InvalidMission):
+        put(missions, "newest", RUNNING)
+    monkeypatch.setattr(store_module, "MAX_DOCUMENTS", 1000)
+    with pytest.raises(InvalidMission):
+        put(missions, "running", ended(300.0, report={"long": "x" * 1000}), 1)
+    assert {mission.name for mission in store.missions()} == {"running", "new", "newer"}
+
+
+def test_missions_are_kept_for_a_week(store: SimulationStore) -> None:
+    now = 1000.0
+    missions = MissionDirectory(store, lambda: now)
+    put(missions, "done", ended(now))
+    put(missions, "running", RUNNING)
+    now += KEPT_S - 1.0
+    missions.forget_old()
+    assert len(missions.since(0)) == 2
+    now += 2.0
+    missions.forget_old()
+    assert [mission.name for mission in store.missions()] == ["running"]
+
+
+def test_a_report_is_the_leaders_or_what_the_record_says(missions: MissionDirectory) -> None:
+    put(missions, "done", ended(200.0, report={"mission": "done", "result": "done"}))
+    put(missions, "lost", RUNNING)
+    assert json.loads(missions.report("done")) == {"mission": "done", "result": "done"}
+    missions.fail(missions.mission("lost"), "its leader was gone")
+    report = json.loads(missions.report("lost"))
+    assert (report["result"], report["reason"], report["seconds"]) == ("failed", "its leader was gone", 900.0)
+    assert report["robots"] == {"A": "leader", "B": "helper"}
+    assert [(phase["name"], phase["began_s"]) for phase in report["phases"]] == [("asking", 0.0), ("gathering", 1.0)]
+    with pytest.raises(UnknownMission):
+        missions.report("nothing")
+
+
+def test_a_report_that_is_too_long_is_left_out() -> None:
+    document = ended(200.0, report={"long": "x" * MAX_DOCUMENT}).encode()
+    assert MissionContent.decode(document).report is None
+
+
+# ---- mission control ----
+
+
+def test_a_mission_is_started_and_listed_at_once(missions: MissionDirectory) -> None:
+    robots = Robots(A="")
+    name = MissionControl(missions, robots).start("A", ICON)
+    content = missions.mission(name).content
+    assert robots.lead == {"A": name}
+    assert (content.kind, content.about, content.leader) == ("move_table", "desk", "A")
+    assert content.is_running
+
+
+def test_the_leaders_own_record_is_not_replaced(missions: MissionDirectory) -> None:
+    class Quick(Robots):
+        def start(self, leader: str, mission: str, icon: str) -> None:
+            put(missions, mission, RUNNING)
+
+    name = MissionControl(missions, Quick()).start("A", ICON)
+    assert missions.mission(name).content == RUNNING
+
+
+def test_a_refusal_leaves_no_record(missions: MissionDirectory) -> None:
+    robots = Robots()
+    control = MissionControl(missions, robots)
+    with pytest.raises(NoLeader, match="robot A does not answer"):
+        control.start("A", ICON)
+    robots.refusal = IllegalOrder("load a program", "runs a program")
+    with pytest.raises(IllegalOrder):
+        control.start("A", ICON)
+    assert missions.since(0) == []
+
+
+def test_robots_that_hang_do_not_occupy_the_server(missions: MissionDirectory) -> None:
+    class Hanging(Robots):
+        def start(self, leader: str, mission: str, icon: str) -> None:
+            if leader != "C":
+                control.start(chr(ord(leader) + 1), icon)
+
+    control = MissionControl(missions, Hanging())
+    with pytest.raises(NoLeader, match="2 robots are being asked"):
+        control.start("A", ICON)
+    control.start("C", ICON)
+
+
+def test_an_abort_hits_its_own_mission_only(missions: MissionDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robocorba.simulation.mission_control.ABORT_RETRY_S", 0.0)
+    robots = Robots(A="second")
+    control = MissionControl(missions, robots)
+    put(missions, "first", RUNNING)
+    put(missions, "second", RUNNING)
+    put(missions, "done", ended(200.0))
+    with pytest.raises(NoLeader, match="robot A does not lead mission 'first' any more"):
+        control.abort("first")
+    with pytest.raises(NoLeader, match="'done' has ended already, done"):
+        control.abort("done")
+    with pytest.raises(UnknownMission):
+        control.abort("nothing")
+    assert robots.aborted == []
+    control.abort("second")
+    assert robots.aborted == ["second"]
+
+
+def test_an_abort_waits_for_a_leader_that_has_just_accepted(missions: MissionDirectory) -> None:
+    class Late(Robots):
+        asked = 0
+
+        def mission_of(self, leader: str) -> str:
+            self.asked += 1
+            return "one" if self.asked > 2 else ""
+
+    robots = Late()
+    put(missions, "one", RUNNING)
+    MissionControl(missions, robots).abort("one")
+    assert robots.aborted == ["one"]
+
+
+@pytest.mark.parametrize(
+    ("robots", "logged_on", "limit_s", "reason"),
+    [
+        (Robots(), False, GONE_LIMIT_S, "its leader A was gone for 15 s"),
+        (Robots(A="other"), True, GONE_LIMIT_S, "its leader A did not lead it any more for 15 s"),
+        (Robots(), True, SILENT_LIMIT_S, "its leader A did not answer for 60 s"),
+    ],
+)
+def test_a_mission_without_a_leader_fails(
+    missions: MissionDirectory, robots: Robots, logged_on: bool, limit_s: float, reason: str
+) -> None:
+    now = 0.0
+    watch = LeaderWatch(missions, robots, lambda robot: logged_on, lambda: now)
+    put(missions, "one", RUNNING)
+    watch.check()
+    now = limit_s - 0.1
+    watch.check()
+    assert missions.mission("one").content.is_running
+    now = limit_s
+    watch.check()
+    content = missions.mission("one").content
+    assert (content.result, content.reason, content.ended) == (MissionResult.FAILED, reason, 1000.0)
+    assert content.phases[-1].ended == 1000.0
+    put(missions, "one", ended(200.0), missions.missions()[0].version)
+    assert missions.mission("one").content.result is MissionResult.DONE, "what a leader says that comes back"
+
+
+def test_a_leader_that_answers_again_keeps_its_mission(missions: MissionDirectory) -> None:
+    now, robots = 0.0, Robots(A="one")
+    watch = LeaderWatch(missions, robots, lambda robot: False, lambda: now)
+    put(missions, "one", RUNNING)
+    for now in range(0, 100, 5):
+        robots.lead = {} if now % 10 else {"A": "one"}
+        watch.check()
+    assert missions.mission("one").content == RUNNING
