@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import os
-import threading
 from typing import Annotated
 
 import typer
 
 from robocorba.commands.options import Naming, connected
-from robocorba.errors.base import RoboCorbaError
 from robocorba.supervision.launch import module_command
-
-#: Timeout for the confirmation of an emergency stop [s].
-STOP_LIMIT_S = 5.0
 
 
 def robot(context: typer.Context) -> None:
@@ -34,28 +29,15 @@ def stop(
     """Emergency stop: a robot stops as soon as possible, and does not move until `--reset`."""
     if bool(name) == all_robots:
         raise typer.BadParameter("name a robot, or give --all")
-    from robocorba.corba.remote.control_agent import RemoteAgent, robots
+    from robocorba.corba.remote.control_agent import RemoteAgent, order_all, robots
 
     with connected("stop", naming) as orb:
-        failed: dict[str, str] = {}
-
-        def order(robot_name: str) -> None:
-            try:
-                agent = RemoteAgent(orb, robot_name, 1.0)
-                agent.reset_stop() if reset else agent.stop()
-            except RoboCorbaError as error:
-                failed[robot_name] = str(error)
-
         names = robots(orb) if all_robots else [name]
-        threads = [threading.Thread(target=order, args=(each,), daemon=True) for each in names]
-        for thread in threads:
-            thread.start()
-        for each, thread in zip(names, threads, strict=True):
-            thread.join(STOP_LIMIT_S)
-            if thread.is_alive():
-                failed[each] = f"did not answer within {STOP_LIMIT_S:g} s"
-            typer.echo(f"{each}\t{failed.get(each, 'may move again' if reset else 'stopped')}", err=each in failed)
-    if failed:
+        is_failed = False
+        for each, problem in order_all(orb, names, RemoteAgent.reset_stop if reset else RemoteAgent.stop):
+            typer.echo(f"{each}\t{problem or ('may move again' if reset else 'stopped')}", err=bool(problem))
+            is_failed |= bool(problem)
+    if is_failed:
         raise typer.Exit(1)
 
 

@@ -26,7 +26,7 @@ async def answer_call(operations: Operations, name: str, request: Request) -> Re
         return JSONResponse({"answer": await asyncio.to_thread(operations.call, name, arguments)})
     except RoboCorbaError as error:
         return JSONResponse({"error": str(error)})
-    except Exception:
+    except Exception:  # a defect of an operation: the page gets an answer, the log the trace
         _log.exception("operation %r failed", name[:80])
         return JSONResponse({"error": "the console failed; its log says why"})
 

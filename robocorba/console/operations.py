@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import inspect
-import threading
 from collections.abc import Callable
 from typing import Any, get_type_hints
 
 from robocorba.console.arguments import InvalidArguments, check_type
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent, robots
-from robocorba.errors.base import RoboCorbaError
+from robocorba.corba.remote.control_agent import RemoteAgent, order_all, robots
 
-#: Timeout for the confirmation of an emergency stop [s].
-STOP_LIMIT_S = 3.0
 #: Timeout for finding a robot [s].
 RESOLVE_TIMEOUT_S = 1.0
 Operation = Callable[..., Any]
@@ -53,23 +49,8 @@ class Operations:
 
     def stop_all(self) -> dict[str, str]:
         """Emergency stop of all robots, at the same time; robots that did not confirm, with the reason."""
-        failed: dict[str, str] = {}
-
-        def stop(robot: str) -> None:
-            try:
-                RemoteAgent(self._orb, robot, RESOLVE_TIMEOUT_S).stop()
-            except RoboCorbaError as error:
-                failed[robot] = str(error)
-
-        names = robots(self._orb)
-        threads = [threading.Thread(target=stop, args=(name,), daemon=True) for name in names]
-        for thread in threads:
-            thread.start()
-        for name, thread in zip(names, threads, strict=True):
-            thread.join(STOP_LIMIT_S)
-            if thread.is_alive():
-                failed[name] = f"did not answer within {STOP_LIMIT_S:g} s"
-        return dict(failed)
+        answers = order_all(self._orb, robots(self._orb), RemoteAgent.stop)
+        return {name: problem for name, problem in answers if problem}
 
     def stop(self, robot: str) -> None:
         """Emergency stop of a robot."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import msgspec
 
 from robocorba.errors.maps import InvalidElement
-from robocorba.maps.changes import Change, ElementKey, inverse
+from robocorba.maps.changes import Change, ElementKey
 from robocorba.maps.element_rules import name_violations
 from robocorba.maps.model import COLLECTION_OF, Building, ElementKind
 
@@ -52,11 +52,6 @@ def check_author(author: str) -> None:
     if len(author) > MAX_AUTHOR:
         reason = f"the author's name has {len(author)} characters, at most {MAX_AUTHOR} are allowed"
         raise InvalidElement(ElementKind.FLOOR.value, "", "", reason)
-
-
-def reverting(changes: Sequence[Change], version: int) -> list[Change]:
-    """The changes of `version` that revert those of an edit."""
-    return inverse(changes, version)
 
 
 def repeating(changes: Sequence[Change], version: int) -> list[Change]:

@@ -38,7 +38,6 @@ from robocorba.maps.author_history import (
     check_author,
     foreign_changes,
     repeating,
-    reverting,
 )
 from robocorba.maps.changes import Change, ElementKey, apply, difference, elements_of, inverse, key, key_of, ordered
 from robocorba.maps.draft import Draft, EditorState, Versions
@@ -189,32 +188,16 @@ class BuildingEditor:
 
         Raises NothingToUndo, InvalidElement, EditedByOthers; after the latter the edit can't be undone any more."""
         with self._lock:
-            commit = self._store.commit_of(author.done[-1].version) if author.done else None
-            if commit is None:  # the journal keeps the newest: those before it are lost as well
-                author.done.clear()
-                raise NothingToUndo("there is nothing to undo")
-            edit = author.done[-1]
-            changes = reverting(commit.changes, self.version + 1)
-            version = self._replay(author.done, changes, self._note(f"undone: {edit.summary}", author))
-            author.done.pop()
-            author.undone.append(edit)
-            return version
+            nothing = NothingToUndo("there is nothing to undo")
+            return self._take_last(author, author.done, author.undone, inverse, nothing)
 
     def redo_own(self, author: AuthorHistory) -> int:
         """Repeat the edit that an author undid last. Returns the new version.
 
         Raises NothingToRedo, InvalidElement, EditedByOthers; after the latter the edit can't be repeated any more."""
         with self._lock:
-            commit = self._store.commit_of(author.undone[-1].version) if author.undone else None
-            if commit is None:
-                author.undone.clear()
-                raise NothingToRedo("there is nothing to redo")
-            edit = author.undone[-1]
-            changes = repeating(commit.changes, self.version + 1)
-            version = self._replay(author.undone, changes, self._note(f"redone: {edit.summary}", author))
-            author.undone.pop()
-            author.done.append(edit)
-            return version
+            nothing = NothingToRedo("there is nothing to redo")
+            return self._take_last(author, author.undone, author.done, repeating, nothing)
 
     def begin(self, by: AuthorHistory | None = None) -> Transaction:
         """Open a transaction. Raises TooManyTransactions."""
@@ -328,18 +311,32 @@ class BuildingEditor:
     def _note(self, summary: str, by: AuthorHistory | None = None) -> EditNote:
         return EditNote(by.author if by else "", self._wall_clock(), shortened(summary))
 
-    def _replay(self, stack: MutableSequence[OwnEdit], changes: Sequence[Change], note: EditNote) -> int:
-        """Make the changes that revert or repeat the last edit of `stack`; drop it if others have changed its elements.
-
-        Requires the lock."""
+    def _take_last(
+        self,
+        author: AuthorHistory,
+        edits: MutableSequence[OwnEdit],
+        others: MutableSequence[OwnEdit],
+        changes_of: Callable[[Sequence[Change], int], list[Change]],
+        nothing: NothingToUndo | NothingToRedo,
+    ) -> int:
+        """Revert or repeat the last of `edits` by `changes_of` its changes, and move it to `others`. If others have
+        changed its elements, it is dropped. Requires the lock."""
+        commit = self._store.commit_of(edits[-1].version) if edits else None
+        if commit is None:  # the journal keeps the newest: those before it are lost as well
+            edits.clear()
+            raise nothing
+        edit, changes = edits[-1], changes_of(commit.changes, self.version + 1)
         foreign = next(foreign_changes(self.building, changes), None)
         if foreign is not None:
-            edit = stack.pop()
+            edits.pop()
             raise EditedByOthers(*foreign.words, self._store.last_author(foreign, edit.version))
-        if stack[-1].is_rename:  # nothing moves, so what is blocked may stay blocked
+        if edit.is_rename:  # nothing moves, so what is blocked may stay blocked
             for wrong in problems(apply(self.building, changes), limit=1):
                 raise wrong
-        return self._commit(changes, self.building.name, check=not stack[-1].is_rename, note=note)
+        note = self._note(f"{'undone' if others is author.undone else 'redone'}: {edit.summary}", author)
+        version = self._commit(changes, self.building.name, check=not edit.is_rename, note=note)
+        others.append(edits.pop())
+        return version
 
     def _check_floor(self, floor: str) -> None:
         if floor not in self.building.floors:

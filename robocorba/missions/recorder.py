@@ -99,7 +99,7 @@ class MissionRecorder:
         except RoboCorbaError as error:
             _log.info("mission %s is not recorded yet: %s", name, error)
             return False
-        except Exception:
+        except Exception:  # a defect must not end the thread
             _log.exception("recording mission %s failed", name)
             return True
         self._versions[name] = version

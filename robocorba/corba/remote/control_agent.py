@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
 
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import IconBegun
 from robocorba.corba.conversion import robot
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import Answer, translated
+from robocorba.errors.base import RoboCorbaError
 from robocorba.names import ROBOTS
 from robocorba.programs.report import CheckReport
 from robocorba.stubs import RoboCorba
@@ -17,6 +20,8 @@ from robocorba.stubs import RoboCorba
 CALL_TIMEOUT_S = 3.0
 #: Timeout of calls that check a program or start an adaptor [s].
 SLOW_CALL_TIMEOUT_S = 40.0
+#: Timeout for finding a robot that gets an order together with others, and for all their confirmations [s].
+ORDER_RESOLVE_S, ORDER_LIMIT_S = 1.0, 5.0
 
 
 class RemoteAgent:
@@ -106,3 +111,22 @@ class RemoteAgent:
 def robots(orb: Orb) -> list[str]:
     """Names of the robots whose agents are bound. Raises NotReachable."""
     return orb.names(ROBOTS)
+
+
+def order_all(orb: Orb, names: Sequence[str], order: Callable[[RemoteAgent], None]) -> Iterator[tuple[str, str]]:
+    """Give an order to robots at the same time; each name with the reason if the robot did not confirm, else empty."""
+    failed: dict[str, str] = {}
+
+    def call(name: str) -> None:
+        try:
+            order(RemoteAgent(orb, name, ORDER_RESOLVE_S))
+        except RoboCorbaError as error:
+            failed[name] = str(error)
+
+    threads = [threading.Thread(target=call, args=(name,), daemon=True) for name in names]
+    for thread in threads:
+        thread.start()
+    deadline = time.monotonic() + ORDER_LIMIT_S
+    for name, thread in zip(names, threads, strict=True):
+        thread.join(max(0.0, deadline - time.monotonic()))
+        yield name, f"did not answer within {ORDER_LIMIT_S:g} s" if thread.is_alive() else failed.get(name, "")
