@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Building
+from robocorba.maps.store import MapStore
 from robocorba.testing.buildings import two_floors
 
 
@@ -20,3 +23,25 @@ def building() -> Building:
 def file(tmp_path: Path) -> Path:
     """Where a store may be made."""
     return tmp_path / "map.db"
+
+
+@pytest.fixture
+def store(file: Path, building: Building) -> Iterator[MapStore]:
+    """A new store of the building."""
+    with MapStore.create(file, building) as store:
+        yield store
+
+
+@pytest.fixture
+def editor(store: MapStore) -> BuildingEditor:
+    """The editor of that store."""
+    return BuildingEditor(store)
+
+
+class Clock:
+    """Time that a test sets [s]."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now

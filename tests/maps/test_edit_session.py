@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import random
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -39,23 +38,9 @@ from robocorba.maps.model import (
 from robocorba.maps.store import MapLimits, MapStore
 from robocorba.maps.validation import problems
 from robocorba.testing.buildings import is_refused, two_floors
+from tests.maps.conftest import Clock
 
 L1, WALL, NODE, FLOOR = "L1", ElementKind.WALL, ElementKind.NODE, ElementKind.FLOOR
-
-
-class Clock:
-    """Seconds that pass when told to."""
-
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-@pytest.fixture
-def store(file: Path, building: Building) -> Iterator[MapStore]:
-    with MapStore.create(file, building) as store:
-        yield store
 
 
 @pytest.fixture

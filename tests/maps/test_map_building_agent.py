@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -41,28 +40,9 @@ from robocorba.maps.model import (
 )
 from robocorba.maps.store import MapLimits, MapStore
 from robocorba.testing.buildings import floor_names, is_refused, names, placed, two_floors
+from tests.maps.conftest import Clock
 
 L1, WALL, NODE, EDGE, FLOOR = "L1", ElementKind.WALL, ElementKind.NODE, ElementKind.EDGE, ElementKind.FLOOR
-
-
-class Clock:
-    """Seconds that pass when told to."""
-
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-@pytest.fixture
-def store(file: Path, building: Building) -> Iterator[MapStore]:
-    with MapStore.create(file, building) as store:
-        yield store
-
-
-@pytest.fixture
-def editor(store: MapStore) -> BuildingEditor:
-    return BuildingEditor(store)
 
 
 def wall(name: str, x: float = 2.0) -> Wall:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +10,12 @@ import pytest
 from robocorba.errors.maps import DuplicateElement, InvalidElement, StaleEdit, UnknownElement
 from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Building, ElementKind
-from robocorba.maps.store import MapStore
 from robocorba.maps.validation import problems
 
 WALL, NODE, EDGE, FLOOR, ELEVATOR = (
     *(ElementKind.WALL, ElementKind.NODE, ElementKind.EDGE),
     *(ElementKind.FLOOR, ElementKind.ELEVATOR),
 )
-
-
-@pytest.fixture
-def editor(file: Path, building: Building) -> Iterator[BuildingEditor]:
-    with MapStore.create(file, building) as store:
-        yield BuildingEditor(store)
 
 
 def test_a_node_is_renamed_in_its_edges(editor: BuildingEditor, building: Building) -> None:

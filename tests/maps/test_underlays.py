@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import math
 import sqlite3
-from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -29,17 +28,6 @@ def picture(kind: str = "PNG", size: tuple[int, int] = (8, 6)) -> bytes:
 
 
 PLAN = Underlay(picture(), (-1.5, 2.0), 0.05)
-
-
-@pytest.fixture
-def store(file: Path, building: Building) -> Iterator[MapStore]:
-    with MapStore.create(file, building) as store:
-        yield store
-
-
-@pytest.fixture
-def editor(store: MapStore) -> BuildingEditor:
-    return BuildingEditor(store)
 
 
 def test_an_underlay_is_no_edit_and_outlives_the_process(file: Path, building: Building) -> None:
