@@ -29,7 +29,7 @@ MIN_SPEED, MAX_SPEED = 0.1, 100.0
 WIDTH_PX = 1280
 #: Timeout for the making of a film [s].
 LIMIT_S = 900.0
-#: The latest films are kept for download, so many.
+#: Number of films kept for download; the oldest is deleted.
 KEPT = 3
 #: Lower priority of the process that draws, so that live views go on.
 NICENESS = 10

@@ -18,7 +18,7 @@ Rows = Mapping[str, Any]
 
 class Happening(NamedTuple):
     """number: increases by one. at: POSIX time [s]. kind: collision, robot, stop, program, mission, server or channel.
-    robot, floor: whom and where it concerns; empty for all."""
+    robot, floor: those that it concerns; empty for all."""
 
     number: int
     at: float

@@ -24,7 +24,7 @@ from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 #: Maximum number of edits and findings in an answer.
 MAX_NEWS, MAX_FINDINGS = 50, 500
 Answer = dict[str, Any]
-_NEW_SESSION = "the map editor had ended the session of this page: undo begins anew"
+_NEW_SESSION = "the map editor had ended the session of this page; earlier edits can't be undone any more"
 
 
 class MapOperations:

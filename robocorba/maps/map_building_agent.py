@@ -170,7 +170,7 @@ class BuildingEditor:
             return session
 
     def use_session(self, session: EditSession) -> None:
-        """A session is called: its timeout begins anew. Raises SessionEnded."""
+        """A session is called: its timeout starts again. Raises SessionEnded."""
         with self._lock:
             self._expire()
             if session not in self._sessions:

@@ -40,7 +40,7 @@ class RobotScan(NamedTuple):
 
     @property
     def sensor(self) -> tuple[object, ...]:
-        """What tells the sensors of a robot apart."""
+        """What distinguishes the sensors of a robot."""
         return self.mount, self.first_rad, self.step_rad, self.range_m, len(self.distances)
 
 

@@ -64,7 +64,7 @@ class Console:
         self.news += 1
 
     def follow(self, seconds: float = 0.1) -> list[tuple[Any, ...]]:
-        """The calls of a round that begins so much later."""
+        """The calls of a round that begins `seconds` later."""
         self.source.calls = []
         self.clock.now += seconds
         self.sensors.follow()

@@ -192,7 +192,7 @@ def test_other_requests_are_refused(page: Page, edits: Any) -> None:
 def test_a_session_that_the_map_editor_has_ended_is_replaced(page: Page, editor: LocalEditor) -> None:
     editor.sessions[-1].is_closed = True
     answer = page.edit(wall("a", (1, 1), (2, 1)))
-    assert "undo begins anew" in answer["note"]
+    assert "can't be undone any more" in answer["note"]
     assert page.building.find(ElementKind.WALL, "L1", "a")
 
 

@@ -119,7 +119,7 @@ export const ArmPoser = {
       this.orbit.update();
       this.target = new HandTarget(this.robot, { camera: this.camera, canvas, orbit: this.orbit }, {
         changed: (result) => this.changed(result),
-        told: (problem) => (this.problem = problem),
+        notify: (problem) => (this.problem = problem),
         redraw: () => this.redraw(),
       });
       this.recolor = () => this.redraw();

@@ -12,9 +12,9 @@ const REACHABLE = 0xd55e00, UNREACHABLE = 0xb00068;
 
 export class HandTarget {
   // robot: an ArticulatedRobot. view: {camera, canvas, orbit}. changed(result): it was reached, see arm_poser.js.
-  // told(problem): why it was not, or "". redraw(): something to draw has changed.
-  constructor(robot, view, { changed, told, redraw }) {
-    Object.assign(this, { robot, view, changed, told, redraw });
+  // notify(problem): why it was not, or "". redraw(): something to draw has changed.
+  constructor(robot, view, { changed, notify, redraw }) {
+    Object.assign(this, { robot, view, changed, notify, redraw });
     this.options = { side: "left", with_attitude: true, use_lumbar: false };
     this.joints = [];
     this.position = new THREE.Vector3();
@@ -41,7 +41,7 @@ export class HandTarget {
     this.isWanted = false;
     this.robot.pose(this.joints);
     this.backToHand();
-    this.told("");
+    this.notify("");
   }
 
   get hand() {
@@ -132,7 +132,7 @@ export class HandTarget {
     this.isWanted = false;
     const began = performance.now();
     const { pose, options } = this;
-    const late = setTimeout(() => this.told("the console is computing the arm"), LATE_MS);
+    const late = setTimeout(() => this.notify("the console is computing the arm"), LATE_MS);
     try {
       const answer = await call("solve_hand", { joints: this.joints, pose, ...options });
       clearTimeout(late);
@@ -153,7 +153,7 @@ export class HandTarget {
     this.robot.pose(joints);
     if (this.options.with_attitude || this.isWanted || this.plane) this.place(REACHABLE);
     else this.backToHand();
-    this.told("");
+    this.notify("");
     const { side } = this.options;
     const start = side === "right" ? 7 : 0;
     this.changed({ joints, pose: hands[this.hand], side, arm: joints.slice(start, start + 7) });
@@ -161,7 +161,7 @@ export class HandTarget {
 
   missed(problem) {
     this.isMissed = true;
-    this.told(problem);
+    this.notify(problem);
     this.place(UNREACHABLE);
     if (!this.plane && !this.isWanted) this.backToHand(); // after a step; a drag may still come back into reach
   }

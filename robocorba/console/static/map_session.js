@@ -80,7 +80,7 @@ export class MapSession {
     this.changed();
   }
 
-  // Call an operation of the session; a session that the console has ended, or forgot in a restart, is opened anew.
+  // Call an operation of the session; a session that the console has ended, or forgot in a restart, is opened again.
   async inSession(operation, argument) {
     if (!this.key) await this.open();
     try {

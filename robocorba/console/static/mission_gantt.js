@@ -1,4 +1,4 @@
-// The phases of a mission as bars over time: who worked, who waited, and for whom.
+// The phases of a mission as bars over time: who worked, and who waited for which robot.
 
 // A phase of the live row belongs to one of the report if both began at the same time, within this tolerance [s].
 const SAME_S = 2;

@@ -257,7 +257,7 @@ export default {
         && this.floors.includes(this.robot.floor)) {
         this.show(this.robot.floor);
       }
-      if (state.happenings < this.lastHappening) this.lastHappening = 0; // another process of the console counts anew
+      if (state.happenings < this.lastHappening) this.lastHappening = 0; // another process of the console counts from 1 again
       if (state.happenings > this.lastHappening) this.loadHappenings();
       this.takeScans();
       this.canvas.redraw();

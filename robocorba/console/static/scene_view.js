@@ -11,10 +11,10 @@ const SLOW_MS = 45, FAST_MS = 16;
 const PICTURES = 12;
 
 export class SceneView {
-  // box: the element to fill. told(message): why nothing is seen, or "". key, pointer(kind, event), moved(): what the
+  // box: the element to fill. notify(message): why nothing is seen, or "". key, pointer(kind, event), moved(): what the
   // user does. remade(): there is a new canvas.
-  constructor(box, { told, key, pointer, moved, remade }) {
-    Object.assign(this, { box, told, key, pointer, moved, remade });
+  constructor(box, { notify, key, pointer, moved, remade }) {
+    Object.assign(this, { box, notify, key, pointer, moved, remade });
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(42, 1, 0.05, 800);
     this.camera.up.set(0, 0, 1);
@@ -71,14 +71,14 @@ export class SceneView {
   lost(event) {
     event.preventDefault();
     this.isLost = true;
-    this.told("the graphics were reset; waiting for them");
+    this.notify("the graphics were reset; waiting for them");
     this.restoring = setTimeout(() => {
       try {
         this.makeCanvas();
         this.restored();
         this.remade();
       } catch (error) {
-        this.told(error.message);
+        this.notify(error.message);
         this.lost(event);
       }
     }, RESTORE_MS);
@@ -87,7 +87,7 @@ export class SceneView {
   restored() {
     clearTimeout(this.restoring);
     this.isLost = false;
-    this.told("");
+    this.notify("");
     this.redraw();
   }
 

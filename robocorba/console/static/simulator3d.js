@@ -91,7 +91,7 @@ export default {
       if (this.isGone) return;
       this.shape = shape;
       this.view = new SceneView(this.$refs.scene, {
-        told: (message) => this.told(message), key: (event) => this.key(event),
+        notify: (message) => this.notify(message), key: (event) => this.key(event),
         pointer: (kind, event) => this.pointer(kind, event), moved: () => this.crowd?.update(),
         remade: () => (this.isPosing = false),
       });
@@ -120,7 +120,7 @@ export default {
     this.view?.close();
   },
   methods: {
-    told(message) {
+    notify(message) {
       this.graphics = message;
       this.say();
     },

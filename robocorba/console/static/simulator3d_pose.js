@@ -14,7 +14,7 @@ export const poseMethods = {
       this.figure = new ArticulatedRobot(this.shape, { isGhost: true });
       this.view.scene.add(this.figure.group);
       this.target = new HandTarget(this.figure, this.view, {
-        changed: (result) => (this.words = inWords(result.pose)), told: (problem) => (this.problem = problem),
+        changed: (result) => (this.words = inWords(result.pose)), notify: (problem) => (this.problem = problem),
         redraw: () => this.view.redraw(),
       });
     }

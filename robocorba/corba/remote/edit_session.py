@@ -99,7 +99,7 @@ class RemoteMapEditor:
         return maps.findings_of(self._slow_editor.call(lambda editor: editor.checkFloor(floor, radius_m)))
 
     def build_topological_map(self, floor: str, radius_m: float) -> int:
-        """Draw the topological map of a floor anew, as one edit without an author. Returns the new version."""
+        """Generate the topological map of a floor again, as one edit without an author. Returns the new version."""
         version: int = self._slow_editor.call(lambda editor: editor.buildTopologicalMap(floor, radius_m))
         return version
 
