@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from robocorba.data_pool.plans import Plans
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.robots import MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import UnknownMission
 from robocorba.missions import carry_planning
 from robocorba.missions.execution import pose_in_robot_frame
 from robocorba.missions.hand_over import HandOverPlanner
@@ -68,6 +70,8 @@ class Cooperation:
         #: Set by `start` if the robot has an event channel.
         self._agent: ControlAgent | None = None
         self._missions: MissionAgent | None = None
+        self._lock = threading.Lock()
+        #: The mission that the robot leads; guarded by the lock.
         self._led = ""
 
     def start(self, agent: ControlAgent, pool: DataPool) -> None:
@@ -111,10 +115,12 @@ class Cooperation:
         attempt = self._missions.mission if self._missions else ""
         return self._led or re.sub(r"\.\d+$", "", attempt)  # leaders number their attempts to find robots
 
-    @property
-    def led_mission(self) -> str:
-        """The mission that the robot leads; empty for none."""
-        return self._led
+    def abort_mission(self, mission: str) -> None:
+        """Abort the mission if the robot leads it at present. Raises UnknownMission."""
+        with self._lock:  # so that it can't end meanwhile, and another program begin
+            if self._agent is None or self._led != mission:
+                raise UnknownMission(mission)
+            self._agent.abort()
 
     def cooperate(self, icon: Icon, mission: str = "") -> None:
         """Lead a mission to its end; `mission` names it, empty for a new name.
@@ -123,19 +129,23 @@ class Cooperation:
         mission = mission or new_mission_name(self._name)
         about = str(getattr(icon, "table", getattr(icon, "object", "")))
         led = LedMission(self._recorder, mission, kind(icon), about, self._name)
-        self._led = mission
+        self._lead_as(mission)
         try:
             report = self._lead(icon, mission, led)
         except Exception as error:
             led.fail(str(error) or type(error).__name__, isinstance(error, Aborted))
             raise
         finally:
-            self._led = ""
+            self._lead_as("")
         report.save(self._reports)
         for old in [stored.name for stored in self._plans.all()][:-MAX_PLANS_KEPT]:
             self._plans.remove(old)
         if report.result != "done":
             raise MissionFailed(report.reason)
+
+    def _lead_as(self, mission: str) -> None:
+        with self._lock:
+            self._led = mission
 
     def _lead(self, icon: Icon, mission: str, led: LedMission) -> MissionReport:
         agent = self._agent

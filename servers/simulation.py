@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from robocorba import logs
 from robocorba.corba.orb import Orb
+from robocorba.corba.reference_file import write_reference
 from robocorba.corba.remote.announcer import Announcer
 from robocorba.corba.remote.map_editor import RemoteMap
 from robocorba.corba.remote.mission_leaders import RemoteLeaders
@@ -25,6 +25,7 @@ from robocorba.corba.servants.simulation_server import (
 )
 from robocorba.corba.servants.virtual_sensor import RobotSensorServant
 from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import UnknownRobot
 from robocorba.names import ADMINISTRATOR
 from robocorba.repeating import Repeating
 from robocorba.settings import SimulationSettings
@@ -65,9 +66,8 @@ class SimulationServer:
         """Start the simulation, accept calls, and write the administrator's reference to a file."""
         for session in self.agent.sessions.values():
             self._reference_of(session)
-        self._write_reference(
-            self._orb.activate(SimulationAdministratorServant(self.agent), self._store.secret()), administrator
-        )
+        servant = SimulationAdministratorServant(self.agent)
+        write_reference(self._orb, self._orb.activate(servant, self._store.secret()), administrator)
         self.agent.start()
         self._map_check.start()
         if self._announcer:
@@ -104,7 +104,11 @@ class SimulationServer:
             self._announcer.announce(event)
 
     def _is_logged_on(self, robot: str) -> bool:
-        return any(client.name == robot for client in self.agent.registry.clients)
+        try:
+            self.agent.registry.find(robot)
+        except UnknownRobot:
+            return False
+        return True
 
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable):
@@ -112,11 +116,6 @@ class SimulationServer:
             if self._map.version != self.agent.state.map_version:  # also after a failed attempt
                 self.agent.follow_map(self._map.building, self._map.version)
                 self._monitor = Monitor(self.agent, self._map.building)
-
-    def _write_reference(self, reference: Any, file: Path) -> None:
-        """Write a reference to a file that only this user can read."""
-        with open(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as out:
-            out.write(self._orb.uri(reference))
 
 
 def _sensor_key(session: Session) -> str:

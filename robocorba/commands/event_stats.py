@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import omniORB
 from omniORB import CORBA
 from rich.console import Console
 from rich.markup import escape
@@ -14,6 +13,7 @@ from rich.table import Table
 
 from robocorba.corba.calls import describe
 from robocorba.corba.orb import Orb
+from robocorba.corba.plain import plain
 from robocorba.errors.services import NotReachable
 from robocorba.names import CHANNELS
 from robocorba.stubs import RoboCorba
@@ -43,7 +43,7 @@ def query(orb: Orb, names: Sequence[str]) -> dict[str, StateOrProblem]:
 
 def as_json(state: StateOrProblem) -> Any:
     """A state as JSON types with the member names of the IDL, or {"problem": reason}."""
-    return {"problem": state} if isinstance(state, str) else _to_json(state)
+    return {"problem": state} if isinstance(state, str) else plain(state)
 
 
 def show(states: dict[str, StateOrProblem]) -> None:
@@ -68,16 +68,6 @@ def _query(orb: Orb, name: str) -> StateOrProblem:
         return str(error)
     except CORBA.SystemException as error:
         return f"the call failed ({describe(error)})"
-
-
-def _to_json(value: Any) -> Any:
-    if isinstance(value, omniORB.EnumItem):
-        return value._n
-    if isinstance(value, list):
-        return [_to_json(entry) for entry in value]
-    if hasattr(value, "_NP_RepositoryId"):
-        return {member: _to_json(entry) for member, entry in vars(value).items()}
-    return value
 
 
 def _show(console: Console, name: str, state: StateOrProblem) -> None:

@@ -85,11 +85,11 @@ class TransactionClosed(MapError):
 
 
 class TooManyTransactions(MapError):
-    """The maximum number of transactions, `limit`, is open."""
+    """The maximum number of transactions or of edit sessions, `limit`, is open."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
-        super().__init__(f"{limit} transactions are open already; commit or roll back one")
+        super().__init__(f"{limit} transactions or edit sessions are open already; end one")
 
 
 class MapFileError(MapError):

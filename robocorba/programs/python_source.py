@@ -78,4 +78,5 @@ def _literal(value: Any) -> str:
 def _file_name(name: str) -> str:
     """A file name for a program: other characters than letters, digits, dots and dashes become underscores."""
     kept = "".join(letter if letter.isalnum() or letter in ".-" else "_" for letter in name)
-    return f"{kept[:80].strip('.') or 'program'}.json"
+    shortened = kept.encode()[:80].decode(errors="ignore")
+    return f"{shortened.strip('.') or 'program'}.json"

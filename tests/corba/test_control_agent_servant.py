@@ -9,6 +9,7 @@ import pytest
 from robocorba.corba.servants.control_agent import MAX_MISSION_NAME, RobotAgentServant
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import UnknownMission
 from robocorba.planning.request import PathPoint, PointKind
 from robocorba.programs import program
 from robocorba.programs.graphic_programming import ProgramBuilder
@@ -51,7 +52,12 @@ class Agent:
 
 class Missions:
     mission = "carry-1"
-    led_mission = ""
+    aborted = ""
+
+    def abort_mission(self, mission: str) -> None:
+        if mission != self.mission:
+            raise UnknownMission(mission)
+        self.aborted = mission
 
 
 @pytest.fixture
@@ -146,12 +152,9 @@ def test_a_mission_is_one_readable_icon(servant: RobotAgentServant, agent: Agent
     assert agent.missions == []
 
 
-def test_only_the_led_mission_is_aborted(servant: RobotAgentServant, agent: Agent, missions: Missions) -> None:
-    for led in ("", "carry-2"):
-        missions.led_mission = led
-        with pytest.raises(RoboCorba.UnknownMission, match="carry-1"):
-            servant.abortMission("carry-1")
-    assert agent.aborted == 0
-    missions.led_mission = "carry-1"
+def test_a_mission_is_aborted_by_its_name(servant: RobotAgentServant, agent: Agent, missions: Missions) -> None:
+    with pytest.raises(RoboCorba.UnknownMission, match="carry-2"):
+        servant.abortMission("carry-2")
+    assert missions.aborted == ""
     servant.abortMission("carry-1")
-    assert agent.aborted == 1
+    assert (missions.aborted, agent.aborted) == ("carry-1", 0)

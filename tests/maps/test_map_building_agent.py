@@ -343,7 +343,7 @@ def test_transactions_are_bounded_and_time_out(store: MapStore) -> None:
     clock = Clock()
     editor = BuildingEditor(store, MapLimits(transactions=2, transaction_timeout_s=10.0), clock)
     idle, busy = editor.begin(), editor.begin()
-    with pytest.raises(TooManyTransactions, match="2 transactions are open"):
+    with pytest.raises(TooManyTransactions, match="2 transactions or edit sessions are open"):
         editor.begin()
     clock.now = 8.0
     busy.create(L1, wall("a"))

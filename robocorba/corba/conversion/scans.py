@@ -138,10 +138,11 @@ def robot_scan_of(struct: Any) -> RobotScan:
     distances, hits = np.array(seen.distances, float), np.frombuffer(struct.hits, np.uint8) != 0
     mount = (where.ahead, where.left, where.heading)
     frame = (spec.firstAngle, spec.step, spec.range, spec.rim)
-    is_consistent = len(distances) == len(hits) == spec.rays <= MAX_RAYS
-    if not is_consistent or not np.isfinite([seen.time, at.x, at.y, at.heading, *mount, *frame, *distances]).all():
-        raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
     noise = (spec.noise.sigma, spec.noise.relative, spec.noise.lost, spec.noise.seed)
+    numbers = [seen.time, at.x, at.y, at.heading, *mount, *frame, *noise[:3], *distances]
+    is_consistent = len(distances) == len(hits) == spec.rays <= MAX_RAYS
+    if not is_consistent or not np.isfinite(numbers).all():
+        raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
     pose = Pose(at.floor, at.x, at.y, at.heading)
     return RobotScan(struct.robot, seen.time, pose, mount, *frame, noise, distances, hits)
 

@@ -154,8 +154,9 @@ class RemoteClients:
 
     def of(self, kind: ProxyKind, reference: Any) -> Any:
         """The client of a proxy of this kind; None for nil. Raises OwnProxy."""
-        if kind in (ProxyKind.PUSH_SUPPLIER, ProxyKind.PULL_CONSUMER):
-            self._refuse_own(reference)
+        is_source_or_sink = kind in (ProxyKind.PUSH_SUPPLIER, ProxyKind.PULL_CONSUMER)
+        if is_source_or_sink and reference is not None and self._orb.is_own(reference):
+            raise OwnProxy("a proxy of this channel can't be the client of another one: its events would circulate")
         return None if reference is None else self.find(kind.value, self._orb.uri(reference))
 
     def find(self, kind: str, reference: str) -> Any:
@@ -170,13 +171,8 @@ class RemoteClients:
         return makers[kind](self._orb, reference)
 
     def event_consumer(self, reference: Any) -> RemoteEventConsumer:
-        """A consumer that takes batches. Raises OwnProxy."""
-        self._refuse_own(reference)
+        """A consumer that takes batches."""
         return RemoteEventConsumer(self._orb, self._orb.uri(reference))
-
-    def _refuse_own(self, reference: Any) -> None:
-        if reference is not None and self._orb.is_own(reference):
-            raise OwnProxy("a proxy of this channel can't be the client of another one: its events would circulate")
 
 
 def _type_id(ior: str) -> str:

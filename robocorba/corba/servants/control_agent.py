@@ -10,7 +10,6 @@ from robocorba.corba.conversion import robot
 from robocorba.corba.conversion.errors import translating
 from robocorba.errors.robots import InvalidProgram
 from robocorba.errors.services import NotReachable
-from robocorba.errors.simulation import UnknownMission
 from robocorba.programs import program
 from robocorba.programs.report import report_of
 from robocorba.stubs import RoboCorba__POA
@@ -20,14 +19,13 @@ MAX_MISSION_NAME = 200
 
 
 class Missions(Protocol):
-    """The robot's part in missions. mission: the one that it leads or takes part in; led_mission: the one that it
-    leads; empty for none."""
+    """The robot's part in missions. mission: the one that it leads or takes part in; empty for none."""
 
     @property
     def mission(self) -> str: ...
 
-    @property
-    def led_mission(self) -> str: ...
+    def abort_mission(self, mission: str) -> None:
+        """Abort the mission if the robot leads it at present. Raises UnknownMission."""
 
 
 class RobotAgentServant(RoboCorba__POA.RobotAgent):
@@ -76,9 +74,7 @@ class RobotAgentServant(RoboCorba__POA.RobotAgent):
 
     @translating
     def abortMission(self, mission: str) -> None:
-        if self._missions.led_mission != mission:
-            raise UnknownMission(mission)
-        self._agent.abort()
+        self._missions.abort_mission(mission)
 
     @translating
     def loadProgram(self, json: str) -> None:
