@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from itertools import count
 
 import msgspec
@@ -24,10 +24,8 @@ def with_consequences(building: Building, wanted: Outcome) -> Outcome:
     The edges of a removed node go with it, and so do the nodes and doors of a removed elevator or floor. The nodes in a
     cabin follow their elevator, and an elevator gets one on each floor that it serves newly.
     Raises InvalidElement for the removal of a node in a cabin whose elevator stays."""
-    outcome = dict(wanted)
-    for key, after in wanted.items():
-        if after is None and key.kind is ElementKind.FLOOR:
-            outcome = {**_without_floor(building, key.name), **outcome}
+    removed_floors = {key.name for key, after in wanted.items() if key.kind is ElementKind.FLOOR and after is None}
+    outcome = {**_without_doors(building, removed_floors), **wanted}
     for key, after in list(outcome.items()):
         before = building.find(*key)
         if isinstance(before, Elevator):
@@ -45,15 +43,14 @@ def with_consequences(building: Building, wanted: Outcome) -> Outcome:
             for name, edge in building.floors[key.floor].topological.edges.items():
                 if key.name in (edge.a, edge.b) and not _leads_elsewhere(outcome, key, name):
                     outcome[ElementKey(ElementKind.EDGE, key.floor, name)] = None
-    removed_floors = {key.name for key, after in outcome.items() if key.kind is ElementKind.FLOOR and after is None}
     return {key: after for key, after in outcome.items() if key.floor not in removed_floors or not key.floor}
 
 
-def _without_floor(building: Building, floor: str) -> Outcome:
-    """The elevators without their doors on a floor; None for those that serve no other."""
+def _without_doors(building: Building, floors: Set[str]) -> Outcome:
+    """The elevators without their doors on some floors; None for those that serve no other."""
     outcome: Outcome = {}
     for name, elevator in building.elevators.items():
-        doors = tuple(door for door in elevator.doors if door.floor != floor)
+        doors = tuple(door for door in elevator.doors if door.floor not in floors)
         if doors != elevator.doors:
             changed = msgspec.structs.replace(elevator, doors=doors) if doors else None
             outcome[ElementKey(ElementKind.ELEVATOR, "", name)] = changed

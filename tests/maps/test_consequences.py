@@ -99,3 +99,16 @@ def test_a_removed_floor_takes_the_doors_of_elevators_along() -> None:
     assert outcome[ElementKey(ElementKind.ELEVATOR, "", "E3")] is None
     assert not [key for key in outcome if key.floor == "L2"]
     assert problems(after(building, outcome)) == []
+
+
+def test_two_floors_of_an_elevator_are_removed_together() -> None:
+    building = two_floors().with_element("", Floor("L3", 3, 8.0))
+    lift = building.elevators["E1"]
+    building = building.with_element("", msgspec.structs.replace(lift, doors=(*lift.doors, ElevatorDoor("L3"))))
+    outcome = with_consequences(building, {ElementKey(ElementKind.FLOOR, "", name): None for name in ("L2", "L3")})
+    changed = outcome[LIFT]
+    assert isinstance(changed, Elevator)
+    assert changed.floors() == ("L1",)
+    outcome = with_consequences(building, {ElementKey(ElementKind.FLOOR, "", name): None for name in building.floors})
+    assert outcome[LIFT] is None
+    assert not [key for key in outcome if key.floor]
