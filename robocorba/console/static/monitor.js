@@ -50,8 +50,8 @@ export default {
         <TabList label="Details" :names="sides" :chosen="side" @choose="side = $event" />
         <div v-show="side === 'Robots'" class="side-robots">
           <RobotTable :robots="robots" :selected="selected" :is-connected="floors.length > 0" @select="select" />
-          <RobotPanel v-if="robot" class="robot-panel" :robot="robot" :scans="scans" :rights="rights" :floors="floors"
-                      :is-past="!past.isLive"
+          <RobotPanel v-if="robot" :key="robot.name" class="robot-panel" :robot="robot" :scans="scans" :rights="rights"
+                      :floors="floors" :is-past="!past.isLive"
                       :process="processes[robot.name]" @forgotten="select('')" />
           <p v-else-if="robots.length" class="panel-note">Select a robot here or on the map.</p>
         </div>

@@ -57,12 +57,6 @@ export default {
       return "start the console with --administrator FILE for this";
     },
   },
-  watch: {
-    "robot.name"() {
-      this.error = "";
-      this.isPlacing = false;
-    },
-  },
   methods: {
     openPlace() {
       const { floor, x, y, heading } = this.robot.at;

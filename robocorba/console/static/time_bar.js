@@ -3,8 +3,6 @@ import { call, Floor, live, readFrame } from "/static/live.js";
 
 // Interval between pictures while the past is played [ms].
 const PLAY_MS = 100;
-// Steps of the buttons [s].
-const STEP_S = 10;
 const MARKS = { collision: "\u2715", stop: "\u25a0", mission: "\u25c6", server: "\u25b2", channel: "\u25b2" };
 
 export default {
@@ -91,7 +89,6 @@ export default {
     },
     recording() {
       this.error = "";
-      this.film = null;
       const chosen = this.recordings.find((each) => each.key === this.recording);
       if (!chosen) {
         this.begin = this.end = 0;
@@ -219,10 +216,11 @@ export default {
       const { number } = this.film;
       try {
         const state = await call("film_state", { film: number });
-        if (this.film.number !== number) return;
+        if (this.film?.number !== number) return;
         this.film = { number, ...state };
         if (state.problem && state.problem !== "cancelled") this.error = `no film: ${state.problem}`;
       } catch (error) {
+        if (this.film?.number !== number) return;
         this.error = error.message;
         this.film = null;
       }
