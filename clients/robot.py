@@ -71,6 +71,12 @@ def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
     raise PlaceTaken(settings.floor, 0.0, 0.0, "all path nodes are occupied; give a place by --at X,Y")
 
 
+def preload() -> None:
+    """Compile or load the kernels, and the robot's model."""
+    InverseKinematics()
+    carry_planning.warm_up()
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = RobotSettings.read(arguments, __doc__ or "")
     logs.setup(f"robot_{settings.name}", settings.common.state / "logs")

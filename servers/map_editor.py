@@ -10,8 +10,14 @@ from robocorba.corba.servants.map_editor import MapEditorServant
 from robocorba.corba.servants.path_planner import PathPlannerServant
 from robocorba.maps.formats.initial_building import open_store
 from robocorba.maps.map_building_agent import BuildingEditor
+from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
 from robocorba.settings import ServerSettings
+
+
+def preload() -> None:
+    """Compile or load the kernels."""
+    PathPlanner(Building("none")).warm_up()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -29,6 +29,7 @@ from robocorba.errors.simulation import UnknownRobot
 from robocorba.names import ADMINISTRATOR
 from robocorba.repeating import Repeating
 from robocorba.settings import SimulationSettings
+from robocorba.simulation import omni_database, physics
 from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.mission_control import LeaderWatch, MissionControl
@@ -121,6 +122,12 @@ class SimulationServer:
 def _sensor_key(session: Session) -> str:
     """Derived from the session's key without revealing it: a robot may share its sensor."""
     return f"sensors/{hashlib.sha256(session.client.key.encode()).hexdigest()}"
+
+
+def preload() -> None:
+    """Compile or load the kernels."""
+    physics.warm_up()
+    omni_database.warm_up()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -15,6 +15,7 @@ from robocorba.corba.remote.simulation_server import RemoteSimulation
 from robocorba.corba.servants.virtual_sensor import VirtualSensorServant
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
+from robocorba.maps.model import Building, Floor
 from robocorba.names import SENSORS
 from robocorba.repeating import Repeating
 from robocorba.sensing.reports import Reports
@@ -127,6 +128,13 @@ class VirtualSensorServer:
         with contextlib.suppress(NotReachable):
             wanted_s = self._simulation.report_scans(self._name, self._reports.collect_robot_scans())
         self._scans_at = time.monotonic() + min(max(wanted_s, MIN_SCANS_S), MAX_SCANS_S) - SCANS_INTERVAL_S / 2
+
+
+def preload() -> None:
+    """Compile or load the kernels."""
+    sensor = VirtualSensor()
+    sensor.set_map(Building("none").with_element("", Floor("L1", 1, 0.0, outline=((0.0, 0.0), (4.0, 0.0), (4.0, 4.0)))))
+    sensor.warm_up()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

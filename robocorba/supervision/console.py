@@ -6,7 +6,7 @@ from pathlib import Path
 
 from robocorba.names import ADMINISTRATOR, SUPERVISOR
 from robocorba.settings import Address
-from robocorba.supervision.launch import module_command
+from robocorba.supervision.launch import ModuleRun
 from robocorba.supervision.output import ReadyLine
 from robocorba.supervision.process import ProcessSpec
 
@@ -17,6 +17,6 @@ def console_spec(address: Address, state: Path, naming: Address, start_limit_s: 
     """The console at a loopback address, with the rights of the administrator and to start robots."""
     options = ["--host", address.host, "--port", str(address.port), "--naming", str(naming), "--state", str(state)]
     options += ["--administrator", str(state / ADMINISTRATOR), "--supervisor", str(state / SUPERVISOR)]
-    command = module_command("robocorba.clients.console", *options)
+    command = ModuleRun("robocorba.clients.console", tuple(options))
     output = ReadyLine(CONSOLE, ignored="http")
     return ProcessSpec(CONSOLE, command, state, output.probe, output, start_limit_s, endpoint=str(address))

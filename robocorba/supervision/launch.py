@@ -5,10 +5,12 @@ from __future__ import annotations
 import contextlib
 import os
 import queue
+import shlex
 import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,19 @@ _WITHOUT_CURRENT_DIRECTORY = (
 )
 _RUN_MODULE = ("-P", "-m") if sys.version_info >= (3, 11) else ("-c", _WITHOUT_CURRENT_DIRECTORY)
 _CHILD = str(Path(__file__).with_name("child.py"))
+
+
+@dataclass(frozen=True)
+class ModuleRun:
+    """A module of RoboCorba to run with arguments: its function `main(arguments)`, or `python -m`."""
+
+    name: str
+    arguments: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """What lists of processes show."""
+        return shlex.join(module_command(self.name, *self.arguments))
 
 
 def module_command(module: str, *arguments: str) -> tuple[str, ...]:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import logging
+import os
+from collections.abc import Callable, Iterator
 
 from robocorba.errors.services import NotReachable
 
 #: What a process prints that is ready by its own account.
 READY = "ready"
+#: Longer lines are split [bytes].
+MAX_LINE = 16 * 1024
 
 _log = logging.getLogger(__name__)
 _LEVELS = {"WARNING": logging.WARNING, "ERROR": logging.ERROR, "CRITICAL": logging.CRITICAL}
@@ -18,6 +24,47 @@ def relay(name: str, line: str) -> None:
     level, _, text = line.partition(" ")
     text = text if level in _LEVELS else line
     _log.log(_LEVELS.get(level, logging.WARNING), "%s: %s", name, text)
+
+
+class Pipe:
+    """A pipe from a process to the event loop. Not that of asyncio's subprocesses: some Python versions consider a
+    process alive while others hold the pipe's write end."""
+
+    def __init__(self, reader: asyncio.StreamReader, write_end: int) -> None:
+        self._reader, self._write_end = reader, write_end
+
+    @classmethod
+    async def open(cls) -> Pipe:
+        read_end, write_end = os.pipe()
+        reader = asyncio.StreamReader()
+        await asyncio.get_running_loop().connect_read_pipe(
+            lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(read_end, "rb", 0)
+        )
+        return cls(reader, write_end)
+
+    @contextlib.contextmanager
+    def write_end(self) -> Iterator[int]:
+        """The descriptor for the process that writes; closed here at the end of the `with`."""
+        try:
+            yield self._write_end
+        finally:
+            os.close(self._write_end)
+
+    async def read(self, handle: Callable[[str], None]) -> None:
+        """Call `handle` with each line that is not empty, until all processes that write have ended."""
+        rest = b""
+        while chunk := await self._reader.read(65536):
+            *lines, rest = (rest + chunk).split(b"\n")
+            if len(rest) > MAX_LINE:
+                lines, rest = [*lines, rest], b""
+            for line in lines:
+                _handle(line, handle)
+        _handle(rest, handle)
+
+
+def _handle(line: bytes, handle: Callable[[str], None]) -> None:
+    if text := line.decode(errors="backslashreplace").strip():
+        handle(text)
 
 
 class ReadyLine:

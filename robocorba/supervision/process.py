@@ -5,18 +5,20 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import os
 import signal
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import StartFailed
-from robocorba.supervision.launch import bound_command
+from robocorba.supervision.launch import ModuleRun
+from robocorba.supervision.output import Pipe
+from robocorba.supervision.starter import Child, Starter, cause
 
 #: A process that ran at least this long is restarted immediately [s].
 STEADY_RUN_S = 2.0
@@ -26,22 +28,20 @@ BACKOFF = Backoff(0.1, 5.0)
 GRACE_PERIOD_S = 5.0
 #: Interval between probes while a process starts [s].
 PROBE_INTERVAL_S = 0.05
-#: Longer lines of output are split [bytes].
-MAX_LINE = 16 * 1024
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class ProcessSpec:
-    """The command of a process, and how to check that it serves.
+    """The command of a process, or the module that it runs, and how to check that it serves.
 
     probe: makes a real call, in a thread; raises a RoboCorbaError while there is no answer.
     output: called with each line that the process prints. start_limit_s: timeout for the answer to the first call.
     endpoint: HOST:PORT where it listens, empty if it chooses a port. names: that it binds in the naming service."""
 
     name: str
-    command: tuple[str, ...]
+    command: tuple[str, ...] | ModuleRun
     cwd: Path
     probe: Callable[[], None]
     output: Callable[[str], None]
@@ -59,6 +59,7 @@ class Supervised:
     problem: why it is not running; empty while it runs."""
 
     spec: ProcessSpec
+    starter: Starter
     changed: Callable[[], None] = lambda: None
     state: str = "starting"
     pid: int = 0
@@ -84,14 +85,14 @@ class Supervised:
 
     async def run(self) -> None:
         """Run it once, until it ends or until cancelled. Raises StartFailed if it does not answer."""
-        process, reader = await self._spawn()
+        process, reader = await self._start()
         try:
             await self._until_ready(process)
             self.problem = ""
             self.set_state("running")
             self.ready.set()
             code = await process.wait()
-            self.problem = f"ended {_cause(code)}"
+            self.problem = f"ended {cause(code)}"
             _log.error("%s %s", self.spec.name, self.problem)
         finally:
             await self._end(process)
@@ -112,102 +113,62 @@ class Supervised:
             yield BACKOFF.pause_s(short_runs)
             short_runs += 1
 
-    async def _spawn(self) -> tuple[asyncio.subprocess.Process, asyncio.Task[None]]:
-        # Not asyncio's pipe: some Python versions consider a process alive while others hold the pipe's write end.
-        read_end, write_end = os.pipe()
-        reader = asyncio.StreamReader()
-        await asyncio.get_running_loop().connect_read_pipe(
-            lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(read_end, "rb", 0)
-        )
-        try:
-            process = await asyncio.create_subprocess_exec(
-                *bound_command(*self.spec.command),
-                cwd=self.spec.cwd,
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=write_end,
-                stderr=write_end,
-                start_new_session=True,  # Ctrl-C in the terminal reaches only the supervisor
-            )
-        finally:
-            os.close(write_end)
+    async def _start(self) -> tuple[Child, asyncio.Task[None]]:
+        pipe = await Pipe.open()
+        with pipe.write_end() as output:
+            process = await self.starter.start(self.spec.command, self.spec.cwd, output)
         self.started = time.time()
         self.set_state("starting", pid=process.pid)
         _log.info("%s started with process id %d", self.spec.name, process.pid)
-        return process, asyncio.create_task(self._read(reader))
+        return process, asyncio.create_task(pipe.read(self._handle_line))
 
-    async def _until_ready(self, process: asyncio.subprocess.Process) -> None:
+    async def _until_ready(self, process: Child) -> None:
         limit_s = self.spec.start_limit_s
         deadline = time.monotonic() + limit_s
-        ended = asyncio.create_task(process.wait())
-        try:
-            while True:
-                probe = asyncio.create_task(asyncio.to_thread(self.spec.probe))
-                probe.add_done_callback(lambda done: done.cancelled() or done.exception())  # even if nobody waits
-                await asyncio.wait({ended, probe}, return_when=asyncio.FIRST_COMPLETED)
-                if ended.done():
-                    await _ignore(probe)
-                    await asyncio.sleep(PROBE_INTERVAL_S)  # its last lines may still be in the pipe
-                    raise StartFailed(self._failure(f"ended {_cause(ended.result())} before it answered a call"))
-                try:
-                    return probe.result()
-                except RoboCorbaError as error:
-                    if time.monotonic() > deadline:
-                        raise StartFailed(self._failure(f"did not answer within {limit_s:g} s: {error}")) from None
-                await asyncio.wait({ended}, timeout=PROBE_INTERVAL_S)
-        finally:
-            ended.cancel()
+        while True:
+            probe = asyncio.create_task(asyncio.to_thread(self.spec.probe))
+            probe.add_done_callback(lambda done: done.cancelled() or done.exception())  # even if nobody waits
+            either: set[asyncio.Future[Any]] = {process.ended, probe}
+            await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+            if process.ended.done():
+                await _ignore(probe)
+                await asyncio.sleep(PROBE_INTERVAL_S)  # its last lines may still be in the pipe
+                raise StartFailed(self._failure(f"ended {cause(process.ended.result())} before it answered a call"))
+            try:
+                return probe.result()
+            except RoboCorbaError as error:
+                if time.monotonic() > deadline:
+                    raise StartFailed(self._failure(f"did not answer within {limit_s:g} s: {error}")) from None
+            await asyncio.wait({process.ended}, timeout=PROBE_INTERVAL_S)
 
     def _failure(self, description: str) -> str:
         last = self.last_error()
         return f"{self.spec.name} {description}" + (f"; its last error: {last}" if last else "")
 
-    async def _end(self, process: asyncio.subprocess.Process) -> None:
+    async def _end(self, process: Child) -> None:
         """End the process and all processes in its session."""
-        if process.returncode is None:
+        if not process.ended.done():
             self.set_state("stopping")
-            with contextlib.suppress(ProcessLookupError):
-                process.terminate()
-            try:
-                await asyncio.wait_for(process.wait(), GRACE_PERIOD_S)
-            except asyncio.TimeoutError:
+            process.send_signal(signal.SIGTERM)
+            await asyncio.wait({process.ended}, timeout=GRACE_PERIOD_S)
+            if not process.ended.done():
                 _log.warning("%s did not end within %g s; killed", self.spec.name, GRACE_PERIOD_S)
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
+        process.send_signal(signal.SIGKILL)
+        process.kill_session()
         await process.wait()
 
     async def _drain(self, reader: asyncio.Task[None]) -> None:
         await asyncio.wait({reader}, timeout=1.0)
         reader.cancel()
 
-    async def _read(self, stream: asyncio.StreamReader) -> None:
-        rest = b""
-        while chunk := await stream.read(65536):
-            *lines, rest = (rest + chunk).split(b"\n")
-            if len(rest) > MAX_LINE:
-                lines, rest = [*lines, rest], b""
-            for line in lines:
-                self._handle_line(line)
-        self._handle_line(rest)
-
-    def _handle_line(self, line: bytes) -> None:
-        text = line.decode(errors="backslashreplace").strip()
-        if text:
-            self._lines.append(text)
-            self.spec.output(text)
+    def _handle_line(self, line: str) -> None:
+        self._lines.append(line)
+        self.spec.output(line)
 
     def set_state(self, state: str, pid: int | None = None) -> None:
         self.state = state
         self.pid = self.pid if pid is None else pid
         self.changed()
-
-
-def _cause(code: int) -> str:
-    if code >= 0:
-        return f"with exit code {code}"
-    try:
-        return f"by {signal.Signals(-code).name}"
-    except ValueError:
-        return f"by signal {-code}"
 
 
 async def _ignore(probe: Awaitable[None]) -> None:

@@ -5,77 +5,25 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-from robocorba.control import model_switcher
-from robocorba.corba.orb import CONTEXT, Orb
-from robocorba.corba.remote.omni_database import RemoteDatabase
-from robocorba.errors.base import FieldError
+from robocorba.corba.orb import CONTEXT
 from robocorba.errors.services import ProcessExists, UnknownProcess
 from robocorba.errors.simulation import InvalidChoice
-from robocorba.names import CHANNELS, ROBOTS
+from robocorba.names import ROBOTS
 from robocorba.processes import RobotOrder
 from robocorba.settings import Address
-from robocorba.simulation.registry import Description
-from robocorba.spatial.pose import Pose
-from robocorba.supervision.launch import module_command
+from robocorba.supervision.launch import ModuleRun
 from robocorba.supervision.output import ReadyLine
 from robocorba.supervision.process import ProcessSpec, Supervised
+from robocorba.supervision.starter import Starter
 
 #: Maximum number of robots that a system has started, those that have ended included.
 MAX_ROBOTS = 200
-#: Maximum number of arguments for an adaptor, and of characters of all of them.
-MAX_ARGUMENTS, MAX_ARGUMENTS_LENGTH = 64, 4096
-#: Timeout to ask for floors and channels [s].
-ASK_TIMEOUT_S = 2.0
 
 _log = logging.getLogger(__name__)
-
-
-class OrderChecker:
-    """Checks orders against the running system. Thread-safe."""
-
-    def __init__(self, orb: Orb) -> None:
-        self._orb, self._database = orb, RemoteDatabase(orb, ASK_TIMEOUT_S)
-
-    def __call__(self, order: RobotOrder) -> RobotOrder:
-        """The order; a placed robot gets its floor by name. Raises InvalidChoice, NotReachable."""
-        check_order(order)
-        channels = self._orb.names(CHANNELS, ASK_TIMEOUT_S) if order.channel else []
-        return checked_places(order, self._database.floors() if order.floor or order.at else [], channels)
-
-
-def check_order(order: RobotOrder) -> None:
-    """Check what needs no system. Raises InvalidChoice."""
-    try:
-        Description(order.name, Pose(order.floor, *(order.at or (0.0, 0.0, 0.0))))
-    except FieldError as error:
-        raise InvalidChoice(error.field, error.reason) from None
-    if order.adaptor not in (known := model_switcher.installed()):
-        raise InvalidChoice("adaptor", f"{order.adaptor[:80]!r} is not installed; there are {', '.join(known)}")
-    arguments = order.adaptor_arguments
-    if len(arguments) > MAX_ARGUMENTS or sum(map(len, arguments)) > MAX_ARGUMENTS_LENGTH:
-        limits = f"{MAX_ARGUMENTS} with {MAX_ARGUMENTS_LENGTH} characters"
-        raise InvalidChoice("adaptorArguments", f"more than {limits} in all")
-
-
-def checked_places(order: RobotOrder, floors: Sequence[str], channels: Sequence[str]) -> RobotOrder:
-    """The order with the name of its floor, if it has one. Raises InvalidChoice for an unknown floor or channel."""
-    if order.floor and order.floor not in floors:
-        raise InvalidChoice("onFloor", f"there is no floor {order.floor[:80]!r}; there are {_some(floors)}")
-    if order.channel and order.channel not in channels:
-        raise InvalidChoice("channel", f"there is no channel {order.channel[:80]!r}; there are {_some(channels)}")
-    if order.at is None or order.floor:
-        return order
-    if not floors:
-        raise InvalidChoice("onFloor", "the building has no floor")
-    return replace(order, floor=floors[0])
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(name[:60] for name in names[:10]) or "none"
 
 
 def robot_spec(order: RobotOrder, state: Path, naming: Address, start_limit_s: float) -> ProcessSpec:
@@ -87,7 +35,7 @@ def robot_spec(order: RobotOrder, state: Path, naming: Address, start_limit_s: f
     ]
     if order.at is not None:
         options.append("--at=" + ",".join(map(repr, order.at)))
-    command = module_command("robocorba.clients.robot", order.name, *options, "--", *order.adaptor_arguments)
+    command = ModuleRun("robocorba.clients.robot", (order.name, *options, "--", *order.adaptor_arguments))
     output = ReadyLine(order.process)
     names = (f"{CONTEXT}/{ROBOTS}/{order.name}",)
     return ProcessSpec(order.process, command, state, output.probe, output, start_limit_s=start_limit_s, names=names)
@@ -105,8 +53,10 @@ class Robots:
 
     spec_of: the process for an order. changed: called whenever a state has changed."""
 
-    def __init__(self, spec_of: Callable[[RobotOrder], ProcessSpec], changed: Callable[[], None]) -> None:
-        self._spec_of, self._changed = spec_of, changed
+    def __init__(
+        self, spec_of: Callable[[RobotOrder], ProcessSpec], starter: Starter, changed: Callable[[], None]
+    ) -> None:
+        self._spec_of, self._starter, self._changed = spec_of, starter, changed
         self._robots: dict[str, _Robot] = {}
 
     @property
@@ -122,7 +72,7 @@ class Robots:
         if former is None and len(self._robots) >= MAX_ROBOTS:
             raise InvalidChoice("name", f"this system has started {MAX_ROBOTS} robots, its limit; end one of them")
         self._robots.pop(order.name, None)
-        process = Supervised(self._spec_of(order), self._changed)
+        process = Supervised(self._spec_of(order), self._starter, self._changed)
         robot = self._robots[order.name] = _Robot(process, asyncio.create_task(process.run()))
         robot.task.add_done_callback(lambda task: self._ended(order.name, robot))
         self._changed()

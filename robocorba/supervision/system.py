@@ -29,11 +29,12 @@ from robocorba.processes import RobotOrder
 from robocorba.settings import Address
 from robocorba.supervision.console import console_spec
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, is_free
-from robocorba.supervision.launch import module_command
+from robocorba.supervision.launch import ModuleRun
 from robocorba.supervision.output import relay
 from robocorba.supervision.process import ProcessSpec, Supervised
-from robocorba.supervision.robots import OrderChecker, Robots, robot_spec
+from robocorba.supervision.robots import Robots, robot_spec
 from robocorba.supervision.servers import Server
+from robocorba.supervision.starter import Starter
 from robocorba.supervision.supervisor import Supervisor
 
 NAMING_SERVICE = "omniNames"
@@ -92,10 +93,13 @@ class System:
             except ServiceError as error:  # a full disk must not stop the system
                 _log.error("%s", error)
 
-        names = Supervised(self._naming_service(orb), changed)
-        servers = [Supervised(self._server(server, ports[server.name], orb), changed) for server in self.servers]
-        consoles = [Supervised(self._console(self.console), changed)] if self.console else []
-        robots = Robots(self._robot, changed)
+        starter = Starter()
+        names = Supervised(self._naming_service(orb), starter, changed)
+        servers = [
+            Supervised(self._server(server, ports[server.name], orb), starter, changed) for server in self.servers
+        ]
+        consoles = [Supervised(self._console(self.console), starter, changed)] if self.console else []
+        robots = Robots(self._robot, starter, changed)
         processes += [names, *servers, *consoles]
         self._serve_supervisor(orb, processes, robots)
         started: list[list[asyncio.Task[None]]] = []
@@ -117,11 +121,18 @@ class System:
             await robots.close()
             for group_tasks in reversed(started):
                 await _cancel(group_tasks)
+            await starter.close()
             _log.info("stopped")
 
     def _serve_supervisor(self, orb: Orb, processes: Sequence[Supervised], robots: Robots) -> None:
         loop = asyncio.get_running_loop()
-        supervisor = Supervisor(loop, processes, robots, OrderChecker(orb), self.folder.logs)
+
+        def check(order: RobotOrder) -> RobotOrder:
+            from robocorba.supervision.order_checker import OrderChecker  # loads half of RoboCorba: not before `ready`
+
+            return OrderChecker(orb)(order)
+
+        supervisor = Supervisor(loop, processes, robots, check, self.folder.logs)
         # Its secret key is the right to call it.
         reference = orb.activate(SupervisorServant(supervisor), secrets.token_hex(16))
         orb.accept_calls()
@@ -148,11 +159,11 @@ class System:
 
     def _server(self, server: Server, port: int, orb: Orb) -> ProcessSpec:
         endpoint = str(Address(self.naming.host, port))
-        command = [*module_command(server.module), "--state", str(self.folder.path)]
-        command += ["--endpoint", endpoint, "--naming", str(self.naming)]
-        command += server.arguments
+        arguments = ["--state", str(self.folder.path), "--endpoint", endpoint, "--naming", str(self.naming)]
+        arguments += server.arguments
         if self.building:
-            command += ["--building", str(self.building)]
+            arguments += ["--building", str(self.building)]
+        module = ModuleRun(server.module, tuple(arguments))
 
         def probe() -> None:
             for name, object_probe in server.objects.items():
@@ -160,7 +171,7 @@ class System:
 
         # In the state folder, so that files in the user's folder cannot replace modules.
         return ProcessSpec(
-            *(server.name, tuple(command), self.folder.path, probe, functools.partial(relay, server.name)),
+            *(server.name, module, self.folder.path, probe, functools.partial(relay, server.name)),
             start_limit_s=self.start_limit_s,
             endpoint=endpoint,
             names=tuple(f"{CONTEXT}/{bound}" for bound in server.objects),

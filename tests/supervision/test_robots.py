@@ -14,9 +14,10 @@ from robocorba.errors.simulation import InvalidChoice
 from robocorba.logs import last_lines
 from robocorba.processes import RobotOrder
 from robocorba.settings import Address
+from robocorba.supervision.order_checker import checked_places
 from robocorba.supervision.output import ReadyLine
 from robocorba.supervision.process import ProcessSpec
-from robocorba.supervision.robots import Robots, checked_places, robot_spec
+from robocorba.supervision.robots import Robots, robot_spec
 
 FLOORS = ["L1", "L2"]
 

@@ -1,0 +1,197 @@
+"""Starts the processes of a system: modules as forks of a warm parent, other commands alone."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import signal
+import socket
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from robocorba.backoff import Backoff
+from robocorba.errors.services import StartFailed
+from robocorba.supervision.children import Children
+from robocorba.supervision.launch import ModuleRun, bound_command, module_command
+from robocorba.supervision.output import Pipe, relay
+from robocorba.supervision.warm_parent import ENVIRONMENT, MAX_REQUEST
+
+#: Timeout for the warm parent to load a module, whose kernels may have to be compiled, and to fork [s].
+FORK_LIMIT_S = 600.0
+#: Pauses before the starts of a warm parent that has ended.
+BACKOFF = Backoff(0.05, 10.0)
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Child:
+    """A child process. ended: done with its exit code, or the negative number of the signal that ended it."""
+
+    pid: int
+    ended: asyncio.Future[int]
+
+    async def wait(self) -> int:
+        """Its exit code, or the negative number of the signal, when it has ended."""
+        return await asyncio.shield(self.ended)
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal, to nobody if it has ended."""
+        if not self.ended.done():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+    def kill_session(self) -> None:
+        """Kill all processes that run in its session."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.pid, signal.SIGKILL)
+
+
+class Starter:
+    """Starts processes that lead sessions of their own, and that are killed when this process ends. To be used in the
+    thread of the event loop, which must be the main one: the kernel kills them when the thread that started them ends.
+    """
+
+    def __init__(self) -> None:
+        self._children = Children()
+        self._warm = _WarmParent(self)
+
+    async def start(self, command: Sequence[str] | ModuleRun, cwd: Path, output: int) -> Child:
+        """Start a command in a folder, with its stdout and stderr to a descriptor. Raises StartFailed."""
+        if not isinstance(command, ModuleRun):
+            return self.spawn(command, cwd=cwd, stdout=output, stderr=output)
+        started = asyncio.create_task(self._fork(command, cwd, os.dup(output)))
+        try:
+            return await asyncio.shield(started)
+        except asyncio.CancelledError:  # what has been asked for can't be taken back
+            started.add_done_callback(_kill)
+            raise
+
+    def spawn(self, command: Sequence[str], **options: Any) -> Child:
+        """Start a command alone. options: as of subprocess.Popen."""
+        process = subprocess.Popen(
+            bound_command(*command),
+            **{"stdin": subprocess.DEVNULL, **options},
+            start_new_session=True,  # Ctrl-C in the terminal reaches only the supervisor
+        )
+        process.returncode = 0  # `Children` waits for it
+        return self._child(process.pid)
+
+    async def close(self) -> None:
+        """End the warm parent. All other processes must have ended."""
+        await self._warm.close()
+        self._children.close()
+
+    async def _fork(self, module: ModuleRun, cwd: Path, output: int) -> Child:
+        try:
+            return self._child(await self._warm.fork(module, cwd, output))
+        finally:
+            os.close(output)
+
+    def _child(self, pid: int) -> Child:
+        return Child(pid, self._children.end_of(pid))
+
+
+class _WarmParent:
+    """The warm parent as seen by the supervisor: started for the first fork, and again when it has ended."""
+
+    def __init__(self, starter: Starter) -> None:
+        self._starter = starter
+        #: Held during a request: the answers come in their order.
+        self._lock = asyncio.Lock()
+        self._loaded: list[str] = []
+        self._process: Child | None = None
+        self._channel: socket.socket | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        self._failures = 0
+        self._is_closed = False
+
+    async def fork(self, module: ModuleRun, cwd: Path, output: int) -> int:
+        """The process id of a new process. Raises StartFailed."""
+        request = {"module": module.name, "arguments": module.arguments, "cwd": str(cwd), "title": module.title}
+        answer = await self._ask(request, [output])
+        if module.name not in self._loaded:
+            self._loaded.append(module.name)
+        return int(answer["pid"])
+
+    async def close(self) -> None:
+        self._is_closed = True
+        if self._process:
+            self._process.send_signal(signal.SIGKILL)
+            await self._process.wait()
+        if self._channel:
+            self._channel.close()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _ask(self, request: dict[str, Any], descriptors: Sequence[int] = ()) -> dict[str, Any]:
+        """The answer to a request. Raises StartFailed."""
+        async with self._lock:
+            if self._process is None or self._process.ended.done():
+                await self._start()
+            assert self._process and self._channel
+            loop = asyncio.get_running_loop()
+            try:
+                socket.send_fds(self._channel, [json.dumps(request).encode()], descriptors)
+                received = await asyncio.wait_for(loop.sock_recv(self._channel, MAX_REQUEST), FORK_LIMIT_S)
+                answer = json.loads(received or b"{}")
+            except (OSError, asyncio.TimeoutError) as error:
+                self._process.send_signal(signal.SIGKILL)  # a late answer must not be taken for that to another request
+                answer = {"error": f"the warm parent does not answer ({type(error).__name__})"}
+        if "error" in answer or ("pid" not in answer and descriptors):
+            raise StartFailed(f"can't start {request['module']}: {answer.get('error', 'the warm parent has ended')}")
+        return dict(answer)
+
+    async def _start(self) -> None:
+        if self._channel:
+            self._channel.close()
+        self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._channel.setblocking(False)
+        command = module_command("robocorba.supervision.warm_parent", str(theirs.fileno()))
+        environment = {**os.environ, **ENVIRONMENT}
+        pipe = await Pipe.open()
+        with theirs, pipe.write_end() as output:
+            options = {"cwd": "/", "stdout": output, "stderr": output, "env": environment}
+            self._process = self._starter.spawn(command, **options, pass_fds=(theirs.fileno(),))
+        _log.info("the warm parent started with process id %d", self._process.pid)
+        reading = asyncio.create_task(pipe.read(lambda line: relay("warm_parent", line)))
+        watching = asyncio.create_task(self._watch(self._process))
+        self._tasks = [task for task in self._tasks if not task.done()] + [reading, watching]
+
+    async def _watch(self, process: Child) -> None:
+        """Start it again when it has ended, so that it is warm for the next fork."""
+        code = await process.wait()
+        if self._is_closed:
+            return
+        _log.error("the warm parent ended %s", cause(code))
+        self._failures += 1
+        await asyncio.sleep(BACKOFF.pause_s(self._failures))
+        for name in self._loaded:
+            try:
+                await self._ask({"module": name})
+            except StartFailed as error:
+                _log.error("%s", error)
+                return
+        self._failures = 0
+
+
+def _kill(started: asyncio.Task[Child]) -> None:
+    if not started.cancelled() and not started.exception():
+        started.result().send_signal(signal.SIGKILL)
+
+
+def cause(code: int) -> str:
+    """How a process ended, such as "with exit code 1" or "by SIGKILL"."""
+    if code >= 0:
+        return f"with exit code {code}"
+    try:
+        return f"by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"by signal {-code}"

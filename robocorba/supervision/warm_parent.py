@@ -1,0 +1,144 @@
+"""The warm parent: a process of one thread that has loaded the modules of the servers, and forks each server.
+
+A fork shares what is loaded, so a server starts within a fraction of a second, and has only what it changes for itself.
+`warm_starts.py` starts this process with one end of a socket, and asks for processes with requests as JSON:
+
+    {"module": "robocorba.servers.simulation", "arguments": [...], "cwd": "/...", "title": "..."}
+        with a descriptor for the output: forks a process that calls the module's main(arguments); answered by
+        {"pid": 123} or {"error": "..."}
+    {"module": "robocorba.servers.simulation"}
+        loads the module; answered by {}
+
+A module may have a function `preload()`, which compiles or loads its kernels. The new process is a child of the process
+that asked, which must be a subreaper (PR_SET_CHILD_SUBREAPER): it does not depend on this one. Not the standard
+library's forkserver: its processes are children of the fork server, so that nobody learns how they ended once that has
+ended, nor are they killed with the process that asked for them.
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import json
+import os
+import random
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import setproctitle
+
+from robocorba.supervision.child import bind_to_parent
+
+#: Maximum length of a request [bytes].
+MAX_REQUEST = 128 * 1024
+#: Timeout for the kernel to make a new process a child of the process that asked for it [s].
+ADOPTION_LIMIT_S = 10.0
+#: Libraries would start threads for linear algebra when they are loaded; after a fork these are missing.
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+def serve(channel: socket.socket) -> Callable[[], object] | None:
+    """Carry out requests until the other end of the socket is closed. In a new process, returns what it has to run."""
+    supervisor = os.getppid()
+    while True:
+        data, descriptors, _, _ = socket.recv_fds(channel, MAX_REQUEST, 1)
+        if not data:
+            return None
+        request = json.loads(data)
+        try:
+            module = load(request["module"])
+            if descriptors:
+                check_forkable()
+                if _fork(channel):
+                    channel.close()
+                    return lambda: _become(module, request, descriptors[0], supervisor)
+                answer = None  # the process between has answered
+            else:
+                answer = {}
+        except Exception as error:
+            answer = {"error": f"{type(error).__name__}: {error}"}
+        for descriptor in descriptors:
+            os.close(descriptor)
+        if answer is not None:
+            channel.send(json.dumps(answer).encode())
+
+
+def load(name: str) -> Any:
+    """The module, imported and with its kernels loaded."""
+    if name in sys.modules:
+        return sys.modules[name]
+    module = importlib.import_module(name)
+    getattr(module, "preload", lambda: None)()
+    return module
+
+
+def check_forkable() -> None:
+    """Raises RuntimeError unless this process can be forked: a new process would lack all threads but one, and share
+    sockets, files and the states of random generators."""
+    if (threads := len(list(Path("/proc/self/task").iterdir()))) > 1:
+        raise RuntimeError(f"the warm parent has {threads} threads")
+
+
+def _fork(channel: socket.socket) -> bool:
+    """Whether this is the new process; the parent returns when the process between has ended."""
+    gc.freeze()  # collections in the new process would write to, and so copy, what is shared
+    between = os.fork()
+    if between:
+        os.waitpid(between, 0)
+        return False
+    try:
+        pid = os.fork()
+    except OSError as error:
+        channel.send(json.dumps({"error": f"can't fork: {error.strerror}"}).encode())
+        os._exit(1)
+    if pid:
+        channel.send(json.dumps({"pid": pid}).encode())
+        os._exit(0)
+    return True
+
+
+def _become(module: Any, request: dict[str, Any], output: int, supervisor: int) -> object:
+    """Be as if started alone, then run the module's main."""
+    os.setsid()  # Ctrl-C in the terminal reaches only the supervisor
+    empty = os.open(os.devnull, os.O_RDONLY)
+    for source, target in ((empty, 0), (output, 1), (output, 2)):
+        os.dup2(source, target)
+    os.closerange(3, max(empty, output) + 1)
+    _bind_to(supervisor)
+    os.chdir(request["cwd"])
+    random.seed()
+    if numpy := sys.modules.get("numpy"):
+        numpy.random.seed()
+    sys.argv = [module.__file__, *request["arguments"]]
+    setproctitle.setproctitle(request["title"])
+    return module.main(request["arguments"])
+
+
+def _bind_to(supervisor: int) -> None:
+    """End with the process that asked for this one; wait until that is the parent."""
+    deadline = time.monotonic() + ADOPTION_LIMIT_S
+    while os.getppid() != supervisor:
+        if time.monotonic() > deadline:
+            sys.exit("the supervisor has ended, or is no subreaper")
+        time.sleep(0.001)
+    bind_to_parent(signal.SIGKILL)
+    if os.getppid() != supervisor:
+        sys.exit("the supervisor has ended")
+
+
+def main() -> None:
+    gc.disable()
+    with socket.socket(fileno=int(sys.argv[1])) as channel:
+        run = serve(channel)
+    if run:
+        gc.enable()
+        run()
+
+
+if __name__ == "__main__":
+    main()
