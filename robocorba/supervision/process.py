@@ -16,6 +16,7 @@ from typing import Any
 from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import StartFailed
+from robocorba.supervision.children import kill_session
 from robocorba.supervision.launch import ModuleRun
 from robocorba.supervision.output import Pipe
 from robocorba.supervision.starter import Child, Starter, cause
@@ -154,7 +155,7 @@ class Supervised:
             if not process.ended.done():
                 _log.warning("%s did not end within %g s; killed", self.spec.name, GRACE_PERIOD_S)
         process.send_signal(signal.SIGKILL)
-        process.kill_session()
+        kill_session(process.pid)
         await process.wait()
 
     async def _drain(self, reader: asyncio.Task[None]) -> None:

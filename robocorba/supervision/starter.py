@@ -47,11 +47,6 @@ class Child:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, number)
 
-    def kill_session(self) -> None:
-        """Kill all processes that run in its session."""
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self.pid, signal.SIGKILL)
-
 
 class Starter:
     """Starts processes that lead sessions of their own, and that are killed when this process ends. To be used in the
@@ -155,11 +150,10 @@ class _WarmParent:
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._channel.setblocking(False)
         command = module_command("robocorba.supervision.warm_parent", str(theirs.fileno()))
-        environment = {**os.environ, **ENVIRONMENT}
         pipe = await Pipe.open()
         with theirs, pipe.write_end() as output:
-            options = {"cwd": "/", "stdout": output, "stderr": output, "env": environment}
-            self._process = self._starter.spawn(command, **options, pass_fds=(theirs.fileno(),))
+            options = {"cwd": "/", "stdout": output, "stderr": output, "pass_fds": (theirs.fileno(),)}
+            self._process = self._starter.spawn(("env", *ENVIRONMENT, *command), **options)
         _log.info("the warm parent started with process id %d", self._process.pid)
         reading = asyncio.create_task(pipe.read(lambda line: relay("warm_parent", line)))
         watching = asyncio.create_task(self._watch(self._process))

@@ -106,7 +106,8 @@ class System:
         try:
             # Servers need the naming service, and the console needs both: each group ends before those that it needs.
             for group in filter(None, ([names], servers, consoles)):
-                started.append([asyncio.create_task(process.supervise()) for process in group])
+                # The warm parent loads for one after the other: the lightest, at the end, serves while others load.
+                started.append([asyncio.create_task(process.supervise()) for process in reversed(group)])
                 await _first(asyncio.create_task(_all_ready(group)), stop, *chain.from_iterable(started))
                 if stop.done():
                     return

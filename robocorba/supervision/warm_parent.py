@@ -39,7 +39,7 @@ MAX_REQUEST = 128 * 1024
 #: Timeout for the kernel to make a new process a child of the process that asked for it [s].
 ADOPTION_LIMIT_S = 10.0
 #: Libraries would start threads for linear algebra when they are loaded; after a fork these are missing.
-ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+ENVIRONMENT = ("OPENBLAS_NUM_THREADS=1", "OMP_NUM_THREADS=1", "MKL_NUM_THREADS=1")
 
 
 def serve(channel: socket.socket) -> Callable[[], object] | None:
@@ -50,22 +50,21 @@ def serve(channel: socket.socket) -> Callable[[], object] | None:
         if not data:
             return None
         request = json.loads(data)
+        answer: dict[str, Any] = {}
         try:
             module = load(request["module"])
             if descriptors:
                 check_forkable()
-                if _fork(channel):
+                pid = _fork()
+                if not pid:
                     channel.close()
                     return lambda: _become(module, request, descriptors[0], supervisor)
-                answer = None  # the process between has answered
-            else:
-                answer = {}
+                answer = {"pid": pid}
         except Exception as error:
             answer = {"error": f"{type(error).__name__}: {error}"}
         for descriptor in descriptors:
             os.close(descriptor)
-        if answer is not None:
-            channel.send(json.dumps(answer).encode())
+        channel.send(json.dumps(answer).encode())
 
 
 def load(name: str) -> Any:
@@ -84,22 +83,29 @@ def check_forkable() -> None:
         raise RuntimeError(f"the warm parent has {threads} threads")
 
 
-def _fork(channel: socket.socket) -> bool:
-    """Whether this is the new process; the parent returns when the process between has ended."""
+def _fork() -> int:
+    """Fork a process whose parent will be the supervisor. Returns its process id, in the new process 0."""
     gc.freeze()  # collections in the new process would write to, and so copy, what is shared
+    reading, writing = os.pipe()
     between = os.fork()
     if between:
-        os.waitpid(between, 0)
-        return False
+        os.close(writing)
+        os.waitpid(between, 0)  # from here on the new process is a child of the supervisor
+        with os.fdopen(reading, "rb") as pipe:
+            answer = pipe.read()
+        if not answer:
+            raise OSError("no process was made")
+        return int(answer)
+    os.close(reading)
     try:
         pid = os.fork()
-    except OSError as error:
-        channel.send(json.dumps({"error": f"can't fork: {error.strerror}"}).encode())
+    except OSError:
         os._exit(1)
     if pid:
-        channel.send(json.dumps({"pid": pid}).encode())
+        os.write(writing, str(pid).encode())
         os._exit(0)
-    return True
+    os.close(writing)
+    return 0
 
 
 def _become(module: Any, request: dict[str, Any], output: int, supervisor: int) -> object:

@@ -14,10 +14,12 @@ from robocorba.errors.simulation import InvalidChoice
 from robocorba.logs import last_lines
 from robocorba.processes import RobotOrder
 from robocorba.settings import Address
+from robocorba.supervision.launch import ModuleRun
 from robocorba.supervision.order_checker import checked_places
 from robocorba.supervision.output import ReadyLine
 from robocorba.supervision.process import ProcessSpec
 from robocorba.supervision.robots import Robots, robot_spec
+from robocorba.supervision.starter import Starter
 
 FLOORS = ["L1", "L2"]
 
@@ -35,7 +37,9 @@ def test_a_building_without_floors_has_no_place() -> None:
 
 def test_no_value_becomes_another_option() -> None:
     order = RobotOrder("A", "smartpal", ("--x", "-1"), "--help", (-1.5, 2.0, -0.25), "-c")
-    command = robot_spec(order, Path("/state"), Address("127.0.0.1", 2809), 60.0).command
+    module = robot_spec(order, Path("/state"), Address("127.0.0.1", 2809), 60.0).command
+    assert isinstance(module, ModuleRun)
+    command = module.arguments
     own, adaptors = command[: command.index("--")], command[command.index("--") + 1 :]
     assert adaptors == ("--x", "-1")
     assert {"--floor=--help", "--at=-1.5,2.0,-0.25", "--channel=-c", "--adaptor=smartpal"} <= set(own)
@@ -91,7 +95,8 @@ WAITING = "import time; print('ready', flush=True); time.sleep(600)"
 
 def test_robots_start_and_end() -> None:
     async def run() -> None:
-        robots = Robots(spec_of(WAITING), lambda: None)
+        starter = Starter()
+        robots = Robots(spec_of(WAITING), starter, lambda: None)
         robots.start(RobotOrder("A"))
         with pytest.raises(ProcessExists):
             robots.start(RobotOrder("A"))
@@ -104,6 +109,7 @@ def test_robots_start_and_end() -> None:
         robots.start(RobotOrder("B"))
         await robots.close()
         await until(lambda: robots.processes == [])
+        await starter.close()
 
     asyncio.run(run())
 
@@ -117,7 +123,8 @@ def test_robots_start_and_end() -> None:
 )
 def test_a_robot_that_ended_is_shown_until_it_is_forgotten(script: str, problem: str) -> None:
     async def run() -> None:
-        robots = Robots(spec_of(script), lambda: None)
+        starter = Starter()
+        robots = Robots(spec_of(script), starter, lambda: None)
         robots.start(RobotOrder("A"))
         await until(lambda: robots.processes[0].state == "ended")
         (process,) = robots.processes
@@ -126,5 +133,6 @@ def test_a_robot_that_ended_is_shown_until_it_is_forgotten(script: str, problem:
         await until(lambda: robots.processes[0].state == "ended")
         robots.end("A")
         assert robots.processes == []
+        await starter.close()
 
     asyncio.run(run())
