@@ -29,6 +29,10 @@ class Children:
         self._reap()  # it may have ended before
         return future
 
+    def knows(self, pid: int) -> bool:
+        """Whether somebody has asked for the end of a child that has not ended."""
+        return pid in self._ends
+
     def close(self) -> None:
         asyncio.get_running_loop().remove_signal_handler(signal.SIGCHLD)
         _set_subreaper(False)

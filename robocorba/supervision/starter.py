@@ -7,6 +7,7 @@ import contextlib
 import json
 import logging
 import os
+import shlex
 import signal
 import socket
 import subprocess
@@ -14,6 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 from robocorba.backoff import Backoff
 from robocorba.errors.services import StartFailed
@@ -76,20 +79,25 @@ class Starter:
             start_new_session=True,  # Ctrl-C in the terminal reaches only the supervisor
         )
         process.returncode = 0  # `Children` waits for it
-        return self._child(process.pid)
+        return self.child(process.pid)
 
     async def close(self) -> None:
         """End the warm parent. All other processes must have ended."""
         await self._warm.close()
         self._children.close()
 
+    def knows(self, pid: int) -> bool:
+        """Whether a running process is one that was started here."""
+        return self._children.knows(pid)
+
     async def _fork(self, module: ModuleRun, cwd: Path, output: int) -> Child:
         try:
-            return self._child(await self._warm.fork(module, cwd, output))
+            return self.child(await self._warm.fork(module, cwd, output))
         finally:
             os.close(output)
 
-    def _child(self, pid: int) -> Child:
+    def child(self, pid: int) -> Child:
+        """A child of this process, whose end is noticed from now on."""
         return Child(pid, self._children.end_of(pid))
 
 
@@ -101,6 +109,7 @@ class _WarmParent:
         #: Held during a request: the answers come in their order.
         self._lock = asyncio.Lock()
         self._loaded: list[str] = []
+        self._command: tuple[str, ...] = ()
         self._process: Child | None = None
         self._channel: socket.socket | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -129,31 +138,49 @@ class _WarmParent:
     async def _ask(self, request: dict[str, Any], descriptors: Sequence[int] = ()) -> dict[str, Any]:
         """The answer to a request. Raises StartFailed."""
         async with self._lock:
-            if self._process is None or self._process.ended.done():
-                await self._start()
-            assert self._process and self._channel
-            loop = asyncio.get_running_loop()
-            try:
-                socket.send_fds(self._channel, [json.dumps(request).encode()], descriptors)
-                received = await asyncio.wait_for(loop.sock_recv(self._channel, MAX_REQUEST), FORK_LIMIT_S)
-                answer = json.loads(received or b"{}")
-            except (OSError, asyncio.TimeoutError) as error:
-                self._process.send_signal(signal.SIGKILL)  # a late answer must not be taken for that to another request
-                answer = {"error": f"the warm parent does not answer ({type(error).__name__})"}
-        if "error" in answer or ("pid" not in answer and descriptors):
-            raise StartFailed(f"can't start {request['module']}: {answer.get('error', 'the warm parent has ended')}")
-        return dict(answer)
+            answer = await self._exchange(request, descriptors)
+            if answer is None:  # it had ended, or ended meanwhile
+                self._kill_strays(request.get("title", ""))
+                answer = await self._exchange(request, descriptors)
+        if answer is None or "error" in answer:
+            reason = answer["error"] if answer else "the warm parent has ended"
+            raise StartFailed(f"can't start {request['module']}: {reason}")
+        return answer
+
+    async def _exchange(self, request: dict[str, Any], descriptors: Sequence[int]) -> dict[str, Any] | None:
+        """The answer to a request, None for no answer; then the warm parent has ended."""
+        if self._process is None or self._process.ended.done():
+            await self._start()
+        assert self._process and self._channel
+        loop = asyncio.get_running_loop()
+        try:
+            socket.send_fds(self._channel, [json.dumps(request).encode()], descriptors)
+            if answer := await asyncio.wait_for(loop.sock_recv(self._channel, MAX_REQUEST), FORK_LIMIT_S):
+                return dict(json.loads(answer))
+        except (OSError, asyncio.TimeoutError) as error:
+            _log.error("the warm parent does not answer (%s)", type(error).__name__)
+        self._process.send_signal(signal.SIGKILL)  # a late answer must not be taken for that to another request
+        await self._process.wait()
+        return None
+
+    def _kill_strays(self, title: str) -> None:
+        """Kill what the warm parent has forked without telling."""
+        titles = {title, shlex.join(self._command)}
+        for child in psutil.Process().children():
+            with contextlib.suppress(psutil.Error):
+                if not self._starter.knows(child.pid) and " ".join(child.cmdline()) in titles:
+                    self._starter.child(child.pid).send_signal(signal.SIGKILL)
 
     async def _start(self) -> None:
         if self._channel:
             self._channel.close()
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._channel.setblocking(False)
-        command = module_command("robocorba.supervision.warm_parent", str(theirs.fileno()))
+        self._command = module_command("robocorba.supervision.warm_parent", str(theirs.fileno()))
         pipe = await Pipe.open()
         with theirs, pipe.write_end() as output:
             options = {"cwd": "/", "stdout": output, "stderr": output, "pass_fds": (theirs.fileno(),)}
-            self._process = self._starter.spawn(("env", *ENVIRONMENT, *command), **options)
+            self._process = self._starter.spawn(("env", *ENVIRONMENT, *self._command), **options)
         _log.info("the warm parent started with process id %d", self._process.pid)
         reading = asyncio.create_task(pipe.read(lambda line: relay("warm_parent", line)))
         watching = asyncio.create_task(self._watch(self._process))

@@ -17,6 +17,8 @@ ended, nor are they killed with the process that asked for them.
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import gc
 import importlib
 import json
@@ -114,7 +116,10 @@ def _become(module: Any, request: dict[str, Any], output: int, supervisor: int) 
     empty = os.open(os.devnull, os.O_RDONLY)
     for source, target in ((empty, 0), (output, 1), (output, 2)):
         os.dup2(source, target)
-    os.closerange(3, max(empty, output) + 1)
+    os.close(empty)
+    os.close(output)
+    for read_end, write_end in pipes():
+        _renew(read_end, write_end)
     _bind_to(supervisor)
     os.chdir(request["cwd"])
     random.seed()
@@ -122,7 +127,34 @@ def _become(module: Any, request: dict[str, Any], output: int, supervisor: int) 
         numpy.random.seed()
     sys.argv = [module.__file__, *request["arguments"]]
     setproctitle.setproctitle(request["title"])
+    setproctitle.setthreadtitle(Path(sys.executable).name)  # which is the short name of the process
     return module.main(request["arguments"])
+
+
+def pipes() -> list[tuple[int, int]]:
+    """Read and write end of each pipe of this process to itself. omniORB opens some when it is loaded, to wake its
+    threads."""
+    ends: dict[str, list[int]] = {}
+    for file in list(Path("/proc/self/fd").iterdir()):
+        with contextlib.suppress(OSError):  # the folder's own descriptor is closed
+            if (target := str(file.readlink())).startswith("pipe:"):
+                ends.setdefault(target, []).append(int(file.name))
+    pairs = [sorted(pair, key=_can_write) for pair in ends.values() if len(pair) == 2]
+    return [
+        (read_end, write_end) for read_end, write_end in pairs if not _can_write(read_end) and _can_write(write_end)
+    ]
+
+
+def _can_write(descriptor: int) -> bool:
+    return fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_ACCMODE != os.O_RDONLY
+
+
+def _renew(*ends: int) -> None:
+    """Replace both ends of a pipe by those of a new one; processes that share one would wake each other."""
+    for former, end in zip(ends, os.pipe(), strict=True):
+        os.set_blocking(end, os.get_blocking(former))
+        os.dup2(end, former, os.get_inheritable(former))
+        os.close(end)
 
 
 def _bind_to(supervisor: int) -> None:

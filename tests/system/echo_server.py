@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from robocorba import logs
@@ -29,8 +30,8 @@ class EchoPlanner(RoboCorba__POA.PathPlanner):
         raise RoboCorba.UnknownFloor("start", start.floor, [])
 
 
-def main() -> None:
-    settings = ServerSettings.read()
+def main(arguments: Sequence[str] | None = None) -> None:
+    settings = ServerSettings.read(arguments)
     logs.setup("echo", settings.state / "logs")
     mode = os.environ.get("ECHO_MODE", "")
     if mode == "broken":

@@ -48,7 +48,7 @@ def test_a_signal_stops_everything(echo_up: Start, number: signal.Signals) -> No
     running = echo_up().wait_ready()
     assert running.stop(number) == 0
     assert running.left_behind() == []
-    assert len(running.descendants) == 2
+    assert len(running.descendants) == 3  # with the warm parent
     assert not (running.state / "up.json").exists()
 
 
@@ -56,7 +56,7 @@ def test_kill_9_of_the_supervisor_ends_its_children(echo_up: Start) -> None:
     running = echo_up().wait_ready()
     running.stop(signal.SIGKILL)
     eventually(lambda: not running.left_behind(), 2.0, "all children ended")
-    assert len(running.descendants) == 2
+    assert len(running.descendants) == 3  # with the warm parent
     again = echo_up().wait_ready()  # same folder, same ports
     assert again.stop() == 0
 
@@ -71,7 +71,7 @@ def test_ctrl_c_in_the_middle_of_the_start(echo_up: Start) -> None:
 
 def test_what_a_server_started_ends_with_it(echo_up: Start) -> None:
     running = echo_up(ECHO_MODE="parent").wait_ready()
-    assert len(running.descendants) == 3
+    assert len(running.descendants) == 4
     first, orphans = running.pid("echo"), psutil.Process(running.pid("echo")).children()
     os.kill(first, signal.SIGKILL)
     eventually(lambda: not any(map(is_running, orphans)), 3.0, "the killed server's child ended")
