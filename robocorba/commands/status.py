@@ -61,12 +61,19 @@ def status(
         alive = record if record is not None and record.is_alive else None
         processes = check_objects(alive) if alive else []
     if json:
-        answer = {"state": str(settings.state), "naming": alive.naming if alive else None, "processes": processes}
+        answer = {
+            "state": str(settings.state),
+            "naming": alive.naming if alive else None,
+            "hang_limit_s": alive.hang_limit_s if alive else None,
+            "processes": processes,
+        }
         print(msgspec.json.format(msgspec.json.encode(answer), indent=2).decode())
     elif alive is None:
         print(f"nothing runs in {settings.state}")
     else:
         _print(processes)
+        limit_s = alive.hang_limit_s
+        print(f"a server without an answer for {limit_s:g} s is restarted" if limit_s else "servers may hang")
     if not processes or not all(process.is_healthy for process in processes):
         raise typer.Exit(1)
 

@@ -18,6 +18,7 @@ from robocorba.corba.naming import corbaname
 from robocorba.settings import DEFAULT_HOST, Address, InvalidSetting, Settings
 from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import StateFolder, SystemRecord
+from robocorba.supervision.hangs import HangLimit
 from robocorba.supervision.servers import servers
 from robocorba.supervision.subnets import parse_subnets, remove_former_links
 from robocorba.supervision.system import NAMING_SERVICE, System
@@ -50,6 +51,15 @@ def up(
             metavar="S", help="Time limit in seconds for each process to start, until it answers its first call."
         ),
     ] = 180.0,
+    hang_limit: Annotated[
+        float,
+        typer.Option(
+            metavar="S", min=0.0, help="Restart a server that does not answer for this time, in seconds; 0: never."
+        ),
+    ] = 10.0,
+    spare_stopped: Annotated[
+        bool, typer.Option("--spare-stopped", help="Not while a debugger or SIGSTOP holds the server.")
+    ] = False,
     console: Annotated[bool, typer.Option("--console", help="Also serve the operator's console to browsers.")] = False,
     console_port: Annotated[
         int, typer.Option(metavar="N", min=0, max=65535, help="Port of the console on 127.0.0.1; 0: any free one.")
@@ -76,6 +86,7 @@ def up(
             building=building.absolute() if building else None,
             start_limit_s=start_limit,
             console=_console_address(console_port) if console else None,
+            hang_limit=HangLimit(hang_limit, spare_stopped),
         )
         run(system)
 

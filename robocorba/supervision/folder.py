@@ -43,12 +43,15 @@ class ProcessRecord(msgspec.Struct):
 
 
 class SystemRecord(msgspec.Struct):
-    """The content of up.json: the naming service's address, the supervisor and its processes."""
+    """The content of up.json: the naming service's address, the supervisor and its processes.
+
+    hang_limit_s: after this time without an answer a server is restarted; 0: never."""
 
     naming: str
     pid: int
     created: float
     processes: tuple[ProcessRecord, ...]
+    hang_limit_s: float = 0.0
 
     @property
     def is_alive(self) -> bool:

@@ -17,6 +17,7 @@ from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import StartFailed
 from robocorba.supervision.children import kill_session
+from robocorba.supervision.hangs import DEFAULT, HangLimit, watch_for_hang
 from robocorba.supervision.launch import ModuleRun
 from robocorba.supervision.output import Pipe
 from robocorba.supervision.starter import Child, Starter, cause
@@ -39,6 +40,8 @@ class ProcessSpec:
 
     probe: makes a real call, in a thread; raises a RoboCorbaError while there is no answer.
     output: called with each line that the process prints. start_limit_s: timeout for the answer to the first call.
+    is_alive: a call to the process alone, in a thread; raises a RoboCorbaError when it does not answer. None: nobody
+    asks.
     endpoint: HOST:PORT where it listens, empty if it chooses a port. names: that it binds in the naming service."""
 
     name: str
@@ -47,6 +50,7 @@ class ProcessSpec:
     probe: Callable[[], None]
     output: Callable[[str], None]
     start_limit_s: float = 60.0
+    is_alive: Callable[[], None] | None = None
     endpoint: str = ""
     names: tuple[str, ...] = ()
 
@@ -61,6 +65,7 @@ class Supervised:
 
     spec: ProcessSpec
     starter: Starter
+    hang_limit: HangLimit = DEFAULT
     changed: Callable[[], None] = lambda: None
     state: str = "starting"
     pid: int = 0
@@ -92,8 +97,7 @@ class Supervised:
             self.problem = ""
             self.set_state("running")
             self.ready.set()
-            code = await process.wait()
-            self.problem = f"ended {cause(code)}"
+            self.problem = await self._until_ended(process)
             _log.error("%s %s", self.spec.name, self.problem)
         finally:
             await self._end(process)
@@ -141,6 +145,17 @@ class Supervised:
                 if time.monotonic() > deadline:
                     raise StartFailed(self._failure(f"did not answer within {limit_s:g} s: {error}")) from None
             await asyncio.wait({process.ended}, timeout=PROBE_INTERVAL_S)
+
+    async def _until_ended(self, process: Child) -> str:
+        """How it ended, by itself or because it hung."""
+        watch = asyncio.create_task(watch_for_hang(process, self.spec.is_alive, self.hang_limit))
+        try:
+            code = await process.wait()
+            return (
+                watch.result() if watch.done() and not watch.cancelled() and watch.result() else f"ended {cause(code)}"
+            )
+        finally:
+            watch.cancel()
 
     def _failure(self, description: str) -> str:
         last = self.last_error()

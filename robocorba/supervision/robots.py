@@ -72,7 +72,7 @@ class Robots:
         if former is None and len(self._robots) >= MAX_ROBOTS:
             raise InvalidChoice("name", f"this system has started {MAX_ROBOTS} robots, its limit; end one of them")
         self._robots.pop(order.name, None)
-        process = Supervised(self._spec_of(order), self._starter, self._changed)
+        process = Supervised(self._spec_of(order), self._starter, changed=self._changed)
         robot = self._robots[order.name] = _Robot(process, asyncio.create_task(process.run()))
         robot.task.add_done_callback(lambda task: self._ended(order.name, robot))
         self._changed()

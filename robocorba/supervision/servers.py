@@ -26,7 +26,14 @@ class Probe:
 
     def call_object(self, orb: Orb, name: str, timeout_s: float = 1.0) -> float:
         """Call the object bound to `name`; returns the duration of the call [ms]. Raises NotReachable."""
-        reference = orb.resolve(name, self.interface, timeout_s, call_timeout_s=timeout_s)
+        return self._call(orb.resolve(name, self.interface, timeout_s, call_timeout_s=timeout_s), name)
+
+    def call_at(self, orb: Orb, endpoint: str, name: str, timeout_s: float = 1.0) -> float:
+        """The same without the naming service: call the object at HOST:PORT."""
+        uri = f"corbaloc:iiop:1.2@{endpoint}/{name}"
+        return self._call(orb.reference(uri, self.interface, call_timeout_s=timeout_s), name)
+
+    def _call(self, reference: Any, name: str) -> float:
         began = time.perf_counter()
         try:
             self.call(reference)

@@ -29,6 +29,7 @@ from robocorba.processes import RobotOrder
 from robocorba.settings import Address
 from robocorba.supervision.console import console_spec
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, is_free
+from robocorba.supervision.hangs import DEFAULT, HangLimit
 from robocorba.supervision.launch import ModuleRun
 from robocorba.supervision.output import relay
 from robocorba.supervision.process import ProcessSpec, Supervised
@@ -47,7 +48,8 @@ class System:
 
     before_ready: called in a thread once every server has answered, before the system is ready.
     building: absolute path passed to the servers, or None. start_limit_s: time limit for each process to
-    answer its first call. console: where the operator's console listens, None for no console."""
+    answer its first call. hang_limit: when one that does not answer any more is restarted. console: where the
+    operator's console listens, None for no console."""
 
     folder: StateFolder
     naming: Address
@@ -56,6 +58,7 @@ class System:
     building: Path | None = None
     start_limit_s: float = 60.0
     console: Address | None = None
+    hang_limit: HangLimit = DEFAULT
 
     def run(self, ready: Callable[[SystemRecord], None]) -> None:
         """Run until SIGINT, SIGTERM or SIGHUP; calls `ready` once every server has answered a real call.
@@ -85,7 +88,7 @@ class System:
 
         def record() -> SystemRecord:
             rows = tuple(_row(process) for process in (*processes, *robots.processes))
-            return SystemRecord(str(self.naming), os.getpid(), created, rows)
+            return SystemRecord(str(self.naming), os.getpid(), created, rows, self.hang_limit.limit_s)
 
         def changed() -> None:
             try:
@@ -94,11 +97,12 @@ class System:
                 _log.error("%s", error)
 
         starter = Starter()
-        names = Supervised(self._naming_service(orb), starter, changed)
+        names = Supervised(self._naming_service(orb), starter, self.hang_limit, changed)
         servers = [
-            Supervised(self._server(server, ports[server.name], orb), starter, changed) for server in self.servers
+            Supervised(self._server(server, ports[server.name], orb), starter, self.hang_limit, changed)
+            for server in self.servers
         ]
-        consoles = [Supervised(self._console(self.console), starter, changed)] if self.console else []
+        consoles = [Supervised(self._console(self.console), starter, changed=changed)] if self.console else []
         robots = Robots(self._robot, starter, changed)
         processes += [names, *servers, *consoles]
         self._serve_supervisor(orb, processes, robots)
@@ -155,6 +159,7 @@ class System:
         return ProcessSpec(
             *(NAMING_SERVICE, command, self.folder.path, orb.check_naming, log_line),
             start_limit_s=self.start_limit_s,
+            is_alive=orb.check_naming,
             endpoint=str(self.naming),
         )
 
@@ -170,10 +175,15 @@ class System:
             for name, object_probe in server.objects.items():
                 object_probe.call_object(orb, name)
 
+        def is_alive() -> None:
+            for name, object_probe in server.objects.items():
+                object_probe.call_at(orb, endpoint, name)
+
         # In the state folder, so that files in the user's folder cannot replace modules.
         return ProcessSpec(
             *(server.name, module, self.folder.path, probe, functools.partial(relay, server.name)),
             start_limit_s=self.start_limit_s,
+            is_alive=is_alive,
             endpoint=endpoint,
             names=tuple(f"{CONTEXT}/{bound}" for bound in server.objects),
         )

@@ -45,9 +45,9 @@ def launch(tmp_path: Path) -> Iterator[Launcher]:
 def echo_up(launch: Launcher, tmp_path: Path, naming_port: int) -> Callable[..., Running]:
     """Starts a system whose only server is the echo server; several times in one test it is the same system."""
 
-    def start(limit_s: float = 20.0, port: int = naming_port, **environment: str) -> Running:
+    def start(limit_s: float = 20.0, port: int = naming_port, hang_limit_s: float = 0.0, **environment: str) -> Running:
         naming = Address("127.0.0.1", port)
-        process = launch(*ECHO_UP, str(tmp_path / "state"), str(naming), str(limit_s), **environment)
+        process = launch(*ECHO_UP, str(tmp_path / "state"), str(naming), str(limit_s), str(hang_limit_s), **environment)
         return Running(process, tmp_path / "state", naming)
 
     return start

@@ -1,4 +1,5 @@
-"""robocorba up with the echo server in place of the real ones: python echo_up.py STATE NAMING_HOST:PORT [LIMIT_S]."""
+"""robocorba up with the echo server in place of the real ones:
+python echo_up.py STATE NAMING_HOST:PORT LIMIT_S HANG_LIMIT_S."""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.folder import StateFolder
+from robocorba.supervision.hangs import HangLimit
 from robocorba.supervision.servers import Probe, Server
 from robocorba.supervision.system import System
 
@@ -18,8 +20,9 @@ ECHO = Server(
 )
 
 if __name__ == "__main__":
-    state, naming, limit_s = Path(sys.argv[1]).absolute(), Address.parse(sys.argv[2]), float((*sys.argv, "20")[3])
+    state, naming = Path(sys.argv[1]).absolute(), Address.parse(sys.argv[2])
+    limit_s, hang_limit_s = float(sys.argv[3]), float(sys.argv[4])
     try:
-        run(System(StateFolder(state), naming, [ECHO], start_limit_s=limit_s))
+        run(System(StateFolder(state), naming, [ECHO], start_limit_s=limit_s, hang_limit=HangLimit(hang_limit_s)))
     except RoboCorbaError as error:
         sys.exit(f"robocorba up: {error}")

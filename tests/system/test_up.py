@@ -206,6 +206,16 @@ def test_status_tells_of_a_server_that_hangs(echo_up: Start, launch: Launch) -> 
     assert status(launch, running)[0] == 0
 
 
+def test_a_server_that_hangs_is_restarted(echo_up: Start, client: Orb) -> None:
+    running = echo_up(hang_limit_s=2.0).wait_ready()
+    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
+    hanging = running.pid("echo")
+    os.kill(hanging, signal.SIGSTOP)
+    eventually(lambda: not psutil.pid_exists(hanging), 60.0, "the end of the hanging server")
+    assert eventually(lambda: answers(planner), 60.0) != hanging
+    assert "echo was killed: no answer for" in (running.state / "logs" / "up.log").read_text()
+
+
 def test_status_says_when_nothing_runs(echo_up: Start, launch: Launch) -> None:
     running = echo_up().wait_ready()
     running.stop(signal.SIGKILL)  # up.json is still there
