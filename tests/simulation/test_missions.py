@@ -144,6 +144,25 @@ def test_the_missions_that_ended_first_make_room(
     assert {mission.name for mission in store.missions()} == {"running", "new", "newer"}
 
 
+@pytest.mark.parametrize(
+    ("name", "version", "document"),
+    [("", 0, b""), ("x" * 201, 0, b""), ("new", 0, bytes(MAX_DOCUMENT + 1)), ("new", 3, b"")],
+)
+def test_a_refused_mission_removes_no_others(
+    store: SimulationStore,
+    missions: MissionDirectory,
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    version: int,
+    document: bytes,
+) -> None:
+    monkeypatch.setattr(store_module, "MAX_MISSIONS", 1)
+    put(missions, "kept", ended(200.0))
+    with pytest.raises((InvalidMission, StaleMission)):
+        missions.put_mission(Mission(name, version, document))
+    assert [mission.name for mission in store.missions()] == ["kept"]
+
+
 def test_missions_are_kept_for_a_week(store: SimulationStore) -> None:
     now = 1000.0
     missions = MissionDirectory(store, lambda: now)
