@@ -79,8 +79,9 @@ class MissionDirectory:
     def report(self, name: str) -> str:
         """The report of a mission as JSON; of one whose leader has left none, what the record says. Raises
         UnknownMission."""
-        content = self.mission(name).content
-        stored = self._store.mission(name)
+        with self._lock:  # else the document could be a later one, or none that is listed
+            content = self.mission(name).content
+            stored = self._store.mission(name)
         report = MissionContent.decode(stored.document).report if stored else None
         return msgspec.json.encode(content.brief_report(name) if report is None else report).decode()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -187,6 +188,25 @@ def test_a_report_is_the_leaders_or_what_the_record_says(missions: MissionDirect
     assert [(phase["name"], phase["began_s"]) for phase in report["phases"]] == [("asking", 0.0), ("gathering", 1.0)]
     with pytest.raises(UnknownMission):
         missions.report("nothing")
+
+
+def test_a_report_is_of_the_listed_document(
+    store: SimulationStore, missions: MissionDirectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put(missions, "one", RUNNING)
+    read, writer = store.mission, threading.Thread(target=missions.put_mission, args=(Mission("one", 1, b"other"),))
+
+    def read_late(name: str) -> Mission | None:
+        if not writer.ident:
+            writer.start()
+            writer.join(0.5)  # it does not end while the report is being read
+        return read(name)
+
+    monkeypatch.setattr(store, "mission", read_late)
+    assert json.loads(missions.report("one"))["result"] == "running"
+    writer.join()
+    with pytest.raises(UnknownMission):
+        missions.report("one")
 
 
 def test_a_report_that_is_too_long_is_left_out() -> None:
