@@ -7,10 +7,11 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from robocorba.errors.robots import IllegalOrder
-from robocorba.errors.services import NotReachable
+from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import InvalidMission, NoLeader, StaleMission, UnknownMission
 from robocorba.simulation import store as store_module
 from robocorba.simulation.mission_control import GONE_LIMIT_S, SILENT_LIMIT_S, LeaderWatch, MissionControl
@@ -43,6 +44,7 @@ class Robots:
         self.lead = lead
         self.refusal: Exception | None = None
         self.aborted: list[str] = []
+        self.called: list[str] = []
 
     def start(self, leader: str, mission: str, icon: str) -> None:
         if self.refusal:
@@ -56,6 +58,7 @@ class Robots:
         self.aborted.append(mission)
 
     def mission_of(self, leader: str) -> str:
+        self.called.append(leader)
         if leader not in self.lead:
             raise NotReachable(f"robot {leader} does not answer")
         return self.lead[leader]
@@ -325,3 +328,54 @@ def test_a_leader_that_answers_again_keeps_its_mission(missions: MissionDirector
         robots.lead = {} if now % 10 else {"A": "one"}
         watch.check()
     assert missions.mission("one").content == RUNNING
+
+
+def test_a_record_that_cannot_be_ended_stops_nothing(store: SimulationStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    missions = MissionDirectory(store, lambda: KEPT_S + 1000.0)
+    watch = LeaderWatch(missions, Robots(), lambda robot: False, lambda: now)
+    for name in ("full", "old", "one"):
+        put(missions, name, RUNNING)
+    put(missions, "old", ended(500.0), 1)
+    write = store.put_mission
+
+    def put_mission(mission: Mission) -> int:
+        if mission.name == "full":
+            raise ServiceError("no space left")
+        return write(mission)
+
+    monkeypatch.setattr(store, "put_mission", put_mission)
+    watch.check()
+    assert [mission.name for mission in store.missions()] == ["full", "one"]
+    now = GONE_LIMIT_S
+    watch.check()
+    assert not missions.mission("one").content.is_running
+    assert missions.mission("full").content.is_running
+    monkeypatch.undo()
+    watch.check()
+    now += GONE_LIMIT_S
+    watch.check()
+    assert not missions.mission("full").content.is_running
+
+
+def test_each_leader_is_asked_once_a_check(missions: MissionDirectory) -> None:
+    robots = Robots(A="two")
+    watch = LeaderWatch(missions, robots, lambda robot: False)
+    for name, leader in (("one", "A"), ("two", "A"), ("three", "B"), ("four", "B")):
+        put(missions, name, msgspec.structs.replace(RUNNING, leader=leader))
+    watch.check()
+    assert sorted(robots.called) == ["A", "B"]
+
+
+def test_a_watch_that_is_closed_asks_no_further_leaders(missions: MissionDirectory) -> None:
+    class Closing(Robots):
+        def mission_of(self, leader: str) -> str:
+            watch.close()
+            return super().mission_of(leader)
+
+    robots = Closing()
+    watch = LeaderWatch(missions, robots, lambda robot: False)
+    for leader in "AB":
+        put(missions, f"led by {leader}", msgspec.structs.replace(RUNNING, leader=leader))
+    watch.check()
+    assert robots.called == ["A"]
