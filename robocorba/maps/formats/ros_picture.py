@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-import warnings
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from robocorba.maps.formats.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.geometry import to_floor_frame
 from robocorba.maps.losses import Losses
+from robocorba.maps.pictures import open_picture
 from robocorba.spatial.pose import XY
 
 #: Default thresholds: those of ROS 1, for which a grey of 205 is neither free nor occupied.
@@ -117,13 +117,11 @@ def _picture(item: Item, folder: Path) -> np.ndarray:
     try:
         if not path.is_file():
             raise item.error("there is no picture of that name")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            with Image.open(path, formats=("PPM", "PNG", "BMP")) as picture:
-                columns, rows = picture.size
-                if columns * rows > MAX_CELLS:
-                    raise item.error(f"{columns} x {rows} cells are too many, at most {MAX_CELLS} can be read")
-                return _channels(picture)
+        with open_picture(path, ("PPM", "PNG", "BMP")) as picture:
+            columns, rows = picture.size
+            if columns * rows > MAX_CELLS:
+                raise item.error(f"{columns} x {rows} cells are too many, at most {MAX_CELLS} can be read")
+            return _channels(picture)
     except Image.DecompressionBombError:
         raise item.error(f"too many cells, at most {MAX_CELLS} can be read") from None
     except _IMAGE_ERRORS as error:
