@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
@@ -13,7 +12,7 @@ from PIL import Image
 warnings.filterwarnings("ignore", category=Image.DecompressionBombWarning)
 
 
-def open_picture(source: Path | IO[bytes], formats: Sequence[str]) -> Image.Image:
+def open_picture(source: Path | IO[bytes], formats: tuple[str, ...]) -> Image.Image:
     """A picture in one of Pillow's `formats`; its pixels are not read yet. Raises DecompressionBombError above 179 Mpx,
     and Pillow's exceptions for damaged files."""
     return Image.open(source, formats=formats)

@@ -59,7 +59,7 @@ def _picture_fault(picture: bytes) -> str:
     from robocorba.maps.pictures import open_picture
 
     try:
-        with open_picture(io.BytesIO(picture), ["PNG", "JPEG"]) as image:
+        with open_picture(io.BytesIO(picture), ("PNG", "JPEG")) as image:
             if max(image.size) > MAX_SIDE_PX:
                 return f"it has {image.width} x {image.height} pixels, at most {MAX_SIDE_PX} a side are allowed"
             if image.info.get("progressive") and image.width * image.height > MAX_PROGRESSIVE_PX:
