@@ -17,6 +17,7 @@ from fastapi import WebSocket, WebSocketDisconnect
 from robocorba.console.frames import update_frame
 from robocorba.errors.base import RoboCorbaError
 from robocorba.spatial.floor_update import WHOLE, FloorUpdate
+from robocorba.spatial.posture import Posture
 
 #: Interval between requests for the pool's changes, and for path and postures [s].
 POOL_INTERVAL_S, SLOW_INTERVAL_S = 0.1, 0.4
@@ -32,11 +33,13 @@ Message = bytes | dict[str, Any]
 class WatchedRobot(Protocol):
     """The robot as these views need it, `RemoteRobotView`. Its methods raise RoboCorbaError."""
 
-    def path(self) -> list[dict[str, Any]]: ...
+    @property
     def floor(self) -> str: ...
+    @property
     def lag_s(self) -> float: ...
+    def path(self) -> list[dict[str, Any]]: ...
     def changes(self, since: int) -> FloorUpdate: ...
-    def postures(self, since_s: float) -> list[tuple[str, float, list[float]]]: ...
+    def postures(self, time_s: float) -> list[Posture]: ...
 
 
 class RobotView:
@@ -88,9 +91,9 @@ class RobotView:
             messages.append({"path": path})
         if self._with_pool:
             postures = robot.postures(self._posture_time)
-            self._posture_time = max((time_s for _, time_s, _ in postures), default=self._posture_time)
-            joints = {name: angles for name, _, angles in postures}
-            messages.append({"pool": {"floor": robot.floor(), "lag": robot.lag_s(), "joints": joints}})
+            self._posture_time = max((posture.time for posture in postures), default=self._posture_time)
+            joints = {posture.robot: posture.joints for posture in postures}
+            messages.append({"pool": {"floor": robot.floor, "lag": robot.lag_s, "joints": joints}})
         return messages
 
 
