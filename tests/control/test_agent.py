@@ -150,12 +150,7 @@ def test_a_mission_is_started_by_its_name(agent: ControlAgent, channel: Channel)
     assert channel.missions == ["carry-1", ""]
 
 
-def test_a_mission_is_one_cooperative_icon(agent: ControlAgent, channel: Channel) -> None:
-    two = ProgramBuilder("two").hand_over("cup", "B").hand_over("cup", "C").program()
-    for other in (SHORT, two):
-        with pytest.raises(InvalidProgram, match="cooperative icon"):
-            agent.start_mission("carry-1", other)
-    assert agent.program is None
+def test_a_mission_does_not_start_while_a_program_runs(agent: ControlAgent, channel: Channel) -> None:
     agent.load(LONG)
     agent.run()
     with pytest.raises(IllegalOrder, match="runs a program"):
