@@ -47,7 +47,7 @@ def read_upload(files: Mapping[str, str], unknown: str, specks: str, topology: b
     with tempfile.TemporaryDirectory(prefix="robocorba-upload-") as folder:
         main = _store(files, Path(folder))
         try:
-            imported = read_map(main, unknown=unknown, specks=specks)
+            imported = read_map(main, unknown=unknown, specks=specks, absolute_paths=False)
         except MapFileError as error:
             raise MapFileError(Path(error.file).name, error.line, error.key, error.reason) from None
     building, notes = imported.building, []
