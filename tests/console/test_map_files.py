@@ -110,6 +110,12 @@ def test_what_is_no_map_is_refused(files: dict[str, str]) -> None:
         upload(files)
 
 
+def test_an_option_that_is_refused_names_the_file_but_no_folder() -> None:
+    with pytest.raises(MapFileError) as refused:
+        write_download(two_floors(), "ros", 0.05, "gif")
+    assert refused.value.file == "two_floors.yaml"
+
+
 def test_an_unknown_format_is_refused() -> None:
     with pytest.raises(InvalidUpload):
         write_download(two_floors(), "dwg", 0.05, "pgm")

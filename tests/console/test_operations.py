@@ -31,6 +31,9 @@ class Part:
     def add_up(self, a: int, b: int = 1) -> int:
         return a + b
 
+    def drive(self, speed: float) -> float:
+        return speed
+
     def refuse(self) -> None:
         raise UnknownRobot("<script>")
 
@@ -97,9 +100,14 @@ def test_wrong_arguments_are_named(body: bytes) -> None:
     assert call("add_up", body)["error"].startswith("add_up: ")
 
 
-@pytest.mark.parametrize("value", ["1", None, 1.5, True, [], {}])
+@pytest.mark.parametrize("value", ["1", None, 1.5, True, [], {}, -1, 2**53 + 1, 10**400])
 def test_arguments_of_another_type_are_named(value: object) -> None:
     assert call("add_up", json.dumps({"a": value}).encode())["error"] == "a is not a whole number"
+
+
+@pytest.mark.parametrize("value", ["1", None, True, [], float("nan"), float("inf"), 10**400])
+def test_numbers_that_are_none_are_refused(value: object) -> None:
+    assert call("drive", json.dumps({"speed": value}).encode())["error"] == "speed is not a number"
 
 
 @pytest.mark.parametrize("value", [1, None, [], "\0", "\ud800"])
