@@ -32,7 +32,8 @@ class NoState:
     def forget(self, robot: str) -> None: ...
 
     def rows(self) -> dict[str, Any]:
-        return {"server": {"state": None, "age": None, "problem": "gone"}, "robots": {}, "channels": {}}
+        server = {"state": None, "age": None, "problem": "gone"}
+        return {"naming": "", "server": server, "robots": {}, "channels": {}}
 
 
 @pytest.fixture
