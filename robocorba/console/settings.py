@@ -50,7 +50,7 @@ class ConsoleSettings:
     @property
     def hosts(self) -> frozenset[str]:
         """Host names by which browsers may call the console."""
-        return LOOPBACK_HOSTS if Address(self.host, 1).is_loopback else frozenset({self.host})
+        return frozenset({self.host}) | (LOOPBACK_HOSTS if Address(self.host, 1).is_loopback else frozenset())
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ConsoleSettings:

@@ -25,6 +25,11 @@ def test_the_loopback_needs_no_password(tmp_path: Path) -> None:
     assert (read.administrator, read.supervisor) == (None, tmp_path / "supervisor.ior")
 
 
+@pytest.mark.parametrize("host", ["127.0.0.2", "::1", "localhost"])
+def test_every_loopback_address_is_its_own_host_name(host: str) -> None:
+    assert ConsoleSettings.read(["--host", host]).hosts >= {host, "localhost", "127.0.0.1"}
+
+
 @pytest.mark.parametrize("host", ["192.0.2.1", "robots.example", "2001:db8::1"])
 def test_other_addresses_need_one(host: str, tmp_path: Path) -> None:
     with pytest.raises(InvalidSetting, match="give a --password-file"):
