@@ -77,7 +77,7 @@ class Console:
         self.viewers.missions = self.missions
         self.robot_views = RobotViews(lambda robot: RemoteRobotView(orb, robot))
         self.operations = Operations(orb)
-        for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb)):
+        for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb, self.state.rows)):
             self.operations.add(part)
         self.operations.add(
             MonitorOperations(self.state, self.history, lambda: self.plans.building, self.recordings, self.films)
@@ -116,14 +116,14 @@ class Console:
     @contextlib.asynccontextmanager
     async def _running(self, app: FastAPI) -> AsyncIterator[None]:
         self.viewers.attach(self.floors, self.plans, self.sensors)
-        parts = (self.state, self.plans, self.floors, self.sensors, self.missions)
-        for part in parts:
+        started = (self.state, self.plans, self.floors, self.sensors, self.missions)
+        for part in started:
             part.start()
         try:
             yield
         finally:
-            for part in (*parts, self.films, self.calls, self.robot_views):
-                await asyncio.to_thread(part.close)
+            for each in (*started, self.films, self.calls, self.robot_views):
+                await asyncio.to_thread(each.close)
 
     async def _live(self, socket: WebSocket) -> None:
         await self.viewers.serve(socket)
