@@ -113,8 +113,11 @@ class RobotViews:
     async def serve(self, socket: WebSocket, robot: str, with_pool: bool) -> None:
         """Serve a page until it leaves."""
         await socket.accept()
-        if self._count >= MAX_VIEWS or not 0 < len(robot) <= MAX_NAME:
-            await socket.close(1008)
+        if not 0 < len(robot) <= MAX_NAME:
+            await socket.close(1008, "this is no robot's name")
+            return
+        if self._count >= MAX_VIEWS:
+            await socket.close(1013, f"{self._count} pages show a robot, as many as this console serves")
             return
         self._count += 1
         view = RobotView(lambda: self._connect(robot), with_pool)

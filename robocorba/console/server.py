@@ -68,7 +68,7 @@ class Console:
         self.recordings, self.films = Recordings(), Films()
         if settings.recording is not None:
             self.recordings.open(settings.recording, settings.recording.name)
-        self.viewers = Viewers(self.state)
+        self.viewers = Viewers(self.state, settings.viewers)
         self.floors = LiveFloors(orb, self.history, lambda floor: self.viewers.notify())
         self.plans = LivePlans(orb, self.viewers.notify)
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)

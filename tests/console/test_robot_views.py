@@ -105,6 +105,7 @@ class Socket:
     """A page that stays, with nothing to say."""
 
     is_closed = False
+    closed = 0, ""
 
     async def accept(self) -> None: ...
 
@@ -112,8 +113,8 @@ class Socket:
         await asyncio.Event().wait()
         raise AssertionError("it said something")
 
-    async def close(self, code: int = 1000) -> None:
-        self.is_closed = True
+    async def close(self, code: int = 1000, reason: str = "") -> None:
+        self.is_closed, self.closed = True, (code, reason)
 
 
 def test_a_defect_of_a_view_closes_its_page_and_is_logged(caplog: pytest.LogCaptureFixture) -> None:

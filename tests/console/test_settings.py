@@ -22,6 +22,7 @@ def test_the_loopback_needs_no_password(tmp_path: Path) -> None:
     read = ConsoleSettings.read(["--state", str(tmp_path)])
     assert (read.host, read.port, read.password) == ("127.0.0.1", 8800, "")
     assert "localhost" in read.hosts
+    assert (read.viewers, ConsoleSettings.read(["--viewers", "3"]).viewers) == (64, 3)
     assert (read.administrator, read.supervisor) == (None, tmp_path / "supervisor.ior")
 
 
@@ -67,6 +68,7 @@ def test_bad_passwords(content: str, tmp_path: Path) -> None:
         (("--key", "setup.cfg"), "--certificate"),
         (("--certificate", "setup.cfg", "--key", "missing"), "--key"),
         (("--certificate", "setup.cfg", "--key", "setup.cfg"), "--certificate"),
+        (("--viewers", "0"), "--viewers"),
         (("--administrator", "missing"), "--administrator"),
         (("--supervisor", "missing"), "--supervisor"),
     ],
