@@ -87,7 +87,6 @@ class Viewers:
         """Serve a viewer until it leaves; one beyond the limit is refused."""
         await socket.accept()  # browsers get the reason of a refusal only after this
         if self.count >= self._limit:
-            _log.warning("a viewer was refused: there are %d already", self.count)
             await socket.close(TRY_AGAIN_LATER, f"{self.count} pages are open, as many as this console serves")
             return
         viewer = Viewer(self, socket)
