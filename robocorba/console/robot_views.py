@@ -117,7 +117,9 @@ class RobotViews:
             await socket.close(1008, "this is no robot's name")
             return
         if self._count >= MAX_VIEWS:
-            await socket.close(1013, f"{self._count} pages show a robot, as many as this console serves")
+            await socket.close(
+                1013, f"this console shows the robots' paths and data pools on {MAX_VIEWS} pages at a time"
+            )
             return
         self._count += 1
         view = RobotView(lambda: self._connect(robot), with_pool)

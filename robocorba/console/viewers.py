@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 #: Interval between messages with the state of servers and robots [s].
 STATE_INTERVAL_S = 0.5
-#: WebSocket close code for "try again later", of a viewer too many.
+#: WebSocket close code for "try again later", of a viewer too many; its reason has at most 123 bytes.
 TRY_AGAIN_LATER = 1013
 #: Longest message that a viewer may send [bytes], and the number of floors that it may watch.
 MAX_MESSAGE, MAX_FLOORS = 4096, 64
@@ -87,7 +87,8 @@ class Viewers:
         """Serve a viewer until it leaves; one beyond the limit is refused."""
         await socket.accept()  # browsers get the reason of a refusal only after this
         if self.count >= self._limit:
-            await socket.close(TRY_AGAIN_LATER, f"{self.count} pages are open, as many as this console serves")
+            reason = f"this console serves {self._limit} pages at a time; close one, or start it with more --viewers"
+            await socket.close(TRY_AGAIN_LATER, reason)
             return
         viewer = Viewer(self, socket)
         self._viewers.add(viewer)
