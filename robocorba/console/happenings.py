@@ -40,7 +40,8 @@ class Happenings:
     def note(self, rows: Rows, at_s: float) -> None:
         """Compare rows, as of SystemState, with those of the last call. at_s: POSIX time [s]."""
         found = list(_differences(self._before, rows)) if self._before is not None else []
-        self._before = rows
+        if self._before is not None or not rows["naming"]:  # what was there before the console is no news
+            self._before = rows
         with self._lock:
             for kind, robot, floor, text in found:
                 self._count += 1
@@ -67,14 +68,14 @@ def _differences(before: Rows, now: Rows) -> Iterator[Difference]:
     yield from _of_server(before["server"], now["server"])
     for name, row in now["robots"].items():
         old = before["robots"].get(name)
-        if old is None and before["robots"]:
+        if old is None:
             yield "robot", name, _floor(row), f"{_shown(name)} has started"
-        elif old is not None:
+        else:
             yield from _of_robot(name, old, row)
     for name, row in now["channels"].items():
         if name in before["channels"]:
             yield from _of_channel(name, before["channels"][name], row)
-        elif before["channels"]:
+        else:
             yield "channel", "", "", f"channel {_shown(name)} has started"
 
 
@@ -167,7 +168,8 @@ def _shown(name: str) -> str:
 
 
 def _is_silent(row: Rows) -> bool:
-    return bool(row["age"] is None or row["age"] > SILENT_S)
+    """Whether a robot has not answered for long; one that was found just now has not been asked yet."""
+    return bool(row["problem"]) if row["age"] is None else bool(row["age"] > SILENT_S)
 
 
 def _floor(row: Rows) -> str:

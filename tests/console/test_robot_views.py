@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import json
 import struct
 from typing import Any
@@ -9,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robocorba.console.robot_views import RETRY_S, SLOW_INTERVAL_S, RobotView
+from robocorba.console.robot_views import RETRY_S, SLOW_INTERVAL_S, RobotView, RobotViews
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate
 from robocorba.spatial.posture import Posture
@@ -100,3 +102,34 @@ def test_a_lost_robot_is_said_once_and_found_again(robot: FakeRobot) -> None:
     again = view.poll(3.0)[0]
     assert jsons(again)["problem"] == ""
     assert [frame["whole"] for frame in frames(again)] == [True]
+
+
+class Socket:
+    """A page that stays, with nothing to say."""
+
+    is_closed = False
+    closed = 0, ""
+
+    async def accept(self) -> None: ...
+
+    async def receive_text(self) -> str:
+        await asyncio.Event().wait()
+        raise AssertionError("it said something")
+
+    async def close(self, code: int = 1000, reason: str = "") -> None:
+        self.is_closed, self.closed = True, (code, reason)
+
+
+def test_a_defect_of_a_view_closes_its_page_and_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    def connect(robot: str) -> FakeRobot:
+        raise KeyError("a defect")
+
+    async def run(socket: Any) -> None:
+        with contextlib.closing(RobotViews(connect)) as views:
+            await asyncio.wait_for(views.serve(socket, "R1", with_pool=False), 20.0)
+
+    socket = Socket()
+    asyncio.run(run(socket))
+    assert socket.is_closed
+    assert "a view of 'R1' was disconnected" in caplog.text
+    assert "a defect" in caplog.text

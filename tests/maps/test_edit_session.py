@@ -41,7 +41,7 @@ from robocorba.maps.model import (
 from robocorba.maps.store import MapLimits, MapStore
 from robocorba.maps.validation import problems
 from robocorba.testing.buildings import is_refused, two_floors
-from tests.maps.conftest import Clock
+from tests.clock import Clock
 
 L1, WALL, NODE, FLOOR = "L1", ElementKind.WALL, ElementKind.NODE, ElementKind.FLOOR
 
@@ -213,7 +213,7 @@ def test_a_rename_is_undone_though_its_node_is_blocked(editor: BuildingEditor, a
 
 
 def test_sessions_end(store: MapStore) -> None:
-    clock = Clock()
+    clock = Clock(0.0)
     editor = BuildingEditor(store, MapLimits(sessions=2), clock)
     idle, busy = editor.open_session("Ada"), editor.open_session("Ada")
     with pytest.raises(TooManyTransactions):
