@@ -52,6 +52,8 @@ HOLD_S = 5.0
 LIMIT_S = 120.0
 #: Timeout of a call that asks a process whether it is there [s], and the pause before the next one.
 PROBE_S, POLLING = 0.3, Backoff(0.02, 0.02)
+#: A killed robot is started again up to this time after it was logged off [s], as users do: not in step with a page.
+USER_S = 3.0
 ORDERS = (RobotOrder("R1", channel="a"), RobotOrder("R2", channel="b"))
 MONITOR, MAP = "monitor", "map"
 SIZE = {"width": 1366, "height": 768}
@@ -71,11 +73,13 @@ _WATCH = """() => {
         if (text !== last) window.shown.push([Date.now(), now]);
         last = text;
     }, 20); }"""
-PLACES = ("status", "robots", "channels")
 #: Forgets what was shown before now.
 _FORGET = "() => { window.shown.splice(0, window.shown.length - 1); }"
 _SHOWN = "() => window.shown ?? null"
 Shown = Sequence[tuple[float, Mapping[str, Any]]]
+#: Where pages say that something is wrong: those of _WATCH.
+PLACES = ("status", "robots", "channels")
+ROWS = ("status", "robots")
 
 
 class Case(NamedTuple):
@@ -109,6 +113,7 @@ class Sight(NamedTuple):
 
 
 def sight(shown: Shown, places: Iterable[str]) -> Sight:
+    """What a page has shown at these places."""
     problems = ["; ".join(filter(None, (now[place] for place in places))) for _, now in shown]
     last = max((number for number, problem in enumerate(problems) if problem), default=-1)
     after = [(at / 1e3, now["isFresh"]) for at, now in shown[last + 1 :]]
@@ -138,17 +143,11 @@ class System:
         robot, channel = f"{ROBOTS}/{first.name}", f"{CHANNELS}/{first.channel}"
         return [
             Case("map editor", "map_editor", lambda: self.answers("MapEditor", "PathPlanner")),
-            Case("simulation", "simulation", lambda: self.answers("SimulationServer", "OmniDatabase")),
-            Case(
-                "simulation, its robots",
-                "simulation",
-                lambda: self.robots() >= {order.name for order in ORDERS},
-                ("status", "robots"),
-            ),
+            Case("simulation", "simulation", lambda: self.answers("SimulationServer", "OmniDatabase"), ROWS),
             Case("channel", f"events_{first.channel}", lambda: self.answers(channel), ("status", "channels")),
             Case("naming service", NAMING_SERVICE, self.has_names),
             Case("console", CONSOLE, self.has_console, PLACES),
-            Case("robot", first.process, lambda: self.answers(robot), ("status", "robots"), first),
+            Case("robot", first.process, lambda: self.answers(robot), ROWS, first),
         ]
 
     def round(self, case: Case) -> Round:
@@ -162,6 +161,7 @@ class System:
         until(lambda: not is_running(process), f"end of {case.process}")
         if order := case.order:
             until(lambda: order.name not in self.robots(), f"end of the session of {order.name}")
+            time.sleep(random.uniform(0.0, USER_S))
             self._supervisor.start_robot(order)
         until(lambda: self._row(case.process).pid not in (0, process.pid), f"start of {case.process}")
         until(case.has_returned, f"return of {case.process}")
