@@ -41,7 +41,7 @@ from robocorba.supervision.system import NAMING_SERVICE
 from robocorba.testing.browser import chromium, headless
 from robocorba.testing.json_process import ProcessFailed
 from robocorba.testing.processes import is_running
-from robocorba.testing.report import PROGRESS, Mark, at_most, summarize
+from robocorba.testing.report import PROGRESS, at_most, summarize
 
 NAME = "console_returns"
 #: Longest time from the return of a process until a page shows it [s].
@@ -55,7 +55,8 @@ PROBE_S, POLLING = 0.3, Backoff(0.02, 0.02)
 #: A killed robot is started again up to this time after it was logged off [s], as users do: not in step with a page.
 USER_S = 3.0
 ORDERS = (RobotOrder("R1", channel="a"), RobotOrder("R2", channel="b"))
-MONITOR, MAP = "monitor", "map"
+#: The open pages, and their paths.
+PAGES = {"monitor": "", "map": "map"}
 SIZE = {"width": 1366, "height": 768}
 
 #: Notes what a page shows at each change: the browser's time [ms since 1970], what is wrong by the place that says so,
@@ -122,7 +123,7 @@ def sight(shown: Shown, places: Iterable[str]) -> Sight:
 
 
 class System:
-    """A running system with robots and open pages."""
+    """A running system with robots and open pages. Every wait raises ProcessFailed after LIMIT_S."""
 
     def __init__(self, state: Path, orb: Orb, pages: Mapping[str, Any]) -> None:
         self._orb, self._pages = orb, pages
@@ -221,7 +222,6 @@ class System:
 
 
 def until(condition: Callable[[], bool], what: str) -> None:
-    """Wait for a condition. Raises ProcessFailed after LIMIT_S."""
     if not POLLING.poll(condition, LIMIT_S):
         raise ProcessFailed(f"not within {LIMIT_S:g} s: {what}")
 
@@ -240,13 +240,13 @@ def running_system(browser: str) -> Iterator[System]:
         state = Path(folder)
         orb = stack.enter_context(Orb(stack.enter_context(servers(state, *options))))
         started = stack.enter_context(headless(browser))
-        pages = {name: started.new_page(viewport=SIZE) for name in (MONITOR, MAP)}  # type: ignore[arg-type]
+        pages = {name: started.new_page(viewport=SIZE) for name in PAGES}  # type: ignore[arg-type]
         system = System(state, orb, pages)
         for order in ORDERS:
             system.start_robot(order)
-        for name, path in ((MONITOR, ""), (MAP, "map")):
-            pages[name].goto(console_address(state) + path)
-        pages[MONITOR].get_by_role("tab", name="Channels").click()
+        for name, page in pages.items():
+            page.goto(console_address(state) + PAGES[name])
+        pages["monitor"].get_by_role("tab", name="Channels").click()
         for name, page in pages.items():
             page.evaluate(_WATCH)
             until(lambda: math.isfinite(sight(page.evaluate(_SHOWN), PLACES).fresh_s), f"{name} page")  # noqa: B023
@@ -256,7 +256,7 @@ def running_system(browser: str) -> Iterator[System]:
 def row_of(name: str, rounds: Sequence[Round]) -> dict[str, Any]:
     """A row of the table, of the rounds of one case."""
     row: dict[str, Any] = {"killed": name, "rounds": len(rounds), "away s": median(each.away_s for each in rounds)}
-    for page in (MONITOR, MAP):
+    for page in PAGES:
         late_s = [each.late_s[page] for each in rounds]
         row |= {f"{page}: median s": median(late_s), f"{page}: worst s": max(late_s)}
         row[f"{page}: said so"] = sum(bool(each.last[page]) for each in rounds)
@@ -267,7 +267,7 @@ def draw(found: Mapping[str, Sequence[Round]]) -> Callable[[Axes], None]:
     """Draws a dot for each round and page."""
 
     def draw_axes(axes: Axes) -> None:
-        for page, marker, shift in ((MONITOR, "o", -0.12), (MAP, "s", 0.12)):
+        for page, marker, shift in zip(PAGES, "os", (-0.12, 0.12), strict=True):
             dots = [
                 (each.late_s[page], number + shift) for number, rounds in enumerate(found.values()) for each in rounds
             ]
@@ -291,10 +291,10 @@ def measure(rounds: int = 5) -> bool:
             found[case.name] = [system.round(case) for _ in progress(range(rounds), case.name)]
             PROGRESS.print(row_of(case.name, found[case.name]))
     rows = [row_of(name, of_case) for name, of_case in found.items()]
-    marks: list[Mark] = [
+    marks = [
         at_most(f"{row['killed']}: worst on the {page} page, s", row[f"{page}: worst s"], TARGET_S)
         for row in rows
-        for page in (MONITOR, MAP)
+        for page in PAGES
     ]
     each = {name: [one._asdict() for one in of_case] for name, of_case in found.items()}
     return summarize(NAME, "From the return of a process until a page shows it", rows, marks, draw(found), each=each)
