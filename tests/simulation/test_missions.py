@@ -279,7 +279,12 @@ def test_an_abort_hits_its_own_mission_only(missions: MissionDirectory, monkeypa
     assert robots.aborted == ["second"]
 
 
-def test_an_abort_waits_for_a_leader_that_has_just_accepted(missions: MissionDirectory) -> None:
+def test_an_abort_waits_for_a_leader_that_has_just_accepted(
+    missions: MissionDirectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robocorba.simulation.mission_control.ABORT_RETRY_S", 60.0)
+    monkeypatch.setattr("robocorba.simulation.mission_control.ABORT_PAUSE_S", 0.0)
+
     class Late(Robots):
         asked = 0
 

@@ -20,7 +20,8 @@ pytest.importorskip("playwright", reason="playwright, which moves the browser, i
 
 from playwright.sync_api import Locator, expect
 
-from tests.system.browser import Operator, chromium, operator
+from robocorba.testing.browser import chromium
+from tests.system.browser import Operator, operator
 
 BROWSER = chromium()
 pytestmark = [
@@ -60,8 +61,7 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 @pytest.fixture(scope="module")
 def user(system: Running) -> Iterator[Operator]:
     assert BROWSER
-    line = next(line for line in system.printed if line.startswith("console\t"))
-    with operator(BROWSER, line.split("\t")[-1]) as user:
+    with operator(BROWSER, system.record().console_address) as user:
         yield user
 
 
