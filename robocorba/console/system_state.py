@@ -21,7 +21,7 @@ _log = logging.getLogger(__name__)
 #: Interval between the requests of each object [s].
 INTERVAL_S = 0.5
 #: An object that does not answer is asked again after this time [s].
-RETRY_S = 3.0
+RETRY_S = 1.5
 #: Objects asked at the same time; those that hang occupy one thread each for 1 s in RETRY_S.
 THREADS = 16
 #: Robots, and channels, that are remembered after their names have left the naming service.
