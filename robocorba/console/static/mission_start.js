@@ -69,7 +69,7 @@ export const MissionStart = {
       if (!this.kind) return "loading";
       if (!this.leader) return "choose a leader";
       for (const parameter of this.parameters) {
-        if (this.isPlace(parameter) && this.target.x === null) return "pick a target on the map";
+        if (this.isPlace(parameter) && (this.target.x === null || this.target.y === null)) return "pick a target on the map";
         if (!this.isPlace(parameter) && parameter.isRequired
           && !this.values[parameter.name]) return `choose: ${parameter.name}`;
       }
@@ -93,6 +93,7 @@ export const MissionStart = {
     this.receive("connection");
   },
   unmounted() {
+    this.isClosed = true;
     this.unlisten();
     live.want(this);
     clearTimeout(this.timer);
@@ -112,7 +113,7 @@ export const MissionStart = {
         this.kind = this.kinds[0] ?? "";
       } catch (error) {
         this.problem = error.message;
-        this.schemaTimer = setTimeout(() => this.loadSchema(), LEADERS_MS);
+        if (!this.isClosed) this.schemaTimer = setTimeout(() => this.loadSchema(), LEADERS_MS);
       }
     },
     async askLeaders() {
@@ -123,7 +124,7 @@ export const MissionStart = {
       } catch {
         this.leaders = this.leaders ?? []; // the page's header says that the connection is lost
       }
-      this.timer = setTimeout(() => this.askLeaders(), LEADERS_MS);
+      if (!this.isClosed) this.timer = setTimeout(() => this.askLeaders(), LEADERS_MS);
     },
     receive(kind, name) {
       if (kind === "connection" || kind === "plan") {
@@ -161,7 +162,7 @@ export const MissionStart = {
     showObject(name) {
       const object = this.objects.find((each) => each.name === name);
       if (this.canvas) this.canvas.selected = name;
-      if (object && this.target.x === null) this.target.floor = object.floor;
+      if (object && this.target.x === null && this.target.y === null) this.target.floor = object.floor;
       this.show();
     },
     pointer(kind, event, point) {

@@ -1,6 +1,9 @@
 // The header of all pages. The emergency stop acts at once, without a question.
 import { call, live } from "/static/live.js";
 
+// So long the answer to "stop all" is awaited.
+const STOP_MS = 8000;
+
 export default {
   props: { pages: Array, current: String },
   template: `
@@ -15,17 +18,17 @@ export default {
       <span class="console-status" :class="{ 'is-problem': problem }" role="status">{{ problem || summary }}</span>
       <q-btn flat round dense :icon="isDark ? 'light_mode' : 'dark_mode'" :aria-label="isDark ? 'Light' : 'Dark'"
              @click="toggleDark" />
-      <q-btn class="console-stop" dense icon="front_hand" label="Stop all" no-caps :loading="isStopping" @click="stopAll"
-             aria-label="Emergency stop of all robots" />
+      <q-btn class="console-stop" dense :icon="stopping ? 'hourglass_top' : 'front_hand'" no-caps @click="stopAll"
+             :label="stopping ? 'Stopping' : 'Stop all'" aria-label="Emergency stop of all robots" />
     </header>`,
   data() {
-    return { problem: "connecting", summary: "", isStopping: false, isDark: false };
+    return { problem: "connecting", summary: "", stopping: 0, isDark: false };
   },
   mounted() {
     const wanted = localStorage.getItem("robocorba-dark");
     const isDark = wanted ? wanted === "yes" : window.matchMedia("(prefers-color-scheme: dark)").matches;
     this.setDark(isDark);
-    this.unlisten = live.listen((kind) => kind !== "floor" && this.update());
+    this.unlisten = live.listen((kind) => ["state", "connection"].includes(kind) && this.update());
     this.timer = setInterval(() => this.update(), 1000);
     this.handshakeTimer = setInterval(() => this.leaveNiceGui(), 250);
     this.update();
@@ -55,17 +58,19 @@ export default {
         this.summary = `${state.robots} of at most ${state.limit} robots \u00b7 ${state.time.toFixed(1)} s \u00b7 ${pace}`;
       }
     },
+    // It can be pressed again while an answer is awaited.
     async stopAll() {
-      this.isStopping = true;
+      this.stopping += 1;
       try {
-        const failed = Object.entries(await call("stop_all"));
+        const failed = Object.entries(await call("stop_all", {}, STOP_MS));
         const message = failed.map(([robot, reason]) => `${robot}: ${reason}`).join("; ");
         if (failed.length) this.$q.notify({ type: "negative", message: `not stopped: ${message}`, timeout: 0, closeBtn: true });
         else this.$q.notify({ type: "positive", message: "all robots are stopped" });
       } catch (error) {
-        this.$q.notify({ type: "negative", message: error.message, timeout: 0, closeBtn: true });
+        const message = `robots may still move: ${error.message}`;
+        this.$q.notify({ type: "negative", message, timeout: 0, closeBtn: true });
       } finally {
-        this.isStopping = false;
+        this.stopping -= 1;
       }
     },
     toggleDark() {

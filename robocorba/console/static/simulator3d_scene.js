@@ -1,9 +1,7 @@
 // Methods of the 3D page: what is in the scene, from the floors that are shown, the robots' states and their links.
 import { live } from "/static/live.js";
 import { RobotLink } from "/static/robot_link.js";
-
-// A robot without news for this time is lost [s].
-const LOST_S = 3;
+import { LOST_S } from "/static/robot_rows.js";
 
 export const sceneMethods = {
   update() {
@@ -28,10 +26,11 @@ export const sceneMethods = {
   robotOf(body, plan, floor) {
     const row = live.state?.robots[body.name];
     const agent = row?.state;
+    const waitS = (performance.now() - live.stateAt) / 1000;
     return {
       name: body.name, x: body.x, y: body.y, z: this.drawn(heightOf(body, plan, floor)), heading: body.heading,
       speed: Math.hypot(body.vx, body.vy), floor: plan.name, joints: this.joints(body.name), ...displayed(agent),
-      isLost: Boolean(row) && row.age !== null && row.age > LOST_S,
+      isLost: Boolean(row) && row.age !== null && row.age + waitS > LOST_S,
     };
   },
   joints(robot) {
