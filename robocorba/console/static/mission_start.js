@@ -2,6 +2,7 @@
 import { FloorCanvas, line, polygon } from "/static/floor_canvas.js";
 import { call, live } from "/static/live.js";
 import { Schema } from "/static/program_model.js";
+import { rememberView, sharedView } from "/static/shared_view.js";
 
 // The icons of missions; their parameters come from the schema of programs.
 const COOPERATIVE = ["move_table", "hand_over"];
@@ -39,7 +40,7 @@ export const MissionStart = {
                 :value="each.name">{{ each.name }} ({{ each.floor }})</option></select></label>
         <template v-else-if="isPlace(parameter)">
           <p class="map-none">Target: click on the map; drag to turn.</p>
-          <label class="map-field"><span>floor</span><select v-model="target.floor" @change="show"><option
+          <label class="map-field"><span>floor</span><select v-model="target.floor" @change="chooseFloor"><option
               v-for="floor in floors" :key="floor">{{ floor }}</option></select></label>
           <div class="mission-map"><canvas ref="canvas" tabindex="0"
               aria-label="Target on the map; the fields below hold it, too"></canvas></div>
@@ -129,7 +130,8 @@ export const MissionStart = {
     receive(kind, name) {
       if (kind === "connection" || kind === "plan") {
         this.floors = live.names;
-        if (!this.floors.includes(this.target.floor)) this.target.floor = this.floors[0] ?? "";
+        const first = this.floors.includes(sharedView.floor) ? sharedView.floor : this.floors[0] ?? "";
+        if (!this.floors.includes(this.target.floor)) this.target.floor = first;
         this.objects = movables(this.floors);
         this.show();
       }
@@ -158,6 +160,10 @@ export const MissionStart = {
       const plan = live.plan(floor);
       if (plan) this.canvas.setPlan(plan);
       this.canvas.redraw();
+    },
+    chooseFloor() {
+      rememberView({ floor: this.target.floor });
+      this.show();
     },
     showObject(name) {
       const object = this.objects.find((each) => each.name === name);

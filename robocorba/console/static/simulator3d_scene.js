@@ -24,12 +24,14 @@ export const sceneMethods = {
     if (this.target) this.placePose();
   },
   robotOf(body, plan, floor) {
-    const row = live.state?.robots[body.name];
+    const isLive = this.past.isLive;
+    const row = isLive ? live.state?.robots[body.name] : undefined;
     const agent = row?.state;
     const waitS = (performance.now() - live.stateAt) / 1000;
     return {
       name: body.name, x: body.x, y: body.y, z: this.drawn(heightOf(body, plan, floor)), heading: body.heading,
-      speed: Math.hypot(body.vx, body.vy), floor: plan.name, joints: this.joints(body.name), ...displayed(agent),
+      speed: Math.hypot(body.vx, body.vy), floor: plan.name, joints: isLive ? this.joints(body.name) : undefined,
+      ...(isLive ? displayed(agent) : { display: "", words: "" }),
       isLost: Boolean(row) && row.age !== null && row.age + waitS > LOST_S,
     };
   },
@@ -60,13 +62,17 @@ export const sceneMethods = {
       this.selected = this.wanted.robot;
       this.source = this.wanted.pool;
       this.wanted.robot = "";
-      this.isFollowing = true;
+      this.isFollowing = this.wanted.isFollowing;
     }
     this.updateFacts();
   },
   updateFacts() {
-    const agent = live.state?.robots[this.selected]?.state;
     const robot = this.crowd?.robot(this.selected);
+    if (!this.past.isLive) {
+      this.facts = this.factsThen(robot);
+      return;
+    }
+    const agent = live.state?.robots[this.selected]?.state;
     const rows = [];
     if (agent) {
       const { display, words } = displayed(agent);
@@ -84,7 +90,7 @@ export const sceneMethods = {
   updateRays() {
     if (!this.rays) return;
     const scans = [];
-    for (const [name, mesh] of this.hasRays ? this.meshes : []) {
+    for (const [name, mesh] of this.hasRays && this.past.isLive ? this.meshes : []) {
       for (const scan of live.scansOn(name)) scans.push({ ...scan, z: mesh.group.position.z });
     }
     // Those of the selected robot first, since the number of rays is limited.
@@ -94,7 +100,8 @@ export const sceneMethods = {
   updateGhost() {
     const path = [];
     let heading = 0;
-    for (const point of this.link && this.link.robot === this.selected ? this.link.path : []) {
+    const isShown = this.past.isLive && this.link && this.link.robot === this.selected;
+    for (const point of isShown ? this.link.path : []) {
       const mesh = this.meshes.get(point.floor);
       if (!mesh) continue;
       path.push({ x: point.x, y: point.y, z: mesh.group.position.z });
