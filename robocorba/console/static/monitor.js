@@ -257,7 +257,10 @@ export default {
       }
       this.collisions.update(state.server.state?.state.collisions ?? null, live.floor(this.current),
         live.plan(this.current));
-      for (const row of rows) row.word = this.collisions.has(row.name) ? "\u2715 collision" : row.condition;
+      for (const row of rows) {
+        const idle = row.failure && row.condition === "idle" ? "\u2717 failed" : row.condition;
+        row.word = this.collisions.has(row.name) ? "\u2715 collision" : idle;
+      }
       this.robots = rows;
       this.scene.robots = new Map(rows.map((row) => [row.name, row]));
       this.channels = Object.keys(state.channels);

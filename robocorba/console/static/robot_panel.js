@@ -114,8 +114,10 @@ function speedText(speed, turn, most) {
   return `${speed.toFixed(2)} m/s${limit}, turning ${degrees(turn)}/s`;
 }
 
-function stateFacts({ at, agent, client, condition, problem, age, mission, isHere }) {
-  const rows = [["state", agent?.reason ? `${condition}: ${agent.reason}` : condition], ["last news", ageText(age)]];
+function stateFacts({ at, agent, client, condition, problem, age, mission, isHere, failure }) {
+  const rows = [["state", agent?.reason ? `${condition}: ${agent.reason}` : condition]];
+  if (failure) rows.push(["last result", `${agent.program.name || "the program"} failed: ${failure}`]);
+  rows.push(["last news", ageText(age)]);
   if (problem) rows.push(["problem", problem]);
   if (at) rows.push([isHere ? "pose" : "last pose", poseText(at)]);
   const moving = agent?.actor.moving;
@@ -144,7 +146,7 @@ function programFacts({ agent }) {
   const rows = [["program", program.name]];
   if (program.icon) rows.push(["icon", `${program.icon}, ${program.kind}`]);
   rows.push(["done", `${program.iconsDone} icons in ${program.seconds.toFixed(1)} s`]);
-  if (program.result !== "NO_RESULT") rows.push(["result", [program.result.toLowerCase(),
+  if (!["NO_RESULT", "FAILED"].includes(program.result)) rows.push(["result", [program.result.toLowerCase(),
     program.reason].filter(Boolean).join(": ")]);
   return rows;
 }

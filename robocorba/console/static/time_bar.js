@@ -5,7 +5,13 @@ import { rememberView, sharedView } from "/static/shared_view.js";
 
 // Interval between pictures while the past is played [ms].
 const PLAY_MS = 100;
-const MARKS = { collision: "\u2715", stop: "\u25a0", mission: "\u25c6", server: "\u25b2", channel: "\u25b2" };
+const MARKS = {
+  collision: "\u2715", stop: "\u25a0", mission: "\u25c6", program: "\u25b8", server: "\u25b2", channel: "\u25b2",
+};
+const LEGEND = Object.entries({
+  collision: "collision", stop: "stop", mission: "mission begins or ends", program: "program starts or ends",
+  server: "server or channel",
+});
 
 export default {
   // floor: that of films, "" for none; floors: those that are shown.
@@ -26,10 +32,16 @@ export default {
         <select v-model.number="speed" aria-label="Speed" title="Speed">
           <option :value="1">1x</option><option :value="4">4x</option><option :value="20">20x</option>
         </select>
+        <span class="time-begin" title="One can look back to here">{{ to > 1 ? clock(from) : "" }}</span>
         <div class="time-line">
           <div class="time-marks" aria-hidden="true">
-            <span v-for="mark in marks" :key="mark.at + ' ' + mark.number" :class="'is-' + mark.kind" :style="{ left: mark.left + '%' }"
-                  :title="mark.text">{{ mark.sign }}</span>
+            <span v-for="mark in marks" :key="mark.at + ' ' + mark.number" :class="'is-' + mark.kind"
+                  :style="{ left: mark.left + '%' }" :title="mark.title" @click="$emit('look', mark)">
+              {{ mark.sign }}</span>
+          </div>
+          <div v-if="marks.length" class="time-legend" aria-hidden="true">
+            <span v-for="[kind, words] in legend" :key="kind" :class="'is-' + kind">
+              <b>{{ signs[kind] }}</b> {{ words }}</span>
           </div>
           <input type="range" :min="from" :max="to" step="0.1" :value="at" aria-label="Time" :aria-valuetext="text"
                  @input="seek(Number($event.target.value))">
@@ -64,6 +76,7 @@ export default {
     </div>`,
   data() {
     return {
+      signs: MARKS, legend: LEGEND,
       isLive: true, isPlaying: false, at: 0, from: 0, to: 1, now: 0, speed: 1, recording: "", recordings: [],
         isOpening: false,
       error: "", lost: "", isFilming: false, begin: 0, end: 0, filmSpeed: 1, film: null,
@@ -82,6 +95,7 @@ export default {
       if (this.recording || this.to <= this.from) return [];
       return this.happenings.filter((each) => MARKS[each.kind] && each.at >= this.from).slice(-300).map((each) => ({
         ...each, sign: MARKS[each.kind], left: (100 * (each.at - this.from)) / (this.to - this.from),
+        title: `${this.clock(each.at)} ${each.text}`,
       }));
     },
   },
