@@ -1,21 +1,26 @@
 // The header of all pages. The emergency stop acts at once, without a question.
 import { call, live } from "/static/live.js";
+import PageKeys from "/static/page_keys.js";
 
 // So long the answer to "stop all" is awaited.
 const STOP_MS = 8000;
+// Set while a page is left by a key on its link: then the focus is on the link of the new page.
+const FOCUS_KEY = "robocorba-focus";
 
 export default {
+  components: { PageKeys },
   props: { pages: Array, current: String },
   template: `
     <header class="console-header">
       <span class="console-brand">RoboCorba</span>
-      <nav style="display: flex; gap: 2px" aria-label="Pages">
+      <nav ref="nav" style="display: flex; gap: 2px" aria-label="Pages" @click="noteFocus">
         <a v-for="page in pages" :key="page.address" :href="page.address" :title="page.title"
            :aria-current="page.title === current ? 'page' : undefined">
           <q-icon :name="page.icon" size="18px" /> <span>{{ page.title }}</span>
         </a>
       </nav>
       <span class="console-status" :class="{ 'is-problem': problem }" role="status">{{ problem || summary }}</span>
+      <PageKeys :page="current" />
       <q-btn flat round dense :icon="isDark ? 'light_mode' : 'dark_mode'" :aria-label="isDark ? 'Light' : 'Dark'"
              @click="toggleDark" />
       <q-btn class="console-stop" dense :icon="stopping ? 'hourglass_top' : 'front_hand'" no-caps @click="stopAll"
@@ -32,6 +37,7 @@ export default {
     this.timer = setInterval(() => this.update(), 1000);
     this.handshakeTimer = setInterval(() => this.leaveNiceGui(), 250);
     this.update();
+    this.takeFocus();
   },
   unmounted() {
     this.unlisten();
@@ -73,6 +79,13 @@ export default {
         this.stopping -= 1;
       }
     },
+    // A press of Enter on a link is a click without a position.
+    noteFocus({ detail }) {
+      if (detail === 0) keepFocus("link");
+    },
+    takeFocus() {
+      if (keepFocus(null)) this.$refs.nav.querySelector("[aria-current]")?.focus();
+    },
     toggleDark() {
       this.setDark(!this.isDark);
       localStorage.setItem("robocorba-dark", this.isDark ? "yes" : "no");
@@ -84,3 +97,15 @@ export default {
     },
   },
 };
+
+// What is kept for the next page of this tab; returns what was kept before.
+function keepFocus(what) {
+  try {
+    const before = sessionStorage.getItem(FOCUS_KEY);
+    if (what) sessionStorage.setItem(FOCUS_KEY, what);
+    else sessionStorage.removeItem(FOCUS_KEY);
+    return before;
+  } catch {
+    return null; // the browser keeps nothing
+  }
+}
