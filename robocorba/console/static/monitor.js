@@ -182,7 +182,7 @@ export default {
       return floors.includes(sharedView.floor) ? sharedView.floor : floors[0] ?? "";
     },
     show(floor) {
-      this.display(floor);
+      if (floor !== this.current) this.display(floor);
       this.note();
     },
     display(floor) {
@@ -258,8 +258,8 @@ export default {
       this.collisions.update(state.server.state?.state.collisions ?? null, live.floor(this.current),
         live.plan(this.current));
       for (const row of rows) {
-        const idle = row.failure && row.condition === "idle" ? "\u2717 failed" : row.condition;
-        row.word = this.collisions.has(row.name) ? "\u2715 collision" : idle;
+        const word = row.failure ? `${row.condition}, \u2717 failed` : row.condition;
+        row.word = this.collisions.has(row.name) ? "\u2715 collision" : word;
       }
       this.robots = rows;
       this.scene.robots = new Map(rows.map((row) => [row.name, row]));

@@ -10,7 +10,7 @@ export default {
              title="Show what happens now" @click="$emit('live')" />
       <span><strong>{{ past.recording ? "recording" : "the past" }}: {{ clock }}</strong>
         <small>{{ notes }}</small></span>
-      <span v-if="last" class="past-event" :title="last">{{ last }}</span>
+      <span v-if="last" class="past-event">{{ last }}</span>
     </div>`,
   computed: {
     clock() {
