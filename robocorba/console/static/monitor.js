@@ -51,8 +51,8 @@ export default {
       <aside class="console-side" aria-label="Details">
         <TabList label="Details" :names="sides" :chosen="side" @choose="side = $event" />
         <div v-show="side === 'Robots'" class="side-robots">
-          <p v-if="!past.isLive" class="panel-note" role="status">The table shows the robots as they are now.</p>
-          <RobotTable :class="{ 'is-now': !past.isLive }" :robots="robots" :selected="selected"
+          <RobotTable :class="{ 'is-now': !past.isLive }" :note="past.isLive ? '' : 'The robots as they are now:'"
+                      :robots="robots" :selected="selected"
                       :is-connected="floors.length > 0" @select="select" />
           <RobotPanel v-if="robot" :key="robot.name" class="robot-panel" :robot="robot" :scans="scans" :rights="rights"
                       :floors="floors" :past="past" :then="then"

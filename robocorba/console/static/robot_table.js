@@ -1,9 +1,11 @@
 // All robots that were seen, also those that are lost; a row selects, arrow keys go to the next one.
 export default {
-  props: { robots: Array, selected: String, isConnected: Boolean },
+  // note: said above the table.
+  props: { robots: Array, selected: String, isConnected: Boolean, note: String },
   emits: ["select"],
   template: `
     <div class="robot-table">
+      <p v-if="note" class="panel-note" role="status">{{ note }}</p>
       <table class="console-table">
         <thead><tr><th>Robot</th><th>Floor</th><th>State</th><th>Program</th><th>News</th></tr></thead>
         <tbody>
