@@ -64,7 +64,7 @@ class Console:
     def __init__(self, orb: Orb, settings: ConsoleSettings) -> None:
         self._settings = settings
         self.history = History()
-        self.state = MonitorState(SystemState(orb), self.history)
+        self.state = MonitorState(SystemState(orb), self.history, lambda: self.plans.building)
         self.recordings, self.films = Recordings(), Films()
         if settings.recording is not None:
             self.recordings.open(settings.recording, settings.recording.name)

@@ -1,6 +1,6 @@
 // What has happened, the newest first; a press looks back to the moment before.
 const SIGNS = {
-  collision: "\u2715 collision", stop: "\u25a0 stop", mission: "\u25c6 mission", program: "program", robot: "robot",
+  collision: "\u2715 collision", stop: "\u25a0 stop", mission: "\u25c6 mission", program: "\u25b8 program", robot: "robot",
   server: "\u25b2 server", channel: "\u25b2 channel" };
 
 export default {

@@ -6,7 +6,7 @@ export const MissionReport = {
       <div class="console-actions"><q-btn dense no-caps outline icon="download" label="Download JSON"
           @click="download" /></div>
       <dl class="console-facts">
-        <template v-for="[name, value] in facts" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></template></dl>
+        <template v-for="([name, value], index) in facts" :key="index"><dt>{{ name }}</dt><dd>{{ value }}</dd></template></dl>
       <table v-if="report.phases?.length" class="console-table"><caption>Phases</caption>
         <thead><tr><th>phase</th><th>from</th><th>duration</th><th>waited for</th><th>skew at its
           start</th></tr></thead>

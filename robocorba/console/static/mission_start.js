@@ -2,6 +2,7 @@
 import { FloorCanvas, line, polygon } from "/static/floor_canvas.js";
 import { call, live } from "/static/live.js";
 import { Schema } from "/static/program_model.js";
+import { rememberView, sharedView } from "/static/shared_view.js";
 
 // The icons of missions; their parameters come from the schema of programs.
 const COOPERATIVE = ["move_table", "hand_over"];
@@ -39,7 +40,7 @@ export const MissionStart = {
                 :value="each.name">{{ each.name }} ({{ each.floor }})</option></select></label>
         <template v-else-if="isPlace(parameter)">
           <p class="map-none">Target: click on the map; drag to turn.</p>
-          <label class="map-field"><span>floor</span><select v-model="target.floor" @change="show"><option
+          <label class="map-field"><span>floor</span><select v-model="target.floor" @change="chooseFloor"><option
               v-for="floor in floors" :key="floor">{{ floor }}</option></select></label>
           <div class="mission-map"><canvas ref="canvas" tabindex="0"
               aria-label="Target on the map; the fields below hold it, too"></canvas></div>
@@ -69,7 +70,7 @@ export const MissionStart = {
       if (!this.kind) return "loading";
       if (!this.leader) return "choose a leader";
       for (const parameter of this.parameters) {
-        if (this.isPlace(parameter) && this.target.x === null) return "pick a target on the map";
+        if (this.isPlace(parameter) && (this.target.x === null || this.target.y === null)) return "pick a target on the map";
         if (!this.isPlace(parameter) && parameter.isRequired
           && !this.values[parameter.name]) return `choose: ${parameter.name}`;
       }
@@ -93,6 +94,7 @@ export const MissionStart = {
     this.receive("connection");
   },
   unmounted() {
+    this.isClosed = true;
     this.unlisten();
     live.want(this);
     clearTimeout(this.timer);
@@ -112,7 +114,7 @@ export const MissionStart = {
         this.kind = this.kinds[0] ?? "";
       } catch (error) {
         this.problem = error.message;
-        this.schemaTimer = setTimeout(() => this.loadSchema(), LEADERS_MS);
+        if (!this.isClosed) this.schemaTimer = setTimeout(() => this.loadSchema(), LEADERS_MS);
       }
     },
     async askLeaders() {
@@ -123,12 +125,13 @@ export const MissionStart = {
       } catch {
         this.leaders = this.leaders ?? []; // the page's header says that the connection is lost
       }
-      this.timer = setTimeout(() => this.askLeaders(), LEADERS_MS);
+      if (!this.isClosed) this.timer = setTimeout(() => this.askLeaders(), LEADERS_MS);
     },
     receive(kind, name) {
       if (kind === "connection" || kind === "plan") {
         this.floors = live.names;
-        if (!this.floors.includes(this.target.floor)) this.target.floor = this.floors[0] ?? "";
+        const first = this.floors.includes(sharedView.floor) ? sharedView.floor : this.floors[0] ?? "";
+        if (!this.floors.includes(this.target.floor)) this.target.floor = first;
         this.objects = movables(this.floors);
         this.show();
       }
@@ -158,10 +161,14 @@ export const MissionStart = {
       if (plan) this.canvas.setPlan(plan);
       this.canvas.redraw();
     },
+    chooseFloor() {
+      rememberView({ floor: this.target.floor });
+      this.show();
+    },
     showObject(name) {
       const object = this.objects.find((each) => each.name === name);
       if (this.canvas) this.canvas.selected = name;
-      if (object && this.target.x === null) this.target.floor = object.floor;
+      if (object && this.target.x === null && this.target.y === null) this.target.floor = object.floor;
       this.show();
     },
     pointer(kind, event, point) {

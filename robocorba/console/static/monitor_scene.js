@@ -212,7 +212,10 @@ export class MonitorScene {
       const far = out + canvas.px(8);
       line(context, from, [body.x + far * Math.cos(angle), body.y + far * Math.sin(angle)]);
     }
-    setTimeout(() => canvas.redraw(), 250);
+    this.blink ??= setTimeout(() => {
+      this.blink = undefined;
+      canvas.redraw();
+    }, 250);
   }
 
   drawStopped(context, body) {

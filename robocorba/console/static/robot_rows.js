@@ -33,6 +33,8 @@ export function robotRows(state, waitS) {
       isSilent: Boolean(entry) && (entry.age == null || entry.age + waitS > LOST_S),
       condition: conditionOf(entry, agent, isHere),
       program: agent?.program.name ?? "",
+      // Why the last program has failed; empty while one runs and after one that was done.
+      failure: failureOf(agent),
       path: entry?.state?.path ?? null,
       mission: entry?.state?.mission ?? "",
       problem: entry?.problem ?? "",
@@ -50,6 +52,11 @@ function conditionOf(entry, agent, isHere) {
   if (!agent) return entry.problem ? "no answer" : "";
   if (!isHere && agent.adaptor === "simulated") return "logged off";
   return entry.problem ? "no answer" : agent.condition.toLowerCase();
+}
+
+function failureOf(agent) {
+  if (agent?.program.result !== "FAILED" || !["IDLE", "STOPPED"].includes(agent.condition)) return "";
+  return agent.program.reason || "no reason is known";
 }
 
 export function ageText(age) {
