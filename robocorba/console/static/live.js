@@ -22,6 +22,10 @@
 // times in simulated s.
 
 const RECONNECT_MS = [250, 500, 1000, 2000];
+// A console that serves as many pages as it can refuses further ones with this code and a reason; pause before the next
+// attempt.
+const TRY_AGAIN_LATER = 1013;
+const REFUSED_MS = 5000;
 // The server sends something at least once a second; without news for this time the connection is regarded as lost.
 const SILENCE_MS = 4000;
 // A plan that could not be loaded is asked for again after this time; each request ends after at most PLAN_MS, CALL_MS.
@@ -86,6 +90,8 @@ class Live {
     this.state = null;
     this.stateAt = 0;
     this.isConnected = false;
+    // Why the console serves no further page; empty if it does.
+    this.refusal = "";
     this.problems = {};
     // Scans by floor and key, with `receivedAt`; joint angles by robot; all reservations of areas.
     this.scans = new Map();
@@ -181,16 +187,17 @@ class Live {
       this.sendWanted();
     };
     socket.onmessage = (message) => socket === this.socket && this.receive(message.data);
-    socket.onclose = () => this.lost(socket);
+    socket.onclose = ({ code, reason }) => this.lost(socket, code === TRY_AGAIN_LATER ? reason : "");
   }
 
   // A socket is closed or silent. Browsers say up to a minute late that one is closed whose server hangs.
-  lost(socket) {
+  lost(socket, refusal = "") {
     if (socket !== this.socket) return;
     this.socket = null;
+    this.refusal = refusal;
     this.setConnected(false);
     const pause = RECONNECT_MS[Math.min(this.attempts++, RECONNECT_MS.length - 1)];
-    setTimeout(() => this.connect(), pause);
+    setTimeout(() => this.connect(), refusal ? REFUSED_MS : pause);
   }
 
   checkSilence() {

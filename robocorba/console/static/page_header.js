@@ -54,7 +54,7 @@ export default {
     },
     update() {
       const server = live.state?.server;
-      if (!live.isConnected) this.problem = "the console does not answer; reconnecting";
+      if (!live.isConnected) this.problem = live.refusal || "the console does not answer; reconnecting";
       else if (live.problems.floors) this.problem = live.problems.floors;
       else if (live.problems.map) this.problem = live.problems.map;
       else this.problem = server?.problem || live.state?.naming || "";
