@@ -3,9 +3,9 @@
 //   <arm-poser :joints="joints" side="left" @change="poseChanged"></arm-poser>
 //
 // joints: 18 angles [rad] in the order of the model; none: arms at the posture `ready`. side: left, right, or both: the
-// right hand mirrors the left one. with-attitude: false if the hand may turn as it likes. use-lumbar: the trunk may
-// move. change: {joints, pose, side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left) hand
-// in the robot's frame, arm: the 7 angles of its arm.
+// right hand mirrors the left one. with-attitude: false if the hand may turn as it likes. change: {joints, pose,
+// side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left) hand in the robot's frame, arm:
+// the 7 angles of its arm.
 import { OrbitControls, THREE } from "nicegui-scene";
 import { HandTarget } from "/static/hand_target.js";
 import { call } from "/static/live.js";
@@ -63,7 +63,6 @@ export const ArmPoser = {
     joints: { type: Array, default: () => [] },
     side: { type: String, default: "left" },
     withAttitude: { type: Boolean, default: true },
-    useLumbar: { type: Boolean, default: false },
   },
   emits: ["change"],
   data: () => ({ problem: "", words: "", message: "loading the robot" }),
@@ -149,13 +148,12 @@ export const ArmPoser = {
     },
     take() {
       if (!this.target) return;
-      const options = { side: this.side, with_attitude: this.withAttitude, use_lumbar: this.useLumbar };
+      const options = { side: this.side, with_attitude: this.withAttitude };
       this.target.set(this.joints?.length ? this.joints : this.ready, options);
       this.words = inWords(this.target.pose);
     },
     changed(result) {
       this.words = inWords(result.pose);
-      this.own = result.joints;
       this.$emit("change", result);
     },
     key(event) {
@@ -163,15 +161,9 @@ export const ArmPoser = {
     },
   },
   watch: {
-    // Joints that come back from the page after a change of our own are there already.
-    joints(joints) {
-      const isOwn = (joint, number) => Math.abs(joint - this.own[number]) < 1e-9;
-      if (this.own && joints?.length && joints.every(isOwn)) return;
-      this.take();
-    },
+    joints() { this.take(); },
     side() { this.take(); },
     withAttitude() { this.take(); },
-    useLumbar() { this.take(); },
   },
 };
 

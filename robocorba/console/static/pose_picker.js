@@ -49,6 +49,7 @@ export const PosePicker = {
     // Show the icon's posture; where it has none the robot as it stands.
     async show() {
       const { values } = this.node, { side } = this;
+      this.taken = undefined;
       const joints = [...(live.joints(this.robot) ?? [])];
       this.problem = "";
       this.joints = joints;

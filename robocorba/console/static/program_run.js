@@ -46,14 +46,14 @@ export class ProgramRun {
   }
 
   async poll() {
-    const robot = this.robot;
+    const { robot, ids } = this; // an answer for what was followed before is ignored
     try {
       const news = await this.ask({ robot, first: this.seen });
-      if (!this.isFollowed || robot !== this.robot) return;
+      if (!this.isFollowed || ids !== this.ids) return;
       this.problem = "";
       this.take(news);
     } catch (error) {
-      if (!this.isFollowed || robot !== this.robot) return;
+      if (!this.isFollowed || ids !== this.ids) return;
       this.problem = error.message;
     }
     this.changed();
