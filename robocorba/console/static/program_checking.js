@@ -40,6 +40,7 @@ export const checking = {
     if (!icons.length) {
       this.findings = [];
       this.python = "";
+      this.checkProblem = "";
       this.isChecked = true;
       return;
     }
@@ -53,6 +54,7 @@ export const checking = {
     } catch (error) {
       if (revision !== this.revision || robot !== this.robot) return;
       this.findings = [];
+      this.python = "";
       this.checkProblem = `not checked: ${error.message}`;
     }
     this.isChecked = true;
