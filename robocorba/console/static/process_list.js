@@ -8,7 +8,7 @@ const LOG_LINES = 200;
 
 export default {
   components: { SureButton },
-  props: { floors: Array, channels: Array, rights: Object, picked: Object },
+  props: { floors: Array, channels: Array, rights: Object, picked: Object, isPicking: Boolean },
   emits: ["pick", "processes"],
   template: `
     <section aria-label="Processes">
@@ -47,7 +47,7 @@ export default {
     </section>`,
   data() {
     return {
-      rows: [], problem: "loading", error: "", isStarting: false, isPicking: false, logOf: "", log: "",
+      rows: [], problem: "loading", error: "", isStarting: false, logOf: "", log: "",
       order: { name: "", floor: "", channel: "", at: null },
     };
   },
@@ -58,8 +58,6 @@ export default {
   },
   watch: {
     picked() {
-      if (!this.isPicking) return;
-      this.isPicking = false;
       if (!this.picked) return;
       this.order.floor = this.picked.floor;
       this.order.at = [this.picked.x, this.picked.y];
@@ -92,8 +90,7 @@ export default {
       return ageText(Math.max(0, Date.now() / 1000 - since));
     },
     pick() {
-      this.isPicking = !this.isPicking;
-      this.$emit("pick", this.isPicking);
+      this.$emit("pick", !this.isPicking);
     },
     async start() {
       this.error = "";
