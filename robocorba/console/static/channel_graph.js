@@ -3,6 +3,8 @@ import { live } from "/static/live.js";
 
 const WIDTH = 400;
 const NODE_PX = 30;
+// Counters without news for this time are forgotten, such as those of clients that left [s].
+const FORGOTTEN_S = 60;
 // Distance of a text from its arrow.
 const TEXT_PX = 14;
 
@@ -142,6 +144,7 @@ class Rates {
   }
 
   add(channel, state, at) {
+    for (const [key, known] of this.known) if (at - known.at > FORGOTTEN_S) this.known.delete(key);
     const suppliers = state.proxies.filter((proxy) => proxy.kind.endsWith("CONSUMER"));
     const consumers = state.proxies.filter((proxy) => proxy.kind.endsWith("SUPPLIER"));
     this.count(channel, "in", suppliers.reduce((sum, proxy) => sum + proxy.events.received, 0), at);

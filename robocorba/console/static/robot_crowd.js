@@ -22,6 +22,9 @@ export class RobotCrowd {
       new THREE.MeshBasicMaterial({ color: SELECTED, side: THREE.DoubleSide, transparent: true, opacity: 0.9 }),
     );
     this.ring.visible = false;
+    this.wayMaterial = new THREE.MeshBasicMaterial(
+      { color: GHOST, transparent: true, opacity: 0.75, side: THREE.DoubleSide },
+    );
     this.group.add(this.plain.group, this.ring);
     view.scene.add(this.group);
     this.hasNames = true;
@@ -130,10 +133,7 @@ export class RobotCrowd {
     this.ghost.group.position.set(x, y, z);
     this.ghost.group.rotation.z = heading;
     this.ghost.pose(joints ?? []);
-    this.way = new THREE.Mesh(
-      ribbon(path, 0.05),
-      new THREE.MeshBasicMaterial({ color: GHOST, transparent: true, opacity: 0.75, side: THREE.DoubleSide }),
-    );
+    this.way = new THREE.Mesh(ribbon(path, 0.05), this.wayMaterial);
     this.group.add(this.way);
   }
 
@@ -141,6 +141,8 @@ export class RobotCrowd {
     for (const model of this.articulated.values()) model.close();
     for (const sprite of this.names.values()) closeSprite(sprite);
     this.setGhost(null);
+    this.ghost?.close();
+    this.wayMaterial.dispose();
     this.group.removeFromParent();
   }
 }

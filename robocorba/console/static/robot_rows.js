@@ -75,7 +75,6 @@ export class Collisions {
     const now = performance.now();
     if (this.count !== null && count > this.count) {
       for (const name of touching(floor, plan)) this.until.set(name, now + COLLISION_S * 1000);
-      this.last = now;
     }
     this.count = count;
     for (const [name, until] of this.until) if (until < now) this.until.delete(name);
@@ -83,10 +82,6 @@ export class Collisions {
 
   has(name) {
     return this.until.has(name);
-  }
-
-  get isRecent() {
-    return this.last !== undefined && performance.now() - this.last < COLLISION_S * 1000;
   }
 }
 
