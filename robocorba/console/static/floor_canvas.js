@@ -597,7 +597,7 @@ export function shortened(text, length) {
   return letters.length > length ? `${letters.slice(0, length - 1).join("")}\u2026` : text;
 }
 
-function middleOf(points) {
+export function middleOf(points) {
   const xs = points.map((point) => point[0]), ys = points.map((point) => point[1]);
   return [(Math.min(...xs) + Math.max(...xs)) / 2, (Math.min(...ys) + Math.max(...ys)) / 2];
 }

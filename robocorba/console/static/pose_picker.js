@@ -14,7 +14,7 @@ export const PosePicker = {
     <section class="pose-picker" aria-label="Pose in 3D">
       <label v-if="isPose" class="pose-free">
         <input type="checkbox" v-model="isFree" @change="retake"> attitude of the hand is free</label>
-      <arm-poser style="height: 360px" :joints="joints" :side="side" :with-attitude="!isFree || !isPose"
+      <arm-poser :joints="joints" :side="side" :with-attitude="!isFree || !isPose"
                  @change="posed"></arm-poser>
       <p v-if="problem" class="icon-reason is-error">{{ problem }}</p>
     </section>`,

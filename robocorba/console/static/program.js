@@ -3,6 +3,7 @@
 import { IconForm } from "/static/icon_form.js";
 import { IconList } from "/static/icon_list.js";
 import { IconPalette } from "/static/icon_palette.js";
+import { plainWords } from "/static/icon_looks.js";
 import { problemLines } from "/static/icon_problems.js";
 import { call, live } from "/static/live.js";
 import { PosePicker } from "/static/pose_picker.js";
@@ -39,21 +40,25 @@ export default {
                @release="order('reset_stop')" @upload="isUploading = !isUploading" @dismiss="dismiss"></run-bar>
       <upload-panel v-if="isUploading" :robot="robot" :current="robotRow.adaptor" :program="model.name"
                     :can-run="!whyNot" @switched="switched" @close="isUploading = false"></upload-panel>
-      <p v-if="message.text" class="program-message" :class="'is-' + message.kind" role="status">{{ message.text }}</p>
       <div v-if="!schema" class="console-message">{{ loading }}
         <q-btn v-if="isLoadFailed" dense no-caps outline label="Try again" @click="load" /></div>
       <div v-else class="program-columns">
         <icon-palette :schema="schema" @add="append" @drag="dragNew" @dropped="drop()"></icon-palette>
-        <section class="program-list" aria-label="Program" @click="select(null)">
+        <div class="program-middle">
+        <section class="program-list" aria-label="Program" @click="select(null)"
+                 @dragover.prevent="over(null, 'icons', model.icons.length)" @drop.prevent="drop($event)">
           <div v-for="(line, number) in lines(null)" :key="number" class="icon-problem" :class="'is-' + line.kind">
             <q-icon :name="line.kind === 'error' ? 'warning' : 'info'" size="16px" /> <span>{{ line.text }}</span></div>
           <icon-list :list="model.icons" :parent-id="null" list-name="icons" :editor="editor"></icon-list>
         </section>
+        <p v-if="message.text" class="program-message" :class="'is-' + message.kind" role="status">{{ message.text }}</p>
+        </div>
         <aside ref="side" class="program-side" aria-label="Parameters">
           <div v-if="!isWide" class="console-tabs" role="tablist" aria-label="Side">
             <button type="button" role="tab" :aria-selected="tab === 'icon'" @click="tab = 'icon'">Icon</button>
             <button type="button" role="tab" :aria-selected="tab === 'text'" @click="tab = 'text'">Text</button></div>
           <template v-if="node && isIconShown">
+            <div class="program-parameters" @keydown.esc="focusCard(node.id)">
             <icon-form :schema="schema" :node="node" :choices="choices" :problems="problemsOf(node.id)" @change="change"
                        @shift="(by) => moveBy(node.id, 'shift', by)" @copy="copyNode(node)" @paste="pasteNode"
                        @remove="remove(node.id)"></icon-form>
@@ -66,7 +71,7 @@ export default {
                      @click="isPosing = !isPosing" />
               <q-btn v-if="topIndex >= 0" dense no-caps outline icon="start" label="Run from here"
                      :disable="Boolean(whyNot)" :title="whyNot" @click="start(false, topIndex)" />
-            </div>
+            </div></div>
             <pose-picker v-if="isArm && isPosing" :key="node.id" :node="node" :robot="robot"
                          @take="(values) => setAll(node.id, values, 'pose')"></pose-picker>
             <target-map v-if="hasTarget" :target="targetValues" :others="otherTargets" @pick="pick"
@@ -106,14 +111,17 @@ export default {
     },
     pythonMessage() {
       if (!this.model.icons.length) return "The program has no icons yet.";
-      if (this.incomplete.size) return "Python comes when no icon is incomplete.";
+      if (this.incomplete.size) return "Python comes when no icon is yellow.";
       return this.checkProblem || "The program is being checked, or can't be read.";
     },
     verdict() {
       const errors = this.findings.filter((finding) => finding.kind === "error").length;
       const notes = this.findings.length - errors, parts = [];
       if (!this.model.icons.length) return { text: "" };
-      if (this.incomplete.size) parts.push(`${this.incomplete.size} incomplete`);
+      const isInvalid = (problems) => problems.some(({ kind }) => kind === "invalid");
+      const invalid = [...this.incomplete.values()].filter(isInvalid).length, incomplete = this.incomplete.size - invalid;
+      if (incomplete) parts.push(`${incomplete} incomplete`);
+      if (invalid) parts.push(`${invalid} not valid`);
       if (errors) parts.push(`${errors} not possible`);
       if (this.checkProblem) parts.push(this.checkProblem);
       if (parts.length) return { text: parts.join(", "), isProblem: true };
@@ -124,7 +132,7 @@ export default {
     whyNot() {
       if (!this.robot) return "there is no robot";
       if (!this.model.icons.length) return "the program has no icons";
-      if (this.incomplete.size) return "complete the yellow icons";
+      if (this.incomplete.size) return "complete or repair the yellow icons";
       if (this.findings.some((finding) => finding.kind === "error")) return "repair the icons that are not possible";
       if (this.robotRow.condition !== "idle") return `${this.robot} is ${this.robotRow.condition || "not there"}`;
       return this.robotRow.problem;
@@ -224,7 +232,7 @@ export default {
       return problemLines(this.problemsOf(id));
     },
     note(text, kind = "") {
-      this.message = { text, kind };
+      this.message = { text: plainWords(text), kind };
       clearTimeout(this.noteTimer);
       if (kind !== "error") this.noteTimer = setTimeout(() => (this.message = { text: "", kind: "" }), NOTE_MS);
     },

@@ -99,8 +99,7 @@ export const editing = {
   replace(program) {
     this.model.load(program);
     this.run.close();
-    this.run.clear();
-    this.progressed();
+    this.dismiss();
     this.select(null);
     this.changed();
   },

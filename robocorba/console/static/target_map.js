@@ -1,5 +1,5 @@
 // Picks a place on the map: a click gives the point, a drag also the heading; arrows move it, [ and ] turn it.
-import { FloorCanvas } from "/static/floor_canvas.js";
+import { FloorCanvas, middleOf, shortened } from "/static/floor_canvas.js";
 import { live } from "/static/live.js";
 
 // A drag turns the target when it is longer than this [pixels].
@@ -53,7 +53,9 @@ export const TargetMap = {
   },
   mounted() {
     this.canvas = new FloorCanvas(this.$refs.canvas, { pointer: (...news) => this.pointer(...news) });
-    this.canvas.overlays = [{ above: (context, canvas) => this.draw(context, canvas) }];
+    this.canvas.overlays = [{
+      above: (context, canvas) => this.draw(context, canvas), labels: (context, canvas) => this.drawRooms(canvas),
+    }];
     this.canvas.areNamesShown = false; // set for each picture
     this.canvas.selected = this.robot;
     this.unlisten = live.listen((kind, name) => this.news(kind, name));
@@ -98,12 +100,13 @@ export const TargetMap = {
         this.pick({ x, y }, true);
         return true;
       }
-      if (kind === "move" && this.began) {
+      if ((kind === "move" || kind === "up") && this.began) {
         const { px, py } = this.began;
         if (Math.hypot(event.clientX - px, event.clientY - py) >= MIN_DRAG_PX) {
           this.pick({ x: this.began.x, y: this.began.y, heading: Math.atan2(y - this.began.y, x - this.began.x) });
         }
-      } else if (kind === "up" || kind === "cancel") {
+      }
+      if (kind === "up" || kind === "cancel") {
         this.began = null;
       }
       return false;
@@ -150,6 +153,11 @@ export const TargetMap = {
       context.lineTo(x, y + radius / 3);
       if (typeof heading === "number") this.addArrow(context, x, y, heading, radius);
       context.stroke();
+    },
+    // On a small map the rooms have their names; on a large one everything has.
+    drawRooms(canvas) {
+      if (canvas.areNamesShown) return;
+      for (const { name, polygon } of canvas.plan.areas) canvas.drawAreaName(shortened(name, 16), middleOf(polygon));
     },
     addArrow(context, x, y, heading, radius) {
       const at = (angle, length) => [x + length * Math.cos(angle), y + length * Math.sin(angle)];
