@@ -3,7 +3,7 @@ import { isAngle, rangeText, unitOf } from "/static/icon_problems.js";
 
 const RADIANS = Math.PI / 180;
 // Bounds from here on are not shown before something is out of range.
-const ENDLESS = 1e5;
+const ENDLESS = 3600;
 let lastField = 0;
 
 export const IconField = {

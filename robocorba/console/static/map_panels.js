@@ -54,7 +54,7 @@ export const PathsPanel = {
                 stroke-width="3"
               :stroke-dasharray="{ smoothed: '', topological: '10 5', geometric: '2 5' }[path.mode]" /></svg>
             <b>{{ path.mode }}</b>
-            <span v-if="path.points">{{ path.length.toFixed(2) }} m, {{ path.seconds.toFixed(1) }} s, {{
+            <span v-if="path.points">{{ path.length.toFixed(2) }} m, {{
               path.points.length }} points</span>
             <span v-else class="map-reason">no path: {{ path.reason }}</span></button></li>
       </ul>

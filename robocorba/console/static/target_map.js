@@ -6,6 +6,8 @@ import { live } from "/static/live.js";
 const MIN_DRAG_PX = 12;
 // Names are shown from this scale on [pixels per metre].
 const NAMES_FROM = 24;
+// Names of rooms: the width of a letter [pixels], and how much wider than its room a name may be.
+const LETTER_PX = 6.5, OVERHANG = 1.4;
 // Steps of the keys.
 const STEP_M = 0.1, STEP_RAD = Math.PI / 12;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
@@ -157,7 +159,11 @@ export const TargetMap = {
     // On a small map the rooms have their names; on a large one everything has.
     drawRooms(canvas) {
       if (canvas.areNamesShown) return;
-      for (const { name, polygon } of canvas.plan.areas) canvas.drawAreaName(shortened(name, 16), middleOf(polygon));
+      for (const { name, polygon } of canvas.plan.areas) {
+        const text = shortened(name, 16), xs = polygon.map(([x]) => x);
+        const width = (Math.max(...xs) - Math.min(...xs)) * canvas.scale;
+        if (LETTER_PX * text.length < OVERHANG * width) canvas.drawAreaName(text, middleOf(polygon));
+      }
     },
     addArrow(context, x, y, heading, radius) {
       const at = (angle, length) => [x + length * Math.cos(angle), y + length * Math.sin(angle)];
