@@ -19,9 +19,10 @@ export default {
           <option v-for="floor in floors" :key="floor">{{ floor }}</option></select></label>
         <label>channel <select v-model="order.channel"><option value="">none</option>
           <option v-for="channel in channels" :key="channel">{{ channel }}</option></select></label>
-        <q-btn dense no-caps outline icon="place" :label="place" title="Pick its place on the map" @click="pick" />
-        <q-btn v-if="order.at" dense flat round icon="close" aria-label="First free place" title="First free place"
-               @click="order.at = null" />
+        <div class="start-place"><span>{{ place }}</span>
+          <q-btn dense no-caps outline icon="place" label="Pick its place on the map" :aria-pressed="isPicking"
+                 @click="pick" />
+          <q-btn v-if="order.at" dense no-caps outline label="Use the first free node" @click="order.at = null" /></div>
         <q-btn dense no-caps color="primary" type="submit" label="Start" :loading="isStarting"
                :disable="!rights.supervisor" />
       </form>
@@ -53,7 +54,8 @@ export default {
   },
   computed: {
     place() {
-      return this.order.at ? `${this.order.at[0].toFixed(2)}, ${this.order.at[1].toFixed(2)} m` : "at the first free node; choose\u2026";
+      if (!this.order.at) return "It starts at the first free node of the floor.";
+      return `It starts at ${this.order.at.map((metres) => metres.toFixed(2)).join(", ")} m.`;
     },
   },
   watch: {
