@@ -7,9 +7,11 @@ import { plainWords } from "/static/icon_looks.js";
 import { problemLines } from "/static/icon_problems.js";
 import { call, live } from "/static/live.js";
 import { PosePicker } from "/static/pose_picker.js";
+import { PosturePreview } from "/static/posture_preview.js";
 import { ProgramBar } from "/static/program_bar.js";
 import { checking, checkingState } from "/static/program_checking.js";
 import { editing } from "/static/program_editing.js";
+import { keepHistory, restoreHistory } from "/static/program_history.js";
 import { ProgramModel, readProgram, Schema } from "/static/program_model.js";
 import { ProgramRun } from "/static/program_run.js";
 import { ProgramText } from "/static/program_text.js";
@@ -21,13 +23,15 @@ import { UploadPanel } from "/static/upload_panel.js";
 const STORED = "robocorba-program";
 // Icons whose target is picked on the map; icons for arms, whose pose can be made in 3D.
 const TARGETS = ["mbase_path", "mbase_to", "move_table"], ARMS = ["mhand_joints", "mhand_pose"];
+// Icons after which the robot is shown in 3D.
+const PREVIEWED = ["mhand_posture", "lumbar"];
 // A message about a file or the clipboard is shown for this time [ms].
 const NOTE_MS = 8000;
 // Windows of this width have room for the text beside the parameters.
 const WIDE = "(min-width: 1700px)";
 
 export default {
-  components: { IconForm, IconList, IconPalette, PosePicker, ProgramBar, ProgramText, RunBar, TargetMap, UploadPanel },
+  components: { IconForm, IconList, IconPalette, PosePicker, PosturePreview, ProgramBar, ProgramText, RunBar, TargetMap, UploadPanel },
   template: `
     <div class="program-page">
       <program-bar :name="model.name" :can-undo="canUndo" :can-redo="canRedo" :verdict="verdict"
@@ -74,6 +78,7 @@ export default {
             </div></div>
             <pose-picker v-if="isArm && isPosing" :key="node.id" :node="node" :robot="robot"
                          @take="(values) => setAll(node.id, values, 'pose')"></pose-picker>
+            <posture-preview v-else-if="isPreviewed" :node="node" :robot="robot"></posture-preview>
             <target-map v-if="hasTarget" :target="targetValues" :others="otherTargets" @pick="pick"
                         :robot="robot" :robot-floor="rows[robot]?.state?.at.floor ?? ''"
                         :is-one-floor="node.icon === 'mbase_to'"></target-map>
@@ -166,6 +171,9 @@ export default {
     isPosture() {
       return this.isArm || this.node?.icon === "lumbar";
     },
+    isPreviewed() {
+      return PREVIEWED.includes(this.node?.icon);
+    },
     isArm() {
       return ARMS.includes(this.node?.icon);
     },
@@ -183,6 +191,8 @@ export default {
     this.unlisten = live.listen((kind) => kind !== "floor" && this.news(kind));
     this.onKey = (event) => this.pageKey(event);
     window.addEventListener("keydown", this.onKey);
+    this.onLeave = () => this.schema && keepHistory(this.model, this.schema, this.selectedId);
+    window.addEventListener("pagehide", this.onLeave);
     await this.load();
   },
   unmounted() {
@@ -192,6 +202,8 @@ export default {
     clearTimeout(this.noteTimer);
     this.width.onchange = null;
     window.removeEventListener("keydown", this.onKey);
+    window.removeEventListener("pagehide", this.onLeave);
+    this.onLeave();
   },
   methods: {
     ...editing,
@@ -210,15 +222,20 @@ export default {
         this.isLoadFailed = true;
         return;
       }
-      const stored = this.stored(STORED);
+      this.restore();
+      this.news();
+      this.changed();
+      this.robotChosen();
+    },
+    // The program as this tab left it, or as the browser left it last.
+    restore() {
+      const stored = this.stored(STORED), selectedId = restoreHistory(this.model, this.schema);
+      if (selectedId !== undefined) return this.select(selectedId);
       try {
         if (stored) Object.assign(this.model, readProgram(this.schema, stored));
       } catch {
         // of an older version
       }
-      this.news();
-      this.changed();
-      this.robotChosen();
     },
     changed() {
       this.revision++;

@@ -11,6 +11,12 @@ const MAX_NESTING = 8;
 
 let lastId = 0;
 
+// The last identity that was given; `atLeast`: identities up to there are in use.
+export function usedIds(atLeast = 0) {
+  lastId = Math.max(lastId, atLeast);
+  return lastId;
+}
+
 export class Schema {
   constructor(schema) {
     this.definitions = schema.$defs;
