@@ -157,7 +157,7 @@ def start_robots(user: Operator) -> None:
     for name, at in START.items():
         processes.get_by_label("New robot").fill(name)
         processes.get_by_label("channel").select_option("main")
-        user.button(re.compile("first free node"), processes).click()
+        user.button(re.compile("Pick its place"), processes).click()
         user.click_map(canvas, at)
         expect(user.button(re.compile(rf"{at[0]:.1f}\d, {at[1]:.1f}\d m"), processes)).to_be_visible()
         user.button("Start", processes).click()
