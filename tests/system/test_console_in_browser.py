@@ -159,7 +159,7 @@ def start_robots(user: Operator) -> None:
         processes.get_by_label("channel").select_option("main")
         user.button(re.compile("Pick its place"), processes).click()
         user.click_map(canvas, at)
-        expect(user.button(re.compile(rf"{at[0]:.1f}\d, {at[1]:.1f}\d m"), processes)).to_be_visible()
+        expect(processes.get_by_text(re.compile(rf"{at[0]:.1f}\d, {at[1]:.1f}\d m"))).to_be_visible()
         user.button("Start", processes).click()
         expect(processes.get_by_role("row", name=f"robot_{name}")).to_contain_text("starting")
     for name in START:

@@ -3,9 +3,9 @@
 //   <arm-poser :joints="joints" side="left" @change="poseChanged"></arm-poser>
 //
 // joints: 18 angles [rad] in the order of the model; none: arms at the posture `ready`. side: left, right, or both: the
-// right hand mirrors the left one. with-attitude: false if the hand may turn as it likes. is-still: the robot is
-// only shown. change: {joints, pose, side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left) hand in the robot's frame, arm:
-// the 7 angles of its arm.
+// right hand mirrors the left one. with-attitude: false if the hand may turn as it likes. is-still: the robot is only
+// shown. change: {joints, pose, side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left)
+// hand in the robot's frame, arm: the 7 angles of its arm.
 import { OrbitControls, THREE } from "nicegui-scene";
 import { HandTarget } from "/static/hand_target.js";
 import { call } from "/static/live.js";
@@ -72,7 +72,8 @@ export const ArmPoser = {
       <div class="arm-poser-view" ref="view">
         <canvas ref="canvas" tabindex="0" @keydown="key" :aria-label="label"></canvas>
         <div v-if="message" class="console-overlay">{{ message }}</div>
-        <div v-if="!isStill" class="arm-poser-words" :class="{ 'is-problem': problem }" role="status">{{ problem || words }}</div>
+        <div v-if="!isStill" class="arm-poser-words" :class="{ 'is-problem': problem }" role="status">
+          {{ problem || words }}</div>
       </div>
       <hand-steps v-if="!isStill" :target="() => target"></hand-steps>
     </div>`,

@@ -81,7 +81,8 @@ export class FloorMesh {
       for (const [a, b] of elevator.doors) {
         const width = Math.hypot(b[0] - a[0], b[1] - a[1]);
         const angle = Math.atan2(b[1] - a[1], b[0] - a[0]);
-        const leaves = [0, 1].map(() => new THREE.Mesh(new THREE.BoxGeometry(width / 2, 0.05, height), this.doorMaterial));
+        const box = () => new THREE.BoxGeometry(width / 2, 0.05, height);
+        const leaves = [0, 1].map(() => new THREE.Mesh(box(), this.doorMaterial));
         for (const leaf of leaves) {
           leaf.rotation.z = angle;
           this.doors.add(leaf);

@@ -31,7 +31,9 @@ const NOTE_MS = 8000;
 const WIDE = "(min-width: 1700px)";
 
 export default {
-  components: { IconForm, IconList, IconPalette, PosePicker, PosturePreview, ProgramBar, ProgramText, RunBar, TargetMap, UploadPanel },
+  components: {
+    IconForm, IconList, IconPalette, PosePicker, PosturePreview, ProgramBar, ProgramText, RunBar, TargetMap, UploadPanel,
+  },
   template: `
     <div class="program-page">
       <program-bar :name="model.name" :can-undo="canUndo" :can-redo="canRedo" :verdict="verdict"
@@ -55,7 +57,8 @@ export default {
             <q-icon :name="line.kind === 'error' ? 'warning' : 'info'" size="16px" /> <span>{{ line.text }}</span></div>
           <icon-list :list="model.icons" :parent-id="null" list-name="icons" :editor="editor"></icon-list>
         </section>
-        <p v-if="message.text" class="program-message" :class="'is-' + message.kind" role="status">{{ message.text }}</p>
+        <p v-if="message.text" class="program-message" :class="'is-' + message.kind" role="status">
+          {{ message.text }}</p>
         </div>
         <aside ref="side" class="program-side" aria-label="Parameters">
           <div v-if="!isWide" class="console-tabs" role="tablist" aria-label="Side">
@@ -124,7 +127,8 @@ export default {
       const notes = this.findings.length - errors, parts = [];
       if (!this.model.icons.length) return { text: "" };
       const isInvalid = (problems) => problems.some(({ kind }) => kind === "invalid");
-      const invalid = [...this.incomplete.values()].filter(isInvalid).length, incomplete = this.incomplete.size - invalid;
+      const invalid = [...this.incomplete.values()].filter(isInvalid).length;
+      const incomplete = this.incomplete.size - invalid;
       if (incomplete) parts.push(`${incomplete} incomplete`);
       if (invalid) parts.push(`${invalid} not valid`);
       if (errors) parts.push(`${errors} not possible`);

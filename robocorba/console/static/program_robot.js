@@ -129,7 +129,8 @@ const methods = {
     } catch { /* of an older version, or none */ }
     if (!name || last.robot !== this.robot) return;
     const isSame = last.program === this.jsonText;
-    if (isSame || !isActive(this.robotRow)) this.run.follow(this.robot, isSame ? this.idsByPath() : new Map(), last.first, name);
+    const ids = isSame ? this.idsByPath() : new Map();
+    if (isSame || !isActive(this.robotRow)) this.run.follow(this.robot, ids, last.first, name);
   },
   progressed() {
     const { runningId, holderIds, doneIds, failedId, report, condition, problem, isFollowed } = this.run;

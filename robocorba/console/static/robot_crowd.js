@@ -2,6 +2,7 @@
 // ring, and its ghost at the end of the path that it drives.
 import { THREE } from "nicegui-scene";
 import { ArticulatedRobot, PlainRobots } from "/static/robot_model.js";
+import { distanceTo } from "/static/segments.js";
 import { closeSprite, sizeSprite, textSprite } from "/static/text_sprite.js";
 
 // Articulated robots and names at most; of robots, fewer if drawing is slow.
@@ -109,7 +110,7 @@ export class RobotCrowd {
       const head = this.view.onCanvas(new THREE.Vector3(robot.x, robot.y, robot.z + 1.35));
       if (!foot || !head) continue;
       const height = Math.hypot(head[0] - foot[0], head[1] - foot[1]);
-      const away = toSegment([x, y], foot, head);
+      const away = distanceTo([x, y], foot, head);
       if (away < Math.max(14, 0.3 * height) && away < nearest) [found, nearest] = [robot, away];
     }
     return found;
@@ -162,10 +163,4 @@ function ribbon(points, width) {
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));
   return geometry;
-}
-
-function toSegment([x, y], a, b) {
-  const [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-  const share = Math.min(1, Math.max(0, ((x - a[0]) * dx + (y - a[1]) * dy) / (dx * dx + dy * dy || 1)));
-  return Math.hypot(x - a[0] - share * dx, y - a[1] - share * dy);
 }

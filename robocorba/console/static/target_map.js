@@ -1,6 +1,7 @@
 // Picks a place on the map: a click gives the point, a drag also the heading; arrows move it, [ and ] turn it.
-import { FloorCanvas, middleOf, shortened } from "/static/floor_canvas.js";
+import { FloorCanvas, middleOf } from "/static/floor_canvas.js";
 import { live } from "/static/live.js";
+import { shortened } from "/static/texts.js";
 
 // A drag turns the target when it is longer than this [pixels].
 const MIN_DRAG_PX = 12;
