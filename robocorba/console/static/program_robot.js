@@ -3,6 +3,7 @@ import { plainWords } from "/static/icon_looks.js";
 import { call, live } from "/static/live.js";
 import { LOST_S } from "/static/robot_rows.js";
 import { shiftedPaths } from "/static/program_run.js";
+import { rememberView, sharedView } from "/static/shared_view.js";
 import { VIRTUAL } from "/static/upload_panel.js";
 
 const STORED_ROBOT = "robocorba-robot";
@@ -28,8 +29,8 @@ const methods = {
     const names = bound.map(([name]) => name);
     const before = this.robot;
     if (!names.includes(this.robot)) {
-      const stored = this.stored(STORED_ROBOT);
-      this.robot = names.includes(stored) ? stored : this.robot || names[0] || "";
+      const kept = [this.stored(STORED_ROBOT), sharedView.robot].find((name) => names.includes(name));
+      this.robot = kept ?? (this.robot || names[0] || "");
     }
     this.robotRow = robotRow(this.robot, this.rows[this.robot], wait);
     this.floors = live.names;
@@ -46,6 +47,7 @@ const methods = {
   choose(robot) {
     this.robot = robot;
     this.store(STORED_ROBOT, robot);
+    rememberView({ robot });
     this.news();
     this.robotChosen();
   },
