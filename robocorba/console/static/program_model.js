@@ -116,6 +116,11 @@ export function plainOf(node) {
   };
 }
 
+// A number with four digits, towards zero: rounded, an angle of 180 degrees would be beyond its bound.
+export function fourDigits(value) {
+  return Math.trunc(value * 1e4 + Math.sign(value) * 1e-3) / 1e4;
+}
+
 // A copy of JSON values; members without a value are left out.
 export function copied(value) {
   return value === undefined ? undefined : JSON.parse(JSON.stringify(value));

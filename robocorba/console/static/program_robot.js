@@ -2,6 +2,7 @@
 import { plainWords } from "/static/icon_looks.js";
 import { call, live } from "/static/live.js";
 import { LOST_S } from "/static/robot_rows.js";
+import { fourDigits } from "/static/program_model.js";
 import { shiftedPaths } from "/static/program_run.js";
 import { rememberView, sharedView } from "/static/shared_view.js";
 import { VIRTUAL } from "/static/upload_panel.js";
@@ -9,8 +10,6 @@ import { VIRTUAL } from "/static/upload_panel.js";
 const STORED_ROBOT = "robocorba-robot";
 const STORED_RUN = "robocorba-run";
 const LEFT_ARM = 0, RIGHT_ARM = 7, ARM = 7, LUMBAR = 14;
-
-const rounded = (value, digits = 4) => Number(value.toFixed(digits));
 
 function state() {
   return {
@@ -72,7 +71,7 @@ const methods = {
   takePose() {
     const at = this.rows[this.robot]?.state?.at;
     if (!at) return this.note(`${this.robot} does not report its pose`, "error");
-    const pose = { x: rounded(at.x, 3), y: rounded(at.y, 3), heading: rounded(at.heading, 3) };
+    const pose = { x: fourDigits(at.x), y: fourDigits(at.y), heading: fourDigits(at.heading) };
     this.pick(this.node.icon === "mbase_to" ? pose : { floor: at.floor, ...pose });
   },
   async takePosture() {
@@ -80,9 +79,9 @@ const methods = {
     if (!joints) return this.note(`${this.robot} does not report its joints`, "error");
     const isRight = node.values.hand === "right", first = isRight ? RIGHT_ARM : LEFT_ARM;
     let values;
-    if (node.icon === "lumbar") values = { lower: rounded(joints[LUMBAR]), upper: rounded(joints[LUMBAR + 1]) };
+    if (node.icon === "lumbar") values = { lower: fourDigits(joints[LUMBAR]), upper: fourDigits(joints[LUMBAR + 1]) };
     else if (node.icon === "mhand_joints") {
-      values = { joints: [...joints].slice(first, first + ARM).map((angle) => rounded(angle)) };
+      values = { joints: [...joints].slice(first, first + ARM).map((angle) => fourDigits(angle)) };
     } else values = await this.handPose(joints, isRight ? "right" : "left");
     if (!values) return;
     if (node.icon !== "lumbar" && !node.values.hand) values.hand = "left";
@@ -91,7 +90,7 @@ const methods = {
   async handPose(joints, side) {
     try {
       const poses = await call("hand_poses", { joints: [...joints] });
-      return Object.fromEntries(Object.entries(poses[side]).map(([name, value]) => [name, rounded(value)]));
+      return Object.fromEntries(Object.entries(poses[side]).map(([name, value]) => [name, fourDigits(value)]));
     } catch (error) {
       this.note(error.message, "error");
       return null;
