@@ -1,6 +1,7 @@
 // Draws a floor on a canvas, +y up, with pan, zoom and picking: the plan, bodies, and the overlays of its owner.
 // The plan is drawn to a canvas of its own, and again only when the view or the map has changed.
 import { LabelPlacer, around } from "/static/label_placement.js";
+import { shortened } from "/static/texts.js";
 
 const MARGIN_PX = 24;
 // Room at the right for the buttons of a page [px].
@@ -592,12 +593,7 @@ export function disc(context, x, y, radius) {
   context.fill();
 }
 
-export function shortened(text, length) {
-  const letters = [...text];
-  return letters.length > length ? `${letters.slice(0, length - 1).join("")}\u2026` : text;
-}
-
-function middleOf(points) {
+export function middleOf(points) {
   const xs = points.map((point) => point[0]), ys = points.map((point) => point[1]);
   return [(Math.min(...xs) + Math.max(...xs)) / 2, (Math.min(...ys) + Math.max(...ys)) / 2];
 }

@@ -1,5 +1,6 @@
 // The panel of files: export and import with their losses, and the picture below a floor; and the map page's methods
 // for it.
+import { download } from "/static/download.js";
 import { call } from "/static/live.js";
 
 const FORMATS = [
@@ -80,7 +81,7 @@ export const FilesPanel = {
       try {
         const argument = { format: this.format, resolution: this.resolution, image: this.image };
         this.exported = await call("map_export", argument);
-        download(this.exported);
+        download(this.exported.name, bytes(this.exported.content));
       } catch (error) {
         this.problem = error.message;
       } finally {
@@ -178,11 +179,6 @@ function base64(file) {
   });
 }
 
-function download({ name, content }) {
-  const bytes = Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
-  const address = URL.createObjectURL(new Blob([bytes]));
-  const link = document.createElement("a");
-  Object.assign(link, { href: address, download: name });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(address), 10000);
+function bytes(content) {
+  return Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
 }

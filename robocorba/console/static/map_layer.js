@@ -1,5 +1,6 @@
 // What the map page draws over a floor: selection with handles, what is being drawn or moved, findings, and paths.
-import { disc, line, polygon, shortened } from "/static/floor_canvas.js";
+import { disc, line, polygon } from "/static/floor_canvas.js";
+import { shortened } from "/static/texts.js";
 
 export const HANDLE_PX = 6;
 // Dashes that tell the modes of paths apart without colours.

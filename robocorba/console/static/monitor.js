@@ -62,6 +62,7 @@ export default {
         <HappeningList v-if="side === 'Events'" :happenings="events" @look="lookBack" />
         <ChannelGraph v-if="side === 'Channels'" />
         <ProcessList v-if="side === 'Processes'" :floors="floors" :channels="channels" :rights="rights" :picked="picked"
+                     :is-picking="isPicking"
                      @pick="pick" @processes="setProcesses" />
       </aside>
     </div>`,

@@ -1,6 +1,7 @@
 // The check of the program while it is edited: methods of the program page's component. The robot's agent checks all
 // icons up to the first incomplete one, from where the robot is.
 import { call } from "/static/live.js";
+import { plainWords } from "/static/icon_looks.js";
 import { missing } from "/static/icon_problems.js";
 
 // Time from the last change to the check [ms].
@@ -18,7 +19,7 @@ export const checking = {
       if (found.length) this.incomplete.set(node.id, found);
     }
   },
-  // Problems of an icon: {kind: incomplete, error or note, parameter, reason}.
+  // Problems of an icon: {kind: incomplete, invalid, error or note, parameter, reason}.
   problemsOf(id) {
     return [...(this.incomplete.get(id) ?? []), ...this.findings.filter((finding) => finding.nodeId === id)];
   },
@@ -40,6 +41,7 @@ export const checking = {
     if (!icons.length) {
       this.findings = [];
       this.python = "";
+      this.checkProblem = "";
       this.isChecked = true;
       return;
     }
@@ -47,13 +49,16 @@ export const checking = {
       const program = JSON.stringify(this.model.plain(icons));
       const { findings, python } = await call("check_program", { robot, program });
       if (revision !== this.revision || robot !== this.robot) return;
-      this.findings = findings.map((finding) => ({ ...finding, nodeId: this.model.at(finding.icon)?.id ?? null }));
+      this.findings = findings.map((finding) => ({
+        ...finding, reason: plainWords(finding.reason), nodeId: this.model.at(finding.icon)?.id ?? null,
+      }));
       this.python = this.incomplete.size ? "" : python;
       this.checkProblem = "";
     } catch (error) {
       if (revision !== this.revision || robot !== this.robot) return;
       this.findings = [];
-      this.checkProblem = `not checked: ${error.message}`;
+      this.python = "";
+      this.checkProblem = `not checked: ${plainWords(error.message)}`;
     }
     this.isChecked = true;
   },

@@ -1,4 +1,5 @@
 // The selected robot: what it does, what its sensors see, how it is reached, and orders to it.
+import { plainWords, titleOf } from "/static/icon_looks.js";
 import { call } from "/static/live.js";
 import { clockText } from "/static/past.js";
 import { ageText, degrees } from "/static/robot_rows.js";
@@ -144,7 +145,7 @@ function programFacts({ agent }) {
   const program = agent?.program;
   if (!program?.name) return [];
   const rows = [["program", program.name]];
-  if (program.icon) rows.push(["icon", `${program.icon}, ${program.kind}`]);
+  if (program.icon) rows.push(["icon", `${plainWords(program.icon)}: ${titleOf(program.kind)}`]);
   rows.push(["done", `${program.iconsDone} icons in ${program.seconds.toFixed(1)} s`]);
   if (!["NO_RESULT", "FAILED"].includes(program.result)) rows.push(["result", [program.result.toLowerCase(),
     program.reason].filter(Boolean).join(": ")]);

@@ -1,4 +1,5 @@
 // Methods of the 3D page: what is in the scene, from the floors that are shown, the robots' states and their links.
+import { titleOf } from "/static/icon_looks.js";
 import { live } from "/static/live.js";
 import { RobotLink } from "/static/robot_link.js";
 import { LOST_S } from "/static/robot_rows.js";
@@ -151,7 +152,7 @@ function displayed(agent) {
   if (condition === "PAUSED") return { display: "waiting", words: "paused" };
   if (condition === "RUNNING") {
     const isWait = program.kind === "wait" || program.kind === "wait_until";
-    return { display: isWait ? "waiting" : "working", words: program.kind };
+    return { display: isWait ? "waiting" : "working", words: titleOf(program.kind) };
   }
   if (program.result === "FAILED") return { display: "exceptional", words: "program failed" };
   return { display: "waiting", words: "" };
