@@ -1,4 +1,6 @@
 // What has happened, the newest first; a press looks back to the moment before.
+import { clockText } from "/static/past.js";
+
 const SIGNS = {
   collision: "\u2715 collision", stop: "\u25a0 stop", mission: "\u25c6 mission", program: "\u25b8 program", robot: "robot",
   server: "\u25b2 server", channel: "\u25b2 channel" };
@@ -24,9 +26,7 @@ export default {
     },
   },
   methods: {
-    clock(at) {
-      return new Date(at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" });
-    },
+    clock: clockText,
     sign(kind) {
       return SIGNS[kind] ?? kind;
     },

@@ -1,12 +1,12 @@
 // The form that starts a mission: kind, leader, object, and the target on a map.
 import { FloorCanvas, line, polygon } from "/static/floor_canvas.js";
+import { titleOf } from "/static/icon_looks.js";
 import { call, live } from "/static/live.js";
 import { Schema } from "/static/program_model.js";
 import { rememberView, sharedView } from "/static/shared_view.js";
 
 // The icons of missions; their parameters come from the schema of programs.
 const COOPERATIVE = ["move_table", "hand_over"];
-const TITLES = { move_table: "Move an object together", hand_over: "Hand an object over" };
 const ROBOTS = ["taker", "giver"];
 const OBJECTS = ["table", "object"];
 const LEADERS_MS = 3000;
@@ -18,7 +18,7 @@ export const MissionStart = {
     <form class="mission-start" @submit.prevent="start" aria-label="Start a mission">
       <h2 class="console-heading">Start a mission</h2>
       <label class="map-field"><span>kind</span><select v-model="kind"><option v-for="each in kinds" :key="each"
-          :value="each">{{ titles[each] ?? each }}</option></select></label>
+          :value="each">{{ titleOf(each) }}</option></select></label>
       <label class="map-field"><span>leader</span><select v-model="leader">
         <option value=""
             disabled>{{ leaders === null ? 'asking the robots' : leaders.length ? 'choose a robot' : 'no robots'
@@ -58,7 +58,7 @@ export const MissionStart = {
     </form>`,
   data() {
     return {
-      kinds: [], titles: TITLES, kind: "", leader: "", leaders: null, values: {}, objects: [], floors: [],
+      kinds: [], kind: "", leader: "", leaders: null, values: {}, objects: [], floors: [],
         parameters: [],
       target: { floor: "", x: null, y: null, heading: 0 }, pose: [["x", "x m", 0.05], ["y", "y m", 0.05], ["heading",
         "heading \u00b0", 15]],
@@ -103,6 +103,7 @@ export const MissionStart = {
     this.closeCanvas();
   },
   methods: {
+    titleOf,
     isRobot: ({ name }) => ROBOTS.includes(name),
     isObject: ({ name }) => OBJECTS.includes(name),
     isPlace: ({ properties }) => Boolean(properties?.floor && properties.x && properties.y),
