@@ -33,6 +33,7 @@ from robocorba.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
 from robocorba.missions import carry_planning
 from robocorba.names import MISSIONS, ROBOTS
 from robocorba.planning.request import Place
+from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.programs import program
 from robocorba.programs.checker import Start, check
 from robocorba.programs.program import Program
@@ -46,15 +47,15 @@ FLOOR_CHECK_S = 0.05
 
 
 class Checker:
-    """Checks a program from the robot's present state. Thread-safe."""
+    """Checks a program from the robot's present state, with the objects around it. Thread-safe."""
 
     def __init__(self, planner: RemotePlanner) -> None:
         self._planner, self._kinematics = planner, InverseKinematics()
         self._lock = threading.Lock()
 
-    def __call__(self, wanted: Program, state: AgentState) -> CheckReport:
+    def __call__(self, wanted: Program, state: AgentState, objects: TemporaryObstacles) -> CheckReport:
         at = state.at
-        start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints)
+        start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints, objects)
         with self._lock:
             return check(wanted, self._kinematics, self._planner, start)
 
@@ -93,7 +94,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         follower = PoolFollower(orb, session.state().at.floor, settings.name).start()
         stack.callback(follower.close)
         nearby = PoolNearby(follower.pool, settings.name)
-        agent = ControlAgent(AdaptorContext(settings.name, session, orb), planner, others, checker, ticks, nearby)
+
+        def check_now(wanted: Program, state: AgentState) -> CheckReport:
+            return checker(wanted, state, nearby.movable_objects(session.latest.holding))
+
+        agent = ControlAgent(AdaptorContext(settings.name, session, orb), planner, others, check_now, ticks, nearby)
         stack.callback(agent.close)
         agent.start(settings.adaptor, settings.adaptor_arguments)
 

@@ -6,10 +6,11 @@ import math
 from typing import NamedTuple, Protocol
 
 from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
-from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles, movable_objects, temporary_obstacles
+from robocorba.collision_avoidance.temporary_obstacles import movable_objects, temporary_obstacles
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import BASE_LIMITS
+from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.spatial.pose import XY
 
 #: A driving robot ignores robots farther away than this [m].

@@ -1,15 +1,14 @@
-"""Temporary obstacles, which are not on the map: other robots, and objects that were moved."""
+"""What stands in the way of a robot though it is not on the map: other robots, and objects that were moved."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.data_pool.entities import FloorEntity
 from robocorba.data_pool.snapshot import FloorSnapshot
-from robocorba.maps.polygons import FloorArea
+from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.spatial.pose import XY
 
 #: A robot below this speed is stationary [m/s].
@@ -25,14 +24,6 @@ MIN_CLEARANCE_M = 0.07
 CORNERS = 16
 
 
-class TemporaryObstacles(NamedTuple):
-    """Fields of a PathRequest: polygons on floors [m], and floors whose movable objects are all among the polygons, so
-    that the planner ignores these objects' places on the map."""
-
-    forbidden_areas: tuple[FloorArea, ...] = ()
-    without_movables: tuple[str, ...] = ()
-
-
 def movable_objects(
     snapshot: FloorSnapshot, robot: str, held: str = "", policy: GivingWayPolicy = DEFAULT_POLICY
 ) -> TemporaryObstacles:
@@ -43,8 +34,9 @@ def movable_objects(
     movable = (item for item in snapshot.objects() if item.is_movable and item.name != held)
     nearest_first = sorted(movable, key=lambda item: math.hypot(item.x - own.x, item.y - own.y))
     is_complete = len(nearest_first) <= policy.max_objects
-    areas = tuple((snapshot.floor, item.corners) for item in nearest_first[: policy.max_objects])
-    return TemporaryObstacles(areas, (snapshot.floor,) if is_complete else ())
+    nearest = nearest_first[: policy.max_objects]
+    areas, names = tuple((snapshot.floor, item.corners) for item in nearest), tuple(item.name for item in nearest)
+    return TemporaryObstacles(areas, (snapshot.floor,) if is_complete else (), names)
 
 
 def temporary_obstacles(
@@ -64,14 +56,13 @@ def temporary_obstacles(
         return TemporaryObstacles()
     near = [found.robot for found in snapshot.robots_near(own.x, own.y, NEAR_M)]
     kept_free = [(own.x, own.y), *([goal] if goal else ())]
-    discs = [
-        _disc(other, kept_free, own.radius_m)
-        for other in near
-        if other.name == also or math.hypot(other.vx, other.vy) < STATIONARY_M_S
+    blocking = [other for other in near if other.name == also or math.hypot(other.vx, other.vy) < STATIONARY_M_S][
+        : policy.max_robots
     ]
     objects = movable_objects(snapshot, robot, held, policy)
-    robots = tuple((snapshot.floor, disc) for disc in discs[: policy.max_robots])
-    return objects._replace(forbidden_areas=robots + objects.forbidden_areas)
+    discs = tuple((snapshot.floor, _disc(other, kept_free, own.radius_m)) for other in blocking)
+    names = tuple(other.name for other in blocking)
+    return objects._replace(forbidden_areas=discs + objects.forbidden_areas, names=names + objects.names)
 
 
 def _disc(other: FloorEntity, kept_free: Sequence[XY], radius_m: float) -> tuple[XY, ...]:

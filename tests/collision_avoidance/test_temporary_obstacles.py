@@ -9,13 +9,13 @@ from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.collision_avoidance.temporary_obstacles import (
     CLEARANCE_M,
     MIN_CLEARANCE_M,
-    TemporaryObstacles,
     movable_objects,
     temporary_obstacles,
 )
 from robocorba.control.base import PATH_CLEARANCES_M
 from robocorba.data_pool.snapshot import FloorSnapshot
 from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from tests.data_pool.places import Place
 from tests.simulation.places import robot
 
@@ -51,9 +51,9 @@ def test_stationary_robots_and_present_poses_of_objects() -> None:
 def test_movable_objects_without_the_held_one() -> None:
     seen = seen_by_a(3.0)
     found = movable_objects(seen, "A")
-    assert found == temporary_obstacles(seen, "A")._replace(
-        forbidden_areas=temporary_obstacles(seen, "A").forbidden_areas[1:]
-    )
+    both = temporary_obstacles(seen, "A")
+    assert found == both._replace(forbidden_areas=both.forbidden_areas[1:], names=("T1",))
+    assert both.names == ("B0", "T1")
     (held,) = [thing.name for thing in seen.objects() if thing.is_movable]
     assert movable_objects(seen, "A", held) == TemporaryObstacles((), ("L1",))
     assert movable_objects(seen, "nobody") == TemporaryObstacles()
