@@ -179,6 +179,7 @@ export default {
   },
   unmounted() {
     this.unlisten();
+    live.want(this);
     this.run.close();
     clearTimeout(this.checkTimer);
     clearTimeout(this.noteTimer);
