@@ -22,7 +22,7 @@ from robocorba.motion.driving import Drive, DriveAt, DriveBy, StopBase
 from robocorba.motion.motion import Motion
 from robocorba.motion.robot_state import Velocity
 from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
-from robocorba.planning.temporary_obstacles import TemporaryObstacles
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES
 from robocorba.programs.base_checks import CONTACT_M, Planner
 from robocorba.simulation.elevator import RidePhase
 from robocorba.spatial.pose import XY
@@ -86,7 +86,7 @@ class BaseMovements(Movements):
         """A path by the map, with movable objects at their present poses: along the roadmap, or through free space if
         an object blocks the roadmap. It may begin where the robot touches an obstacle."""
         holding = self.session.latest.holding
-        objects = self._nearby.movable_objects(holding) if self._nearby else TemporaryObstacles()
+        objects = self._nearby.movable_objects(holding) if self._nearby else NO_OBSTACLES
         request = objects.added_to(self._request(goal, speed))
         first: PathError | None = None
         for radius, mode in product((RADIUS_M, RADIUS_M - CONTACT_M), (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):
@@ -112,8 +112,8 @@ class BaseMovements(Movements):
         """A path around temporary obstacles, including the robot `other`; None if none are known or no path exists."""
         here = self.session.latest
         point = (goal.x, goal.y) if goal.floor == here.at.floor else None
-        known = self._nearby.temporary_obstacles(other, point, here.holding) if self._nearby else TemporaryObstacles()
-        if known == TemporaryObstacles():
+        known = self._nearby.temporary_obstacles(other, point, here.holding) if self._nearby else NO_OBSTACLES
+        if known == NO_OBSTACLES:
             return None
         request = known.added_to(self._request(goal, speed))
         for clearance_m, mode in product(PATH_CLEARANCES_M, (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):

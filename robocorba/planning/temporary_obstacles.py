@@ -84,3 +84,6 @@ class TemporaryObstacles(NamedTuple):
                 for name in self.near_line(here.floor, [(here.x, here.y), (there.x, there.y)], request.radius):
                     found[here.floor, name] = Blocker("object", here.floor, name, "stands in the way now")
         return list(found.values())
+
+
+NO_OBSTACLES = TemporaryObstacles()

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from robocorba.kinematics.smartpal import BASE_LIMITS
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.planning.request import Place
-from robocorba.planning.temporary_obstacles import TemporaryObstacles
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.programs.arm_checks import ArmChecks, KnownArms
 from robocorba.programs.base_checks import BaseChecks, KnownBase, Planner
 from robocorba.programs.hands import Kinematics
@@ -48,7 +48,7 @@ class Start(NamedTuple):
     place: Place | None = None
     heading: float | None = None
     joints: Floats | None = None
-    obstacles: TemporaryObstacles = TemporaryObstacles()
+    obstacles: TemporaryObstacles = NO_OBSTACLES
 
 
 UNKNOWN_START = Start()
