@@ -47,16 +47,22 @@ FLOOR_CHECK_S = 0.05
 
 
 class Checker:
-    """Checks a program from the robot's present state, with the objects around it. Thread-safe: simultaneous checks
-    don't wait for each other, so that one whose planner hangs delays no other."""
+    """Checks a program from the robot's present state, with the objects and robots around it. Thread-safe: simultaneous
+    checks don't wait for each other, so that one whose planner hangs delays no other."""
 
     def __init__(self, planner: Planner) -> None:
         self._planner = planner
         InverseKinematics()  # compiles its kernels
 
-    def __call__(self, wanted: Program, state: AgentState, objects: TemporaryObstacles = NO_OBSTACLES) -> CheckReport:
+    def __call__(
+        self,
+        wanted: Program,
+        state: AgentState,
+        objects: TemporaryObstacles = NO_OBSTACLES,
+        robots: TemporaryObstacles = NO_OBSTACLES,
+    ) -> CheckReport:
         at = state.at
-        start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints, objects)
+        start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints, objects, robots)
         # Kinematics of its own: they are not thread-safe, and are built in 3 ms.
         return check(wanted, InverseKinematics(), self._planner, start)
 
@@ -97,7 +103,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         nearby = PoolNearby(follower.pool, settings.name)
 
         def check_now(wanted: Program, state: AgentState) -> CheckReport:
-            return checker(wanted, state, nearby.movable_objects(session.latest.holding))
+            objects = nearby.movable_objects(session.latest.holding)
+            return checker(wanted, state, objects, nearby.parked_robots())
 
         agent = ControlAgent(AdaptorContext(settings.name, session, orb), planner, others, check_now, ticks, nearby)
         stack.callback(agent.close)

@@ -39,6 +39,13 @@ def movable_objects(
     return TemporaryObstacles(areas, (snapshot.floor,) if is_complete else (), names)
 
 
+def parked_robots(snapshot: FloorSnapshot, robot: str) -> TemporaryObstacles:
+    """The other robots on the floor that stand still, at their full size."""
+    others = [other for other in snapshot.robots if other.name != robot and not _drives(other)]
+    areas = tuple((snapshot.floor, _disc(other, other.radius_m)) for other in others)
+    return TemporaryObstacles(areas, names=tuple(other.name for other in others))
+
+
 def temporary_obstacles(
     snapshot: FloorSnapshot,
     robot: str,
@@ -56,19 +63,25 @@ def temporary_obstacles(
         return TemporaryObstacles()
     near = [found.robot for found in snapshot.robots_near(own.x, own.y, NEAR_M)]
     kept_free = [(own.x, own.y), *([goal] if goal else ())]
-    blocking = [other for other in near if other.name == also or math.hypot(other.vx, other.vy) < STATIONARY_M_S][
-        : policy.max_robots
-    ]
+    blocking = [other for other in near if other.name == also or not _drives(other)][: policy.max_robots]
     objects = movable_objects(snapshot, robot, held, policy)
-    discs = tuple((snapshot.floor, _disc(other, kept_free, own.radius_m)) for other in blocking)
+    discs = tuple((snapshot.floor, _disc_beside(other, kept_free, own.radius_m)) for other in blocking)
     names = tuple(other.name for other in blocking)
     return objects._replace(forbidden_areas=discs + objects.forbidden_areas, names=names + objects.names)
 
 
-def _disc(other: FloorEntity, kept_free: Sequence[XY], radius_m: float) -> tuple[XY, ...]:
+def _drives(robot: FloorEntity) -> bool:
+    return math.hypot(robot.vx, robot.vy) >= STATIONARY_M_S
+
+
+def _disc_beside(other: FloorEntity, kept_free: Sequence[XY], radius_m: float) -> tuple[XY, ...]:
     """A polygon around a robot with CLEARANCE_M; smaller if a robot of `radius_m` at these points would overlap it."""
     nearest_m = min(math.dist((other.x, other.y), point) for point in kept_free)
     corner_m = (other.radius_m + CLEARANCE_M) / math.cos(math.pi / CORNERS)
     corner_m = max(min(corner_m, nearest_m - radius_m - MIN_CLEARANCE_M), other.radius_m / 2)
+    return _disc(other, corner_m)
+
+
+def _disc(other: FloorEntity, corner_m: float) -> tuple[XY, ...]:
     angles = [math.tau * corner / CORNERS for corner in range(CORNERS)]
     return tuple((other.x + corner_m * math.cos(angle), other.y + corner_m * math.sin(angle)) for angle in angles)

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from robocorba.errors.paths import InvalidPoint, NotFree, PathError, UnknownFloor
 from robocorba.planning.request import Path, PathRequest, Place, RouteMode
-from robocorba.planning.temporary_obstacles import TemporaryObstacles
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.programs.icons import Gripper, HandOver, Icon, MbaseBy, MbasePath, MbaseTo, MbaseVelocity, MoveTable
 from robocorba.programs.report import CheckReport
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M
@@ -52,10 +52,17 @@ class KnownBase:
 class BaseChecks:
     """Tracks the base through a program, and reports impossible drives. Without a planner it only tracks.
 
-    obstacles: objects where they stand at the start; those that the program moves are ignored from then on."""
+    obstacles: objects where they stand at the start; those that the program moves are ignored from then on.
+    robots: other robots that stand still; they may have left when this robot comes, so a target there is only noted."""
 
-    def __init__(self, report: CheckReport, planner: Planner | None, obstacles: TemporaryObstacles) -> None:
-        self._report, self._planner, self._obstacles = report, planner, obstacles
+    def __init__(
+        self,
+        report: CheckReport,
+        planner: Planner | None,
+        obstacles: TemporaryObstacles = NO_OBSTACLES,
+        robots: TemporaryObstacles = NO_OBSTACLES,
+    ) -> None:
+        self._report, self._planner, self._obstacles, self._robots = report, planner, obstacles, robots
 
     def after(self, path: str, icon: Icon, base: KnownBase) -> KnownBase:
         """The base after an icon that contains no others."""
@@ -84,6 +91,7 @@ class BaseChecks:
                 self._report.add_note(path, "the start of the drive is unknown: checked from the last known point")
             if self._path_m(path, base.place or goal, goal, RouteMode.SMOOTHED, "x, y") is None:
                 return base.with_unknown_pose()
+            self._note_robots(path, goal)
         return KnownBase(goal, icon.heading, is_known=True)
 
     def _straight_to(self, path: str, icon: MbaseTo, base: KnownBase) -> KnownBase:
@@ -126,7 +134,12 @@ class BaseChecks:
             blocking = " and ".join(self._obstacles.near_line(goal.floor, ends, SMARTPAL_RADIUS_M)) or "an obstacle"
             self._report.add_finding(path, parameter, f"the straight line {line} is blocked by {blocking}")
             return False
+        self._note_robots(path, goal)
         return True
+
+    def _note_robots(self, path: str, goal: Place) -> None:
+        for name in self._robots.near_line(goal.floor, [(goal.x, goal.y)], SMARTPAL_RADIUS_M):
+            self._report.add_note(path, f"robot {name} stands at its target now")
 
     def _path_m(self, path: str, start: Place, goal: Place, mode: RouteMode, parameter: str) -> float | None:
         """Length of the path [m]; reports that there is none, and returns None."""

@@ -10,6 +10,7 @@ from robocorba.collision_avoidance.temporary_obstacles import (
     CLEARANCE_M,
     MIN_CLEARANCE_M,
     movable_objects,
+    parked_robots,
     temporary_obstacles,
 )
 from robocorba.control.base import PATH_CLEARANCES_M
@@ -57,6 +58,13 @@ def test_movable_objects_without_the_held_one() -> None:
     (held,) = [thing.name for thing in seen.objects() if thing.is_movable]
     assert movable_objects(seen, "A", held) == TemporaryObstacles((), ("L1",))
     assert movable_objects(seen, "nobody") == TemporaryObstacles()
+
+
+def test_parked_robots_in_full_size() -> None:
+    found = parked_robots(seen_by_a(1.83), "A")
+    assert found.names == ("B0",)
+    disc = Polygon(found.forbidden_areas[0][1])
+    assert disc.area == pytest.approx(Point(0.0, 0.0).buffer(RADIUS_M).area, rel=0.05)
 
 
 def test_the_robot_is_outside_the_area_of_a_near_robot() -> None:

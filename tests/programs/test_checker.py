@@ -339,6 +339,17 @@ def test_an_object_is_named_where_it_stands_now(base: Callable[..., CheckReport]
     assert straight.reason.endswith("is blocked by table 1")
 
 
+def test_a_robot_at_a_target_is_noted(base: Callable[..., CheckReport]) -> None:
+    (disc,) = moved_to(17, 2).obstacles.forbidden_areas
+    start = LOBBY._replace(robots=TemporaryObstacles((disc,), (), ("R2",)))
+    report = base(lambda a: a.mbase_path("L1", 17.5, 2.5).mbase_to(17, 1.2).mbase_to(17, 4), start)
+    assert report.is_valid
+    assert [(note.icon, note.what) for note in report.notes if note.icon] == [
+        ("icons[0]", "robot R2 stands at its target now"),
+        ("icons[1]", "robot R2 stands at its target now"),
+    ]
+
+
 def test_an_object_that_was_moved_is_no_more_where_the_map_has_it(base: Callable[..., CheckReport]) -> None:
     def build(a: ProgramBuilder) -> None:
         a.mbase_path("L1", 29.6, 2.2)  # the place of cafe-table-2

@@ -6,7 +6,7 @@ import { live } from "/static/live.js";
 
 // Time from the last change to the check [ms].
 const CHECK_MS = 400;
-// Objects that moved farther than this since the last check are a reason for another one [m], after this time [ms].
+// Bodies that moved farther than this since the last check are a reason for another one [m], after this time [ms].
 const MOVED_M = 0.05, MOVED_MS = 5000;
 
 // The state that the methods keep in the component.
@@ -40,7 +40,7 @@ export const checking = {
     if (!this.schema) return;
     const revision = this.revision, robot = this.robot, icons = this.completeIcons();
     this.checkedAt = this.placeOf(robot);
-    this.checkedObjects = this.objectsAround(robot);
+    this.checkedBodies = this.bodiesAround(robot);
     this.checkedTime = performance.now();
     if (!icons.length) {
       this.findings = [];
@@ -67,23 +67,23 @@ export const checking = {
     if (this.robotRow.condition !== "idle" || !this.isChecked) return;
     const at = this.placeOf(this.robot);
     if (at !== this.checkedAt || (this.checkProblem && !this.robotRow.problem)) this.checkSoon();
-    else if (this.haveObjectsMoved()) this.check();
+    else if (this.haveBodiesMoved()) this.check();
   },
-  // Places of the movable objects on a robot's floor by name; null until the floor's first news.
-  objectsAround(robot) {
+  // Places of the bodies around a robot on its floor by number; null until the floor's first news.
+  bodiesAround(robot) {
     const name = this.rows[robot]?.state?.at.floor;
     if (!name) return null;
     if (this.watchedFloor !== name) live.want(this, { floors: [name] });
     this.watchedFloor = name;
     const floor = live.floor(name);
     if (!floor.receivedAt) return null;
-    const objects = [...floor.bodies.values()].filter((body) => body.kind === "object");
-    return new Map(objects.map(({ name, x, y }) => [name, { x, y }]));
+    const others = [...floor.bodies.values()].filter((body) => body.name !== robot);
+    return new Map(others.map(({ number, x, y }) => [number, { x, y }]));
   },
-  haveObjectsMoved() {
-    const now = this.objectsAround(this.robot), before = (this.checkedObjects ??= now);
+  haveBodiesMoved() {
+    const now = this.bodiesAround(this.robot), before = (this.checkedBodies ??= now);
     if (!now || document.hidden || performance.now() - this.checkedTime < MOVED_MS) return false;
-    const moved = ([name, { x, y }]) => !(Math.hypot(x - before.get(name)?.x, y - before.get(name)?.y) <= MOVED_M);
+    const moved = ([key, { x, y }]) => !(Math.hypot(x - before.get(key)?.x, y - before.get(key)?.y) <= MOVED_M);
     return now.size !== before.size || [...now].some(moved);
   },
   // Where a robot stands and how its arms are, in steps that matter for a check.
