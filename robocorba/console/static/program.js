@@ -201,6 +201,7 @@ export default {
   },
   unmounted() {
     this.unlisten();
+    live.want(this);
     this.run.close();
     clearTimeout(this.checkTimer);
     clearTimeout(this.noteTimer);
