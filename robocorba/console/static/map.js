@@ -232,7 +232,7 @@ export default {
     updateSelection() {
       const { from, to } = this.renamed;
       const now = (id) => (id === from && !this.elements.get(id) ? to : id);
-      const records = current(this.selected.map(now), this.elements);
+      const records = this.isLoaded() ? current(this.selected.map(now), this.elements) : [];
       this.selected = records.map(idOf);
       this.layer.selected = records;
       this.layer.handles = records.length === 1 && this.tool === "select" ? handlesOf(records[0]) : [];
