@@ -187,6 +187,8 @@ export class FloorCanvas {
     this.canvas.focus({ preventScroll: true });
     this.canvas.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    // A second finger pans and zooms: what the first one has begun ends.
+    if (this.drag === "owner") this.handlers.pointer?.("cancel", event, this.point(event), this);
     const isMiddle = event.button === 1 || event.button === 2;
     const isTaken = !isMiddle && this.pointers.size === 1
       && this.handlers.pointer?.("down", event, this.point(event), this) === true;

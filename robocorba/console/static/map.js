@@ -5,7 +5,7 @@ import { fileMethods, FilesPanel } from "/static/map_files.js";
 import { MapForm } from "/static/map_form.js";
 import { MapHands } from "/static/map_hands.js";
 import { MapLayer } from "/static/map_layer.js";
-import { handlesOf, idOf } from "/static/map_model.js";
+import { copyOf, handlesOf, idOf } from "/static/map_model.js";
 import { EditsPanel, FindingsPanel, PathsPanel } from "/static/map_panels.js";
 import { planningMethods } from "/static/map_planning.js";
 import { ALIGNMENTS, alignEdits, changeOf, current, duplicateEdits, removeEdits } from "/static/map_selection.js";
@@ -79,7 +79,7 @@ export default {
             <template v-if="records.length <= 1 && shownRecord">
               <h2 class="console-heading">{{ shownRecord.kind }} {{ shownRecord.name }}</h2>
               <map-form :key="formKey" :forms="forms" :record="shownRecord" :names="names" :note="note"
-                  @change="changeMembers" @rename="rename"></map-form>
+                  @change="changeMember" @rename="rename"></map-form>
             </template>
             <template v-else-if="records.length > 1">
               <h2 class="console-heading">{{ records.length }} selected: {{ countText }}</h2>
@@ -141,6 +141,9 @@ export default {
     this.session = new MapSession(() => this.update(), (text, isProblem) => this.say(text, isProblem));
     this.hands = new MapHands(this);
     this.elements = this.layer.elements = this.session.elements;
+    // The element that was renamed last, {from, to} as ids; and what the form shows, which stays in it then.
+    this.renamed = { from: "", to: "" };
+    this.formId = "";
     this.author = this.session.author;
   },
   mounted() {
@@ -160,6 +163,8 @@ export default {
   unmounted() {
     this.unlisten();
     for (const [name, listener] of Object.entries(this.listeners)) window.removeEventListener(name, listener);
+    this.isClosed = true;
+    this.hands.leave();
     clearTimeout(this.messageTimer);
     clearTimeout(this.formsTimer);
     this.session.end();
@@ -193,7 +198,16 @@ export default {
       if (!live.isConnected) this.overlay = "the console does not answer; reconnecting";
       else if (live.problems.map) this.overlay = live.problems.map;
       else if (this.session.problem) this.overlay = this.session.problem;
-      else this.overlay = this.current && !this.canvas.plan ? "loading the map" : "";
+      else this.overlay = this.current && !(this.canvas.plan && this.isLoaded()) ? "loading the map" : "";
+    },
+    // Whether the elements are those of the floor that is shown.
+    isLoaded() {
+      return this.elements.floor === this.current;
+    },
+    // Whether one can edit the floor; tells why not.
+    isReady() {
+      if (!this.current) this.say("there is no floor yet: add one with +");
+      return this.current !== "" && this.isLoaded();
     },
     // The session has new elements, or something to undo.
     update() {
@@ -205,22 +219,29 @@ export default {
       const floors = this.elements.of("floor").sort((a, b) => a.members.level - b.members.level);
       this.floors = floors.map((each) => each.name);
       if (this.floors.length && !this.floors.includes(this.current)) {
-        this.show(this.floors.includes(this.wanted) ? this.wanted : this.floors[0]);
+        const { from, to } = this.renamed;
+        const newName = from === `floor/${this.current}` ? to.slice("floor/".length) : "";
+        this.show(this.floors.includes(newName) ? newName : this.floors[0]);
       }
       const namesOf = (kind) => this.elements.of(kind).map((each) => each.name);
-      this.names = { floor: namesOf("floor"), node: namesOf("node"), elevator: namesOf("elevator") };
+      const names = { floor: namesOf("floor"), node: namesOf("node"), elevator: namesOf("elevator") };
+      if (JSON.stringify(names) !== JSON.stringify(this.names)) this.names = names;
       this.updateOverlay();
       this.updateSelection();
     },
     updateSelection() {
-      const records = current(this.selected, this.elements);
+      const { from, to } = this.renamed;
+      const now = (id) => (id === from && !this.elements.get(id) ? to : id);
+      const records = this.isLoaded() ? current(this.selected.map(now), this.elements) : [];
       this.selected = records.map(idOf);
       this.layer.selected = records;
       this.layer.handles = records.length === 1 && this.tool === "select" ? handlesOf(records[0]) : [];
       this.records = records;
       const floor = this.elements.get(`floor/${this.current}`);
       this.shownRecord = records[0] ?? floor ?? null;
-      this.formKey += 1;
+      const id = this.shownRecord ? idOf(this.shownRecord) : "";
+      if (id !== this.formId && !(this.formId === from && id === to)) this.formKey += 1;
+      this.formId = id;
       this.canvas?.redraw();
     },
     say(text, isProblem = false) {
@@ -232,9 +253,9 @@ export default {
     // ---- view ----
 
     show(floor) {
+      this.hands.leave();
       this.current = floor;
       this.canvas.floor = null;
-      this.layer.draft = [];
       this.layer.ghosts = [];
       this.select([]);
       this.session.refresh(floor);
@@ -251,6 +272,7 @@ export default {
       this.$refs.canvas.focus({ preventScroll: true });
     },
     select(ids) {
+      this.hands.flush();
       this.selected = ids;
       this.note = "";
       if (ids.length && this.panel !== "findings") this.panel = "element";
@@ -264,6 +286,7 @@ export default {
       try {
         this.forms = await call("map_forms");
       } catch {
+        if (this.isClosed) return;
         this.formsTimer = setTimeout(() => this.loadForms(), 2000);
       }
     },
@@ -289,7 +312,15 @@ export default {
       } else if (answer?.refused) {
         this.showRefusal(answer.refused);
       }
+      if (!answer?.version) this.resetForm();
       this.updateSelection();
+    },
+    // Show what the server has instead of what was typed and refused; the focus stays in its field.
+    resetForm() {
+      const fields = () => [...this.$el.querySelectorAll(".map-form :is(input, select, button)")];
+      const at = fields().indexOf(document.activeElement);
+      this.formKey += 1;
+      if (at >= 0) this.$nextTick(() => fields()[at]?.focus());
     },
     showRefusal(refused) {
       const { stale } = refused;
@@ -305,27 +336,38 @@ export default {
     },
     async createDrawn(tool, points) {
       const make = () => editsOf(tool, points, this.elements, this.options);
+      const { floor } = this.elements;
+      const isLeft = () => floor !== this.current;
       let edits = make();
       if (!edits.length) return;
       let answer = await this.commit(edits);
-      if (answer?.refused?.taken) {
+      if (answer?.refused?.taken && !isLeft()) {
         edits = make(); // somebody else has used a name meanwhile
         answer = await this.commit(edits);
       }
-      if (!answer?.version) return;
+      if (!answer?.version || isLeft()) return;
       if (tool.name !== "outline") this.select(edits.map(idOf));
     },
-    changeMembers(members) {
-      this.commit([changeOf(this.shownRecord, members)]);
+    // The record as it is after moves by keys that are under way.
+    async latest(record) {
+      await this.hands.flush();
+      const now = this.elements.get(idOf(record));
+      return now?.floor === record.floor ? now : record;
+    },
+    async changeMember(name, value) {
+      const record = await this.latest(this.shownRecord);
+      this.commit([changeOf(record, { ...copyOf(record.members), [name]: value })]);
     },
     async rename(name) {
-      const record = this.shownRecord;
+      const record = await this.latest(this.shownRecord);
+      this.renamed = { from: idOf(record), to: idOf({ ...record, name }) };
       const answer = await this.commit([{ ...record, do: "rename", to: name, members: undefined }]);
       if (!answer?.version) return;
       if (record.kind === "floor") this.show(name);
       else this.select([idOf({ ...record, name })]);
     },
-    removeSelected() {
+    async removeSelected() {
+      await this.hands.flush();
       const { edits, kept } = removeEdits(current(this.selected, this.elements));
       if (kept.length) {
         const names = kept.map((node) => node.name).join(", ");
@@ -335,19 +377,25 @@ export default {
       this.commit(edits);
     },
     async duplicateSelected() {
+      await this.hands.flush();
       const records = current(this.selected, this.elements);
       if (!records.length) return;
       const edits = duplicateEdits(records, this.elements, this.step);
       const answer = await this.commit(edits);
-      if (answer?.version) this.select(edits.map(idOf));
+      if (!answer?.version) return;
+      this.select(edits.map(idOf));
+      this.$refs.canvas.focus({ preventScroll: true }); // arrow keys move the copies
     },
-    align(how) {
+    async align(how) {
+      await this.hands.flush();
       this.commit(alignEdits(current(this.selected, this.elements), this.elements, how));
     },
     async undo() {
+      await this.hands.flush();
       this.takeAnswer(await this.session.undo());
     },
     async redo() {
+      await this.hands.flush();
       this.takeAnswer(await this.session.redo());
     },
 

@@ -12,7 +12,7 @@ const MAX_BYTES = 5.5 * 1024 * 1024;
 
 export const FilesPanel = {
   props: { floor: String, version: Number, underlay: Object },
-  emits: ["replace", "underlay", "roads"],
+  emits: ["replace", "underlay"],
   template: `
     <div class="map-files">
       <h3 class="console-heading">Export</h3>
@@ -68,8 +68,7 @@ export const FilesPanel = {
   data() {
     return {
       formats: FORMATS, format: "native", resolution: 0.05, image: "pgm", unknown: "blocked", specks: "walls",
-        topology: false,
-      busy: "", exported: null, found: null, problem: "", pictureProblem: "", files: null,
+      topology: false, busy: "", exported: null, found: null, problem: "", pictureProblem: "", files: null, turn: 0,
       placing: [["x", "left m"], ["y", "lower edge m"], ["resolution", "m per pixel"]],
     };
   },
@@ -89,33 +88,35 @@ export const FilesPanel = {
       }
     },
     async read(list) {
+      const turn = ++this.turn; // answers for files and options of an earlier turn are dropped
       this.files = null;
       this.found = null;
       this.problem = "";
+      this.busy = "";
       const files = [...list];
       if (!files.length) return;
       if (files.reduce((sum, file) => sum + file.size, 0) > MAX_BYTES) {
         this.problem = "these files have more than 5.5 MiB; use `robocorba map import` instead";
         return;
       }
-      this.files = {};
-      for (const file of files) this.files[file.name] = await base64(file);
+      try {
+        const contents = await Promise.all(files.map(base64));
+        if (turn !== this.turn) return;
+        this.files = Object.fromEntries(files.map((file, n) => [file.name, contents[n]]));
+      } catch (error) {
+        if (turn === this.turn) this.problem = error.message;
+        return;
+      }
       await this.again();
     },
     async again() {
       if (!this.files) return;
-      this.busy = "read";
-      this.found = null;
-      this.problem = "";
-      try {
-        const { unknown, specks, topology } = this;
-        this.found = await call("map_read_files", { files: this.files, unknown, specks, topology });
-        this.readAt = this.version;
-      } catch (error) {
-        this.problem = error.message;
-      } finally {
-        this.busy = "";
-      }
+      const turn = ++this.turn;
+      const { files, unknown, specks, topology, version } = this;
+      Object.assign(this, { busy: "read", found: null, problem: "" });
+      const answer = await call("map_read_files", { files, unknown, specks, topology }).then(
+        (found) => ({ found, readAt: version }), (error) => ({ problem: error.message }));
+      if (turn === this.turn) Object.assign(this, { busy: "", ...answer });
     },
     replace() {
       this.$emit("replace", { document: this.found.document, version: this.readAt });
@@ -124,8 +125,16 @@ export const FilesPanel = {
     async readPicture(file) {
       this.pictureProblem = "";
       if (!file) return;
-      if (file.size > MAX_BYTES) this.pictureProblem = "the picture has more than 5.5 MiB";
-      else this.$emit("underlay", { x: 0, y: 0, resolution: 0.05, ...this.underlay, picture: await base64(file) });
+      if (file.size > MAX_BYTES) {
+        this.pictureProblem = "the picture has more than 5.5 MiB";
+        return;
+      }
+      try {
+        const picture = await base64(file);
+        this.$emit("underlay", { x: 0, y: 0, resolution: 0.05, ...this.underlay, picture });
+      } catch (error) {
+        this.pictureProblem = error.message;
+      }
     },
     place(key, target) {
       if (Number.isFinite(target.valueAsNumber)) this.$emit("underlay", { ...this.underlay,

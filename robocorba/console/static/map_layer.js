@@ -26,7 +26,7 @@ export class MapLayer {
 
   above(context, canvas) {
     const { elements } = this;
-    if (!elements) return;
+    if (elements?.floor !== canvas.plan.name) return; // it is being loaded
     this.drawPaths(context, canvas);
     for (const node of elements.of("node")) if (node.members.elevator) this.drawCabinNode(context, canvas, node);
     for (const record of this.selected) this.drawOutline(context, canvas, record, 3);
@@ -163,7 +163,7 @@ export class MapLayer {
   }
 
   labels(context, canvas) {
-    if (!this.elements) return;
+    if (this.elements?.floor !== canvas.plan.name) return;
     const { colors } = canvas;
     const write = (text, [px, py], color) => {
       context.lineWidth = 3;

@@ -5,7 +5,6 @@ import { nearestOn } from "/static/segments.js";
 const PREFIXES = { wall: "w", object: "item ", door: "d", area: "room ", node: "n", elevator: "E", floor: "L",
   edge: "e" };
 const CIRCLE_POINTS = 32;
-export const MOVABLE_KINDS = ["wall", "object", "door", "area", "node", "elevator"];
 
 export const idOf = (record) => `${record.kind}/${record.name}`;
 export const copyOf = (value) => JSON.parse(JSON.stringify(value));

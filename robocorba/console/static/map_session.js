@@ -20,9 +20,16 @@ export class MapSession {
     // The promise of the load that is under way, and whether it must load once more.
     this.loading = null;
     this.isWaiting = false;
+    // The promise of a session that is being opened.
+    this.opening = null;
   }
 
-  async open() {
+  open() {
+    this.opening ??= this.openNew().finally(() => (this.opening = null));
+    return this.opening;
+  }
+
+  async openNew() {
     const { session, version } = await call("map_open", { author: this.author });
     this.key = session;
     if (!this.version) this.version = version;
@@ -44,10 +51,14 @@ export class MapSession {
   }
 
   async rename(author) {
-    this.author = author.trim().slice(0, 60) || "operator";
+    const wanted = author.trim().slice(0, 60) || "operator";
+    if (wanted === this.author) return;
+    const hadEdits = this.undoable || this.redoable;
+    this.author = wanted;
     localStorage.setItem(AUTHOR, this.author);
     this.close();
     await this.refresh();
+    if (hadEdits) this.say(`you are ${wanted} now; what you did under your former name can't be undone any more`);
   }
 
   // Load elements and news as they are now; calls while a load is under way share one more load after it.
@@ -83,11 +94,12 @@ export class MapSession {
   // Call an operation of the session; a session that the console has ended, or forgot in a restart, is opened again.
   async inSession(operation, argument) {
     if (!this.key) await this.open();
+    const { key } = this;
     try {
-      return await call(operation, { session: this.key, ...argument() });
+      return await call(operation, { session: key, ...argument() });
     } catch (error) {
       if (!error.message.startsWith(ENDED)) throw error;
-      await this.open();
+      if (this.key === key) await this.open(); // else another call has opened one meanwhile
       return call(operation, { session: this.key, ...argument() });
     }
   }

@@ -89,6 +89,7 @@ export function editsOf(tool, points, elements, options) {
       return elevator(points[0], elements, create, options);
     case "outline": {
       const record = elements.get(`floor/${floor}`);
+      if (!record) return [];
       return [{ ...record, do: "change", members: { ...record.members, outline: points } }];
     }
     default:
