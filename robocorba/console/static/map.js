@@ -2,7 +2,7 @@
 import { FloorCanvas } from "/static/floor_canvas.js";
 import { call, live } from "/static/live.js";
 import { fileMethods, FilesPanel } from "/static/map_files.js";
-import { MapForm } from "/static/map_form.js";
+import { MapForm, shown } from "/static/map_form.js";
 import { MapHands } from "/static/map_hands.js";
 import { MapLayer } from "/static/map_layer.js";
 import { copyOf, handlesOf, idOf } from "/static/map_model.js";
@@ -22,6 +22,7 @@ const MESSAGE_MS = 8000;
 
 export default {
   components: { EditsPanel, FilesPanel, FindingsPanel, MapForm, PathsPanel },
+  directives: { shown },
   template: `
     <div class="console-split map-page">
       <section class="map-main">
@@ -34,7 +35,9 @@ export default {
               :title="undoable ? 'Undo: ' + undoable : 'Nothing of yours to undo'" aria-label="Undo" @click="undo" />
           <q-btn flat dense icon="redo" :disable="!redoable"
               :title="redoable ? 'Redo: ' + redoable : 'Nothing of yours to redo'" aria-label="Redo" @click="redo" />
-          <label class="map-author" title="Others see this name beside your edits">as <input :value="author"
+          <span class="map-saved" title="Every edit is saved at once. Undo takes yours back."
+              ><q-icon :name="saving ? 'sync' : 'cloud_done'" size="16px" /> {{ saving ? "saving" : "saved" }}</span>
+          <label class="map-author" title="Others see this name beside your edits">as <input v-shown="author"
               maxlength="60" aria-label="Your name" @change="setAuthor($event.target)"></label>
         </div>
         <div class="map-work">
@@ -56,7 +59,7 @@ export default {
                   :key="each">{{ each }}</option></select></label>
               <label v-if="kind === 'elevator'">doors <select v-model="options.side"><option v-for="each in sides"
                   :key="each">{{ each }}</option></select></label>
-              <span class="map-help">{{ toolDefinition.help }}</span>
+              <span class="map-help">{{ help }}</span>
             </div>
             <div class="console-tools">
               <q-btn dense round color="primary" icon="fit_screen" aria-label="Show the whole floor"
@@ -119,6 +122,8 @@ export default {
       options: { isMovable: false, isOneWay: false, doorKind: "sliding", side: "front" },
       selected: [], records: [], shownRecord: null, note: "", formKey: 0, names: {}, undoable: "", redoable: "",
       news: [],
+      // Points of the half-drawn element, and edits that are not answered yet.
+      drawn: 0, saving: 0,
       found: null, refused: null, chosenFinding: -1, isChecking: false, radius: 0.4, overlay: "connecting",
       paths: [], ends: [], chosenPath: "smoothed", isPlanning: false, underlay: null, message: { text: "" },
     };
@@ -129,6 +134,11 @@ export default {
     },
     kind() {
       return this.toolDefinition.kind;
+    },
+    help() {
+      const { help, next } = this.toolDefinition;
+      const isBegun = this.tool === "path" ? this.ends.length === 1 : this.drawn > 0;
+      return isBegun && next ? next : help;
     },
     countText() {
       const counts = new Map();
@@ -265,7 +275,7 @@ export default {
     setTool(name) {
       this.tool = name;
       this.layer.tool = toolOf(name);
-      this.layer.draft = [];
+      this.hands.draft = [];
       this.layer.cursor = null;
       if (name === "path") this.panel = "paths";
       this.updateSelection();
@@ -299,10 +309,19 @@ export default {
       this.canvas.isFitted = false; // the view stays as it is while one edits
       this.layer.ghosts = edits.filter((edit) => edit.members);
       this.canvas.redraw();
-      const answer = await this.session.edit(edits);
+      const answer = await this.saved(this.session.edit(edits));
       if (!answer?.version) this.layer.ghosts = [];
       this.takeAnswer(answer);
       return answer;
+    },
+    // The answer to an edit, which is shown as under way until then.
+    async saved(answer) {
+      this.saving += 1;
+      try {
+        return await answer;
+      } finally {
+        this.saving -= 1;
+      }
     },
     takeAnswer(answer) {
       this.note = "";
@@ -346,7 +365,9 @@ export default {
         answer = await this.commit(edits);
       }
       if (!answer?.version || isLeft()) return;
-      if (tool.name !== "outline") this.select(edits.map(idOf));
+      // Of a room its area, which is given a name in the form.
+      const chosen = tool.name === "room" ? edits.filter((edit) => edit.kind === "area") : edits;
+      if (tool.name !== "outline") this.select(chosen.map(idOf));
     },
     // The record as it is after moves by keys that are under way.
     async latest(record) {
@@ -392,11 +413,11 @@ export default {
     },
     async undo() {
       await this.hands.flush();
-      this.takeAnswer(await this.session.undo());
+      this.takeAnswer(await this.saved(this.session.undo()));
     },
     async redo() {
       await this.hands.flush();
-      this.takeAnswer(await this.session.redo());
+      this.takeAnswer(await this.saved(this.session.redo()));
     },
 
     // ---- floors ----
@@ -419,7 +440,8 @@ export default {
       if (answer?.version) this.say(`floor ${floor.name} is removed; undo brings it back`);
     },
     async buildRoads() {
-      const isMade = await this.session.changeWhole("map_build_roads", { floor: this.current, radius: this.radius });
+      const isMade = await this.saved(this.session.changeWhole("map_build_roads",
+        { floor: this.current, radius: this.radius }));
       if (isMade) this.say("roads generated");
     },
 

@@ -2,6 +2,7 @@
 // for it.
 import { download } from "/static/download.js";
 import { call } from "/static/live.js";
+import { shown } from "/static/map_form.js";
 
 const FORMATS = [
   { name: "native", title: "RoboCorba map (.yaml)" }, { name: "openrmf", title: "Open-RMF (.building.yaml)" },
@@ -11,6 +12,7 @@ const FORMATS = [
 const MAX_BYTES = 5.5 * 1024 * 1024;
 
 export const FilesPanel = {
+  directives: { shown },
   props: { floor: String, version: Number, underlay: Object },
   emits: ["replace", "underlay"],
   template: `
@@ -59,7 +61,7 @@ export const FilesPanel = {
           aria-label="Picture below the floor" @change="readPicture($event.target.files[0])"></div>
       <template v-if="underlay">
         <label v-for="[key, title] in placing" :key="key" class="map-field"><span>{{ title }}</span>
-          <input type="number" step="any" :value="underlay[key]" @change="place(key, $event.target)"></label>
+          <input v-shown="underlay[key]" type="number" step="any" @change="place(key, $event.target)"></label>
         <div class="console-actions"><q-btn dense no-caps outline icon="delete" label="Remove the picture"
             @click="$emit('underlay', null)" /></div>
       </template>
@@ -147,7 +149,7 @@ export const FilesPanel = {
 // Methods of the map page.
 export const fileMethods = {
   async replace({ document, version }) {
-    const isMade = await this.session.changeWhole("map_replace", { document, version });
+    const isMade = await this.saved(this.session.changeWhole("map_replace", { document, version }));
     if (isMade) this.say("the building is replaced; undo brings the old one back");
   },
   async loadUnderlay() {

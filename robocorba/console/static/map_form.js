@@ -7,8 +7,8 @@ const NEW_SHAPES = {
   polygon: { kind: "polygon", points: [[0, 0], [1, 0], [0, 1]] },
 };
 
-// The value of a field, which does not replace what a user is typing there: edits of others come in meanwhile.
-const shown = {
+// v-shown: the value of a field, which does not replace what a user is typing there: edits of others come in meanwhile.
+export const shown = {
   mounted(field, { value }) {
     field.value = field.shownText = String(value);
   },

@@ -36,6 +36,7 @@ export class MapHands {
 
   set draft(points) {
     this.page.layer.draft = points;
+    this.page.drawn = points.length;
     this.page.canvas.redraw();
   }
 
@@ -191,9 +192,17 @@ export class MapHands {
   // ---- keys ----
 
   key(event) {
-    if (event.defaultPrevented || event.target.closest?.(FIELDS)) return;
+    if (event.defaultPrevented) return;
+    if (event.target.closest?.(FIELDS)) return this.keyInField(event);
     if (BUTTON_KEYS.includes(event.key) && event.target.closest?.(BUTTONS)) return;
     if (this.act(event)) event.preventDefault();
+  }
+
+  // Escape leaves a field of the page without a change.
+  keyInField({ key, target }) {
+    if (key !== "Escape" || !this.page.$el.contains(target)) return;
+    if (target.shownText !== undefined) target.value = target.shownText;
+    this.page.canvas.canvas.focus({ preventScroll: true });
   }
 
   act(event) {
@@ -225,12 +234,14 @@ export class MapHands {
     return false;
   }
 
+  // The first Escape ends a drag or a drawing, the next one puts the tool away, the next one deselects.
   escape() {
     const { page } = this;
     if (this.press?.edits) {
       this.press = null;
       page.layer.ghosts = [];
     } else if (this.draft.length) this.draft = [];
+    else if (page.tool === "path" && page.ends.length === 1) page.clearPath();
     else if (page.tool !== "select") page.setTool("select");
     else page.select([]);
     page.canvas.redraw();

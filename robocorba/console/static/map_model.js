@@ -2,7 +2,7 @@
 import { nearestOn } from "/static/segments.js";
 
 // What a new name of each kind begins with.
-const PREFIXES = { wall: "w", object: "item ", door: "d", area: "room ", node: "n", elevator: "E", floor: "L",
+const PREFIXES = { wall: "w", object: "object ", door: "d", area: "room ", node: "n", elevator: "E", floor: "L",
   edge: "e" };
 const CIRCLE_POINTS = 32;
 
@@ -42,10 +42,11 @@ export class Elements {
     return this.byId.get(`node/${name}`);
   }
 
-  // A name that no element of the kind has; each call gives another one.
-  newName(kind, wanted = "") {
+  // A name that no element of the kind has: `wanted`, or of a word and a number. Each call gives another one.
+  newName(kind, wanted = "", word = "") {
+    const prefix = word ? `${word} ` : PREFIXES[kind];
     for (let number = 1; ; number++) {
-      const name = wanted ? (number === 1 ? wanted : `${wanted} ${number}`) : `${PREFIXES[kind]}${number}`;
+      const name = wanted ? (number === 1 ? wanted : `${wanted} ${number}`) : `${prefix}${number}`;
       const id = `${kind}/${name}`;
       if (this.byId.has(id) || this.given.has(id)) continue;
       this.given.add(id);

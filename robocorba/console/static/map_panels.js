@@ -1,7 +1,9 @@
 // Panels beside the map: findings, paths, and the edits of all editors.
+import { shown } from "/static/map_form.js";
 import { PATH_STYLES } from "/static/map_layer.js";
 
 export const FindingsPanel = {
+  directives: { shown },
   props: { result: Object, refused: Object, chosen: Number, isBusy: Boolean, radius: Number, version: Number },
   emits: ["check", "show", "radius", "dismiss"],
   template: `
@@ -15,7 +17,7 @@ export const FindingsPanel = {
               problem.reason }}</li></ul>
       </div>
       <div class="console-actions map-line">
-        <label>robot radius <input type="number" min="0.05" max="5" step="0.05" :value="radius" class="map-number"
+        <label>robot radius <input v-shown="radius" type="number" min="0.05" max="5" step="0.05" class="map-number"
           @change="$emit('radius', $event.target.valueAsNumber || 0.4)"> m</label>
         <q-btn dense no-caps color="primary" label="Check this floor" :loading="isBusy"
             @click="$emit('check', false)" />
