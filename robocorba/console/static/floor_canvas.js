@@ -456,13 +456,14 @@ export class FloorCanvas {
       this.drawLabel(body.number, shortened(body.name, 20), body, { note, isBold, mustShow: true });
     }
     for (const body of bodies) if (body.kind === "object") this.drawLabel(body.number, shortened(body.name, 20), body);
-    for (const elevator of this.plan.elevators) this.drawAreaName(this.elevatorText(elevator.name), elevator.at);
+    for (const elevator of this.plan.elevators) this.drawAreaName(this.elevatorText(elevator), elevator.at);
     for (const area of this.plan.areas) this.drawAreaName(shortened(area.name, 24), middleOf(area.polygon));
     context.fillStyle = colors.text;
   }
 
-  // An elevator's name, where its cabin is and how many wait.
-  elevatorText(name) {
+  // An elevator's name, where its cabin is and how many wait; or that it does not stop on this floor.
+  elevatorText({ name, floors }) {
+    if (!floors.includes(this.plan.name)) return `${shortened(name, 16)}, no stop here`;
     const state = this.floor?.elevators[name];
     const text = shortened(name, 16);
     if (!state) return text;

@@ -10,6 +10,7 @@ import { EditsPanel, FindingsPanel, PathsPanel } from "/static/map_panels.js";
 import { planningMethods } from "/static/map_planning.js";
 import { ALIGNMENTS, alignEdits, changeOf, current, duplicateEdits, removeEdits } from "/static/map_selection.js";
 import { MapSession } from "/static/map_session.js";
+import { rememberView, sharedView } from "/static/shared_view.js";
 import { editsOf, toolOf, TOOLS } from "/static/map_tools.js";
 
 const GRID_STEPS = [0.05, 0.1, 0.25, 0.5, 1];
@@ -164,7 +165,6 @@ export default {
     this.listeners = {
       keydown: (event) => this.hands.key(event),
       "robocorba-colors": () => this.canvas.redraw(),
-      pagehide: () => this.session.close(),
     };
     for (const [name, listener] of Object.entries(this.listeners)) window.addEventListener(name, listener);
     this.loadForms();
@@ -172,6 +172,7 @@ export default {
   },
   unmounted() {
     this.unlisten();
+    live.want(this.layer);
     for (const [name, listener] of Object.entries(this.listeners)) window.removeEventListener(name, listener);
     this.isClosed = true;
     this.hands.leave();
@@ -190,6 +191,7 @@ export default {
         this.updateOverlay();
       }
       if (kind === "connection" || (kind === "plan" && name === this.current)) this.showPlan();
+      if (kind === "floor" && name === this.current && this.layer.takePlaces(live.floor(name))) this.canvas.redraw();
     },
     showPlan() {
       const isKnown = live.mapVersion >= this.session.version; // else the console does not follow a new floor yet
@@ -231,7 +233,7 @@ export default {
       if (this.floors.length && !this.floors.includes(this.current)) {
         const { from, to } = this.renamed;
         const newName = from === `floor/${this.current}` ? to.slice("floor/".length) : "";
-        this.show(this.floors.includes(newName) ? newName : this.floors[0]);
+        this.show([newName, sharedView.floor].find((each) => this.floors.includes(each)) ?? this.floors[0]);
       }
       const namesOf = (kind) => this.elements.of(kind).map((each) => each.name);
       const names = { floor: namesOf("floor"), node: namesOf("node"), elevator: namesOf("elevator") };
@@ -265,6 +267,9 @@ export default {
     show(floor) {
       this.hands.leave();
       this.current = floor;
+      rememberView({ floor });
+      live.want(this.layer, { floors: [floor] });
+      this.layer.places.clear();
       this.canvas.floor = null;
       this.layer.ghosts = [];
       this.select([]);
