@@ -25,7 +25,7 @@ export const COLORS = {
   dark: {
     ground: "#1a1e22", outside: "#101316", grid: "#262b31", wall: "#d8dde3", object: "#78828d", movable: "#d99152",
     door: "#56b4e9", locked: "#ff7ac6", area: "#9aa5b1", node: "#4fd1a5", edge: "#2f7d66", robot: "#56b4e9",
-    lost: "#6b737c", carried: "#e69f00", laser: "#ff9d5c", text: "#eef1f4", shaft: "#3a4149", cabin: "#8a7000",
+    lost: "#6b737c", carried: "#e69f00", laser: "#ff9d5c", text: "#eef1f4", shaft: "#3a4149", cabin: "#5c4d12",
     selected: "#ff9d5c", path: "#b79ae0", reserved: "#cc79a7", collision: "#ff7ac6", proximity: "#5fd0da",
   },
 };

@@ -225,6 +225,7 @@ export default {
     update() {
       const { session } = this;
       this.elements = this.layer.elements = session.elements;
+      if (this.current) this.layer.takePlaces(live.floor(this.current));
       Object.assign(this, { version: session.version, undoable: session.undoable, redoable: session.redoable,
         news: [...session.news] });
       if (session.whole && session.whole === session.version) this.undoable = "generated roads or an imported building";
