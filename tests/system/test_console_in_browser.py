@@ -148,6 +148,7 @@ def check_and_plan(user: Operator) -> None:
 def start_robots(user: Operator) -> None:
     user.open("Monitor")
     page = user.page
+    user.tab(re.compile("^L1"))  # the page shows the floor that was edited last
     canvas = page.get_by_label(re.compile("Floor L1"))
     processes = page.get_by_label("Processes")
     user.tab("Processes")
