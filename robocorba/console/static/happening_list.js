@@ -11,9 +11,10 @@ export default {
   template: `
     <section aria-label="Events">
       <p v-if="!happenings.length" class="panel-note">nothing yet: stops, programs, missions, collisions appear here</p>
-      <ol v-else class="happenings">
+      <p v-else class="panel-note">Press one to look back to the moment before it.</p>
+      <ol v-if="happenings.length" class="happenings">
         <li v-for="each in newest" :key="each.at + ' ' + each.number">
-          <button type="button" :title="'Look back to ' + clock(each.at)" @click="$emit('look', each)">
+          <button type="button" :title="'Look back to just before ' + clock(each.at)" @click="$emit('look', each)">
             <time>{{ clock(each.at) }}</time><span :class="'is-' + each.kind">{{ sign(each.kind) }}</span>
             <span class="happening-text">{{ each.text }}</span>
           </button>

@@ -55,7 +55,7 @@ export const IconList = {
       return Boolean(place && place.parentId === this.parentId && place.name === this.listName);
     },
     empty() {
-      if (this.isPlace) return "the next icon comes here: click one on the left";
+      if (this.isPlace) return "the next icon comes here: click one of the palette";
       if (this.parentId === null) return "drag icons here, or click them";
       return "drag icons here, or click here and then icons";
     },

@@ -226,6 +226,7 @@ export default {
       const { session } = this;
       this.elements = this.layer.elements = session.elements;
       if (this.current) this.layer.takePlaces(live.floor(this.current));
+      if (this.found && this.found.version !== session.version) this.layer.findings = []; // of the map before
       Object.assign(this, { version: session.version, undoable: session.undoable, redoable: session.redoable,
         news: [...session.news] });
       if (session.whole && session.whole === session.version) this.undoable = "generated roads or an imported building";
@@ -282,7 +283,6 @@ export default {
       this.tool = name;
       this.layer.tool = toolOf(name);
       this.hands.draft = [];
-      this.layer.cursor = null;
       if (name === "path") this.panel = "paths";
       this.updateSelection();
       this.$refs.canvas.focus({ preventScroll: true });
@@ -333,7 +333,6 @@ export default {
       this.note = "";
       if (answer?.version) {
         this.refused = null;
-        this.layer.findings = this.found?.findings ?? [];
       } else if (answer?.refused) {
         this.showRefusal(answer.refused);
       }

@@ -226,6 +226,10 @@ export class MapLayer {
         write(shortened(object.name, 18), [px, py + 6], colors.text);
       }
     }
+    if (this.cursor && this.tool?.points) {
+      const [px, py] = canvas.pixel(...this.cursor.at);
+      write(this.cursor.at.map((metres) => metres.toFixed(2)).join(", "), [px, py - 12], colors.selected);
+    }
     this.ends.forEach((end, n) => {
       if (end.floor !== this.elements.floor) return;
       const [px, py] = canvas.pixel(end.x, end.y);

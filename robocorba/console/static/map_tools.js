@@ -15,7 +15,7 @@ export const TOOLS = [
   { name: "door", title: "Door", icon: "door_front", key: "d", points: [2, 2], kind: "door",
     help: "click twice on a wall: where the door begins, then where it ends",
     next: "click again on the wall, where the door ends" },
-  { name: "box", title: "Box", icon: "check_box_outline_blank", key: "b", points: [2, 2], kind: "object",
+  { name: "box", title: "Box", icon: "inventory_2", key: "b", points: [2, 2], kind: "object",
     help: "click two opposite corners", next: "click the opposite corner" },
   { name: "circle", title: "Circle", icon: "radio_button_unchecked", key: "c", points: [2, 2], kind: "object",
     help: "click the middle, then the rim", next: "click where the rim is" },

@@ -14,7 +14,7 @@ const KEYS = {
     [`${ARROWS} PgUp PgDn`, "while a hand is posed: move it"], [", . ; ' [ ]", "while a hand is posed: turn it"],
   ],
   Program: [
-    ["\u2191 \u2193", "the icon before, the next one"], ["Enter", "to the fields of the icon"],
+    ["\u2191 \u2193", "the icon before, the next one"], ["Enter, Esc", "to the fields of the icon, and back"],
     ["Alt \u2191 \u2193", "move the icon"], ["Alt \u2192 \u2190", "into the icon before, out of it"],
     ["Del", "remove the icon"],
     ["Ctrl C X V D", "copy, cut, paste, duplicate"], ["Ctrl Z Y", "undo, redo"], ["Ctrl S", "save"],
@@ -53,6 +53,7 @@ export default {
   watch: {
     isOpen() {
       if (!this.isOpen) return;
+      this.before = document.activeElement;
       this.$nextTick(() => this.$refs.list?.focus());
       if (this.page === "Map" && !this.tools.length) this.loadTools();
     },
@@ -77,7 +78,7 @@ export default {
     },
     close() {
       this.isOpen = false;
-      this.$refs.button.$el.focus();
+      (this.before?.isConnected ? this.before : this.$refs.button.$el).focus();
     },
     async loadTools() {
       const { TOOLS } = await import("/static/map_tools.js");

@@ -21,7 +21,7 @@ export const PosturePreview = {
   computed: {
     caption() {
       if (this.problem) return this.problem;
-      return this.isShown ? "The robot after this icon" : "The robot before this icon; choose to see what it does";
+      return this.isShown ? "The robot as it stands, after this icon alone" : "The robot as it stands; choose to see what this icon does";
     },
     isLumbar() {
       return this.node.icon === "lumbar";

@@ -1,6 +1,7 @@
 // The processes of the supervisor: their state and their logs, robots to start and to end.
 import { call } from "/static/live.js";
 import { ageText } from "/static/robot_rows.js";
+import { sharedView } from "/static/shared_view.js";
 import SureButton from "/static/sure_button.js";
 
 const REFRESH_MS = 1000;
@@ -49,7 +50,7 @@ export default {
   data() {
     return {
       rows: [], problem: "loading", error: "", isStarting: false, logOf: "", log: "",
-      order: { name: "", floor: "", channel: "", at: null },
+      order: { name: "", floor: sharedView.floor, channel: "", at: null },
     };
   },
   computed: {
@@ -63,6 +64,19 @@ export default {
       if (!this.picked) return;
       this.order.floor = this.picked.floor;
       this.order.at = [this.picked.x, this.picked.y];
+    },
+    // The only channel of a system is the one that is meant.
+    channels: {
+      immediate: true,
+      handler(now, before) {
+        if (now.length === 1 && !before?.length) [this.order.channel] = now;
+      },
+    },
+    floors: {
+      immediate: true,
+      handler() {
+        if (this.floors.length && !this.floors.includes(this.order.floor)) this.order.floor = "";
+      },
     },
     "order.floor"(floor) {
       if (this.order.at && this.picked?.floor !== floor) this.order.at = null;

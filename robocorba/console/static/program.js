@@ -158,7 +158,7 @@ export default {
     },
     hint() {
       if (this.model.icons.length) return "Select an icon to see its parameters.";
-      return "Click an icon on the left: it becomes the first of the program.";
+      return "Click an icon of the palette: it becomes the first of the program.";
     },
     hasTarget() {
       return TARGETS.includes(this.node?.icon);

@@ -1,4 +1,5 @@
 // The robot that runs the program, its state, and the orders to it.
+import { rememberView } from "/static/shared_view.js";
 
 export const RunBar = {
   // robots: [{name, text}]. robot: {name, condition, adaptor, isActual, runs, reason, problem, floor}; for none name is
@@ -29,7 +30,7 @@ export const RunBar = {
         <q-icon v-else-if="progress.kind === 'done'" name="check_circle" size="18px" />
         <span :title="problem || progress.text">{{ problem || progress.text || others }}</span>
         <a v-if="robot.floor && (isActive || progress.text)" :href="monitor" class="run-watch"
-           >watch {{ robot.name }}</a>
+           @click="goLive">watch {{ robot.name }}</a>
         <q-btn v-if="robot.condition === 'stopped'" dense no-caps outline label="Release stop"
                @click="$emit('release')" />
         <q-btn v-else-if="progress.text && progress.isOver" flat dense round size="sm" icon="close" aria-label="Dismiss"
@@ -55,6 +56,11 @@ export const RunBar = {
       if (!this.robots.length) return "no robots; start one with: robocorba robot NAME";
       if (this.robot.problem) return this.robot.problem;
       return this.robot.condition === "stopped" ? `${this.robot.name} is stopped: ${this.robot.reason}` : "";
+    },
+  },
+  methods: {
+    goLive() {
+      rememberView({ past: null });
     },
   },
 };

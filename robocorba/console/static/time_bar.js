@@ -30,7 +30,7 @@ export default {
         <q-btn dense flat round icon="forward_10" aria-label="10 s ahead" title="10 s ahead" :disable="isLive"
                @click="seek(at + 10)" />
         <select v-model.number="speed" aria-label="Speed" title="Speed">
-          <option :value="1">1x</option><option :value="4">4x</option><option :value="20">20x</option>
+          <option :value="1">replay 1x</option><option :value="4">4x</option><option :value="20">20x</option>
         </select>
         <span class="time-begin" title="One can look back to here">{{ to > 1 ? clock(from) : "" }}</span>
         <div class="time-line">
@@ -43,7 +43,7 @@ export default {
             <span v-for="[kind, words] in legend" :key="kind" :class="'is-' + kind">
               <b>{{ signs[kind] }}</b> {{ words }}</span>
           </div>
-          <input type="range" :min="from" :max="to" step="0.1" :value="at" aria-label="Time" :aria-valuetext="text"
+          <input type="range" :min="from" :max="to" step="1" :value="at" aria-label="Time" :aria-valuetext="text"
                  @input="seek(Number($event.target.value))">
         </div>
         <span class="time-text">{{ text }}</span>
