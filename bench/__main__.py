@@ -14,7 +14,7 @@ BENCHES = {
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
     "robots": ("kinematics", "virtual_and_actual", "control", "stops"),
     "missions": ("carry", "network", "many", "chaos"),
-    "console": ("viewers",),
+    "console": ("viewers", "returns"),
 }
 ROOT = Path(__file__).resolve().parents[1]
 

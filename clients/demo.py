@@ -57,7 +57,6 @@ from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import StateFolder
 
 BUILDING, FLOOR, TABLE, LEADER = "paper-scene", "L1", "table", "A"
@@ -335,10 +334,9 @@ def _state_folder(logs: Path) -> Iterator[Path]:
 def _console_address(state: Path) -> str:
     """Where browsers find the operator's console. Raises StartFailed."""
     record = StateFolder(state).read_record()
-    for process in record.processes if record else ():
-        if process.name == CONSOLE:
-            return f"http://{process.endpoint}/"
-    raise StartFailed("the console does not run")
+    if record is None or not record.console_address:
+        raise StartFailed("the console does not run")
+    return record.console_address
 
 
 def _wait_for_ctrl_c(console: Console, address: str) -> None:

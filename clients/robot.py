@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import threading
 from collections.abc import Sequence
 
 from omniORB import CORBA
@@ -33,7 +32,9 @@ from robocorba.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
 from robocorba.missions import carry_planning
 from robocorba.names import MISSIONS, ROBOTS
 from robocorba.planning.request import Place
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.programs import program
+from robocorba.programs.base_checks import Planner
 from robocorba.programs.checker import Start, check
 from robocorba.programs.program import Program
 from robocorba.programs.report import CheckReport
@@ -46,17 +47,24 @@ FLOOR_CHECK_S = 0.05
 
 
 class Checker:
-    """Checks a program from the robot's present state. Thread-safe."""
+    """Checks a program from the robot's present state, with the objects and robots around it. Thread-safe: simultaneous
+    checks don't wait for each other, so that one whose planner hangs delays no other."""
 
-    def __init__(self, planner: RemotePlanner) -> None:
-        self._planner, self._kinematics = planner, InverseKinematics()
-        self._lock = threading.Lock()
+    def __init__(self, planner: Planner) -> None:
+        self._planner = planner
+        InverseKinematics()  # compiles its kernels
 
-    def __call__(self, wanted: Program, state: AgentState) -> CheckReport:
+    def __call__(
+        self,
+        wanted: Program,
+        state: AgentState,
+        objects: TemporaryObstacles = NO_OBSTACLES,
+        robots: TemporaryObstacles = NO_OBSTACLES,
+    ) -> CheckReport:
         at = state.at
-        start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints)
-        with self._lock:
-            return check(wanted, self._kinematics, self._planner, start)
+        start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints, objects, robots)
+        # Kinematics of its own: they are not thread-safe, and are built in 3 ms.
+        return check(wanted, InverseKinematics(), self._planner, start)
 
 
 def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
@@ -99,7 +107,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         follower = PoolFollower(orb, session.state().at.floor, settings.name).start()
         stack.callback(follower.close)
         nearby = PoolNearby(follower.pool, settings.name)
-        agent = ControlAgent(AdaptorContext(settings.name, session, orb), planner, others, checker, ticks, nearby)
+
+        def check_now(wanted: Program, state: AgentState) -> CheckReport:
+            objects = nearby.movable_objects(session.latest.holding)
+            return checker(wanted, state, objects, nearby.parked_robots())
+
+        agent = ControlAgent(AdaptorContext(settings.name, session, orb), planner, others, check_now, ticks, nearby)
         stack.callback(agent.close)
         agent.start(settings.adaptor, settings.adaptor_arguments)
 

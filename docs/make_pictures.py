@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -24,13 +23,11 @@ from robocorba.errors.services import StartFailed
 from robocorba.maps.samples import sample_path
 from robocorba.names import SUPERVISOR
 from robocorba.processes import ProcessPhase, RobotOrder
-from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import StateFolder
+from robocorba.testing.browser import chromium, headless
 from robocorba.testing.processes import eventually
 
 SIZE = {"width": 1366, "height": 768}
-#: Together they let Chromium draw WebGL without a graphics card.
-FLAGS = ["--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 #: Time for a page to show live data [ms].
 SETTLED_MS = 5000
 ROBOTS = (
@@ -80,7 +77,7 @@ VIEWS = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).parent / "pictures", metavar="FOLDER")
-    parser.add_argument("--browser", default=shutil.which("chromium"), metavar="PROGRAM", help="Chromium [chromium]")
+    parser.add_argument("--browser", default=chromium(), metavar="PROGRAM", help="Chromium [chromium]")
     given = parser.parse_args()
     if given.browser is None:
         sys.exit("make pictures: Chromium is missing; on Debian: apt install chromium, or give --browser PROGRAM")
@@ -113,16 +110,13 @@ def running_console() -> Iterator[str]:
             eventually(are_ready, START_TIMEOUT_S, "the robots started")
             record = StateFolder(state).read_record()
             assert record is not None
-            yield next(f"http://{process.endpoint}/" for process in record.processes if process.name == CONSOLE)
+            yield record.console_address
 
 
 def take(address: str, folder: Path, browser: str) -> None:
     """Take each page."""
-    from playwright.sync_api import sync_playwright  # imported here: the rest needs no browser
-
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=browser, args=FLAGS)
-        page = chromium.new_page(viewport=SIZE)
+    with headless(browser) as started:
+        page = started.new_page(viewport=SIZE)
         for name, view in VIEWS.items():
             page.goto(address + view.path)
             if view.prepare:
@@ -141,7 +135,6 @@ def take(address: str, folder: Path, browser: str) -> None:
                 file = folder / f"console-{name}-{scheme}.png"
                 page.screenshot(path=file)
                 print(file)
-        chromium.close()
 
 
 if __name__ == "__main__":

@@ -60,8 +60,8 @@ class SimulationServer:
         self._map_check = Repeating("map", self._follow_map, MAP_CHECK_INTERVAL_S)
         self._missions, leaders = MissionDirectory(store), RemoteLeaders(orb)
         self._mission_control = MissionControl(self._missions, leaders)
-        leader_watch = LeaderWatch(self._missions, leaders, self._is_logged_on)
-        self._leader_check = Repeating("leaders", leader_watch.check, LEADER_CHECK_INTERVAL_S)
+        self._leader_watch = LeaderWatch(self._missions, leaders, self._is_logged_on)
+        self._leader_check = Repeating("leaders", self._leader_watch.check, LEADER_CHECK_INTERVAL_S)
 
     def start(self, administrator: Path) -> None:
         """Start the simulation, accept calls, and write the administrator's reference to a file."""
@@ -83,6 +83,7 @@ class SimulationServer:
         self._leader_check.start()
 
     def close(self) -> None:
+        self._leader_watch.close()
         self._map_check.close()
         self._leader_check.close()
         if self._announcer:

@@ -26,7 +26,7 @@ DOMAIN = {
     "simulation": "errors spatial maps planning",
     "sensing": "errors spatial maps simulation",
     "programs": "errors spatial kinematics planning sensing",
-    "collision_avoidance": "errors spatial maps motion kinematics data_pool",
+    "collision_avoidance": "errors spatial motion kinematics planning data_pool",
     "control": "errors spatial maps motion kinematics planning simulation sensing programs collision_avoidance",
     "missions": "errors spatial maps motion kinematics planning simulation programs control",
 }

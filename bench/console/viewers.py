@@ -11,7 +11,6 @@ import contextlib
 import itertools
 import json
 import math
-import shutil
 import tempfile
 import threading
 import time
@@ -21,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
 from bench.common.harness import run
@@ -35,9 +33,10 @@ from robocorba.simulation.registry import Description
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import StateFolder
+from robocorba.testing.browser import chromium, headless
 from robocorba.testing.generated_buildings import office, saved_office
 from robocorba.testing.generated_buildings import robots as robots_in
-from robocorba.testing.json_process import Cpu, ProcessFailed, pids_of
+from robocorba.testing.json_process import Cpu, pids_of
 from robocorba.testing.report import PROGRESS, RESULTS, at_least, at_most, bars, quantile, summarize
 
 NAME, FLOOR = "console_viewers", "L1"
@@ -48,7 +47,6 @@ RATE = 10.0
 SAMPLE_S = 0.02
 #: Time for a page to draw at its final rate before the measurement [s].
 SETTLE_S = 6.0
-FLAGS = ["--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 MONITOR_SIZE, SCENE_SIZE = {"width": 1366, "height": 768}, {"width": 1000, "height": 737}
 NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
 
@@ -129,13 +127,11 @@ def crowded_console(folder: Path, count: int) -> Iterator[tuple[str, int, Clock]
         ended = threading.Event()
 
         def drive() -> None:
-            with contextlib.suppress(ProcessFailed):
-                while not ended.is_set():
-                    clients.all("drive", begin=time.monotonic(), seconds=5.0, rate=RATE, threads=4)
+            while not ended.is_set():
+                clients.all("drive", begin=time.monotonic(), seconds=5.0, rate=RATE, threads=4)
 
         record = StateFolder(folder).read_record()
         assert record is not None
-        endpoint = next(process.endpoint for process in record.processes if process.name == CONSOLE)
         with (
             ThreadPoolExecutor(1) as driver,
             contextlib.closing(Crowd(server, crowd[:LASERS])),
@@ -143,7 +139,7 @@ def crowded_console(folder: Path, count: int) -> Iterator[tuple[str, int, Clock]
         ):
             driving = driver.submit(drive)
             try:
-                yield f"127.0.0.1:{endpoint.rpartition(':')[2]}", pids_of(folder, CONSOLE)[0], clock
+                yield record.console_address, pids_of(folder, CONSOLE)[0], clock
             finally:
                 ended.set()
                 driving.result()
@@ -158,12 +154,9 @@ def measured(clock: Clock, pid: int, seconds: float) -> dict[str, float]:
 
 def in_browser(address: str, pid: int, clock: Clock, seconds: float, browser: str) -> tuple[dict[str, Any], ...]:
     """Rows of the monitor and of the 3D page."""
-    from playwright.sync_api import sync_playwright  # imported here: the rest needs no browser
-
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=browser, args=FLAGS)
-        page = chromium.new_page(viewport=MONITOR_SIZE)  # type: ignore[arg-type]
-        page.goto(f"http://{address}/")
+    with headless(browser) as started:
+        page = started.new_page(viewport=MONITOR_SIZE)  # type: ignore[arg-type]
+        page.goto(address)
         page.wait_for_timeout(SETTLE_S * 1e3)
         page.evaluate(_WATCH, FLOOR)
         monitor = measured(clock, pid, seconds)
@@ -171,13 +164,12 @@ def in_browser(address: str, pid: int, clock: Clock, seconds: float, browser: st
         delays = [at / 1e3 - wall for (at, _), wall in zip(drawn, clock.at([t for _, t in drawn]), strict=True)]
         page.screenshot(path=RESULTS / "console_monitor.png")
         page.set_viewport_size(SCENE_SIZE)  # type: ignore[arg-type]
-        page.goto(f"http://{address}/3d")
+        page.goto(f"{address}3d")
         page.wait_for_timeout(2 * SETTLE_S * 1e3)
         before, began = page.evaluate(_PICTURES), time.monotonic()
         scene = measured(clock, pid, seconds)
         pictures = (page.evaluate(_PICTURES) - before) / (time.monotonic() - began)
         page.screenshot(path=RESULTS / "console_3d.png")
-        chromium.close()
     return (
         {"viewers": "monitor", "updates/s": len(drawn) / seconds, "p95 ms": 1e3 * quantile(delays, 0.95), **monitor},
         {"viewers": "3D", "updates/s": pictures, "p95 ms": None, **scene},
@@ -185,13 +177,13 @@ def in_browser(address: str, pid: int, clock: Clock, seconds: float, browser: st
 
 
 def of_sockets(address: str, pid: int, clock: Clock, seconds: float, count: int) -> dict[str, Any]:
-    """Row of `count` viewers that read all that the monitor reads."""
+    """Row of `count` viewers that read all that the monitor reads; its updates are those of the slowest one."""
     wanted = json.dumps({"watch": [FLOOR], "scans": [FLOOR], "postures": [FLOOR]})
     received, ended = [0] * count, threading.Event()
 
     def view(number: int) -> None:
-        origin = {"Origin": f"http://{address}"}
-        connection: Any = connect(f"ws://{address}/live", additional_headers=origin, max_size=None)
+        origin = {"Origin": address.rstrip("/")}
+        connection: Any = connect(f"ws{address.removeprefix('http')}live", additional_headers=origin, max_size=None)
         with connection as socket:
             socket.send(wanted)
             while not ended.is_set():
@@ -200,19 +192,20 @@ def of_sockets(address: str, pid: int, clock: Clock, seconds: float, count: int)
 
     with ThreadPoolExecutor(count) as pool:
         viewers = [pool.submit(view, number) for number in range(count)]
-        time.sleep(SETTLE_S / 2)
-        before = sum(received)
-        row = measured(clock, pid, seconds)
-        frames = (sum(received) - before) / count / seconds
-        ended.set()
+        try:
+            time.sleep(SETTLE_S / 2)
+            before = list(received)
+            row = measured(clock, pid, seconds)
+            slowest = min(now - then for now, then in zip(received, before, strict=True)) / seconds
+        finally:
+            ended.set()
         for viewer in viewers:
-            with contextlib.suppress(WebSocketException):
-                viewer.result()
-    return {"viewers": f"{count} sockets", "updates/s": frames, "p95 ms": None, **row}
+            viewer.result()
+    return {"viewers": f"{count} sockets", "updates/s": slowest, "p95 ms": None, **row}
 
 
 def measure(seconds: float = 20.0, robots: int = 50, viewers: int = 8) -> bool:
-    browser = shutil.which("chromium")
+    browser = chromium()
     if browser is None:
         PROGRESS.print("Chromium is missing: only viewers without a browser are measured")
     with (

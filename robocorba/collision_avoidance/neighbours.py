@@ -6,10 +6,11 @@ import math
 from typing import NamedTuple, Protocol
 
 from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
-from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles, movable_objects, temporary_obstacles
+from robocorba.collision_avoidance.temporary_obstacles import movable_objects, parked_robots, temporary_obstacles
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import BASE_LIMITS
+from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.spatial.pose import XY
 
 #: A driving robot ignores robots farther away than this [m].
@@ -81,6 +82,10 @@ class PoolNearby:
 
     def movable_objects(self, held: str) -> TemporaryObstacles:
         return movable_objects(self._pool.snapshot(), self.name, held, self.policy)
+
+    def parked_robots(self) -> TemporaryObstacles:
+        """As temporary_obstacles.parked_robots; empty while the floor is not loaded."""
+        return parked_robots(self._pool.snapshot(), self.name)
 
     def temporary_obstacles(self, also: str = "", goal: XY | None = None, held: str = "") -> TemporaryObstacles:
         return temporary_obstacles(self._pool.snapshot(), self.name, also, goal, held, self.policy)

@@ -1,15 +1,14 @@
-"""Temporary obstacles, which are not on the map: other robots, and objects that were moved."""
+"""What stands in the way of a robot though it is not on the map: other robots, and objects that were moved."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.data_pool.entities import FloorEntity
 from robocorba.data_pool.snapshot import FloorSnapshot
-from robocorba.maps.polygons import FloorArea
+from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.spatial.pose import XY
 
 #: A robot below this speed is stationary [m/s].
@@ -25,14 +24,6 @@ MIN_CLEARANCE_M = 0.07
 CORNERS = 16
 
 
-class TemporaryObstacles(NamedTuple):
-    """Fields of a PathRequest: polygons on floors [m], and floors whose movable objects are all among the polygons, so
-    that the planner ignores these objects' places on the map."""
-
-    forbidden_areas: tuple[FloorArea, ...] = ()
-    without_movables: tuple[str, ...] = ()
-
-
 def movable_objects(
     snapshot: FloorSnapshot, robot: str, held: str = "", policy: GivingWayPolicy = DEFAULT_POLICY
 ) -> TemporaryObstacles:
@@ -43,8 +34,16 @@ def movable_objects(
     movable = (item for item in snapshot.objects() if item.is_movable and item.name != held)
     nearest_first = sorted(movable, key=lambda item: math.hypot(item.x - own.x, item.y - own.y))
     is_complete = len(nearest_first) <= policy.max_objects
-    areas = tuple((snapshot.floor, item.corners) for item in nearest_first[: policy.max_objects])
-    return TemporaryObstacles(areas, (snapshot.floor,) if is_complete else ())
+    nearest = nearest_first[: policy.max_objects]
+    areas, names = tuple((snapshot.floor, item.corners) for item in nearest), tuple(item.name for item in nearest)
+    return TemporaryObstacles(areas, (snapshot.floor,) if is_complete else (), names)
+
+
+def parked_robots(snapshot: FloorSnapshot, robot: str) -> TemporaryObstacles:
+    """The other robots on the floor that stand still, at their full size."""
+    others = [other for other in snapshot.robots if other.name != robot and not _drives(other)]
+    areas = tuple((snapshot.floor, _disc(other, other.radius_m)) for other in others)
+    return TemporaryObstacles(areas, names=tuple(other.name for other in others))
 
 
 def temporary_obstacles(
@@ -64,20 +63,25 @@ def temporary_obstacles(
         return TemporaryObstacles()
     near = [found.robot for found in snapshot.robots_near(own.x, own.y, NEAR_M)]
     kept_free = [(own.x, own.y), *([goal] if goal else ())]
-    discs = [
-        _disc(other, kept_free, own.radius_m)
-        for other in near
-        if other.name == also or math.hypot(other.vx, other.vy) < STATIONARY_M_S
-    ]
+    blocking = [other for other in near if other.name == also or not _drives(other)][: policy.max_robots]
     objects = movable_objects(snapshot, robot, held, policy)
-    robots = tuple((snapshot.floor, disc) for disc in discs[: policy.max_robots])
-    return objects._replace(forbidden_areas=robots + objects.forbidden_areas)
+    discs = tuple((snapshot.floor, _disc_beside(other, kept_free, own.radius_m)) for other in blocking)
+    names = tuple(other.name for other in blocking)
+    return objects._replace(forbidden_areas=discs + objects.forbidden_areas, names=names + objects.names)
 
 
-def _disc(other: FloorEntity, kept_free: Sequence[XY], radius_m: float) -> tuple[XY, ...]:
+def _drives(robot: FloorEntity) -> bool:
+    return math.hypot(robot.vx, robot.vy) >= STATIONARY_M_S
+
+
+def _disc_beside(other: FloorEntity, kept_free: Sequence[XY], radius_m: float) -> tuple[XY, ...]:
     """A polygon around a robot with CLEARANCE_M; smaller if a robot of `radius_m` at these points would overlap it."""
     nearest_m = min(math.dist((other.x, other.y), point) for point in kept_free)
     corner_m = (other.radius_m + CLEARANCE_M) / math.cos(math.pi / CORNERS)
     corner_m = max(min(corner_m, nearest_m - radius_m - MIN_CLEARANCE_M), other.radius_m / 2)
+    return _disc(other, corner_m)
+
+
+def _disc(other: FloorEntity, corner_m: float) -> tuple[XY, ...]:
     angles = [math.tau * corner / CORNERS for corner in range(CORNERS)]
     return tuple((other.x + corner_m * math.cos(angle), other.y + corner_m * math.sin(angle)) for angle in angles)

@@ -129,7 +129,7 @@ def _rows(record: SystemRecord) -> list[tuple[str, str, str]]:
         names = ("",) if process.name == NAMING_SERVICE else process.names
         objects = [corbaname(naming, name) for name in names]
         if process.name == CONSOLE:
-            objects.append(f"http://{process.endpoint}/")
+            objects.append(record.console_address)
         rows += [(process.name, str(process.pid), where) for where in objects]
     return rows
 

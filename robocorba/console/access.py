@@ -41,8 +41,8 @@ p{{color:#b00068;margin:0}}</style><form method="post" action="/login"><h1>RoboC
 class Access:
     """ASGI middleware around the console.
 
-    hosts: accepted values of the Host header, without port; empty: any, for a server that listens on all addresses.
-    password: empty for none. pause_s: after a wrong password, for all clients together [s]."""
+    hosts: accepted values of the Host header, without port. password: empty for none. pause_s: after a wrong password,
+    for all clients together [s]."""
 
     def __init__(
         self, app: ASGIApp, hosts: frozenset[str], password: str, pause_s: float = WRONG_PASSWORD_PAUSE_S
@@ -72,7 +72,7 @@ class Access:
         """Why a request comes from a page that is not the console's; empty if it is."""
         host, origin = headers.get("host", ""), headers.get("origin")
         try:
-            if self._hosts and (urlsplit(f"//{host}").hostname or "") not in self._hosts:
+            if (urlsplit(f"//{host}").hostname or "") not in self._hosts:
                 return "this address is not the console's"
             if origin and urlsplit(origin).netloc != host:
                 return "requests from other sites are refused"

@@ -9,23 +9,24 @@ from robocorba.errors.base import RoboCorbaError
 
 #: Maximum length of a text [characters].
 MAX_TEXT = 4096
+#: Largest whole number: JavaScript has no larger ones, and CORBA can send it.
+MAX_WHOLE = 2**53
 
 
 class InvalidArguments(RoboCorbaError):
     """Arguments that the operation does not have, that it misses, or with impossible values."""
 
 
-def check_type(name: str, value: Any, wanted: object) -> None:
-    """Raises InvalidArguments unless a value has the type of the parameter `name`; other types than JSON's simple ones
-    are left to the operation."""
+def checked(name: str, value: Any, wanted: object) -> Any:
+    """The value of the parameter `name` if it has the type of it; values of other types than JSON's simple ones are
+    left to the operation. Raises InvalidArguments."""
     if wanted is str and not _is_text(value):
         raise InvalidArguments(f"{name} is not a text that can be sent")
     if wanted is bool and not isinstance(value, bool):
         raise InvalidArguments(f"{name} is not true or false")
-    if wanted is int and (isinstance(value, bool) or not isinstance(value, int)):
-        raise InvalidArguments(f"{name} is not a whole number")
-    if wanted is float:
-        number(name, value)
+    if wanted is int:
+        return whole(name, value)
+    return number(name, value) if wanted is float else value
 
 
 def _is_text(value: Any) -> bool:
@@ -49,11 +50,26 @@ def texts(name: str, values: Any) -> tuple[str, ...]:
     return tuple(text(name, value) for value in values)
 
 
+def is_number(value: Any) -> bool:
+    """Whether it is a finite number."""
+    try:
+        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # a whole number that is too large for a float
+        return False
+
+
 def number(name: str, value: Any) -> float:
     """Raises InvalidArguments unless it is a finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if not is_number(value):
         raise InvalidArguments(f"{name} is not a number")
     return float(value)
+
+
+def whole(name: str, value: Any) -> int:
+    """Raises InvalidArguments unless it is a whole number from 0 to MAX_WHOLE."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_WHOLE:
+        raise InvalidArguments(f"{name} is not a whole number")
+    return value
 
 
 def count(name: str, value: Any, maximum: int) -> int:

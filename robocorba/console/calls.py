@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
+from robocorba.console.defects import DEFECT
 from robocorba.console.operations import Operations
 from robocorba.errors.base import RoboCorbaError
 
@@ -17,18 +19,32 @@ _log = logging.getLogger(__name__)
 
 #: Largest body of a call [bytes].
 MAX_BODY = 8 * 1024 * 1024
+#: Emergency stops, and the number of threads that serve nothing else: others may all wait for robots that hang.
+STOPS, STOP_THREADS = frozenset({"stop", "stop_all"}), 8
 
 
-async def answer_call(operations: Operations, name: str, request: Request) -> Response:
-    """`answer`, or `error` with a sentence for the user; operations run in threads."""
-    try:
-        arguments = await _arguments(request)
-        return JSONResponse({"answer": await asyncio.to_thread(operations.call, name, arguments)})
-    except RoboCorbaError as error:
-        return JSONResponse({"error": str(error)})
-    except Exception:  # a defect of an operation: the page gets an answer, the log the trace
-        _log.exception("operation %r failed", name[:80])
-        return JSONResponse({"error": "the console failed; its log says why"})
+class Calls:
+    """Answers calls of operations, each in a thread, until `close`."""
+
+    def __init__(self, operations: Operations) -> None:
+        self._operations = operations
+        self._stops = ThreadPoolExecutor(STOP_THREADS, "console stop")
+
+    async def answer(self, name: str, request: Request) -> Response:
+        """`answer`, or `error` with a sentence for the user."""
+        try:
+            arguments = await _arguments(request)
+            threads = self._stops if name in STOPS else None
+            loop = asyncio.get_running_loop()
+            return JSONResponse({"answer": await loop.run_in_executor(threads, self._operations.call, name, arguments)})
+        except RoboCorbaError as error:
+            return JSONResponse({"error": str(error)})
+        except Exception:  # a defect of an operation: the page gets an answer, the log the trace
+            _log.exception("operation %r failed", name[:80])
+            return JSONResponse({"error": DEFECT})
+
+    def close(self) -> None:
+        self._stops.shutdown(wait=False, cancel_futures=True)
 
 
 async def _arguments(request: Request) -> dict[str, Any]:

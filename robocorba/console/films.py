@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -15,12 +15,16 @@ from typing import Any
 
 import numpy as np
 
+from robocorba.console.defects import DEFECT
 from robocorba.console.frames import Rows
 from robocorba.console.history import Moment
 from robocorba.errors.base import RoboCorbaError
 from robocorba.maps.model import Building
 from robocorba.simulation.recording import Recorder
 from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate, Motions
+from robocorba.supervision.launch import bound_command, module_command
+
+_log = logging.getLogger(__name__)
 
 #: Pictures per second of a film, and the most that one may have.
 FPS, MAX_PICTURES = 10, 6000
@@ -51,10 +55,12 @@ class Films:
     def start(self, building: Building, floor: str, moments: Sequence[Moment], end_s: float, speed: float) -> int:
         """Begin a film of these moments of a floor, up to POSIX time `end_s` [s]; its number.
 
-        Raises InvalidFilm while another one is being made."""
+        Raises InvalidFilm for an impossible speed or span, and while another one is being made."""
         if not MIN_SPEED <= speed <= MAX_SPEED:
             raise InvalidFilm(f"speed {speed:g} is not {MIN_SPEED:g} to {MAX_SPEED:g}")
         span_s = end_s - moments[0].at
+        if span_s <= 0.0:
+            raise InvalidFilm("the film's end is not after its first moment")
         pictures = span_s / speed * FPS
         if pictures > MAX_PICTURES:
             least = span_s * FPS / MAX_PICTURES
@@ -131,21 +137,25 @@ class _Film:
             file.unlink(missing_ok=True)
 
     def _make(self, building: Building, floor: str, moments: Sequence[Moment], end_s: float, speed: float) -> None:
+        problem = DEFECT
         try:
             record(self.recording, building, floor, moments, end_s)
             arguments = ["replay", str(self.recording), "--video", str(self.video), "--floor", floor]
             arguments += ["--fps", str(FPS), "--speed", str(speed), "--width", str(WIDTH_PX)]
-            self.problem = self._run(arguments)
+            problem = self._run(arguments)
         except (RoboCorbaError, OSError) as error:
-            self.problem = str(error)
+            problem = str(error)
+        except Exception:  # the thread ends here: the page gets an answer, the log the trace
+            _log.exception("a film failed")
         finally:
             self.recording.unlink(missing_ok=True)
             self._ended_s = time.monotonic()
-            self.phase = "failed" if self.problem else "ready"
+            self.problem = problem
+            self.phase = "failed" if problem else "ready"
 
     def _run(self, arguments: Sequence[str]) -> str:
         """Run a command; why it failed, or an empty text."""
-        command = [sys.executable, "-P", "-c", "from robocorba.commands import main; main()", *arguments]
+        command = bound_command(*module_command("robocorba", *arguments))
         with (
             tempfile.TemporaryFile() as output,
             subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output) as process,

@@ -21,7 +21,8 @@ def floor_plan(building: Building, floor: str) -> dict[str, Any]:
     """The geometrical and the topological map of a floor, in m and rad of its frame.
 
     Each element has its `name` and the members that a drawing needs; `walls` also have `pieces`, what their doors leave
-    of them. Raises KeyError for an unknown floor."""
+    of them. Elevators whose shafts pass the floor without a stop have no `doors`. Raises KeyError for an unknown
+    floor."""
     entry = building.floors[floor]
     plan, roads = entry.geometrical, entry.topological
     pieces = _pieces(building, floor)
@@ -56,9 +57,7 @@ def floor_plan(building: Building, floor: str) -> dict[str, Any]:
             }
             for edge in roads.edges.values()
         ],
-        "elevators": [
-            _elevator(elevator, floor) for elevator in building.elevators.values() if floor in elevator.floors()
-        ],
+        "elevators": [_elevator(elevator, floor) for elevator in building.elevators_through(floor)],
     }
 
 

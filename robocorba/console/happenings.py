@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
+
+from robocorba.console.contacts import Contact
 
 #: Happenings are forgotten after this time [s], and beyond this number.
 KEPT_S, MAX_KEPT = 1800.0, 2000
@@ -13,6 +15,8 @@ KEPT_S, MAX_KEPT = 1800.0, 2000
 MAX_TEXT = 300
 #: A robot without news for this time does not answer [s].
 SILENT_S = 3.0
+#: Contacts that are named in the text of a collision.
+MAX_CONTACTS = 6
 Rows = Mapping[str, Any]
 
 
@@ -29,9 +33,12 @@ class Happening(NamedTuple):
 
 
 class Happenings:
-    """The happenings of the last KEPT_S seconds. Thread-safe."""
+    """The happenings of the last KEPT_S seconds. Thread-safe.
 
-    def __init__(self) -> None:
+    contacts: says who has begun to touch whom before a POSIX time [s]."""
+
+    def __init__(self, contacts: Callable[[float], Sequence[Contact]] = lambda at_s: ()) -> None:
+        self._contacts = contacts
         self._lock = threading.Lock()
         self._kept: deque[Happening] = deque(maxlen=MAX_KEPT)
         self._count = 0
@@ -40,13 +47,25 @@ class Happenings:
     def note(self, rows: Rows, at_s: float) -> None:
         """Compare rows, as of SystemState, with those of the last call. at_s: POSIX time [s]."""
         found = list(_differences(self._before, rows)) if self._before is not None else []
-        self._before = rows
+        if self._before is not None or not rows["naming"]:  # what was there before the console is no news
+            self._before = rows
         with self._lock:
             for kind, robot, floor, text in found:
                 self._count += 1
+                if kind == "collision":
+                    robot, floor, text = self._collision(text, at_s)
                 self._kept.append(Happening(self._count, at_s, kind, robot, floor, text[:MAX_TEXT]))
             while self._kept and self._kept[0].at < at_s - KEPT_S:
                 self._kept.popleft()
+
+    def _collision(self, text: str, at_s: float) -> tuple[str, str, str]:
+        """Robot, floor and text of collisions: with the names of those that have begun to touch, if they are known."""
+        contacts = self._contacts(at_s)
+        if not contacts:
+            return "", "", text
+        pairs = [f"{_shown(contact.robot)} and {_shown(contact.other)}" for contact in contacts[:MAX_CONTACTS]]
+        more = " and others" if len(contacts) > MAX_CONTACTS else ""
+        return contacts[0].robot, contacts[0].floor, f"{text}: {', '.join(pairs)}{more}"
 
     def after(self, number: int) -> list[Happening]:
         """Happenings with a higher number, the oldest first."""
@@ -67,14 +86,14 @@ def _differences(before: Rows, now: Rows) -> Iterator[Difference]:
     yield from _of_server(before["server"], now["server"])
     for name, row in now["robots"].items():
         old = before["robots"].get(name)
-        if old is None and before["robots"]:
+        if old is None:
             yield "robot", name, _floor(row), f"{_shown(name)} has started"
-        elif old is not None:
+        else:
             yield from _of_robot(name, old, row)
     for name, row in now["channels"].items():
         if name in before["channels"]:
             yield from _of_channel(name, before["channels"][name], row)
-        elif before["channels"]:
+        else:
             yield "channel", "", "", f"channel {_shown(name)} has started"
 
 
@@ -167,7 +186,8 @@ def _shown(name: str) -> str:
 
 
 def _is_silent(row: Rows) -> bool:
-    return bool(row["age"] is None or row["age"] > SILENT_S)
+    """Whether a robot has not answered for long; one that was found just now has not been asked yet."""
+    return bool(row["problem"]) if row["age"] is None else bool(row["age"] > SILENT_S)
 
 
 def _floor(row: Rows) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import bisect
 import threading
 from collections.abc import Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +19,10 @@ from robocorba.spatial.floor_update import Body, FloorView
 KEPT_S = 1800.0
 #: Shortest interval between the moments of a floor [s].
 INTERVAL_S = 0.2
-#: Maximum memory of the rows of all moments [bytes]; beyond, the oldest moments of the fullest floor are forgotten.
+#: Maximum memory of all moments [bytes]; beyond, the oldest moments of the fullest floor are forgotten.
 MAX_BYTES = 256 * 1024 * 1024
+#: Memory of a moment beside its rows [bytes], as tracemalloc measured it: numbers, a tuple, the head of an array.
+MOMENT_BYTES = 300
 
 
 class Moment(NamedTuple):
@@ -45,9 +46,8 @@ class History:
         self._bytes = 0
 
     @classmethod
-    def of_recording(cls, path: Path) -> History:
+    def of_recording(cls, recording: Recording) -> History:
         """The whole recording. Raises InvalidRecording."""
-        recording = Recording(path)
         history = cls(kept_s=float("inf"))
         for at_s, views in recording.sampled(INTERVAL_S):
             for view in views.values():
@@ -78,7 +78,7 @@ class History:
                     (last.elevators if is_same[1] else elevators),
                 )
             moments.append(Moment(at_s, view.time, view.map_version, bodies, elevators, rows))
-            self._bytes += rows.nbytes
+            self._bytes += MOMENT_BYTES + rows.nbytes
             self._forget(at_s)
 
     def span(self) -> tuple[float, float]:
@@ -120,5 +120,5 @@ class History:
             self._drop(longest, max(1, len(longest) // 10))
 
     def _drop(self, moments: list[Moment], count: int) -> None:
-        self._bytes -= sum(moment.rows.nbytes for moment in moments[:count])
+        self._bytes -= sum(MOMENT_BYTES + moment.rows.nbytes for moment in moments[:count])
         del moments[:count]

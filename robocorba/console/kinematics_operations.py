@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robocorba.console.arguments import is_number
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.pose import HandPose
@@ -80,7 +80,7 @@ def _hands(inverse: InverseKinematics, joints: Floats) -> dict[str, Pose]:
 
 
 def _joints(values: object) -> Floats:
-    if not isinstance(values, Sequence) or len(values) != len(JOINTS) or not all(map(_is_number, values)):
+    if not isinstance(values, Sequence) or len(values) != len(JOINTS) or not all(map(is_number, values)):
         raise InvalidPosture(f"joints: {len(JOINTS)} angles are needed")
     return np.array(values, float)
 
@@ -89,7 +89,7 @@ def _pose(values: object) -> HandPose:
     if not isinstance(values, Mapping) or not {"x", "y", "z"} <= values.keys() <= set(HandPose._fields):
         raise InvalidPosture("pose: x, y and z are needed, and roll, pitch, yaw are possible")
     for name, value in values.items():
-        if not _is_number(value):
+        if not is_number(value):
             raise InvalidPosture(f"pose: {name} is not a number")
     return HandPose(**values)
 
@@ -99,7 +99,3 @@ def _side(name: object) -> Side:
         return Side(name)
     except ValueError:
         raise InvalidPosture(f"side: {str(name)[:80]!r} is not left, right or both") from None
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

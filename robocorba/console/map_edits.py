@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from typing import Any, NamedTuple, Protocol
 
+from robocorba.console.arguments import text, whole
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.maps import InvalidElement, MapError, StaleEdit, UnknownElement
 from robocorba.maps.changes import ElementKey, key
@@ -62,8 +63,9 @@ def read_edits(values: Any) -> list[Edit]:
 
 def _edit(value: Any) -> Edit:
     try:
-        do, kind, floor, name = value["do"], ElementKind(value["kind"]), str(value["floor"]), str(value["name"])
-        version, to = int(value.get("version", 0)), str(value.get("to", ""))
+        do, kind = value["do"], ElementKind(value["kind"])
+        floor, name, to = (text(each, value.get(each, "")) for each in ("floor", "name", "to"))
+        version = whole("version", value.get("version", 0))
     except (KeyError, TypeError, ValueError, AttributeError):
         raise InvalidEdits("an edit has do, kind, floor, name and version") from None
     if do not in ("create", "change", "remove", "rename"):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import base64
 import binascii
+import contextlib
 import io
 import tempfile
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,10 +47,8 @@ def read_upload(files: Mapping[str, str], unknown: str, specks: str, topology: b
 
     with tempfile.TemporaryDirectory(prefix="robocorba-upload-") as folder:
         main = _store(files, Path(folder))
-        try:
-            imported = read_map(main, unknown=unknown, specks=specks)
-        except MapFileError as error:
-            raise MapFileError(Path(error.file).name, error.line, error.key, error.reason) from None
+        with _names_without_folder():
+            imported = read_map(main, unknown=unknown, specks=specks, absolute_paths=False)
     building, notes = imported.building, []
     for floor, entry in building.floors.items() if topology else ():
         if not entry.topological.edges:
@@ -75,7 +74,8 @@ def write_download(building: Building, format: str, resolution_m: float, image: 
     stem = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in building.name)[:60] or "building"
     with tempfile.TemporaryDirectory(prefix="robocorba-download-") as folder:
         target = Path(folder) / (stem + FORMATS[format])
-        exported = write_map(building, target, format, resolution_m=resolution_m, image=image)
+        with _names_without_folder():
+            exported = write_map(building, target, format, resolution_m=resolution_m, image=image)
         name, content = _packed(stem, exported.files)
     return {"name": name, "content": base64.b64encode(content).decode(), "losses": list(exported.losses)}
 
@@ -113,6 +113,15 @@ def _store(files: Mapping[str, str], folder: Path) -> Path:
     if len(found) > 1:
         raise InvalidUpload(f"{len(found)} maps are given ({', '.join(path.name for path in found)[:200]}); choose one")
     return found[0]
+
+
+@contextlib.contextmanager
+def _names_without_folder() -> Iterator[None]:
+    """Errors name the file alone: the folder is the console's own."""
+    try:
+        yield
+    except MapFileError as error:
+        raise MapFileError(Path(error.file).name, error.line, error.key, error.reason) from None
 
 
 def _packed(stem: str, files: Sequence[Path]) -> tuple[str, bytes]:

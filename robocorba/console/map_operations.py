@@ -7,13 +7,14 @@ from collections.abc import Callable
 from typing import Any
 
 from robocorba.console import map_files
+from robocorba.console.arguments import InvalidArguments, number, text
 from robocorba.console.map_edits import Edit, apply_edits, read_edits, stale_of
 from robocorba.console.map_sessions import TabSession, TabSessions
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.edit_session import RemoteMapEditor
 from robocorba.corba.remote.path_planner import RemotePlanner
 from robocorba.errors.maps import DuplicateElement, InvalidElement, MapError, SessionEnded, VersionUnavailable
-from robocorba.errors.paths import InvalidRequest, PathError
+from robocorba.errors.paths import PathError
 from robocorba.maps.edits import Finding
 from robocorba.maps.element_json import as_json, form_members
 from robocorba.maps.model import COLLECTION_OF, ElementKind
@@ -129,7 +130,7 @@ class MapOperations:
 
     def map_build_roads(self, floor: str, radius: float) -> int:
         """Replace nodes and edges of a floor by generated ones for robots of a radius [m]. Returns the version."""
-        return self._editor.build_topological_map(floor, _number("radius", radius))
+        return self._editor.build_topological_map(floor, radius)
 
     def map_undo_whole(self, version: int) -> int:
         """Undo the last edit, of generated roads or of the whole building, if it made this version. Returns the new
@@ -142,7 +143,7 @@ class MapOperations:
         """What keeps a robot of a radius [m] from parts of a floor, or of the building if `floor` is empty: `findings`
         (kind, floor, name, x, y, reason) of `version`, and how many there are in all."""
         version = self._editor.version()
-        found = self._editor.check_floor(floor, _number("radius", radius)) if floor else self._editor.check()
+        found = self._editor.check_floor(floor, radius) if floor else self._editor.check()
         return {
             "version": version,
             "count": len(found),
@@ -153,12 +154,12 @@ class MapOperations:
         """A path in each mode: `mode` with `points`, `length` [m] and `seconds`, or with `reason` why there is none.
 
         start, goal: `floor`, `x`, `y` [m]."""
-        begin, end, radius_m = _place("start", start), _place("goal", goal), _number("radius", radius)
+        begin, end = _place("start", start), _place("goal", goal)
         answers = []
         for mode in (RouteMode.SMOOTHED, RouteMode.TOPOLOGICAL, RouteMode.GEOMETRIC):
             answer: Answer = {"mode": mode.name.lower()}
             try:
-                found = self._planner.paths(PathRequest(begin, end, radius=radius_m, mode=mode))[0]
+                found = self._planner.paths(PathRequest(begin, end, radius=radius, mode=mode))[0]
                 answer.update(length=found.distance, seconds=found.duration, points=_points(found))
             except PathError as error:
                 answer["reason"] = str(error)
@@ -170,7 +171,7 @@ class MapOperations:
     def map_export(self, format: str, resolution: float = 0.05, image: str = "pgm") -> Answer:
         """The building as a file: `name`, `content` in base64, `losses`. resolution [m], image (pgm, png): for ros."""
         building, _ = self._editor.building()
-        return map_files.write_download(building, format, _number("resolution", resolution), image)
+        return map_files.write_download(building, format, resolution, image)
 
     def map_read_files(
         self,
@@ -181,7 +182,7 @@ class MapOperations:
         radius: float = SMARTPAL_RADIUS_M,
     ) -> Answer:
         """What uploaded map files hold; nothing is changed. Answers as read_upload of map_files."""
-        return map_files.read_upload(files, unknown, specks, topology, _number("radius", radius))
+        return map_files.read_upload(files, unknown, specks, topology, radius)
 
     def map_replace(self, document: str, version: int) -> int:
         """Replace the whole building by a native map file's. version: of the building that it replaces."""
@@ -201,8 +202,7 @@ class MapOperations:
         """Place a picture (PNG or JPEG in base64) below a floor; without a picture, remove it."""
         underlay = None
         if picture:
-            origin = _number("x", x), _number("y", y)
-            underlay = Underlay(map_files.decoded(picture, "the picture"), origin, _number("resolution", resolution))
+            underlay = Underlay(map_files.decoded(picture, "the picture"), (x, y), resolution)
         self._editor.set_underlay(floor, underlay)
 
 
@@ -234,12 +234,6 @@ def _points(path: Path) -> list[Answer]:
 
 def _place(what: str, value: Any) -> Place:
     try:
-        return Place(str(value["floor"]), float(value["x"]), float(value["y"]))
-    except (KeyError, TypeError, ValueError):
-        raise InvalidRequest(what, "not an object with floor, x and y") from None
-
-
-def _number(what: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InvalidRequest(what, "not a number")
-    return float(value)
+        return Place(text("floor", value["floor"]), number("x", value["x"]), number("y", value["y"]))
+    except (KeyError, TypeError):
+        raise InvalidArguments(f"{what} is not an object with floor, x and y") from None

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from robocorba.console.arguments import InvalidArguments, number, text
 from robocorba.console.films import Films, InvalidFilm
 from robocorba.console.history import History
 from robocorba.console.monitor_state import MonitorState
@@ -32,13 +31,12 @@ class MonitorOperations:
 
     def forget_robot(self, robot: str) -> None:
         """Take a robot that has left from the table."""
-        self._state.forget(text("robot", robot))
+        self._state.forget(robot)
 
     def happenings(self, after: int = 0) -> list[dict[str, Any]]:
         """What has happened, with a higher number than `after`, the oldest first: `number`, `at` (POSIX time [s]),
         `kind`, `robot`, `floor` and `text`."""
-        first = number("after", after)
-        return [happening._asdict() for happening in self._state.happenings.after(int(first))]
+        return [happening._asdict() for happening in self._state.happenings.after(after)]
 
     def recordings(self) -> list[dict[str, Any]]:
         """Open recordings: `key`, `name`, `floors` and `past`, POSIX times of their first and last moment [s]."""
@@ -47,8 +45,6 @@ class MonitorOperations:
     def start_film(self, floor: str, begin: float, end: float, speed: float = 1.0, recording: str = "") -> int:
         """Make a film of a floor between two POSIX times [s], of an open recording or of the last half hour; its
         number."""
-        begin, end, speed = number("begin", begin), number("end", end), number("speed", speed)
-        floor, recording = text("floor", floor), text("recording", recording)
         opened = self._recordings.get(recording) if recording else None
         history, building = (opened.history, opened.building) if opened else (self._history, self._building())
         if floor not in building.floors:
@@ -60,15 +56,8 @@ class MonitorOperations:
 
     def film_state(self, film: int) -> dict[str, Any]:
         """`phase` of a film: making, ready (then GET /film/NUMBER has it) or failed; `seconds`; `problem`."""
-        return self._films.state(_film(film))
+        return self._films.state(film)
 
     def cancel_film(self, film: int) -> None:
         """End the making of a film."""
-        self._films.cancel(_film(film))
-
-
-def _film(film: Any) -> int:
-    """The number of a film. Raises InvalidArguments."""
-    if isinstance(film, bool) or not isinstance(film, int):
-        raise InvalidArguments("film is not a whole number")
-    return film
+        self._films.cancel(film)

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any, Protocol
 
+from robocorba.console.contacts import contacts_since
 from robocorba.console.happenings import Happenings
 from robocorba.console.history import KEPT_S, History
+from robocorba.maps.model import Building
 from robocorba.repeating import Repeating
 
 #: Interval between comparisons of the state [s].
 INTERVAL_S = 0.5
 #: Maximum number of robots that are remembered after they have logged off.
 MAX_GONE = 500
+#: A collision is counted at most this long after the bodies have met [s].
+CONTACT_S = 1.5
 
 
 class StateSource(Protocol):
@@ -26,11 +31,15 @@ class StateSource(Protocol):
 
 
 class MonitorState:
-    """Adds to the state of the system what was seen before, from `start` to `close`. Thread-safe."""
+    """Adds to the state of the system what was seen before, from `start` to `close`. Thread-safe.
 
-    def __init__(self, state: StateSource, history: History) -> None:
+    building: returns the map, whose walls name what robots collide with."""
+
+    def __init__(
+        self, state: StateSource, history: History, building: Callable[[], Building] = lambda: Building("")
+    ) -> None:
         self._state, self._history = state, history
-        self.happenings = Happenings()
+        self.happenings = Happenings(lambda at_s: contacts_since(history, building(), at_s - CONTACT_S, at_s))
         self._lock = threading.Lock()
         #: The last record of each robot that has logged on, and when it was there [s, monotonic], the oldest first.
         self._clients: dict[str, tuple[dict[str, Any], float]] = {}

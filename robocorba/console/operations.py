@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable
 from typing import Any, get_type_hints
 
-from robocorba.console.arguments import InvalidArguments, check_type
+from robocorba.console.arguments import InvalidArguments, checked
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent, order_all, robots
 
@@ -41,9 +41,7 @@ class Operations:
         except TypeError as error:
             raise InvalidArguments(f"{name}: {error}") from None
         wanted = get_type_hints(operation)
-        for argument, value in arguments.items():
-            check_type(argument, value, wanted.get(argument))
-        return operation(**arguments)
+        return operation(**{each: checked(each, value, wanted.get(each)) for each, value in arguments.items()})
 
     # ---- robots ----
 

@@ -9,11 +9,11 @@ from typing import Any, Protocol
 
 import msgspec
 
+from robocorba.console.arguments import InvalidArguments, texts
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import IconBegun
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import InvalidProgram
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs import program as programs
@@ -27,10 +27,6 @@ RESOLVE_TIMEOUT_S = 1.0
 MAX_ARGUMENTS = 2000
 
 Answer = dict[str, Any]
-
-
-class InvalidRequest(RoboCorbaError):
-    """An operation can't do what the page asks."""
 
 
 class Agent(Protocol):
@@ -107,7 +103,7 @@ class ProgramOperations:
         if first:
             read = programs.loads(program)
             if not 0 < first < len(read.icons):
-                raise InvalidRequest(f"the program has no icon {first}; it has {len(read.icons)}")
+                raise InvalidArguments(f"the program has no icon {first}; it has {len(read.icons)}")
             wanted = programs.dumps(msgspec.structs.replace(read, icons=read.icons[first:]))
         agent = self._agent(robot)
         agent.load(wanted)
@@ -135,7 +131,7 @@ class ProgramOperations:
         `icons_done`, `seconds`. `condition`, `reason` (why the robot is stopped) and `adaptor` of the robot."""
         agent = self._agent(robot)
         state = agent.state()  # before the icons, so that all icons of an ended program are among them
-        begun = agent.begun(max(0, int(first)))
+        begun = agent.begun(first)
         report = state.program
         return {
             "begun": [{"number": icon.number, "icon": icon.icon, "kind": icon.kind} for icon in begun],
@@ -151,12 +147,13 @@ class ProgramOperations:
         """Names of the adaptors that a robot can switch to."""
         return self._agent(robot).adaptors()
 
-    def switch_adaptor(self, robot: str, adaptor: str, arguments: Sequence[str] = ()) -> None:
+    def switch_adaptor(self, robot: str, adaptor: str, arguments: list[str] | None = None) -> None:
         """Connect another robot to a robot's agent. Raises UnknownAdaptor, AdaptorFailed; IllegalOrder while a program
         runs."""
-        if not all(isinstance(word, str) for word in arguments) or sum(map(len, arguments)) > MAX_ARGUMENTS:
-            raise InvalidRequest(f"arguments of an adaptor are texts of at most {MAX_ARGUMENTS} characters together")
-        self._agent(robot).switch(adaptor, list(arguments))
+        words = texts("arguments", arguments or [])
+        if sum(map(len, words)) > MAX_ARGUMENTS:
+            raise InvalidArguments(f"arguments of an adaptor have at most {MAX_ARGUMENTS} characters together")
+        self._agent(robot).switch(adaptor, list(words))
 
 
 def _checked(report: CheckReport, read: Program | None) -> Answer:

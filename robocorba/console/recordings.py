@@ -31,7 +31,7 @@ class OpenRecording:
         self.key, self.name = key, name
         self.building: Building = recording.building
         self.floors = [floor for floor in recording.building.floors if floor in recording.floors]
-        self.history = History.of_recording(path)
+        self.history = History.of_recording(recording)
 
     def plan(self, floor: str) -> dict[str, Any]:
         """The map of a floor as it was recorded, for the browser. Raises UnknownFloor."""

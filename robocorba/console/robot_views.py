@@ -9,7 +9,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Protocol
 
 from fastapi import WebSocket, WebSocketDisconnect
@@ -17,6 +19,9 @@ from fastapi import WebSocket, WebSocketDisconnect
 from robocorba.console.frames import update_frame
 from robocorba.errors.base import RoboCorbaError
 from robocorba.spatial.floor_update import WHOLE, FloorUpdate
+from robocorba.spatial.posture import Posture
+
+_log = logging.getLogger(__name__)
 
 #: Interval between requests for the pool's changes, and for path and postures [s].
 POOL_INTERVAL_S, SLOW_INTERVAL_S = 0.1, 0.4
@@ -32,11 +37,13 @@ Message = bytes | dict[str, Any]
 class WatchedRobot(Protocol):
     """The robot as these views need it, `RemoteRobotView`. Its methods raise RoboCorbaError."""
 
-    def path(self) -> list[dict[str, Any]]: ...
+    @property
     def floor(self) -> str: ...
+    @property
     def lag_s(self) -> float: ...
+    def path(self) -> list[dict[str, Any]]: ...
     def changes(self, since: int) -> FloorUpdate: ...
-    def postures(self, since_s: float) -> list[tuple[str, float, list[float]]]: ...
+    def postures(self, time_s: float) -> list[Posture]: ...
 
 
 class RobotView:
@@ -88,44 +95,65 @@ class RobotView:
             messages.append({"path": path})
         if self._with_pool:
             postures = robot.postures(self._posture_time)
-            self._posture_time = max((time_s for _, time_s, _ in postures), default=self._posture_time)
-            joints = {name: angles for name, _, angles in postures}
-            messages.append({"pool": {"floor": robot.floor(), "lag": robot.lag_s(), "joints": joints}})
+            self._posture_time = max((posture.time for posture in postures), default=self._posture_time)
+            joints = {posture.robot: posture.joints for posture in postures}
+            messages.append({"pool": {"floor": robot.floor, "lag": robot.lag_s, "joints": joints}})
         return messages
 
 
 class RobotViews:
-    """Serves the views of all pages. connect: finds a robot by name; raises NotReachable."""
+    """Serves the views of all pages until `close`. connect: finds a robot by name; raises NotReachable."""
 
     def __init__(self, connect: Callable[[str], WatchedRobot]) -> None:
         self._connect = connect
         self._count = 0
+        # Threads of its own: a robot that hangs holds up its own pages only.
+        self._threads = ThreadPoolExecutor(MAX_VIEWS, "console robot view")
+
+    def close(self) -> None:
+        self._threads.shutdown(wait=False, cancel_futures=True)
 
     async def serve(self, socket: WebSocket, robot: str, with_pool: bool) -> None:
         """Serve a page until it leaves."""
         await socket.accept()
-        if self._count >= MAX_VIEWS or not 0 < len(robot) <= MAX_NAME:
-            await socket.close(1008)
+        if not 0 < len(robot) <= MAX_NAME:
+            await socket.close(1008, "this is no robot's name")
+            return
+        if self._count >= MAX_VIEWS:
+            await socket.close(
+                1013, f"this console shows the robots' paths and data pools on {MAX_VIEWS} pages at a time"
+            )
             return
         self._count += 1
-        sending = asyncio.create_task(self._send(socket, RobotView(lambda: self._connect(robot), with_pool)))
+        view = RobotView(lambda: self._connect(robot), with_pool)
+        tasks = [asyncio.create_task(self._send(socket, view)), asyncio.create_task(_until_left(socket))]
         try:
-            with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-                while True:  # until it leaves; a page has nothing to say
-                    await socket.receive_text()
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                error = task.exception()
+                if error is not None and not isinstance(error, WebSocketDisconnect | RuntimeError):
+                    _log.error("a view of %r was disconnected", robot, exc_info=error)
         finally:
             self._count -= 1
-            sending.cancel()
-            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
-                await sending
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it has left already
+                await socket.close()
 
     async def _send(self, socket: WebSocket, view: RobotView) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            messages, pause_s = await asyncio.to_thread(view.poll, loop.time())
+            messages, pause_s = await loop.run_in_executor(self._threads, view.poll, loop.time())
             for message in messages:
                 if isinstance(message, bytes):
                     await socket.send_bytes(message)
                 else:
                     await socket.send_text(json.dumps(message, separators=(",", ":")))
             await asyncio.sleep(pause_s)
+
+
+async def _until_left(socket: WebSocket) -> None:
+    """Returns by an exception when the page leaves; it has nothing to say."""
+    while True:
+        await socket.receive_text()

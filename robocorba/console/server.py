@@ -18,7 +18,7 @@ from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
 from robocorba.console.access import Access
-from robocorba.console.calls import answer_call
+from robocorba.console.calls import Calls
 from robocorba.console.films import Films, InvalidFilm
 from robocorba.console.history import History
 from robocorba.console.kinematics_operations import KinematicsOperations
@@ -64,11 +64,11 @@ class Console:
     def __init__(self, orb: Orb, settings: ConsoleSettings) -> None:
         self._settings = settings
         self.history = History()
-        self.state = MonitorState(SystemState(orb), self.history)
+        self.state = MonitorState(SystemState(orb), self.history, lambda: self.plans.building)
         self.recordings, self.films = Recordings(), Films()
         if settings.recording is not None:
             self.recordings.open(settings.recording, settings.recording.name)
-        self.viewers = Viewers(self.state)
+        self.viewers = Viewers(self.state, settings.viewers)
         self.floors = LiveFloors(orb, self.history, lambda floor: self.viewers.notify())
         self.plans = LivePlans(orb, self.viewers.notify)
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
@@ -77,7 +77,7 @@ class Console:
         self.viewers.missions = self.missions
         self.robot_views = RobotViews(lambda robot: RemoteRobotView(orb, robot))
         self.operations = Operations(orb)
-        for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb)):
+        for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb, self.state.rows)):
             self.operations.add(part)
         self.operations.add(
             MonitorOperations(self.state, self.history, lambda: self.plans.building, self.recordings, self.films)
@@ -85,6 +85,7 @@ class Console:
         self.operations.add(SimulationOperations(orb, settings.administrator, settings.supervisor))
         self.operations.add(ProcessOperations(orb, settings.supervisor))
         self.operations.add(KinematicsOperations())
+        self.calls = Calls(self.operations)
 
     def app(self) -> Access:
         """The web application."""
@@ -115,15 +116,14 @@ class Console:
     @contextlib.asynccontextmanager
     async def _running(self, app: FastAPI) -> AsyncIterator[None]:
         self.viewers.attach(self.floors, self.plans, self.sensors)
-        parts = (self.state, self.plans, self.floors, self.sensors, self.missions)
-        for part in parts:
+        started = (self.state, self.plans, self.floors, self.sensors, self.missions)
+        for part in started:
             part.start()
         try:
             yield
         finally:
-            for part in parts:
-                await asyncio.to_thread(part.close)
-            await asyncio.to_thread(self.films.close)
+            for each in (*started, self.films, self.calls, self.robot_views):
+                await asyncio.to_thread(each.close)
 
     async def _live(self, socket: WebSocket) -> None:
         await self.viewers.serve(socket)
@@ -143,16 +143,12 @@ class Console:
         return Response(plan, media_type="application/json")
 
     async def _robot_model(self) -> Response:
-        from robocorba.kinematics.link_tree import as_json  # imported here, since it loads the physics engine
-
-        return JSONResponse(await asyncio.to_thread(as_json))
+        return JSONResponse(await asyncio.to_thread(_link_tree))
 
     async def _robot_urdf(self) -> Response:
         """The robot for other viewers."""
-        from robocorba.kinematics.urdf import urdf
-
         return Response(
-            await asyncio.to_thread(urdf),
+            await asyncio.to_thread(_urdf),
             media_type="application/xml",
             headers={"Content-Disposition": 'attachment; filename="smartpal.urdf"'},
         )
@@ -191,7 +187,22 @@ class Console:
             return JSONResponse({"error": str(error)}, 404)
 
     async def _call(self, name: str, request: Request) -> Response:
-        return await answer_call(self.operations, name, request)
+        return await self.calls.answer(name, request)
+
+
+# The modules that these import load the physics engine, which takes seconds: not in the thread of the event loop.
+
+
+def _link_tree() -> Any:
+    from robocorba.kinematics.link_tree import as_json
+
+    return as_json()
+
+
+def _urdf() -> str:
+    from robocorba.kinematics.urdf import urdf
+
+    return urdf()
 
 
 class _Static(StaticFiles):

@@ -19,6 +19,8 @@ from robocorba.settings import Address, InvalidSetting, Settings
 DEFAULT_PORT = 8800
 #: Shortest password on an address that other machines reach.
 MIN_PASSWORD = 8
+#: Default of the number of pages that are served at the same time; each costs memory, and time of the event loop.
+DEFAULT_VIEWERS = 64
 LOOPBACK_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
 
 
@@ -35,7 +37,7 @@ class ConsoleSettings:
     port: 0 for any free one. password: empty for none. certificate, key: PEM files, None without TLS.
     administrator: file with the reference of the simulation's administrator, None for no such rights.
     supervisor: file with the reference of the system's supervisor; it need not exist. recording: a file to look at
-    beside the running system, or None."""
+    beside the running system, or None. viewers: the number of pages that are served at the same time."""
 
     common: Settings
     host: str
@@ -46,16 +48,17 @@ class ConsoleSettings:
     administrator: Path | None
     supervisor: Path
     recording: Path | None = None
+    viewers: int = DEFAULT_VIEWERS
 
     @property
     def hosts(self) -> frozenset[str]:
         """Host names by which browsers may call the console."""
-        return LOOPBACK_HOSTS if Address(self.host, 1).is_loopback else frozenset({self.host})
+        return frozenset({self.host}) | (LOOPBACK_HOSTS if Address(self.host, 1).is_loopback else frozenset())
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ConsoleSettings:
         """From `[--host H] [--port N] [--password-file FILE] [--certificate FILE --key FILE] [--administrator FILE]
-        [--supervisor FILE] [--recording FILE] [--naming HOST:PORT] [--state DIR]`.
+        [--supervisor FILE] [--recording FILE] [--viewers N] [--naming HOST:PORT] [--state DIR]`.
 
         Asks for a password where one is needed and none is given. Raises InvalidSetting; SystemExit with a usage line
         for unknown arguments."""
@@ -80,6 +83,9 @@ class ConsoleSettings:
             help="the system's supervisor, for processes and robots [supervisor.ior of the state folder]",
         )
         parser.add_argument("--recording", type=Path, metavar="FILE", help="a recording to look at")
+        parser.add_argument(
+            "--viewers", type=int, default=DEFAULT_VIEWERS, metavar="N", help="pages served at the same time [64]"
+        )
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
         given = parser.parse_args(arguments)
@@ -96,6 +102,8 @@ class ConsoleSettings:
                 raise InvalidSetting(option, str(file), "there is no such file")
         if given.certificate is not None:
             _check_certificate(given.certificate, given.key)
+        if given.viewers < 1:
+            raise InvalidSetting("--viewers", str(given.viewers), "expected 1 or more")
         common = Settings.read(given.naming, given.state)
         return cls(
             common,
@@ -107,6 +115,7 @@ class ConsoleSettings:
             given.administrator,
             given.supervisor or common.state / SUPERVISOR,
             given.recording,
+            given.viewers,
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from robocorba.console.arguments import count, number, text
+from robocorba.console.arguments import count, text
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.administrator import RemoteAdministrator
 from robocorba.errors.base import RoboCorbaError
@@ -47,7 +47,7 @@ class SimulationOperations:
 
     def set_pace(self, pace: float) -> None:
         """Set the simulated seconds per second; 1: real time, 0: as many as possible, at most 1000."""
-        self._administrator().set_pace(number("pace", pace))
+        self._administrator().set_pace(pace)
 
     def step_simulation(self, steps: int = 1) -> None:
         """Simulate some steps of 0.02 s while time is paused."""
@@ -59,7 +59,7 @@ class SimulationOperations:
 
     def place(self, body: str, floor: str, x: float, y: float, heading: float = 0.0) -> None:
         """Put a robot or a movable object at a place [m, rad], at rest; an object that is held is released."""
-        at = Pose(text("floor", floor), number("x", x), number("y", y), number("heading", heading))
+        at = Pose(text("floor", floor), x, y, heading)
         self._administrator().place(text("body", body), at)
 
     def _administrator(self) -> RemoteAdministrator:

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
+from collections.abc import Collection
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
+from robocorba.console.defects import DEFECT
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.system_state import Question, channel_state, robot_state, server_state
 from robocorba.errors.base import RoboCorbaError
 from robocorba.names import CHANNELS, ROBOTS
 from robocorba.repeating import Repeating
 
+_log = logging.getLogger(__name__)
+
 #: Interval between the requests of each object [s].
 INTERVAL_S = 0.5
 #: An object that does not answer is asked again after this time [s].
-RETRY_S = 3.0
+RETRY_S = 1.5
 #: Objects asked at the same time; those that hang occupy one thread each for 1 s in RETRY_S.
 THREADS = 16
+#: Robots, and channels, that are remembered after their names have left the naming service.
+MAX_GONE = 500
 Answer = dict[str, Any]
 
 
@@ -43,9 +50,13 @@ class _Source:
             self.answer = self._ask()
             self.answered_at, self.problem = time.monotonic(), ""
             self._next_s = self.answered_at + INTERVAL_S
+            return
         except RoboCorbaError as error:
             self.problem = str(error)
-            self._next_s = time.monotonic() + RETRY_S
+        except Exception:  # such as an answer of another release; the future would hide it
+            _log.exception("a request for a state failed")
+            self.problem = DEFECT
+        self._next_s = time.monotonic() + RETRY_S
 
     def row(self) -> Answer:
         """The last answer with its age [s], and the problem if there is one."""
@@ -56,7 +67,8 @@ class _Source:
 class SystemState:
     """Asks the simulation server, all robots and all channels in the background, from `start` to `close`. Thread-safe.
 
-    Robots and channels that were seen once stay in the answer with the age of their last news, until `forget`."""
+    Robots and channels that were seen once stay in the answer with the age of their last news, until `forget`, or
+    until more than MAX_GONE have left."""
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
@@ -66,7 +78,7 @@ class SystemState:
         self._robots: dict[str, _Source] = {}
         self._channels: dict[str, _Source] = {}
         self._bound: dict[str, frozenset[str]] = {ROBOTS: frozenset(), CHANNELS: frozenset()}
-        self._names_problem = ""
+        self._names_problem = "connecting"
         self._task = Repeating("console state", self._refresh, INTERVAL_S / 2)
         self._names_task = Repeating("console names", self._read_names, 2 * INTERVAL_S)
 
@@ -86,7 +98,8 @@ class SystemState:
 
     def rows(self) -> Answer:
         """`server`, and `robots` and `channels` by name: each with `state` (members as in the IDL, None before the
-        first answer), `age` [s], `problem` and `bound`, whether its name is in the naming service."""
+        first answer), `age` [s], `problem` and `bound`, whether its name is in the naming service. `naming`: why the
+        naming service does not answer, or has not yet."""
         with self._lock:
             robots, channels = dict(self._robots), dict(self._channels)
         return {
@@ -110,6 +123,14 @@ class SystemState:
                 with self._lock:
                     for name in sorted(self._bound[path] - sources.keys()):
                         sources[name] = _Source(question(self._orb, name))
+                    _forget_oldest(sources, self._bound[path])
             self._names_problem = ""
         except RoboCorbaError as error:
             self._names_problem = str(error)
+
+
+def _forget_oldest(sources: dict[str, _Source], bound: Collection[str]) -> None:
+    """Drop those of which there is no news for longest, beyond MAX_GONE whose names have left."""
+    gone = sorted(sources.keys() - bound, key=lambda name: sources[name].answered_at)
+    for name in gone[: max(0, len(gone) - MAX_GONE)]:
+        del sources[name]

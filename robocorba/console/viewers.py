@@ -16,12 +16,15 @@ from robocorba.console.live_missions import LiveMissions, MissionFeed
 from robocorba.console.live_plans import LivePlans
 from robocorba.console.live_sensors import LiveSensors, Wanted
 from robocorba.console.sensor_feed import NOTHING
+from robocorba.console.settings import DEFAULT_VIEWERS
 from robocorba.errors.paths import UnknownFloor
 
 _log = logging.getLogger(__name__)
 
 #: Interval between messages with the state of servers and robots [s].
 STATE_INTERVAL_S = 0.5
+#: WebSocket close code for "try again later", of a viewer too many; its reason has at most 123 bytes.
+TRY_AGAIN_LATER = 1013
 #: Longest message that a viewer may send [bytes], and the number of floors that it may watch.
 MAX_MESSAGE, MAX_FLOORS = 4096, 64
 
@@ -33,10 +36,12 @@ class StateSource(Protocol):
 
 
 class Viewers:
-    """All viewers of a console. `attach` is called in the thread of the event loop, `notify` in any."""
+    """All viewers of a console, at most `limit`.
 
-    def __init__(self, state: StateSource) -> None:
-        self._state = state
+    `attach` is called in the thread of the event loop, `notify` in any."""
+
+    def __init__(self, state: StateSource, limit: int = DEFAULT_VIEWERS) -> None:
+        self._state, self._limit = state, limit
         self._loop: asyncio.AbstractEventLoop | None = None
         self._viewers: set[Viewer] = set()
         self._state_text: tuple[float, str] = 0.0, ""
@@ -79,8 +84,12 @@ class Viewers:
         return json.dumps({"floors": self.floors.names, "map": self.plans.version, "problems": problems})
 
     async def serve(self, socket: WebSocket) -> None:
-        """Serve a viewer until it leaves."""
-        await socket.accept()
+        """Serve a viewer until it leaves; one beyond the limit is refused."""
+        await socket.accept()  # browsers get the reason of a refusal only after this
+        if self.count >= self._limit:
+            reason = f"this console serves {self._limit} pages at a time; close one, or start it with more --viewers"
+            await socket.close(TRY_AGAIN_LATER, reason)
+            return
         viewer = Viewer(self, socket)
         self._viewers.add(viewer)
         tasks = [asyncio.create_task(viewer.send()), asyncio.create_task(viewer.receive())]

@@ -28,7 +28,7 @@ from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED,
 from robocorba.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.planning.request import PathPoint
 from robocorba.programs.base_checks import Planner
-from robocorba.programs.program import Program, require_cooperative
+from robocorba.programs.program import Program
 from robocorba.programs.report import CheckReport
 from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
@@ -193,9 +193,8 @@ class ControlAgent:
             self._begin(Runner(self._program, robot, self._others, mission))
 
     def start_mission(self, mission: str, program: Program) -> None:
-        """Load and run a program of one cooperative icon as the mission of this name. Raises InvalidProgram,
-        IllegalOrder."""
-        require_cooperative(program)
+        """Load and run a program of one cooperative icon (`program.of_icon`) as the mission of this name. Raises
+        InvalidProgram, IllegalOrder."""
         with self._lock:
             self.load(program)
             self.run(mission=mission)

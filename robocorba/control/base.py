@@ -12,7 +12,6 @@ from itertools import product
 from robocorba.collision_avoidance.giving_way import Blocked, GiveWay
 from robocorba.collision_avoidance.neighbours import Nearby, OtherRobot
 from robocorba.collision_avoidance.stepping_aside import place_aside
-from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles
 from robocorba.control.movements import Movements
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import PathError
@@ -23,7 +22,8 @@ from robocorba.motion.driving import Drive, DriveAt, DriveBy, StopBase
 from robocorba.motion.motion import Motion
 from robocorba.motion.robot_state import Velocity
 from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
-from robocorba.programs.base_checks import Planner
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES
+from robocorba.programs.base_checks import CONTACT_M, Planner
 from robocorba.simulation.elevator import RidePhase
 from robocorba.spatial.pose import XY
 
@@ -31,8 +31,6 @@ from robocorba.spatial.pose import XY
 ELEVATOR_CALL_DISTANCE_M = 2.0
 #: Timeout of waiting for an elevator [s, robot's clock].
 ELEVATOR_LIMIT_S = 300.0
-#: A robot that touches an obstacle plans with a radius that is smaller by this [m], so that it can leave.
-CONTACT_M = 0.02
 #: Clearances that are tried for a path [m], widest first, because the base cuts corners.
 PATH_CLEARANCES_M = (0.06, 0.03, 0.0)
 #: Maximum length of a path with clearance: this factor of the shortest path plus this distance [m].
@@ -87,10 +85,9 @@ class BaseMovements(Movements):
     def _path_past_objects(self, goal: Place, speed: float) -> list[PathPoint]:
         """A path by the map, with movable objects at their present poses: along the roadmap, or through free space if
         an object blocks the roadmap. It may begin where the robot touches an obstacle."""
-        request = self._request(goal, speed)
-        if self._nearby:
-            objects = self._nearby.movable_objects(self.session.latest.holding)
-            request = request._replace(**objects._asdict())
+        holding = self.session.latest.holding
+        objects = self._nearby.movable_objects(holding) if self._nearby else NO_OBSTACLES
+        request = objects.added_to(self._request(goal, speed))
         first: PathError | None = None
         for radius, mode in product((RADIUS_M, RADIUS_M - CONTACT_M), (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):
             try:
@@ -100,7 +97,7 @@ class BaseMovements(Movements):
             else:
                 return self._with_clearance(request._replace(mode=mode), found).points
         assert first
-        raise first
+        raise objects.explained(first, request, self._planner.paths)
 
     def _with_clearance(self, request: PathRequest, found: Path) -> Path:
         """The path with the widest clearance that is hardly longer than `found`."""
@@ -115,10 +112,10 @@ class BaseMovements(Movements):
         """A path around temporary obstacles, including the robot `other`; None if none are known or no path exists."""
         here = self.session.latest
         point = (goal.x, goal.y) if goal.floor == here.at.floor else None
-        known = self._nearby.temporary_obstacles(other, point, here.holding) if self._nearby else TemporaryObstacles()
-        if known == TemporaryObstacles():
+        known = self._nearby.temporary_obstacles(other, point, here.holding) if self._nearby else NO_OBSTACLES
+        if known == NO_OBSTACLES:
             return None
-        request = self._request(goal, speed)._replace(**known._asdict())
+        request = known.added_to(self._request(goal, speed))
         for clearance_m, mode in product(PATH_CLEARANCES_M, (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):
             with contextlib.suppress(PathError):
                 return self._planner.paths(request._replace(radius=RADIUS_M + clearance_m, mode=mode))[0].points

@@ -15,7 +15,8 @@ Updates = tuple[FloorUpdate, ...]
 
 
 def continued(recent: Updates, update: FloorUpdate) -> Updates:
-    """The updates with one more; only that one if it does not continue the last one. Without changes, as before."""
+    """The updates with one more that continues the last one; none after a whole floor, which readers get instead.
+    Without changes, as before."""
     if update.since == WHOLE:
         return ()
     if update.version == update.since:

@@ -87,4 +87,4 @@ def _plan_of(building: Building, floor: str) -> tuple[GeometricalMap, Floor, tup
     if floor not in building.floors:
         raise UnknownFloor("floor", floor, list(building.floors))
     entry = building.floors[floor]
-    return entry.geometrical, entry.floor, tuple(building.elevators.values())
+    return entry.geometrical, entry.floor, building.elevators_through(floor)

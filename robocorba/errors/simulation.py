@@ -108,6 +108,10 @@ class InvalidMission(FieldError, SimulationError):
     """`field` of a mission cannot be stored; `reason` explains."""
 
 
+class NoRoom(InvalidMission):
+    """A mission can't be stored beside the others: removing one makes room."""
+
+
 class StaleMission(SimulationError):
     """Mission `name` is at version `current`, not `expected`: another client changed it."""
 

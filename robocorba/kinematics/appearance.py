@@ -1,4 +1,4 @@
-"""What SmartPal looks like: one list of parts by link, from which the browser, URDF and films draw it.
+"""What SmartPal looks like: one list of parts by link, from which the browser and URDF draw it.
 
 Parts are in the frames of their links (see `model.specification`); at zero angles all frames are parallel to the
 robot's: x ahead, y to the left, z up. Lengths are metres. The look is after the pictures of SmartPal IV and V; it has

@@ -121,7 +121,7 @@ def _arm(trunk: mujoco.MjsBody, side: Side, shoulder_m: float) -> None:
     _box(hand, (0, 0, -0.045), (0.028, 0.035, 0.035), 1.2, _DARK)
     tip, aside = -WRIST_M - HAND_M - 0.006, _GAP_M + _FINGER_M
     size = (_FINGER_M, 0.015, _FINGER_LENGTH_M / 2)
-    _box(hand, (-aside, 0, tip + _FINGER_LENGTH_M / 2), size, 0.15, _BLUE)
+    _box(hand, FIXED_FINGER_M, size, 0.15, _BLUE)
     ahead = (math.sqrt(0.5), 0, math.sqrt(0.5), 0)
     hand.add_site(name=f"{name}_hand", pos=(0, 0, -WRIST_M - HAND_M), quat=ahead, size=[0.008] * 3)
 

@@ -1,4 +1,4 @@
-"""Findings for the maintainer of a map: what robots can't do in a valid building.
+"""Findings for the maintainer of a map: what robots can't do in a valid building, and what is probably drawn wrong.
 
 A finding is not a broken rule: the building can be served, and the finding disappears with its cause.
 """
@@ -12,6 +12,7 @@ from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps.collisions import TOUCH_M, Collision, blockages
 from robocorba.maps.geometry import bounds
 from robocorba.maps.model import KIND_OF, Building, ElementKind, Elevator
+from robocorba.maps.plan_defects import plan_defects
 from robocorba.maps.reachability import Reachability
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
@@ -35,6 +36,13 @@ class MapFinding(NamedTuple):
 
 
 def findings(building: Building, radius_m: float = SMARTPAL_RADIUS_M) -> list[MapFinding]:
+    """Blocked nodes and edges, all that a robot of `radius_m` can't reach, and defects of the plans."""
+    return _of_roads(building, radius_m) + [
+        each for floor in building.floors for each in _plan(building, floor, radius_m)
+    ]
+
+
+def _of_roads(building: Building, radius_m: float) -> list[MapFinding]:
     """Blocked nodes and edges, and all that a robot of `radius_m` can't reach, floor by floor."""
     reach = Reachability(building, radius_m)
     found = list(blocked(building))
@@ -53,13 +61,13 @@ def floor_findings(building: Building, floor: str, radius_m: float) -> list[MapF
         reason = f"the radius of the robot must be from {MIN_RADIUS_M:g} to {MAX_RADIUS_M:g} m, not {radius_m:g}"
         raise InvalidElement(ElementKind.FLOOR.value, "", floor, reason)
     found = []
-    for finding in findings(building, radius_m):
+    for finding in _of_roads(building, radius_m):
         if finding.kind is ElementKind.ELEVATOR:
             if floor in building.elevators[finding.name].floors():
                 found.append(finding._replace(where=(floor, *finding.where[1:])))
         elif finding.where[0] == floor:
             found.append(finding)
-    return found
+    return [*found, *_plan(building, floor, radius_m)]
 
 
 def blocked(building: Building) -> Iterator[MapFinding]:
@@ -123,6 +131,15 @@ def _position(x: float, y: float) -> str:
 
 def _count_of(more: list[str]) -> str:
     return f" with {len(more)} more" if more else ""
+
+
+def _plan(building: Building, floor: str, radius_m: float) -> Iterator[MapFinding]:
+    """Defects of a floor's plan."""
+    for defect in plan_defects(building, floor, radius_m):
+        where, summary = (floor, *defect.at), f"{defect.group} ({{n}}): {{names}}"
+        on_floor, name = (floor, defect.name) if defect.name else ("", floor)
+        subject = f"{defect.name} {_position(*defect.at)}".lstrip()
+        yield MapFinding(defect.kind, on_floor, name, where, defect.reason, summary, subject)
 
 
 def _floors(building: Building, reach: Reachability) -> Iterator[MapFinding]:

@@ -95,7 +95,7 @@ def draw_floor(
     draw_title_and_legend(sheet, title)
     for point in [*nodes.values(), *((mark.x, mark.y) for mark in path)]:
         sheet.keep_clear(point)
-    write_labels(sheet, entry, building.elevators.values(), path)
+    write_labels(sheet, entry, building.elevators_through(floor), path)
     return sheet.image()
 
 
@@ -134,7 +134,7 @@ def draw_geometrical_map(sheet: Sheet, building: Building, floor: str) -> None:
     _draw_obstacles(sheet, building, floor)
     for door in plan.doors.values():
         _draw_door(sheet, door)
-    for elevator in building.elevators.values():
+    for elevator in building.elevators_through(floor):
         _draw_elevator(sheet, elevator, floor)
 
 

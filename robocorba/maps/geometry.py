@@ -83,7 +83,7 @@ def obstacles(building: Building, floor: str) -> tuple[Obstacle, ...]:
 
     The last 64 results are cached: an unchanged floor gives the identical tuple.
     Raises KeyError if the floor is unknown."""
-    entry, elevators = building.floors[floor], tuple(building.elevators.values())
+    entry, elevators = building.floors[floor], building.elevators_through(floor)
     plan = entry.geometrical
     blocking_parts = (plan.walls, plan.objects, plan.doors, entry.floor, *elevators)
     return _obstacles(IdentityKey((plan, entry.floor, elevators), blocking_parts))
@@ -95,7 +95,8 @@ def _obstacles(key: IdentityKey[tuple[GeometricalMap, Floor, tuple[Elevator, ...
 
 
 def compute_obstacles(plan: GeometricalMap, floor: Floor, elevators: Sequence[Elevator]) -> tuple[Obstacle, ...]:
-    """The result of `obstacles`, not cached: for a map that is used once."""
+    """The result of `obstacles`, not cached: for a map that is used once. elevators: those whose shaft passes the
+    floor."""
     doors = _end_points(plan.doors.values())
     landings = [
         [landing_line(elevator, door) for door in elevator.doors if door.floor == floor.name] for elevator in elevators

@@ -199,6 +199,11 @@ class BuildingEditor:
             nothing = NothingToRedo("there is nothing to redo")
             return self._take_last(author, author.undone, author.done, repeating, nothing)
 
+    def last_summary(self, edits: Sequence[OwnEdit]) -> str:
+        """The summary of the last of an author's edits; empty if there is none."""
+        with self._lock:
+            return edits[-1].summary if edits else ""
+
     def begin(self, by: AuthorHistory | None = None) -> Transaction:
         """Open a transaction. Raises TooManyTransactions."""
         with self._lock:
@@ -503,14 +508,12 @@ class EditSession:
     @property
     def undoable(self) -> str:
         """A summary of the edit that `undo` would revert; empty if there is none."""
-        done = self._in_use().done
-        return done[-1].summary if done else ""
+        return self._editor.last_summary(self._in_use().done)
 
     @property
     def redoable(self) -> str:
         """A summary of the edit that `redo` would repeat; empty if there is none."""
-        undone = self._in_use().undone
-        return undone[-1].summary if undone else ""
+        return self._editor.last_summary(self._in_use().undone)
 
     def create(self, floor: str, element: Element) -> int:
         """As BuildingEditor.create."""

@@ -261,6 +261,18 @@ class Building(msgspec.Struct, frozen=True):
         """The element, or None."""
         return self.elements(kind, floor).get(name)
 
+    def elevators_through(self, floor: str) -> tuple[Elevator, ...]:
+        """The elevators whose shaft passes a floor: from the lowest floor that they serve to the highest.
+
+        Raises KeyError for an unknown floor."""
+        height = self.floors[floor].floor.elevation
+        passing = []
+        for elevator in self.elevators.values():
+            served = [self.floors[name].floor.elevation for name in elevator.floors() if name in self.floors]
+            if served and min(served) <= height <= max(served):
+                passing.append(elevator)
+        return tuple(passing)
+
     def with_element(self, floor: str, element: Element) -> Building:
         """A building with `element` added, or replaced if its kind and name exist.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import warnings
 from typing import NamedTuple
 
 from robocorba.errors.maps import InvalidElement
@@ -14,6 +13,8 @@ from robocorba.spatial.pose import XY
 
 #: Maximum size of a picture [bytes] and of its sides [px]: a browser must be able to show it.
 MAX_PICTURE_BYTES, MAX_SIDE_PX = 8 * 2**20, 12_000
+#: Maximum size of a progressive JPEG [px]. All of it is decoded at once, in 6 bytes a pixel; other pictures in rows.
+MAX_PROGRESSIVE_PX = 16_000_000
 #: Maximum size of all pictures of a building [bytes]: they share the file of the map.
 MAX_TOTAL_BYTES = 512 * 2**20
 #: Range of resolutions [m per pixel].
@@ -55,17 +56,22 @@ def _picture_fault(picture: bytes) -> str:
     # Imported here: a server must restart quickly.
     from PIL import Image
 
+    from robocorba.maps.pictures import open_picture
+
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # its size is checked below
-            with Image.open(io.BytesIO(picture), formats=["PNG", "JPEG"]) as image:
-                if max(image.size) > MAX_SIDE_PX:
-                    return f"it has {image.width} x {image.height} pixels, at most {MAX_SIDE_PX} a side are allowed"
-                if image.format == "PNG":
-                    image.verify()  # checksums, without decoding
-                else:
-                    image.draft("L", (1, 1))  # decodes an eighth of each side
-                    image.load()
+        with open_picture(io.BytesIO(picture), ("PNG", "JPEG")) as image:
+            if max(image.size) > MAX_SIDE_PX:
+                return f"it has {image.width} x {image.height} pixels, at most {MAX_SIDE_PX} a side are allowed"
+            if image.info.get("progressive") and image.width * image.height > MAX_PROGRESSIVE_PX:
+                return (
+                    f"it is a progressive JPEG of {image.width} x {image.height} pixels, at most "
+                    f"{MAX_PROGRESSIVE_PX // 10**6} million are allowed: save it without 'progressive'"
+                )
+            if image.format == "PNG":
+                image.verify()  # checksums, without decoding
+            else:
+                image.draft("L", (1, 1))  # decodes an eighth of each side
+                image.load()
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         return f"it is no PNG or JPEG that can be read ({str(error)[:80]})"
     return ""

@@ -142,7 +142,8 @@ def _changed(after: Building, names: dict[str, TouchedNames], before: Building) 
         yield from _shaft_overlaps(after, [elevator.name for elevator in changed])
     for floor, entry in after.floors.items():
         on_floor = names.get(floor, {})
-        if not (on_floor or lifts or floor in floors):
+        new_shafts = _new_shafts(after, floor, before) if floors else set()
+        if not (on_floor or lifts or new_shafts or floor in floors):
             continue
         yield from _changed_paths(after, floor, on_floor, before)
         if lifts:
@@ -150,10 +151,16 @@ def _changed(after: Building, names: dict[str, TouchedNames], before: Building) 
             yield from _cabin_node_violations(after, floor, cabin_nodes)
         if floor in floors:
             yield from _nodes_outside_outline(entry, all_paths(entry.topological))
-        found = _changed_obstacles(after, floor, on_floor, lifts, floor in floors, before)
+        found = _changed_obstacles(after, floor, on_floor, lifts | new_shafts, floor in floors, before)
         yield from (collision.error() for collision in found if collision.is_structural)
         known = _blocked_before(before, floor, found)
         yield from (collision for collision in found if collision.pair not in known)
+
+
+def _new_shafts(after: Building, floor: str, before: Building) -> set[str]:
+    """Elevators whose shaft passes a floor only now that floors have another height."""
+    known = {elevator.name for elevator in before.elevators_through(floor)} if floor in before.floors else set()
+    return {elevator.name for elevator in after.elevators_through(floor)} - known
 
 
 def _changed_paths(after: Building, floor: str, on_floor: TouchedNames, before: Building) -> Iterator[InvalidElement]:

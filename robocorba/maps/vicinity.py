@@ -60,7 +60,7 @@ def obstacles_near(building: Building, floor: str, box: Box) -> tuple[Obstacle, 
         objects={name: entry for name, entry in plan.objects.items() if object_box(entry).intersects(box)},
         doors={door.name: door for door in plan.doors.values() if line_box(door, 2 * DOOR_REACH_M).intersects(box)},
     )
-    lifts = [lift for lift in building.elevators.values() if elevator_box(lift).intersects(box)]
+    lifts = [lift for lift in building.elevators_through(floor) if elevator_box(lift).intersects(box)]
     return compute_obstacles(nearby, building.floors[floor].floor, lifts)
 
 
@@ -82,7 +82,7 @@ def named_obstacles(building: Building, floor: str, names: Collection[tuple[str,
         objects={name: plan.objects[name] for kind, name in names if kind == "object" and name in plan.objects},
         doors=plan.doors,
     )
-    found = compute_obstacles(nearby, entry.floor, list(building.elevators.values()))
+    found = compute_obstacles(nearby, entry.floor, building.elevators_through(floor))
     return tuple(item for item in found if (item.kind, item.name) in names)
 
 

@@ -16,6 +16,7 @@ from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.missions.obstacles import placed
 from robocorba.missions.world import MovableObject, World
 from robocorba.planning.request import MAX_AREAS, Path, PathRequest, Place, RouteMode
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.spatial.pose import XY, Pose2D
 
 #: Wanted gap between gathering robots [m].
@@ -38,32 +39,40 @@ class GatheringPaths:
 
     def __init__(self, world: World, carried: MovableObject | None = None) -> None:
         self._world = world
-        shapes = [(carried.floor, placed(carried.outline, carried.pose))] if carried else []
+        shapes = [(carried.floor, carried.name, placed(carried.outline, carried.pose))] if carried else []
         others = world.others(carried.name if carried else "")
-        shapes += [(floor, item.geometry) for floor, items in others.items() for item in items]
-        areas = [(floor, _corners(part)) for floor, shape in shapes for part in shapely.get_parts(shape)]
+        shapes += [(floor, item.name, item.geometry) for floor, items in others.items() for item in items]
+        parts = [((floor, _corners(part)), name) for floor, name, shape in shapes for part in shapely.get_parts(shape)]
+        areas, names = tuple(area for area, _ in parts), tuple(name for _, name in parts)
         fits = len(areas) <= MAX_AREAS
-        self._areas = tuple(areas) if fits else ()
-        self._without = tuple(world.building().floors) if fits else ()
+        self._obstacles = TemporaryObstacles(areas, tuple(world.building().floors), names) if fits else NO_OBSTACLES
 
     def path(self, start: Place, goal: Place) -> Path:
         """A path on the roadmap, or else a geometric one. Raises PathError, NotReachable."""
-        request = PathRequest(start, goal, RADIUS_M, forbidden_areas=self._areas, without_movables=self._without)
         try:
+            return self._find(start, goal)
+        except PathError as error:
+            raise self._obstacles.explained(error, self._request(start, goal), self._world.paths) from None
+
+    def _find(self, start: Place, goal: Place) -> Path:
+        request = self._request(start, goal)
+        with contextlib.suppress(PathError):
             return self._world.paths(request._replace(mode=RouteMode.SMOOTHED))[0]
-        except PathError:
-            return self._world.paths(request._replace(mode=RouteMode.GEOMETRIC))[0]
+        return self._world.paths(request._replace(mode=RouteMode.GEOMETRIC))[0]
+
+    def _request(self, start: Place, goal: Place) -> PathRequest:
+        return self._obstacles.added_to(PathRequest(start, goal, RADIUS_M))
 
     def length_m(self, start: Place, goal: Place) -> float | None:
         """The length of the path, None if there is none. Raises NotReachable."""
         with contextlib.suppress(PathError):
-            return self.path(start, goal).distance
+            return self._find(start, goal).distance
         return None
 
     def points(self, start: Place, goal: Place) -> list[XY]:
         """The points of the path on the goal's floor, empty if there is no path. Raises NotReachable."""
         with contextlib.suppress(PathError):
-            return [(point.x, point.y) for point in self.path(start, goal).points if point.floor == goal.floor]
+            return [(point.x, point.y) for point in self._find(start, goal).points if point.floor == goal.floor]
         return []
 
 

@@ -73,13 +73,16 @@ class HandOverPlanner:
         paths = GatheringPaths(self._world)
         building = self._world.building()
         obstacles = BuildingObstacles(building, "", self._world.others(""))
-        shafts = [shaft_polygon(elevator) for elevator in building.elevators.values()]
+        shafts = {
+            floor: [shaft_polygon(elevator) for elevator in building.elevators_through(floor)]
+            for floor in building.floors
+        }
         half_m = BETWEEN_M / 2
         for (floor, x, y, along), turn in product(_candidates(paths.path(giver, taker).points), TURNS_RAD):
             middle = (x, y, along + turn)
             ends = [out_of(ahead_m, 0.0, middle) for ahead_m in (-half_m - BACK_OFF_M, half_m + BACK_OFF_M)]
             shape = LineString(ends).buffer(RADIUS_M)
-            if obstacles.on_floor(floor).nearest(shape, MARGIN_M) or any(map(shape.intersects, shafts)):
+            if obstacles.on_floor(floor).nearest(shape, MARGIN_M) or any(map(shape.intersects, shafts[floor])):
                 continue
             giver_goal = Place(floor, *out_of(-half_m, 0.0, middle))
             taker_goal = Place(floor, *out_of(half_m, 0.0, middle))

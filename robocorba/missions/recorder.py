@@ -28,8 +28,6 @@ MAX_WAITING = 20
 CLOSE_LIMIT_S = 3.0
 #: The phases before the plan's first one, and after one that failed.
 ASKING, ENDING = "asking", "ending safely"
-#: Maximum length of a reason [characters].
-MAX_REASON = 2000
 
 _log = logging.getLogger(__name__)
 
@@ -162,7 +160,7 @@ class LedMission:
         self._recorder.record(self._name, self._content)
 
     def _end(self, result: MissionResult, reason: str, at: float) -> None:
-        self._content = self._content.ended_as(result, reason[:MAX_REASON], at)
+        self._content = self._content.ended_as(result, reason, at)
 
 
 def _phase(phase: PhaseTimes, robots: Sequence[str]) -> PhaseRecord:

@@ -29,7 +29,7 @@ class FloorSource:
     def __init__(self, building: Building, floor: str) -> None:
         entry = building.floors[floor]
         self.floor, self.plan = entry.floor, entry.geometrical
-        self.elevators = tuple(building.elevators.values())
+        self.elevators = building.elevators_through(floor)
 
     def same_as(self, other: FloorSource) -> bool:
         """Whether all elements are the same."""

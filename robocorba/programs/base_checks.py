@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,11 +10,15 @@ from typing import Protocol
 
 from robocorba.errors.paths import InvalidPoint, NotFree, PathError, UnknownFloor
 from robocorba.planning.request import Path, PathRequest, Place, RouteMode
-from robocorba.programs.icons import HandOver, Icon, MbaseBy, MbasePath, MbaseTo, MbaseVelocity, MoveTable
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
+from robocorba.programs.icons import Gripper, HandOver, Icon, MbaseBy, MbasePath, MbaseTo, MbaseVelocity, MoveTable
 from robocorba.programs.report import CheckReport
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Excess over the straight line above which a path goes around an obstacle [m].
 _DETOUR_M = 0.01
+#: A robot that touches an obstacle plans with a radius that is smaller by this [m], so that it can leave.
+CONTACT_M = 0.02
 
 
 class Planner(Protocol):
@@ -45,10 +50,19 @@ class KnownBase:
 
 
 class BaseChecks:
-    """Tracks the base through a program, and reports impossible drives. Without a planner it only tracks."""
+    """Tracks the base through a program, and reports impossible drives. Without a planner it only tracks.
 
-    def __init__(self, report: CheckReport, planner: Planner | None) -> None:
-        self._report, self._planner = report, planner
+    obstacles: objects where they stand at the start; those that the program moves are ignored from then on.
+    robots: other robots that stand still; they may have left when this robot comes, so a target there is only noted."""
+
+    def __init__(
+        self,
+        report: CheckReport,
+        planner: Planner | None,
+        obstacles: TemporaryObstacles = NO_OBSTACLES,
+        robots: TemporaryObstacles = NO_OBSTACLES,
+    ) -> None:
+        self._report, self._planner, self._obstacles, self._robots = report, planner, obstacles, robots
 
     def after(self, path: str, icon: Icon, base: KnownBase) -> KnownBase:
         """The base after an icon that contains no others."""
@@ -60,7 +74,10 @@ class BaseChecks:
             return self._by(path, icon, base)
         if isinstance(icon, MbaseVelocity):
             return base.with_unknown_pose() if icon.ahead or icon.left or icon.turn else base
+        if isinstance(icon, Gripper) and icon.action == "close":
+            self._obstacles = self._obstacles.without(icon.object or "")
         if isinstance(icon, MoveTable | HandOver):
+            self._obstacles = self._obstacles.without(icon.table if isinstance(icon, MoveTable) else icon.object)
             self._report.add_note(path, "the mission layer expands it at run time: not checked")
             return base.with_unknown_pose()
         return base
@@ -74,6 +91,7 @@ class BaseChecks:
                 self._report.add_note(path, "the start of the drive is unknown: checked from the last known point")
             if self._path_m(path, base.place or goal, goal, RouteMode.SMOOTHED, "x, y") is None:
                 return base.with_unknown_pose()
+            self._note_robots(path, goal)
         return KnownBase(goal, icon.heading, is_known=True)
 
     def _straight_to(self, path: str, icon: MbaseTo, base: KnownBase) -> KnownBase:
@@ -112,19 +130,40 @@ class BaseChecks:
             return False
         if length_m > math.dist(start[1:], goal[1:]) + _DETOUR_M:
             line = f"from ({start.x:.2f}, {start.y:.2f}) to ({goal.x:.2f}, {goal.y:.2f}) on {goal.floor}"
-            self._report.add_finding(path, parameter, f"an obstacle blocks the straight line {line}")
+            ends = [(start.x, start.y), (goal.x, goal.y)]
+            blocking = " and ".join(self._obstacles.near_line(goal.floor, ends, SMARTPAL_RADIUS_M)) or "an obstacle"
+            self._report.add_finding(path, parameter, f"the straight line {line} is blocked by {blocking}")
             return False
+        self._note_robots(path, goal)
         return True
+
+    def _note_robots(self, path: str, goal: Place) -> None:
+        for name in self._robots.near_line(goal.floor, [(goal.x, goal.y)], SMARTPAL_RADIUS_M):
+            self._report.add_note(path, f"robot {name} stands at its target now")
 
     def _path_m(self, path: str, start: Place, goal: Place, mode: RouteMode, parameter: str) -> float | None:
         """Length of the path [m]; reports that there is none, and returns None."""
         assert self._planner
+        request = self._obstacles.added_to(PathRequest(start, goal, mode=mode))
         try:
-            return self._planner.paths(PathRequest(start, goal, mode=mode))[0].distance
-        except PathError as error:
+            return self._distance_m(self._planner, request)
+        except PathError as planners:
+            error = self._obstacles.explained(planners, request, self._planner.paths)
             if isinstance(error, UnknownFloor | InvalidPoint | NotFree) and error.which == "start" and start != goal:
                 parameter = ""
             elif isinstance(error, UnknownFloor):
                 parameter = "floor"
             self._report.add_finding(path, parameter, str(error))
             return None
+
+    @staticmethod
+    def _distance_m(planner: Planner, request: PathRequest) -> float:
+        """Length of the path [m], which may begin where the robot touches an obstacle. Raises PathError."""
+        try:
+            return planner.paths(request)[0].distance
+        except NotFree as error:
+            if error.which != "start":
+                raise
+            with contextlib.suppress(PathError):
+                return planner.paths(request._replace(radius=request.radius - CONTACT_M))[0].distance
+            raise

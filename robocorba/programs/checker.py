@@ -12,6 +12,7 @@ from typing import NamedTuple
 from robocorba.kinematics.smartpal import BASE_LIMITS
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.planning.request import Place
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.programs.arm_checks import ArmChecks, KnownArms
 from robocorba.programs.base_checks import BaseChecks, KnownBase, Planner
 from robocorba.programs.hands import Kinematics
@@ -41,11 +42,14 @@ MAX_FINDINGS = 100
 
 class Start(NamedTuple):
     """What is known of the robot at the start. heading: [rad]. joints (18,): [rad]; None if it is upright
-    with both arms in the posture `home`."""
+    with both arms in the posture `home`. obstacles: the movable objects where they stand now, as far as they are known;
+    the others are where the map has them. robots: other robots that stand still; a target there is noted."""
 
     place: Place | None = None
     heading: float | None = None
     joints: Floats | None = None
+    obstacles: TemporaryObstacles = NO_OBSTACLES
+    robots: TemporaryObstacles = NO_OBSTACLES
 
 
 UNKNOWN_START = Start()
@@ -71,7 +75,7 @@ def check(
         report.add_note("", "no map: the base is not checked")
     for path, icon in icons_with_paths(program):
         _check_alone(path, icon, report)
-    _Interpreter(report, kinematics, planner, postures).run(program, start)
+    _Interpreter(report, kinematics, planner, postures, start).run(program, start)
     return report
 
 
@@ -125,10 +129,11 @@ class _Interpreter:
         kinematics: Kinematics | None,
         planner: Planner | None,
         postures: Mapping[str, Floats],
+        start: Start,
     ) -> None:
         self._report = report
         self._arms = ArmChecks(report, kinematics, postures)
-        self._base = BaseChecks(report, planner)
+        self._base = BaseChecks(report, planner, start.obstacles, start.robots)
         self._icons_checked = 0
         self._end_reason = ""
 

@@ -226,7 +226,8 @@ class MhandPosture(_Icon, frozen=True):
 
 
 class Lumbar(_Icon, frozen=True):
-    """Bend the body."""
+    """Bend the body at its two joints: plus bends it forwards, minus backwards. `lower` is above the base, `upper`
+    below the trunk."""
 
     lower: LumbarLower
     upper: LumbarUpper

@@ -49,19 +49,11 @@ def loads(text: str | bytes) -> Program:
 def of_icon(text: str) -> Program:
     """A program of one cooperative icon, from the icon's JSON. Raises InvalidProgram."""
     program = _converted({"name": "mission", "icons": [_parsed(text)]})
-    require_cooperative(program)
-    return program
-
-
-def require_cooperative(program: Program) -> None:
-    """Raise InvalidProgram unless a program has exactly one icon, and that is a cooperative one."""
-    if len(program.icons) != 1:
-        raise InvalidProgram("", "icons", f"a mission has one cooperative icon, not {len(program.icons)} icons")
-    if not isinstance(program.icons[0], COOPERATIVE):
+    (icon,) = program.icons
+    if not isinstance(icon, COOPERATIVE):
         known = ", ".join(str(icon.__struct_config__.tag) for icon in COOPERATIVE)
-        raise InvalidProgram(
-            "icons[0]", "icon", f"{kind(program.icons[0])} is not a cooperative icon; known are {known}"
-        )
+        raise InvalidProgram("icons[0]", "icon", f"{kind(icon)} is not a cooperative icon; known are {known}")
+    return program
 
 
 def _parsed(text: str | bytes) -> Any:

@@ -36,11 +36,12 @@ class Reports:
 
     def record_scan(self, robot: str | None, at: Pose, mount: Mount, spec: ScanSpec, result: ScanResult) -> None:
         """Count a scan, and keep it as the last one of `robot`, which is at a pose, unless that is None."""
+        scan = _robot_scan(robot, at, mount, spec, result) if robot is not None else None
         with self._lock:
             self._scans += 1
-            if robot is not None:
-                self._last[robot] = (at.floor, spec, result)
-                self._robot_scans.record(_robot_scan(robot, at, mount, spec, result))
+            if scan:
+                self._last[scan.robot] = (at.floor, spec, result)
+                self._robot_scans.record(scan)
 
     @property
     def load(self) -> Load:

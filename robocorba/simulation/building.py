@@ -173,7 +173,8 @@ class SimulatedBuilding:
                 self._remove_object(name)
         self.floors = {name: self.floors.get(name) or FloorPhysics((), self._steps, name) for name in building.floors}
         for name, entry in building.floors.items():
-            if entry is not before.floors.get(name) or building.elevators is not before.elevators:
+            known = before.floors.get(name)
+            if entry is not known or building.elevators_through(name) != before.elevators_through(name):
                 self.floors[name].set_obstacles(fixed_obstacles(building, name))
         self._update_objects(before)
         for name in [name for name in self.cabins if building.elevators.get(name) != before.elevators[name]]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol
 
+from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import InvalidMission, NoLeader, UnknownMission
 from robocorba.simulation.mission_directory import MissionDirectory
@@ -22,6 +24,8 @@ SILENT_LIMIT_S = 60.0
 MAX_CALLS = 2
 #: Time for which an abort is retried [s]: a leader that has just accepted a mission leads it a moment later.
 ABORT_RETRY_S, ABORT_PAUSE_S = 1.0, 0.1
+
+_log = logging.getLogger(__name__)
 
 
 class Leaders(Protocol):
@@ -92,7 +96,8 @@ class _Doubt(NamedTuple):
 
 
 class LeaderWatch:
-    """Ends the records of missions whose leaders are gone. `check` is called in one thread, every few seconds.
+    """Ends the records of missions whose leaders are gone. `check` is called in one thread, every few seconds; `close`,
+    from another, ends a check after the call in progress.
 
     is_logged_on: whether a robot has a session of the simulation server. clock: monotonic [s]."""
 
@@ -106,36 +111,64 @@ class LeaderWatch:
         self._missions, self._leaders = missions, leaders
         self._is_logged_on, self._clock = is_logged_on, clock
         self._doubts: dict[str, _Doubt] = {}
+        self._is_closed = False
 
     def check(self) -> None:
-        """Ask the leader of each running mission, and fail those that have had none for too long."""
+        """Ask the leaders of the running missions, each once, and fail the missions that have had none for too long."""
+        with _logged("old missions are not removed"):
+            self._missions.forget_old()
         running = self._missions.running()
+        led: dict[str, str | None] = {}
+        for leader in {state.content.leader: None for state in running}:
+            if self._is_closed:
+                return
+            led[leader] = self._led_by(leader)
         doubts: dict[str, _Doubt] = {}
         for state in running:
-            reason, limit_s = self._problem(state)
+            reason, limit_s = self._problem(state, led[state.content.leader])
             if not reason:
                 continue
             now = self._clock()
             before = self._doubts.get(state.name)
             doubt = _Doubt(before.since if before else now, reason, limit_s)
             if now - doubt.since >= limit_s:
-                self._missions.fail(state, f"{reason} for {now - doubt.since:.0f} s")
+                with _logged(f"mission {state.name} can't be ended"):
+                    self._missions.fail(state, f"{reason} for {now - doubt.since:.0f} s")
             else:
                 doubts[state.name] = doubt
         self._doubts = doubts
-        self._missions.forget_old()
 
-    def _problem(self, state: MissionState) -> tuple[str, float]:
-        """Why a mission seems to have no leader, empty if it has one; and for how long that is accepted [s]."""
-        leader = state.content.leader
+    def close(self) -> None:
+        """Ask no further leaders."""
+        self._is_closed = True
+
+    def _led_by(self, leader: str) -> str | None:
+        """The mission that a robot leads or takes part in, empty for none; None if the robot does not answer."""
         try:
-            if self._leaders.mission_of(leader) == state.name:
-                return "", 0.0
+            return self._leaders.mission_of(leader)
         except NotReachable:
-            if self._is_logged_on(leader):
-                return f"its leader {leader} did not answer", SILENT_LIMIT_S
-            return f"its leader {leader} was gone", GONE_LIMIT_S
-        return f"its leader {leader} did not lead it any more", GONE_LIMIT_S
+            return None
+
+    def _problem(self, state: MissionState, led: str | None) -> tuple[str, float]:
+        """Why a mission seems to have no leader, empty if it has one; and for how long that is accepted [s]. led: what
+        its leader leads."""
+        leader = state.content.leader
+        if led == state.name:
+            return "", 0.0
+        if led is not None:
+            return f"its leader {leader} did not lead it any more", GONE_LIMIT_S
+        if self._is_logged_on(leader):
+            return f"its leader {leader} did not answer", SILENT_LIMIT_S
+        return f"its leader {leader} was gone", GONE_LIMIT_S
+
+
+@contextlib.contextmanager
+def _logged(failure: str) -> Iterator[None]:
+    """What fails inside is logged, and the caller goes on."""
+    try:
+        yield
+    except RoboCorbaError as error:
+        _log.warning("%s: %s", failure, error)
 
 
 def _content(leader: str, icon: str, begun: float) -> MissionContent:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
+from robocorba.errors.simulation import NoRoom, StaleMission, UnknownMission
 from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState
 from robocorba.simulation.store import Mission, SimulationStore
 
@@ -44,8 +44,8 @@ class MissionDirectory:
                 try:
                     version = self._store.put_mission(mission)
                     break
-                except InvalidMission:
-                    if not self._store.is_full_for(mission) or not self._forget_oldest(mission.name):
+                except NoRoom:
+                    if not self._forget_oldest(mission.name):
                         raise
             self._note(Mission(mission.name, version, mission.document))
             return version
@@ -79,8 +79,9 @@ class MissionDirectory:
     def report(self, name: str) -> str:
         """The report of a mission as JSON; of one whose leader has left none, what the record says. Raises
         UnknownMission."""
-        content = self.mission(name).content
-        stored = self._store.mission(name)
+        with self._lock:  # else the document could be a later one, or none that is listed
+            content = self.mission(name).content
+            stored = self._store.mission(name)
         report = MissionContent.decode(stored.document).report if stored else None
         return msgspec.json.encode(content.brief_report(name) if report is None else report).decode()
 

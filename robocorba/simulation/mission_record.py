@@ -12,8 +12,10 @@ from msgspec import Meta, Struct
 
 from robocorba.simulation.store import MAX_DOCUMENT
 
+#: Maximum length of a text [characters]; a longer reason is cut off.
+MAX_TEXT = 2000
 #: Texts of a record; CORBA strings have no NUL.
-Text = Annotated[str, Meta(max_length=2000, pattern="^[^\x00]*$")]
+Text = Annotated[str, Meta(max_length=MAX_TEXT, pattern="^[^\x00]*$")]
 Seconds = Annotated[float, Meta(ge=0.0, le=1e12)]
 Count = Annotated[int, Meta(ge=0, le=2**31 - 1)]
 #: Maximum number of members and of phases.
@@ -87,7 +89,7 @@ class MissionContent(Struct, frozen=True, kw_only=True):
     def ended_as(self, result: MissionResult, reason: str, at: float) -> MissionContent:
         """The mission with its end at POSIX time `at` [s]; a phase that runs ends with it."""
         phases = tuple(phase if phase.ended else msgspec.structs.replace(phase, ended=at) for phase in self.phases)
-        return msgspec.structs.replace(self, phases=phases, ended=at, result=result, reason=reason[:2000])
+        return msgspec.structs.replace(self, phases=phases, ended=at, result=result, reason=reason[:MAX_TEXT])
 
     def brief_report(self, name: str) -> dict[str, Any]:
         """A report from what the record has, for a mission whose leader left none."""

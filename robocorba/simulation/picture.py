@@ -312,7 +312,7 @@ def _draw_static(frame: Frame, building: Building, floor: str) -> Image.Image:
     sheet = Sheet(frame)
     drawing.draw_geometrical_map(sheet, building, floor)
     drawing.draw_title_and_legend(sheet, "", _LEGEND)
-    unserved = [elevator for elevator in building.elevators.values() if floor not in elevator.floors()]
+    unserved = [elevator for elevator in building.elevators_through(floor) if floor not in elevator.floors()]
     drawing.write_labels(sheet, static_map, unserved, ())
     return sheet.image()
 

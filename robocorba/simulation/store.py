@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
+from robocorba.errors.simulation import InvalidMission, NoRoom, StaleMission, UnknownMission
 from robocorba.record_file import RecordFile
 from robocorba.simulation.registry import Description
 from robocorba.simulation.world_record import WorldRecord
@@ -121,15 +121,10 @@ class SimulationStore(RecordFile):
         with self._writing_missions:
             return self._missions.get(name)
 
-    def is_full_for(self, mission: Mission) -> bool:
-        """Whether other missions have to be removed before this one can be stored."""
-        with self._writing_missions:
-            return bool(self._lacking_room(mission))
-
     def put_mission(self, mission: Mission) -> int:
         """Store a mission if `mission.version` is the stored version, 0 for a new mission; return its new version.
 
-        Raises InvalidMission, StaleMission."""
+        Raises InvalidMission, StaleMission; NoRoom if others have to be removed first."""
         if not 0 < len(mission.name) <= MAX_MISSION_NAME:
             raise InvalidMission("name", f"has {len(mission.name)} characters, not 1 to {MAX_MISSION_NAME}")
         if len(mission.document) > MAX_DOCUMENT:
@@ -139,8 +134,7 @@ class SimulationStore(RecordFile):
             current = stored.version if stored else 0
             if mission.version != current:
                 raise StaleMission(mission.name, mission.version, current)
-            if lacking := self._lacking_room(mission):
-                raise InvalidMission(*lacking)
+            self._check_room(mission)
             changed = Mission(mission.name, current + 1, mission.document)
             self.save("mission", changed.name, changed)
             self._missions[changed.name] = changed
@@ -154,11 +148,10 @@ class SimulationStore(RecordFile):
             self.delete("mission", name)
             del self._missions[name]
 
-    def _lacking_room(self, mission: Mission) -> tuple[str, str] | None:
-        """Why there is no room for a mission: field and reason; None if there is room."""
+    def _check_room(self, mission: Mission) -> None:
+        """Raise NoRoom unless there is room for a mission. Requires the lock."""
         if mission.name not in self._missions and len(self._missions) >= MAX_MISSIONS:
-            return "name", f"{MAX_MISSIONS} missions are stored already; remove one"
+            raise NoRoom("name", f"{MAX_MISSIONS} missions are stored already; remove one")
         others = sum(len(other.document) for name, other in self._missions.items() if name != mission.name)
         if others + len(mission.document) > MAX_DOCUMENTS:
-            return "document", f"all missions would exceed {MAX_DOCUMENTS} bytes; remove one"
-        return None
+            raise NoRoom("document", f"all missions would exceed {MAX_DOCUMENTS} bytes; remove one")

@@ -26,6 +26,7 @@ import psutil
 
 from robocorba.errors.services import AlreadyRunning, PortInUse, ServiceError
 from robocorba.settings import Address
+from robocorba.supervision.console import CONSOLE
 
 Schema = TypeVar("Schema")
 
@@ -60,6 +61,11 @@ class SystemRecord(msgspec.Struct):
             return abs(psutil.Process(self.pid).create_time() - self.created) < 1.0
         except psutil.Error:
             return False
+
+    @property
+    def console_address(self) -> str:
+        """Where browsers find the operator's console, http://HOST:PORT/; empty if none belongs to the system."""
+        return next((f"http://{process.endpoint}/" for process in self.processes if process.name == CONSOLE), "")
 
 
 @dataclass(frozen=True)

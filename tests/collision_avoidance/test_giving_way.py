@@ -13,7 +13,6 @@ from hypothesis import strategies as some
 from robocorba.collision_avoidance.giving_way import MARGIN_M, NEAR_MARGIN_M, GiveWay, safe_share, should_yield
 from robocorba.collision_avoidance.neighbours import OtherRobot
 from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
-from robocorba.collision_avoidance.temporary_obstacles import TemporaryObstacles
 from robocorba.control.robot import Robot
 from robocorba.errors.robots import MotionFailed
 from robocorba.errors.services import NotReachable
@@ -22,6 +21,7 @@ from robocorba.maps.model import BoxShape, Building, Floor, FloorMap, Geometrica
 from robocorba.maps.samples import load_sample
 from robocorba.motion.driving import Drive
 from robocorba.motion.robot_state import RobotState
+from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.spatial.frames import turned
 from robocorba.spatial.pose import XY
 from tests.collision_avoidance.crowd import FLOOR, Crowd
@@ -258,6 +258,14 @@ def test_a_robot_drives_around_a_moved_object() -> None:
     assert crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 2.0)) == {}
     assert crowd.touched == []
     assert crowd.at("A")[:2] == pytest.approx((7.0, 2.0), abs=0.01)
+
+
+def test_an_object_on_the_goal_is_named() -> None:
+    box = MapObject("box", BoxShape((0.8, 0.8)), (7.0, 3.4), height=0.5, movable=True)
+    crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0)})
+    crowd.carried("box", (4.0, 2.0))
+    wrong = crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 4.0, 2.0))
+    assert wrong["A"].startswith("goal L1:4,2 is not free: 0.000 m to box, which stands there now")
 
 
 def test_corners_are_passed_with_clearance() -> None:

@@ -9,13 +9,14 @@ from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.collision_avoidance.temporary_obstacles import (
     CLEARANCE_M,
     MIN_CLEARANCE_M,
-    TemporaryObstacles,
     movable_objects,
+    parked_robots,
     temporary_obstacles,
 )
 from robocorba.control.base import PATH_CLEARANCES_M
 from robocorba.data_pool.snapshot import FloorSnapshot
 from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from tests.data_pool.places import Place
 from tests.simulation.places import robot
 
@@ -51,12 +52,19 @@ def test_stationary_robots_and_present_poses_of_objects() -> None:
 def test_movable_objects_without_the_held_one() -> None:
     seen = seen_by_a(3.0)
     found = movable_objects(seen, "A")
-    assert found == temporary_obstacles(seen, "A")._replace(
-        forbidden_areas=temporary_obstacles(seen, "A").forbidden_areas[1:]
-    )
+    both = temporary_obstacles(seen, "A")
+    assert found == both._replace(forbidden_areas=both.forbidden_areas[1:], names=("T1",))
+    assert both.names == ("B0", "T1")
     (held,) = [thing.name for thing in seen.objects() if thing.is_movable]
     assert movable_objects(seen, "A", held) == TemporaryObstacles((), ("L1",))
     assert movable_objects(seen, "nobody") == TemporaryObstacles()
+
+
+def test_parked_robots_in_full_size() -> None:
+    found = parked_robots(seen_by_a(1.83), "A")
+    assert found.names == ("B0",)
+    disc = Polygon(found.forbidden_areas[0][1])
+    assert disc.area == pytest.approx(Point(0.0, 0.0).buffer(RADIUS_M).area, rel=0.05)
 
 
 def test_the_robot_is_outside_the_area_of_a_near_robot() -> None:

@@ -19,8 +19,8 @@ def console(password: str = "", hosts: frozenset[str] = LOOPBACK_HOSTS) -> Acces
     return Access(PlainTextResponse("inside"), hosts, password, pause_s=0.0)
 
 
-def log_in(app: Access, password: str, **headers: str) -> Answer:
-    return ask(app, "/login", "POST", [urlencode({"password": password}).encode()], **headers)
+def log_in(app: Access, password: str) -> Answer:
+    return ask(app, "/login", "POST", [urlencode({"password": password}).encode()])
 
 
 def cookie_of(given: Answer) -> str:
@@ -31,6 +31,12 @@ def test_own_pages_get_in() -> None:
     for host in ("127.0.0.1:8800", "localhost:8800", "LOCALHOST", "[::1]:8800"):
         assert ask(console(), host=host).body == b"inside", host
         assert ask(console(), host=host, origin=f"http://{host}").body == b"inside", host
+
+
+def test_a_console_on_another_address_answers_to_its_name_only() -> None:
+    app = console(hosts=frozenset({"Robots.example"}))
+    assert ask(app, host="robots.example:8800").body == b"inside"
+    assert ask(app, host="127.0.0.1:8800").status == 403
 
 
 @pytest.mark.parametrize(

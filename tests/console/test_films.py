@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from robocorba.console import films as films_module
 from robocorba.console import recordings as recordings_module
+from robocorba.console.defects import DEFECT
 from robocorba.console.films import Films, InvalidFilm, record
 from robocorba.console.history import History, Moment
 from robocorba.console.recordings import Recordings, UnknownRecording
@@ -19,6 +20,7 @@ from robocorba.maps.model import Building
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.testing.buildings import two_floors
+from robocorba.testing.processes import eventually
 
 FLOOR = "L1"
 BODY = Body(7, BodyKind.ROBOT, "R1", 0.3, (), 50.0)
@@ -112,9 +114,7 @@ def test_a_film_is_made(building: Building, films: Films) -> None:
     number = films.start(building, FLOOR, moments, 1003.0, 20.0)
     with pytest.raises(InvalidFilm, match="another film"):
         films.start(building, FLOOR, moments, 1003.0, 20.0)
-    deadline = time.monotonic() + 120.0
-    while films.state(number)["phase"] == "making" and time.monotonic() < deadline:
-        time.sleep(0.05)
+    eventually(lambda: films.state(number)["phase"] != "making", 120.0, "the end of the film's making")
     assert films.state(number)["problem"] == ""
     assert films.file(number).read_bytes()[4:8] == b"ftyp"
 
@@ -126,6 +126,24 @@ def test_a_cancelled_film_says_so(building: Building, films: Films) -> None:
     assert films.state(number)["problem"] == "cancelled"
     with pytest.raises(InvalidFilm, match="not ready"):
         films.file(number)
+
+
+def test_a_defect_is_no_film(building: Building, films: Films, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise KeyError("a defect")
+
+    monkeypatch.setattr(films_module, "record", fail)
+    number = films.start(building, FLOOR, history(3).between(FLOOR, 1000.0, 1003.0), 1003.0, 1.0)
+    eventually(lambda: films.state(number)["phase"] != "making", what="the end of the film's making")
+    assert films.state(number)["problem"] == DEFECT
+    with pytest.raises(InvalidFilm, match="not ready"):
+        films.file(number)
+
+
+@pytest.mark.parametrize("end_s", [1000.0, 999.0])
+def test_a_film_that_would_end_before_it_begins_is_refused(building: Building, films: Films, end_s: float) -> None:
+    with pytest.raises(InvalidFilm, match="not after"):
+        films.start(building, FLOOR, history(1).between(FLOOR, 1000.0, 1001.0), end_s, 1.0)
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, 1000.0, float("nan")])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robocorba.console.frames import ROW, Rows, rows_of, update_frame, whole_frame
-from robocorba.console.history import INTERVAL_S, History
+from robocorba.console.history import INTERVAL_S, MOMENT_BYTES, History
 from robocorba.errors.paths import UnknownFloor
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
@@ -101,9 +101,21 @@ def test_old_moments_are_forgotten() -> None:
 
 
 def test_memory_is_bounded() -> None:
-    history = history_of(*((float(at), float(at)) for at in range(1000)), max_bytes=100 * ROW.itemsize)
+    limit = 100 * (MOMENT_BYTES + ROW.itemsize)
+    history = history_of(*((float(at), float(at)) for at in range(1000)), max_bytes=limit)
     first, last = history.span()
     assert last == 999.0 and first > 0.0
+    assert last - first <= 100
+
+
+def test_moments_of_a_floor_without_bodies_are_bounded() -> None:
+    history, empty = History(max_bytes=100 * MOMENT_BYTES), FloorView("L1")
+    for at in range(1000):
+        cabin = CABIN._replace(height=float(at))
+        empty.apply(FloorUpdate("L1", WHOLE, at + 1, float(at), 1, [], [], motions(), {"E": cabin}))
+        history.add(empty, float(at))
+    first, last = history.span()
+    assert last == 999.0
     assert last - first <= 100
 
 

@@ -22,6 +22,7 @@ def rows() -> dict[str, Any]:
     link = {"peer": "b", "direction": "INCOMING", "condition": "UP"}
     server = {"state": {"collisions": 0, "paused": False}, "clients": [client], "sensors": []}
     return {
+        "naming": "",
         "server": {"state": server, "age": 0.1, "problem": ""},
         "robots": {"R1": {"state": agent, "age": 0.1, "problem": "", "bound": True}},
         "channels": {"a": {"state": {"links": [link]}, "age": 0.1, "problem": ""}},
@@ -110,6 +111,34 @@ def test_a_gateway_goes_down() -> None:
     link = {"peer": "b", "direction": "INCOMING", "condition": "DOWN"}
     down = changed(rows(), "channels", "a", "state", "links", to=[link])
     assert noticed(rows(), down) == [("channel", "", "the gateway from b to a is down")]
+
+
+def test_a_new_robot_is_said_once() -> None:
+    asked = changed(rows(), "robots", "R2", to={"state": None, "age": None, "problem": "", "bound": True})
+    answers = changed(rows(), "robots", "R2", to=rows()["robots"]["R1"])
+    assert noticed(rows(), asked, answers) == [("robot", "R2", "R2 has started")]
+
+
+def test_a_new_robot_that_hangs_is_said() -> None:
+    asked = changed(rows(), "robots", "R2", to={"state": None, "age": None, "problem": "", "bound": True})
+    hangs = changed(asked, "robots", "R2", "problem", to="does not answer")
+    assert [text for _, _, text in noticed(rows(), asked, hangs)] == ["R2 has started", "R2 does not answer"]
+
+
+def test_the_first_robot_and_channel_of_a_running_system_are_said() -> None:
+    empty = {**rows(), "robots": {}, "channels": {}}
+    assert noticed(empty, rows()) == [("robot", "R1", "R1 has started"), ("channel", "", "channel a has started")]
+
+
+def test_what_ran_before_the_console_is_no_news() -> None:
+    connecting = {**rows(), "naming": "connecting", "robots": {}, "channels": {}}
+    assert noticed(connecting, {**rows(), "naming": "connecting"}, rows(), rows()) == []
+
+
+def test_a_lost_naming_service_hides_no_news() -> None:
+    lost = {**rows(), "naming": "does not answer"}
+    stopped = changed(lost, "robots", "R1", "state", "condition", to="STOPPED")
+    assert noticed(rows(), lost, stopped) == [("stop", "R1", "R1 is stopped")]
 
 
 def test_a_robot_without_any_answer_is_no_error() -> None:

@@ -16,8 +16,8 @@ from robocorba.sensing.fan import LASER
 from robocorba.simulation.reservations import Reservation, ReservedAreas
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.spatial.posture import Posture
+from tests.clock import Clock
 from tests.console.test_sensor_feed import of_fan
-from tests.simulation.places import Clock
 
 SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
 

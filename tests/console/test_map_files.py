@@ -5,8 +5,10 @@ from __future__ import annotations
 import base64
 import io
 import zipfile
+from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from robocorba.console.map_files import FORMATS, InvalidUpload, read_upload, write_download
 from robocorba.errors.maps import MapFileError
@@ -56,6 +58,41 @@ def test_an_error_names_the_file_and_its_line_but_no_folder() -> None:
     assert "/" not in str(refused.value)
 
 
+ROS_MAP = "image: {image}\nresolution: 0.1\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.2\nnegate: 0\n"
+ROS_LIST = "ros_maps: 1\nname: x\nfloors: [{{name: L1, level: 0, map: {map}}}]\n"
+
+
+def outside(folder: Path) -> Path:
+    """A picture on the console's host."""
+    picture = folder / "private.png"
+    Image.new("L", (40, 40), 254).save(picture)
+    return picture
+
+
+@pytest.mark.parametrize("path", ["{}", "/../{}", "../../../../../../../../{}"])
+def test_uploads_can_not_name_pictures_of_the_host(path: str, tmp_path: Path) -> None:
+    named = path.format(outside(tmp_path))
+    with pytest.raises(MapFileError, match="a picture must lie in the folder of the file or below, not at") as refused:
+        upload({"map.yaml": packed(ROS_MAP.format(image=named))})
+    assert (refused.value.file, refused.value.key) == ("map.yaml", "image")
+    assert named in str(refused.value)
+
+
+def test_uploads_can_not_name_maps_of_the_host(tmp_path: Path) -> None:
+    file = tmp_path / "map.yaml"
+    file.write_text(ROS_MAP.format(image=outside(tmp_path).name))
+    with pytest.raises(MapFileError, match="a map_server file must lie in the folder") as refused:
+        upload({"house.yaml": packed(ROS_LIST.format(map=file))})
+    assert refused.value.file == "house.yaml"
+    with pytest.raises(MapFileError, match="a picture must lie in the folder"):
+        upload(
+            {
+                "house.yaml": packed(ROS_LIST.format(map="map.yaml")),
+                "map.yaml": packed(ROS_MAP.format(image=outside(tmp_path))),
+            }
+        )
+
+
 @pytest.mark.parametrize(
     "files",
     [
@@ -71,6 +108,12 @@ def test_an_error_names_the_file_and_its_line_but_no_folder() -> None:
 def test_what_is_no_map_is_refused(files: dict[str, str]) -> None:
     with pytest.raises(InvalidUpload):
         upload(files)
+
+
+def test_an_option_that_is_refused_names_the_file_but_no_folder() -> None:
+    with pytest.raises(MapFileError) as refused:
+        write_download(two_floors(), "ros", 0.05, "gif")
+    assert refused.value.file == "two_floors.yaml"
 
 
 def test_an_unknown_format_is_refused() -> None:

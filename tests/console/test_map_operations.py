@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import pytest
 
+from robocorba.console.arguments import InvalidArguments
 from robocorba.console.map_edits import InvalidEdits
 from robocorba.console.map_operations import MapOperations
 from robocorba.console.map_sessions import NoSession
@@ -181,12 +182,24 @@ def test_a_renamed_node_keeps_its_edges(page: Page) -> None:
         [{"do": "paint", "kind": "wall", "floor": "L1", "name": "w"}],
         [{"do": "remove", "kind": "roof", "floor": "L1", "name": "w"}],
         [{"do": "remove", "kind": "wall", "floor": "L1", "name": "w", "version": "new"}],
+        [{"do": "remove", "kind": "wall", "floor": "L1", "name": "w", "version": float("inf")}],
+        [{"do": "remove", "kind": "wall", "floor": "L1", "name": "w", "version": 10**400}],
+        [{"do": "remove", "kind": "wall", "floor": "L1\0", "name": "w", "version": 1}],
+        [{"do": "remove", "kind": "wall", "floor": "L1", "name": "\ud800", "version": 1}],
         [{**wall("a", (0, 1), (1, 1)), "name": "b"}],
     ],
 )
 def test_other_requests_are_refused(page: Page, edits: Any) -> None:
-    with pytest.raises((InvalidEdits, InvalidElement)):
+    with pytest.raises((InvalidEdits, InvalidElement, InvalidArguments)):
         page.operations.map_edit(page.session, edits)
+
+
+@pytest.mark.parametrize("place", [None, [], {"floor": "L1"}, {"floor": 3, "x": 1, "y": 1}, {"x": 1, "y": 1}])
+@pytest.mark.parametrize("x", [1, "1", None, float("nan"), 10**400])
+def test_paths_between_other_things_than_places_are_refused(page: Page, place: Any, x: Any) -> None:
+    wrong = {**place, "x": x} if isinstance(place, dict) else place
+    with pytest.raises(InvalidArguments):
+        page.operations.map_paths({"floor": "L1", "x": 1, "y": 1}, wrong)
 
 
 def test_a_session_that_the_map_editor_has_ended_is_replaced(page: Page, editor: LocalEditor) -> None:

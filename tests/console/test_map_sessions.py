@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robocorba.console.map_sessions import MAX_SESSIONS, SILENCE_S, NoSession, TabSessions
+from tests.clock import Clock
 
 
 class Remote:
@@ -23,15 +24,8 @@ class Editor:
         return self.opened[-1]
 
 
-class Clock:
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 def test_a_silent_session_ends_when_another_opens() -> None:
-    editor, clock = Editor(), Clock()
+    editor, clock = Editor(), Clock(0.0)
     sessions = TabSessions(editor, clock)
     silent, busy = sessions.open("A."), sessions.open("B.")
     clock.now = SILENCE_S * 0.9
@@ -45,7 +39,7 @@ def test_a_silent_session_ends_when_another_opens() -> None:
 
 
 def test_the_one_that_is_silent_for_longest_makes_place() -> None:
-    editor, clock = Editor(), Clock()
+    editor, clock = Editor(), Clock(0.0)
     sessions = TabSessions(editor, clock)
     for clock.now in range(MAX_SESSIONS + 2):
         sessions.open("A.")

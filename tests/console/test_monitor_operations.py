@@ -13,12 +13,14 @@ from robocorba.console.films import Films, InvalidFilm
 from robocorba.console.history import History
 from robocorba.console.monitor_operations import MonitorOperations
 from robocorba.console.monitor_state import MonitorState
+from robocorba.console.operations import Operations
 from robocorba.console.recordings import Recordings, UnknownRecording
 from robocorba.errors.base import RoboCorbaError
 from robocorba.maps.model import Building
 from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate, FloorView
 from robocorba.testing.buildings import two_floors
 
+NOBODY: Any = None
 Make = Callable[[Building], MonitorOperations]
 
 
@@ -30,7 +32,8 @@ class NoState:
     def forget(self, robot: str) -> None: ...
 
     def rows(self) -> dict[str, Any]:
-        return {"server": {"state": None, "age": None, "problem": "gone"}, "robots": {}, "channels": {}}
+        server = {"state": None, "age": None, "problem": "gone"}
+        return {"naming": "", "server": server, "robots": {}, "channels": {}}
 
 
 @pytest.fixture
@@ -62,12 +65,15 @@ def make() -> Iterator[Make]:
         ("film_state", {"film": 1}, InvalidFilm),
         ("cancel_film", {"film": True}, InvalidArguments),
         ("happenings", {"after": "x"}, InvalidArguments),
+        ("happenings", {"after": 10**400}, InvalidArguments),
         ("forget_robot", {"robot": None}, InvalidArguments),
     ],
 )
 def test_impossible_arguments(make: Make, operation: str, arguments: dict[str, Any], error: type[Exception]) -> None:
+    operations = Operations(NOBODY)
+    operations.add(make(two_floors()))
     with pytest.raises(error):
-        getattr(make(two_floors()), operation)(**arguments)
+        operations.call(operation, arguments)
 
 
 def test_no_film_before_the_map_is_known(make: Make) -> None:

@@ -29,7 +29,8 @@ class FakeState:
     def rows(self) -> dict[str, Any]:
         clients = [{"name": name, "at": {"floor": "L1", "x": 1.0, "y": 2.0, "heading": 0.0}} for name in self.clients]
         state = {"state": {"collisions": 0, "paused": False}, "clients": clients, "sensors": []}
-        return {"server": {"state": state, "age": 0.0, "problem": self.problem}, "robots": {}, "channels": {}}
+        server = {"state": state, "age": 0.0, "problem": self.problem}
+        return {"naming": "", "server": server, "robots": {}, "channels": {}}
 
 
 def test_a_robot_that_logged_off_is_gone_but_known_until_it_is_forgotten() -> None:

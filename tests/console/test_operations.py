@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import json
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
 from starlette.requests import Request
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from robocorba.console import arguments
 from robocorba.console.arguments import InvalidArguments
-from robocorba.console.calls import MAX_BODY, answer_call
+from robocorba.console.calls import MAX_BODY, STOPS, Calls
 from robocorba.console.operations import Operations
 from robocorba.console.process_operations import ProcessOperations
 from robocorba.console.simulation_operations import SimulationOperations
 from robocorba.errors.simulation import UnknownRobot
-from tests.console.asgi import ask
+from tests.console.asgi import answer, ask
 
 NOBODY: Any = None
 
@@ -26,6 +30,9 @@ class Part:
 
     def add_up(self, a: int, b: int = 1) -> int:
         return a + b
+
+    def drive(self, speed: float) -> float:
+        return speed
 
     def refuse(self) -> None:
         raise UnknownRobot("<script>")
@@ -47,15 +54,22 @@ class Part:
         raise AssertionError("it was read")
 
 
+def served(calls: Calls, name: str) -> ASGIApp:
+    """Answers all requests as calls of an operation."""
+
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        await (await calls.answer(name, Request(scope, receive)))(scope, receive, send)
+
+    return app
+
+
 def call(name: str, body: bytes = b"{}", content_type: str = "application/json") -> dict[str, Any]:
     operations = Operations(NOBODY)
     operations.add(Part())
 
-    async def app(scope: Scope, receive: Receive, send: Send) -> None:
-        await (await answer_call(operations, name, Request(scope, receive)))(scope, receive, send)
-
     pieces = [body[at : at + 65536] for at in range(0, len(body), 65536)]
-    given = ask(app, f"/call/{name}", "POST", pieces, content_type=content_type)
+    with contextlib.closing(Calls(operations)) as calls:
+        given = ask(served(calls, name), f"/call/{name}", "POST", pieces, content_type=content_type)
     assert given.status == 200 and given.headers["content-type"] == "application/json"
     assert b"Traceback" not in given.body and b"secret" not in given.body
     decoded: dict[str, Any] = json.loads(given.body)
@@ -86,9 +100,14 @@ def test_wrong_arguments_are_named(body: bytes) -> None:
     assert call("add_up", body)["error"].startswith("add_up: ")
 
 
-@pytest.mark.parametrize("value", ["1", None, 1.5, True, [], {}])
+@pytest.mark.parametrize("value", ["1", None, 1.5, True, [], {}, -1, 2**53 + 1, 10**400])
 def test_arguments_of_another_type_are_named(value: object) -> None:
     assert call("add_up", json.dumps({"a": value}).encode())["error"] == "a is not a whole number"
+
+
+@pytest.mark.parametrize("value", ["1", None, True, [], float("nan"), float("inf"), 10**400])
+def test_numbers_that_are_none_are_refused(value: object) -> None:
+    assert call("drive", json.dumps({"speed": value}).encode())["error"] == "speed is not a number"
 
 
 @pytest.mark.parametrize("value", [1, None, [], "\0", "\ud800"])
@@ -107,6 +126,50 @@ def test_only_operations_can_be_called(name: str) -> None:
 @pytest.mark.parametrize("name", ["break_down", "not_json", "not_a_number"])
 def test_defects_show_nothing_of_the_console(name: str) -> None:
     assert call(name) == {"error": "the console failed; its log says why"}
+
+
+class Stoppable(Operations):
+    """Operations of robots that stop at once, and one that hangs until it is released."""
+
+    def __init__(self) -> None:
+        super().__init__(NOBODY)
+        self.has_begun, self.release = threading.Event(), threading.Event()
+
+    def hang(self) -> None:
+        self.has_begun.set()
+        assert self.release.wait(60.0)
+
+    def stop_all(self) -> dict[str, str]:
+        return {}
+
+    def stop(self, robot: str) -> None:
+        return None
+
+
+def test_emergency_stops_do_not_wait_for_other_operations() -> None:
+    operations = Stoppable()
+
+    async def stop_while_others_hang(calls: Calls) -> dict[str, Any]:
+        loop = asyncio.get_running_loop()
+        loop.set_default_executor(ThreadPoolExecutor(1))
+        hanging = loop.create_task(ask_for(calls, "hang", {}))
+        try:
+            while not operations.has_begun.is_set():
+                await asyncio.sleep(0.001)
+            orders = {"stop_all": {}, "stop": {"robot": "R1"}}
+            return {name: await asyncio.wait_for(ask_for(calls, name, given), 20.0) for name, given in orders.items()}
+        finally:
+            operations.release.set()
+            await hanging
+
+    async def ask_for(calls: Calls, name: str, given: dict[str, Any]) -> Any:
+        body = [json.dumps(given).encode()]
+        return json.loads((await answer(served(calls, name), "/", "POST", body, content_type="application/json")).body)
+
+    with contextlib.closing(Calls(operations)) as calls:
+        answers = asyncio.run(stop_while_others_hang(calls))
+    assert answers == {"stop_all": {"answer": {}}, "stop": {"answer": None}}
+    assert answers.keys() == STOPS
 
 
 def test_two_parts_can_not_have_the_same_operation() -> None:

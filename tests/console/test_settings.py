@@ -22,7 +22,13 @@ def test_the_loopback_needs_no_password(tmp_path: Path) -> None:
     read = ConsoleSettings.read(["--state", str(tmp_path)])
     assert (read.host, read.port, read.password) == ("127.0.0.1", 8800, "")
     assert "localhost" in read.hosts
+    assert (read.viewers, ConsoleSettings.read(["--viewers", "3"]).viewers) == (64, 3)
     assert (read.administrator, read.supervisor) == (None, tmp_path / "supervisor.ior")
+
+
+@pytest.mark.parametrize("host", ["127.0.0.2", "::1", "localhost"])
+def test_every_loopback_address_is_its_own_host_name(host: str) -> None:
+    assert ConsoleSettings.read(["--host", host]).hosts >= {host, "localhost", "127.0.0.1"}
 
 
 @pytest.mark.parametrize("host", ["192.0.2.1", "robots.example", "2001:db8::1"])
@@ -62,6 +68,7 @@ def test_bad_passwords(content: str, tmp_path: Path) -> None:
         (("--key", "setup.cfg"), "--certificate"),
         (("--certificate", "setup.cfg", "--key", "missing"), "--key"),
         (("--certificate", "setup.cfg", "--key", "setup.cfg"), "--certificate"),
+        (("--viewers", "0"), "--viewers"),
         (("--administrator", "missing"), "--administrator"),
         (("--supervisor", "missing"), "--supervisor"),
     ],

@@ -11,7 +11,7 @@ import pytest
 
 from robocorba.console.live_sensors import Wanted
 from robocorba.console.sensor_feed import NOTHING
-from robocorba.console.viewers import Viewers
+from robocorba.console.viewers import TRY_AGAIN_LATER, Viewers
 
 
 class State:
@@ -66,11 +66,13 @@ class Socket:
     def __init__(self, messages: list[str], is_done: Callable[[list[Any]], bool]) -> None:
         self._messages, self._is_done = messages, is_done
         self.got: list[Any] = []
+        self.closed = 0, ""
         self.done = asyncio.Event()
 
     async def accept(self) -> None: ...
 
-    async def close(self) -> None: ...
+    async def close(self, code: int = 1000, reason: str = "") -> None:
+        self.closed = code, reason
 
     async def receive_text(self) -> str:
         if self._messages:
@@ -125,3 +127,30 @@ def test_watching_alone_is_enough(others: dict[str, Any]) -> None:
 def test_a_viewer_that_sends_nonsense_is_disconnected(message: str) -> None:
     _, sensors, _ = serve(message, is_done=lambda got: False)
     assert sensors.wanted == [Wanted()]
+
+
+def test_a_viewer_too_many_is_refused_until_another_one_leaves() -> None:
+    async def run() -> None:
+        viewers: Any = Viewers(State(), limit=2)
+        viewers.attach(Floors(), Floors(), Sensors())
+        sockets: list[Any] = [Socket([], lambda got: False) for _ in range(4)]
+        tasks = [asyncio.create_task(viewers.serve(socket)) for socket in sockets[:2]]
+        while viewers.count < 2:
+            await asyncio.sleep(0.001)
+        await asyncio.wait_for(viewers.serve(sockets[2]), 20.0)
+        code, reason = sockets[2].closed
+        assert code == TRY_AGAIN_LATER
+        assert "serves 2 pages at a time" in reason
+        assert len(reason.encode()) <= 123 - 10
+        assert sockets[2].got == []
+        assert viewers.count == 2
+        sockets[0].done.set()
+        await asyncio.wait_for(tasks[0], 20.0)
+        tasks.append(asyncio.create_task(viewers.serve(sockets[3])))
+        while not sockets[3].got:
+            await asyncio.sleep(0.001)
+        for socket in sockets:
+            socket.done.set()
+        await asyncio.wait_for(asyncio.gather(*tasks), 20.0)
+
+    asyncio.run(asyncio.wait_for(run(), 60.0))

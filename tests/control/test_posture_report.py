@@ -8,7 +8,7 @@ import pytest
 from robocorba.control.posture_report import MIN_CHANGE_RAD, REFRESH_S, PostureReport
 from robocorba.errors.robots import RobotLost
 from robocorba.spatial.grids import Floats
-from tests.simulation.places import Clock
+from tests.clock import Clock
 
 
 class Robot:

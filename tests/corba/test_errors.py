@@ -19,7 +19,7 @@ from robocorba.errors.events import UnknownPeer
 from robocorba.errors.maps import InvalidElement, StaleEdit
 from robocorba.errors.paths import Blocker, InvalidRequest, NoPath, UnknownFloor
 from robocorba.errors.robots import RobotLost
-from robocorba.errors.simulation import PlaceTaken, ServerFull
+from robocorba.errors.simulation import NoRoom, PlaceTaken, ServerFull
 from robocorba.stubs import RoboCorba
 
 #: Errors that end within their process: reported in a program's or mission's result, in the log or on stderr.
@@ -69,6 +69,8 @@ def test_an_error_means_the_same_to_the_caller(error: RoboCorbaError) -> None:
 def test_several_errors_share_an_exception() -> None:
     with pytest.raises(RoboCorba.AdaptorFailed):
         raise_idl(RobotLost("no answer"))
+    with pytest.raises(RoboCorba.InvalidMission):
+        raise_idl(NoRoom("name", "1000 missions are stored already; remove one"))
 
 
 def test_texts_are_short() -> None:

@@ -23,16 +23,10 @@ from robocorba.maps.store import MapLimits, MapStore
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.testing.buildings import two_floors
+from tests.clock import Clock
 from tests.system.elements import wall
 
 TIMEOUT_S, SESSION_S = 300.0, 3600.0
-
-
-class Clock:
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 class CountingOrb:

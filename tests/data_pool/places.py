@@ -11,7 +11,8 @@ from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.physics import STEP_S
 from robocorba.spatial.floor_update import FloorUpdate
-from tests.simulation.places import Clock, tower
+from tests.clock import Clock
+from tests.simulation.places import tower
 
 
 class Place:

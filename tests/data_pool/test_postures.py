@@ -10,7 +10,7 @@ from robocorba.data_pool.postures import KEPT_S, RETRY_S, PoolPostures
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.posture import Posture
-from tests.simulation.places import Clock
+from tests.clock import Clock
 
 
 class Source:

@@ -36,12 +36,3 @@ def store(file: Path, building: Building) -> Iterator[MapStore]:
 def editor(store: MapStore) -> BuildingEditor:
     """The editor of that store."""
     return BuildingEditor(store)
-
-
-class Clock:
-    """Time that a test sets [s]."""
-
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now

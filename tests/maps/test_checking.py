@@ -103,7 +103,7 @@ def test_nodes_without_an_edge_and_where_the_robot_does_not_fit() -> None:
 def test_nodes_that_are_walled_in() -> None:
     room = [*closet("w", 15, 5), node("d", 14.5, 5), node("e", 15.5, 5), edge("d", "e")]
     shut = "nodes of L1 that are walled in for a robot of radius 0.40 m (2): d, e"
-    assert reported(one_floor(*room)) == (shut,)
+    assert reported(one_floor(*room)) == (shut, "closed rooms of L1 (1): near 15, 5")
     gap = msgspec.structs.replace(room[0][1], a=(14.0, 4.8), b=(14.0, 6.0))
     assert reported(one_floor(*room, ("L1", gap))) == (f"{APART}d with 1 more near 14.5, 5 (no edge joins them)",)
     assert reported(one_floor(*room, ("L1", gap)), 0.42)[0].startswith("nodes of L1 that are walled in for a robot")

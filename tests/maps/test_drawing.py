@@ -28,6 +28,7 @@ from robocorba.maps.model import (
     TopologicalMap,
     Wall,
 )
+from robocorba.testing.buildings import with_all
 from tests.maps.pixels import to_pixel
 
 EMPTY = Building("empty", {"L1": FloorMap(Floor(name="L1", level=1, elevation=0.0))})
@@ -100,8 +101,13 @@ def test_a_path_is_drawn_and_broken_where_it_leaves_the_floor() -> None:
 
 def test_a_shaft_that_does_not_stop_here_looks_closed() -> None:
     building = scene()
-    lift = Elevator(name="E", at=(8.5, 1.5), size=(2.0, 2.0), doors=(ElevatorDoor(floor="L2"),))
-    building = building.with_element("", lift)
+    lift = Elevator(
+        name="E", at=(8.5, 1.5), size=(2.0, 2.0), doors=(ElevatorDoor(floor="L0"), ElevatorDoor(floor="L2"))
+    )
+    building = with_all(
+        building,
+        [("", Floor(name="L0", level=0, elevation=-3.0)), ("", Floor(name="L2", level=2, elevation=3.0)), ("", lift)],
+    )
     picture = draw_floor(building, "L1")
     assert near(picture, building, 7.7, 1.5, drawing.CLOSED_SHAFT)
     assert not near(picture, building, 7.7, 1.5, drawing.CABIN)

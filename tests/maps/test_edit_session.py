@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import random
 import tempfile
+import threading
+from collections import deque
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from robocorba.errors.maps import (
     SessionEnded,
     TooManyTransactions,
 )
+from robocorba.maps.author_history import OwnEdit
 from robocorba.maps.changes import Change, ElementKey, apply, elements_of, key, key_of
 from robocorba.maps.map_building_agent import BuildingEditor, EditSession
 from robocorba.maps.model import (
@@ -38,7 +41,7 @@ from robocorba.maps.model import (
 from robocorba.maps.store import MapLimits, MapStore
 from robocorba.maps.validation import problems
 from robocorba.testing.buildings import is_refused, two_floors
-from tests.maps.conftest import Clock
+from tests.clock import Clock
 
 L1, WALL, NODE, FLOOR = "L1", ElementKind.WALL, ElementKind.NODE, ElementKind.FLOOR
 
@@ -65,6 +68,24 @@ def wall(name: str, x: float = 2.0) -> Wall:
 def walls(editor: BuildingEditor) -> dict[str, float]:
     """The walls of L1 and their x, without that of the building."""
     return {name: each.a[0] for name, each in editor.building.floors[L1].geometrical.walls.items() if name != "w"}
+
+
+def test_a_summary_is_read_between_the_edits(editor: BuildingEditor, ada: EditSession) -> None:
+    undo = threading.Thread(target=ada.undo)
+
+    class Undone(deque[OwnEdit]):
+        def __len__(self) -> int:
+            number = super().__len__()
+            if not undo.ident:
+                undo.start()
+                undo.join(0.5)  # it does not end while the summary is being read
+            return number
+
+    ada.create(L1, wall("a"))
+    ada._history.done = Undone(ada._history.done)
+    assert ada.undoable == "wall a on L1 created"
+    undo.join()
+    assert (ada.undoable, ada.redoable) == ("", "wall a on L1 created")
 
 
 def test_each_author_undoes_only_its_own_edits(editor: BuildingEditor, ada: EditSession, bob: EditSession) -> None:
@@ -192,7 +213,7 @@ def test_a_rename_is_undone_though_its_node_is_blocked(editor: BuildingEditor, a
 
 
 def test_sessions_end(store: MapStore) -> None:
-    clock = Clock()
+    clock = Clock(0.0)
     editor = BuildingEditor(store, MapLimits(sessions=2), clock)
     idle, busy = editor.open_session("Ada"), editor.open_session("Ada")
     with pytest.raises(TooManyTransactions):

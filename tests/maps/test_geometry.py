@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+import msgspec
 import numpy as np
 import pytest
 import shapely
@@ -39,9 +40,9 @@ ROOM = ((0.0, 0.0), (10.0, 0.0), (10.0, 8.0), (0.0, 8.0))
 
 
 def storey(elements: Iterable[Element] = (), outline: tuple[XY, ...] = ()) -> Building:
-    """A building whose floor L1 holds the elements, and an empty floor L2 above."""
+    """A building whose floor L1 holds the elements, and empty floors L2 and L3 above."""
     floors = [("", Floor(name="L1", level=1, elevation=0.0, outline=outline))]
-    floors.append(("", Floor(name="L2", level=2, elevation=4.0)))
+    floors += [("", Floor(name=f"L{level}", level=level, elevation=4.0 * level)) for level in (2, 3)]
     return with_all(Building("test"), [*floors, *(("L1", element) for element in elements)])
 
 
@@ -195,11 +196,26 @@ def lift(*doors: ElevatorDoor, heading: float = 0.0) -> Elevator:
     ],
 )
 def test_a_shaft_is_open_at_its_doors_on_the_floors_that_they_serve(side: CabinSide, middle: XY) -> None:
-    building = storey([lift(ElevatorDoor(floor="L1", side=side, width=1.2, offset=0.2))])
+    building = storey([lift(ElevatorDoor(floor="L1", side=side, width=1.2, offset=0.2), ElevatorDoor(floor="L3"))])
     (served,), (closed,) = found(building).values(), found(building, "L2").values()
     assert closed.is_ring and closed.length == pytest.approx(10.0)
     assert served.length == pytest.approx(8.8, abs=1e-5)
     assert served.distance(Point(middle)) == pytest.approx(0.6, abs=1e-5)
+
+
+def test_a_shaft_reaches_from_the_lowest_to_the_highest_floor_that_it_serves() -> None:
+    cellar, roof = Floor(name="L0", level=0, elevation=-4.0), Floor(name="L4", level=4, elevation=16.0)
+    building = with_all(storey([lift(ElevatorDoor(floor="L1"), ElevatorDoor(floor="L3"))]), [("", cellar), ("", roof)])
+    assert {floor: bool(found(building, floor)) for floor in building.floors} == {
+        "L0": False,
+        "L1": True,
+        "L2": True,
+        "L3": True,
+        "L4": False,
+    }
+    raised = building.with_element("", msgspec.structs.replace(roof, level=-1, elevation=-8.0))
+    higher = building.with_element("", lift(ElevatorDoor(floor="L1"), ElevatorDoor(floor="L4")))
+    assert not found(raised, "L4") and found(higher, "L4")
 
 
 def test_a_turned_shaft_opens_where_its_front_is() -> None:

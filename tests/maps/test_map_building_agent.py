@@ -40,7 +40,7 @@ from robocorba.maps.model import (
 )
 from robocorba.maps.store import MapLimits, MapStore
 from robocorba.testing.buildings import floor_names, is_refused, names, placed, two_floors
-from tests.maps.conftest import Clock
+from tests.clock import Clock
 
 L1, WALL, NODE, EDGE, FLOOR = "L1", ElementKind.WALL, ElementKind.NODE, ElementKind.EDGE, ElementKind.FLOOR
 
@@ -340,7 +340,7 @@ def test_a_floor_made_and_dropped_in_a_transaction_leaves_that_of_others_alone(e
 
 
 def test_transactions_are_bounded_and_time_out(store: MapStore) -> None:
-    clock = Clock()
+    clock = Clock(0.0)
     editor = BuildingEditor(store, MapLimits(transactions=2, transaction_timeout_s=10.0), clock)
     idle, busy = editor.begin(), editor.begin()
     with pytest.raises(TooManyTransactions, match="2 transactions or edit sessions are open"):

@@ -21,9 +21,9 @@ from robocorba.maps.underlays import MAX_PICTURE_BYTES, MAX_SIDE_PX, Underlay, c
 FLOOR = ElementKind.FLOOR
 
 
-def picture(kind: str = "PNG", size: tuple[int, int] = (8, 6)) -> bytes:
+def picture(kind: str = "PNG", size: tuple[int, int] = (8, 6), **options: bool) -> bytes:
     buffer = io.BytesIO()
-    Image.new("L", size, 200).save(buffer, kind)
+    Image.new("L", size, 200).save(buffer, kind, **options)
     return buffer.getvalue()
 
 
@@ -60,6 +60,10 @@ def test_an_underlay_of_no_floor(editor: BuildingEditor) -> None:
         (PLAN._replace(picture=picture("JPEG", (600, 400))[:-900]), "no PNG or JPEG that can be read"),
         (PLAN._replace(picture=picture("GIF")), "no PNG or JPEG that can be read"),
         (PLAN._replace(picture=picture(size=(MAX_SIDE_PX + 1, 1))), "12001 x 1 pixels, at most 12000 a side"),
+        (
+            PLAN._replace(picture=picture("JPEG", (4001, 4000), progressive=True)),
+            "16 million are allowed: save it without",
+        ),
         (PLAN._replace(picture=bytes(MAX_PICTURE_BYTES + 1)), "at most 8388608 are allowed"),
         (PLAN._replace(origin=(math.nan, 0.0)), "the x of its corner must be a number"),
         (PLAN._replace(origin=(0.0, math.inf)), "the y of its corner must be a number"),
@@ -75,6 +79,8 @@ def test_what_is_no_underlay_is_refused(editor: BuildingEditor, underlay: Underl
 
 def test_a_large_picture_is_checked() -> None:
     check_underlay("L1", PLAN._replace(picture=picture(size=(MAX_SIDE_PX, 6000))))
+    check_underlay("L1", PLAN._replace(picture=picture("JPEG", (4000, 4000), progressive=True)))
+    check_underlay("L1", PLAN._replace(picture=picture("JPEG", (4001, 4000))))
 
 
 def test_an_underlay_follows_its_floor(editor: BuildingEditor) -> None:

@@ -283,12 +283,24 @@ def test_removing(building: Building, kind: ElementKind, floor: str, name: str, 
     assert str(wrong.value) in map(str, problems(after))
 
 
+def test_a_shaft_that_grows_with_the_height_of_a_floor_must_not_cut_roads_of_another(building: Building) -> None:
+    attic = Floor(name="L3", level=3, elevation=8.0)
+    roads = [("L3", node(18.0, 5.0, "n")), ("L3", node(15.0, 5.0, "m")), ("L3", edge("n", "m", name="n-m"))]
+    before = with_all(building, [("", attic), *roads])
+    assert problems(before) == []
+    after = before.with_element("", Floor(name="L2", level=4, elevation=12.0))
+    with pytest.raises(InvalidElement, match="through the shaft of elevator 'E1'"):
+        check_change(after, [(ElementKind.FLOOR, "", "L2")], before)
+    assert [problem.name for problem in problems(after)] == ["n-m"]
+
+
 def test_an_edge_may_use_a_door_and_pass_an_elevator_of_another_floor_only_outside_its_shaft(
     building: Building,
 ) -> None:
     after = with_all(building, [("L2", node(15.0, 8.0, "n")), ("L2", edge("top", "n"))])
     check_change(after, [(ElementKind.NODE, "L2", "n"), (ElementKind.EDGE, "L2", "x")], building)
-    after = with_all(after, [("", lift(FRONT, at=(15.0, 7.0)))])
+    serving_both = lift(FRONT, ElevatorDoor(floor="L2", side=CabinSide.LEFT, width=0.5), at=(15.0, 7.0))
+    after = with_all(after, [("", serving_both)])
     with pytest.raises(InvalidElement, match="through the shaft of elevator 'x'"):
         check_change(after, [(ElementKind.ELEVATOR, "", "x")], building)
 

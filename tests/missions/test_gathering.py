@@ -9,6 +9,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
+from robocorba.errors.paths import NotFree
 from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import Obstacle
 from robocorba.missions.gathering import SPACING_M, GatheringPaths, assign_places, driving_groups, spread_apart
@@ -34,6 +35,12 @@ def test_paths_avoid_the_object_where_it_is_now() -> None:
     assert paths.length_m(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5)) is None
     on_map = MapWorld(two_storeys())
     assert GatheringPaths(on_map, on_map.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
+
+
+def test_an_object_in_the_way_is_named() -> None:
+    paths = GatheringPaths(MovedWorld(two_storeys()), MovedWorld(two_storeys()).movable("box"))
+    with pytest.raises(NotFree, match="to box, which stands there now"):
+        paths.path(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5))
 
 
 def test_a_moved_box_can_be_carried_again() -> None:

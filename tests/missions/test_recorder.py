@@ -17,6 +17,7 @@ from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, plan_o
 from robocorba.missions.transport import Received
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord
 from robocorba.simulation.store import Mission
+from tests.clock import Clock
 from tests.control.places import eventually
 
 QUICK = Backoff(0.001, 0.002)
@@ -125,14 +126,6 @@ def test_a_recorder_ends_while_the_database_is_away(database: Database, recorder
 
 
 # ---- what is recorded ----
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 class Kept(MissionRecorder):

@@ -17,6 +17,7 @@ from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.maps.samples import load_sample
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathRequest, Place
+from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.programs.checker import MAX_ICONS_CHECKED, UNKNOWN_START, Start, check
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.hands import home
@@ -317,6 +318,62 @@ def test_what_a_branch_leaves_as_it_was_stays_known(base: Callable[..., CheckRep
         a.mbase_to(17, 3)
 
     assert notes(base(build)) == []
+
+
+def moved_to(x: float, y: float, size_m: float = 1.2, name: str = "table 1") -> Start:
+    """The robot in the lobby, and all movable objects of L1: one box at (x, y) [m]."""
+    half = size_m / 2
+    corners = ((x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half))
+    return LOBBY._replace(obstacles=TemporaryObstacles((("L1", corners),), ("L1",), (name,)))
+
+
+def test_an_object_is_named_where_it_stands_now(base: Callable[..., CheckReport]) -> None:
+    (inside,) = base(lambda a: a.mbase_path("L1", 17, 2), moved_to(17, 2)).findings
+    assert inside.reason.startswith("goal L1:17,2 is not free: 0.000 m to table 1, which stands there now")
+    (beside,) = base(lambda a: a.mbase_path("L1", 17, 2), moved_to(17.8, 2)).findings
+    assert "0.200 m to table 1, which" in beside.reason
+    (closed,) = base(lambda a: a.mbase_path("L1", 6.5, 4.6), moved_to(6.5, 8)).findings  # the door of room 101
+    assert (closed.icon, closed.parameter) == ("icons[0]", "x, y")
+    assert "object 'table 1' on L1: stands in the way now" in closed.reason
+    (straight,) = base(lambda a: a.mbase_to(17, 1.2), moved_to(17, 2.4, 0.6)).findings
+    assert straight.reason.endswith("is blocked by table 1")
+
+
+def test_a_robot_at_a_target_is_noted(base: Callable[..., CheckReport]) -> None:
+    (disc,) = moved_to(17, 2).obstacles.forbidden_areas
+    start = LOBBY._replace(robots=TemporaryObstacles((disc,), (), ("R2",)))
+    report = base(lambda a: a.mbase_path("L1", 17.5, 2.5).mbase_to(17, 1.2).mbase_to(17, 4), start)
+    assert report.is_valid
+    assert [(note.icon, note.what) for note in report.notes if note.icon] == [
+        ("icons[0]", "robot R2 stands at its target now"),
+        ("icons[1]", "robot R2 stands at its target now"),
+    ]
+
+
+def test_an_object_that_was_moved_is_no_more_where_the_map_has_it(base: Callable[..., CheckReport]) -> None:
+    def build(a: ProgramBuilder) -> None:
+        a.mbase_path("L1", 29.6, 2.2)  # the place of cafe-table-2
+
+    (on_map,) = base(build).findings
+    assert "object cafe-table-2," in on_map.reason and "now" not in on_map.reason
+    assert base(build, moved_to(33, 5.5, name="cafe-table-2")).is_valid
+
+
+def test_what_the_program_itself_moves_blocks_no_later_drive(base: Callable[..., CheckReport]) -> None:
+    def carried(a: ProgramBuilder) -> None:
+        a.move_table("table 1", Destination("L1", 20, 4)).mbase_path("L1", 17, 2)
+
+    def gripped(a: ProgramBuilder) -> None:
+        a.gripper("left", "close").mbase_path("L1", 17, 2)
+
+    assert base(carried, moved_to(17, 2)).is_valid
+    assert base(gripped, moved_to(17, 2)).is_valid
+    assert wrong(base(carried, moved_to(17, 2, name="other"))) == [("icons[1]", "x, y")]
+
+
+def test_a_robot_that_touches_an_object_may_leave_it(base: Callable[..., CheckReport]) -> None:
+    assert base(lambda a: a.mbase_path("L1", 17, 6), moved_to(17, 4 - 0.6 - 0.395)).is_valid
+    assert wrong(base(lambda a: a.mbase_path("L1", 17, 6), moved_to(17, 3.2))) == [("icons[0]", "")]
 
 
 class _NoWay:

@@ -18,7 +18,8 @@ from robocorba.sensing.virtual_sensor import LAG_LIMIT_S, MAX_RAYS_AT_ONCE, Moun
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.spatial.pose import Pose
-from tests.simulation.places import Clock, robot, tower
+from tests.clock import Clock
+from tests.simulation.places import robot, tower
 
 AHEAD = ScanSpec(Fan(0.0, 0.1, 1, 9.0))
 

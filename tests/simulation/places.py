@@ -22,15 +22,6 @@ from robocorba.simulation.robot_scans import RobotScan
 from robocorba.spatial.floor_state import Pose
 
 
-class Clock:
-    """Time that a test sets [s]."""
-
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 def tower() -> Building:
     """Two floors of 10 x 10 m, an elevator in the middle with its door to the front, a table and a shelf below."""
     lift = Elevator("E1", (5.0, 5.0), (2.0, 2.0), (ElevatorDoor("L1"), ElevatorDoor("L2")), speed=2.0, door_time=1.0)

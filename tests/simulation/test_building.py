@@ -18,7 +18,7 @@ from robocorba.errors.simulation import (
     PlaceTaken,
     UnknownBody,
 )
-from robocorba.maps.model import BoxShape, ElementKind, MapObject, Wall
+from robocorba.maps.model import BoxShape, ElementKind, Floor, MapObject, Wall
 from robocorba.maps.samples import load_sample
 from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
 from robocorba.simulation.elevator import RidePhase
@@ -239,6 +239,15 @@ def test_an_edit_of_the_map_is_followed(world: SimulatedBuilding) -> None:
     world.robots["A"].command(-0.5, 0.0, 0.0, 5.0)
     run(world, 1.0)
     assert world.pose("A").x < 6.0
+
+
+def test_the_shaft_of_an_elevator_blocks_no_floor_above_it(world: SimulatedBuilding) -> None:
+    world.update(world.building.with_element("", Floor("L3", 3, 8.0)))
+    enter(world, "A", "L3", 4.0, 5.0)
+    world.remove("A")
+    world.update(world.building.with_changes([(ElementKind.FLOOR, "", "L2", Floor("L2", 4, 12.0))]))
+    with pytest.raises(PlaceTaken):
+        enter(world, "A", "L3", 4.0, 5.0)
 
 
 def test_an_object_that_was_moved_stays_there_until_the_map_moves_it(world: SimulatedBuilding) -> None:

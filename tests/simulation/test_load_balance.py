@@ -7,7 +7,7 @@ from collections import Counter
 import pytest
 
 from robocorba.simulation.load_balance import SENSOR_LEASE_S, Load, LoadBalance
-from tests.simulation.places import Clock
+from tests.clock import Clock
 
 
 @pytest.fixture

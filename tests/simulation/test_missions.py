@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from robocorba.errors.robots import IllegalOrder
-from robocorba.errors.services import NotReachable
+from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import InvalidMission, NoLeader, StaleMission, UnknownMission
 from robocorba.simulation import store as store_module
 from robocorba.simulation.mission_control import GONE_LIMIT_S, SILENT_LIMIT_S, LeaderWatch, MissionControl
@@ -42,6 +44,7 @@ class Robots:
         self.lead = lead
         self.refusal: Exception | None = None
         self.aborted: list[str] = []
+        self.called: list[str] = []
 
     def start(self, leader: str, mission: str, icon: str) -> None:
         if self.refusal:
@@ -55,6 +58,7 @@ class Robots:
         self.aborted.append(mission)
 
     def mission_of(self, leader: str) -> str:
+        self.called.append(leader)
         if leader not in self.lead:
             raise NotReachable(f"robot {leader} does not answer")
         return self.lead[leader]
@@ -144,6 +148,25 @@ def test_the_missions_that_ended_first_make_room(
     assert {mission.name for mission in store.missions()} == {"running", "new", "newer"}
 
 
+@pytest.mark.parametrize(
+    ("name", "version", "document"),
+    [("", 0, b""), ("x" * 201, 0, b""), ("new", 0, bytes(MAX_DOCUMENT + 1)), ("new", 3, b"")],
+)
+def test_a_refused_mission_removes_no_others(
+    store: SimulationStore,
+    missions: MissionDirectory,
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    version: int,
+    document: bytes,
+) -> None:
+    monkeypatch.setattr(store_module, "MAX_MISSIONS", 1)
+    put(missions, "kept", ended(200.0))
+    with pytest.raises((InvalidMission, StaleMission)):
+        missions.put_mission(Mission(name, version, document))
+    assert [mission.name for mission in store.missions()] == ["kept"]
+
+
 def test_missions_are_kept_for_a_week(store: SimulationStore) -> None:
     now = 1000.0
     missions = MissionDirectory(store, lambda: now)
@@ -168,6 +191,25 @@ def test_a_report_is_the_leaders_or_what_the_record_says(missions: MissionDirect
     assert [(phase["name"], phase["began_s"]) for phase in report["phases"]] == [("asking", 0.0), ("gathering", 1.0)]
     with pytest.raises(UnknownMission):
         missions.report("nothing")
+
+
+def test_a_report_is_of_the_listed_document(
+    store: SimulationStore, missions: MissionDirectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put(missions, "one", RUNNING)
+    read, writer = store.mission, threading.Thread(target=missions.put_mission, args=(Mission("one", 1, b"other"),))
+
+    def read_late(name: str) -> Mission | None:
+        if not writer.ident:
+            writer.start()
+            writer.join(0.5)  # it does not end while the report is being read
+        return read(name)
+
+    monkeypatch.setattr(store, "mission", read_late)
+    assert json.loads(missions.report("one"))["result"] == "running"
+    writer.join()
+    with pytest.raises(UnknownMission):
+        missions.report("one")
 
 
 def test_a_report_that_is_too_long_is_left_out() -> None:
@@ -237,7 +279,12 @@ def test_an_abort_hits_its_own_mission_only(missions: MissionDirectory, monkeypa
     assert robots.aborted == ["second"]
 
 
-def test_an_abort_waits_for_a_leader_that_has_just_accepted(missions: MissionDirectory) -> None:
+def test_an_abort_waits_for_a_leader_that_has_just_accepted(
+    missions: MissionDirectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robocorba.simulation.mission_control.ABORT_RETRY_S", 60.0)
+    monkeypatch.setattr("robocorba.simulation.mission_control.ABORT_PAUSE_S", 0.0)
+
     class Late(Robots):
         asked = 0
 
@@ -286,3 +333,54 @@ def test_a_leader_that_answers_again_keeps_its_mission(missions: MissionDirector
         robots.lead = {} if now % 10 else {"A": "one"}
         watch.check()
     assert missions.mission("one").content == RUNNING
+
+
+def test_a_record_that_cannot_be_ended_stops_nothing(store: SimulationStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    missions = MissionDirectory(store, lambda: KEPT_S + 1000.0)
+    watch = LeaderWatch(missions, Robots(), lambda robot: False, lambda: now)
+    for name in ("full", "old", "one"):
+        put(missions, name, RUNNING)
+    put(missions, "old", ended(500.0), 1)
+    write = store.put_mission
+
+    def put_mission(mission: Mission) -> int:
+        if mission.name == "full":
+            raise ServiceError("no space left")
+        return write(mission)
+
+    monkeypatch.setattr(store, "put_mission", put_mission)
+    watch.check()
+    assert [mission.name for mission in store.missions()] == ["full", "one"]
+    now = GONE_LIMIT_S
+    watch.check()
+    assert not missions.mission("one").content.is_running
+    assert missions.mission("full").content.is_running
+    monkeypatch.undo()
+    watch.check()
+    now += GONE_LIMIT_S
+    watch.check()
+    assert not missions.mission("full").content.is_running
+
+
+def test_each_leader_is_asked_once_a_check(missions: MissionDirectory) -> None:
+    robots = Robots(A="two")
+    watch = LeaderWatch(missions, robots, lambda robot: False)
+    for name, leader in (("one", "A"), ("two", "A"), ("three", "B"), ("four", "B")):
+        put(missions, name, msgspec.structs.replace(RUNNING, leader=leader))
+    watch.check()
+    assert sorted(robots.called) == ["A", "B"]
+
+
+def test_a_watch_that_is_closed_asks_no_further_leaders(missions: MissionDirectory) -> None:
+    class Closing(Robots):
+        def mission_of(self, leader: str) -> str:
+            watch.close()
+            return super().mission_of(leader)
+
+    robots = Closing()
+    watch = LeaderWatch(missions, robots, lambda robot: False)
+    for leader in "AB":
+        put(missions, f"led by {leader}", msgspec.structs.replace(RUNNING, leader=leader))
+    watch.check()
+    assert robots.called == ["A"]

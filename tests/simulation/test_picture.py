@@ -48,7 +48,7 @@ Placed = tuple[Body, float, float, float, XY]
 
 
 def scene() -> Building:
-    """20 m by 12 m; E1 serves L1 and L2, E2 does not serve L1."""
+    """20 m by 12 m; E1 serves L1 and L2, E2 passes L1 without a stop."""
     outline = ((0.0, 0.0), (20.0, 0.0), (20.0, 12.0), (0.0, 12.0))
     plan = GeometricalMap(
         walls={"w": Wall(name="w", a=(0.0, 9.0), b=(12.0, 9.0))},
@@ -64,6 +64,7 @@ def scene() -> Building:
         {"r": PathEdge(name="r", a="n", b="m")},
     )
     floors = {
+        "L0": FloorMap(Floor(name="L0", level=0, elevation=0.0)),
         "L1": FloorMap(Floor(name="L1", level=1, elevation=4.0, outline=outline), plan, roads),
         "L2": FloorMap(
             Floor(name="L2", level=2, elevation=8.0, outline=outline),
@@ -72,7 +73,7 @@ def scene() -> Building:
     }
     elevators = {
         "E1": Elevator("E1", (17.0, 3.0), (2.0, 2.0), (ElevatorDoor("L1", width=1.2), ElevatorDoor("L2"))),
-        "E2": Elevator("E2", (17.0, 9.0), (2.0, 2.0), (ElevatorDoor("L2"),)),
+        "E2": Elevator("E2", (17.0, 9.0), (2.0, 2.0), (ElevatorDoor("L0"), ElevatorDoor("L2"))),
     }
     return Building("scene", floors, elevators)
 

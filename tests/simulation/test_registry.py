@@ -10,7 +10,8 @@ from robocorba.errors.simulation import InvalidDescription, NameTaken, ServerFul
 from robocorba.simulation.physics import Limits
 from robocorba.simulation.registry import Description, Registry
 from robocorba.spatial.floor_state import Pose
-from tests.simulation.places import Clock, robot
+from tests.clock import Clock
+from tests.simulation.places import robot
 
 
 @pytest.fixture

@@ -12,7 +12,8 @@ from robocorba.simulation.robot_scans import (
     READ_WINDOW_S,
     RobotScans,
 )
-from tests.simulation.places import Clock, scan
+from tests.clock import Clock
+from tests.simulation.places import scan
 
 
 @pytest.fixture

@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import re
-import shutil
 from collections.abc import Iterator
 from re import Pattern
 
-from playwright.sync_api import ConsoleMessage, Dialog, Locator, Page, expect, sync_playwright
+from playwright.sync_api import ConsoleMessage, Dialog, Locator, Page, expect
 
-#: Software drawing, also of WebGL; chromium does not run its sandbox as root.
-FLAGS = ("--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+from robocorba.testing.browser import headless
+
 #: Timeout of every wait, for busy machines [s].
 LIMIT_S = 90.0
-
-
-def chromium() -> str | None:
-    """The program of an installed browser, or None."""
-    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-    return next(filter(None, map(shutil.which, names)), None)
 
 
 class Operator:
@@ -96,12 +89,8 @@ class Operator:
 @contextlib.contextmanager
 def operator(program: str, address: str) -> Iterator[Operator]:
     """A browser with one page."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
-        try:
-            page = browser.new_page(viewport={"width": 1366, "height": 768}, locale="en-GB")
-            page.set_default_timeout(1000 * LIMIT_S)
-            expect.set_options(timeout=1000 * LIMIT_S)
-            yield Operator(page, address)
-        finally:
-            browser.close()
+    with headless(program) as browser:
+        page = browser.new_page(viewport={"width": 1366, "height": 768}, locale="en-GB")
+        page.set_default_timeout(1000 * LIMIT_S)
+        expect.set_options(timeout=1000 * LIMIT_S)
+        yield Operator(page, address)

@@ -41,14 +41,11 @@ def supervisor(system: Running) -> Iterator[RemoteSupervisor]:
         yield RemoteSupervisor(orb, system.state / SUPERVISOR)
 
 
-def address(system: Running) -> str:
-    line = next(line for line in system.printed if line.startswith("console\t"))
-    return line.split("\t")[-1]
-
-
 def call(system: Running, operation: str, /, **arguments: Any) -> Any:
     """The answer of an operation, or its error as a text."""
-    request = urllib.request.Request(f"{address(system)}call/{operation}", json.dumps(arguments).encode())
+    request = urllib.request.Request(
+        f"{system.record().console_address}call/{operation}", json.dumps(arguments).encode()
+    )
     request.add_header("Content-Type", "application/json")
     with urllib.request.urlopen(request, timeout=30.0) as answer:
         content = json.load(answer)
@@ -65,7 +62,9 @@ def is_in(supervisor: RemoteSupervisor, name: str, phase: ProcessPhase) -> bool:
 
 
 def test_the_console_is_a_process_of_the_system(system: Running, supervisor: RemoteSupervisor) -> None:
-    with urllib.request.urlopen(address(system), timeout=30.0) as page:
+    address = system.record().console_address
+    assert any(line.startswith("console\t") and line.endswith(f"\t{address}") for line in system.printed)
+    with urllib.request.urlopen(address, timeout=30.0) as page:
         assert b"RoboCorba" in page.read()
     names = [state.name for state in supervisor.processes()]
     assert names == ["omniNames", "map_editor", "simulation", "sensor_s1", "events_main", "console"]
@@ -147,7 +146,7 @@ def test_a_killed_console_comes_back_at_its_address(system: Running, supervisor:
 def test_a_port_in_use_is_one_line(system: Running, tmp_path: Path) -> None:
     from robocorba.testing.processes import Launcher, claimed_ports
 
-    port = address(system).rstrip("/").rpartition(":")[2]
+    port = system.record().console_address.rstrip("/").rpartition(":")[2]
     with Launcher(tmp_path) as launch, claimed_ports() as naming:
         options = ("--state", "state", "--naming-port", str(naming), "--console", "--console-port", port)
         said = refusal(launch(ROBOCORBA, "up", *options), 60.0)

@@ -19,6 +19,14 @@ PAGES = (
 )
 
 
+#: Colours the page before anything else is loaded; page_header.js does the rest.
+_GROUND = """<script>{
+  const wanted = localStorage.getItem("robocorba-dark");
+  const isDark = wanted ? wanted === "yes" : matchMedia("(prefers-color-scheme: dark)").matches;
+  document.documentElement.style.background = isDark ? "#14181c" : "#ffffff";
+}</script>"""
+
+
 class PageHeader(ui.element, component=STATIC / "page_header.js"):
     """Links to the pages, the state of the connection, dark and light, and the emergency stop."""
 
@@ -31,7 +39,7 @@ class PageHeader(ui.element, component=STATIC / "page_header.js"):
 @contextlib.contextmanager
 def page_frame(current: str) -> Iterator[None]:
     """A page's content, below the header. current: its title."""
-    ui.add_head_html('<link rel="stylesheet" href="/static/console.css">')
+    ui.add_head_html(f'{_GROUND}<link rel="stylesheet" href="/static/console.css">')
     ui.page_title(f"{current} - RoboCorba")
     with ui.element("div").classes("console-page"):
         PageHeader(current)

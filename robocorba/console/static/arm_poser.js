@@ -3,9 +3,9 @@
 //   <arm-poser :joints="joints" side="left" @change="poseChanged"></arm-poser>
 //
 // joints: 18 angles [rad] in the order of the model; none: arms at the posture `ready`. side: left, right, or both: the
-// right hand mirrors the left one. with-attitude: false if the hand may turn as it likes. use-lumbar: the trunk may
-// move. change: {joints, pose, side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left) hand
-// in the robot's frame, arm: the 7 angles of its arm.
+// right hand mirrors the left one. with-attitude: false if the hand may turn as it likes. is-still: the robot is only
+// shown. change: {joints, pose, side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left)
+// hand in the robot's frame, arm: the 7 angles of its arm.
 import { OrbitControls, THREE } from "nicegui-scene";
 import { HandTarget } from "/static/hand_target.js";
 import { call } from "/static/live.js";
@@ -63,20 +63,26 @@ export const ArmPoser = {
     joints: { type: Array, default: () => [] },
     side: { type: String, default: "left" },
     withAttitude: { type: Boolean, default: true },
-    useLumbar: { type: Boolean, default: false },
+    isStill: Boolean,
   },
   emits: ["change"],
   data: () => ({ problem: "", words: "", message: "loading the robot" }),
   template: `
     <div class="arm-poser">
       <div class="arm-poser-view" ref="view">
-        <canvas ref="canvas" tabindex="0" @keydown="key"
-                aria-label="The robot; arrows, page up and page down move its hand, brackets turn it"></canvas>
+        <canvas ref="canvas" tabindex="0" @keydown="key" :aria-label="label"></canvas>
         <div v-if="message" class="console-overlay">{{ message }}</div>
-        <div class="arm-poser-words" :class="{ 'is-problem': problem }" role="status">{{ problem || words }}</div>
+        <div v-if="!isStill" class="arm-poser-words" :class="{ 'is-problem': problem }" role="status">
+          {{ problem || words }}</div>
       </div>
-      <hand-steps :target="() => target"></hand-steps>
+      <hand-steps v-if="!isStill" :target="() => target"></hand-steps>
     </div>`,
+  computed: {
+    label() {
+      if (this.isStill) return "The robot; drag to look from elsewhere";
+      return "The robot; arrows, page up and page down move its hand, brackets turn it";
+    },
+  },
   async mounted() {
     try {
       const [shape, postures] = await Promise.all([loadRobotShape(), call("arm_postures")]);
@@ -97,6 +103,7 @@ export const ArmPoser = {
     this.robot?.close();
     this.orbit?.dispose();
     this.renderer?.dispose();
+    this.renderer?.forceContextLoss(); // browsers allow few contexts
   },
   methods: {
     setUp(shape) {
@@ -117,11 +124,13 @@ export const ArmPoser = {
       this.orbit.enablePan = false;
       this.orbit.addEventListener("change", () => this.redraw());
       this.orbit.update();
-      this.target = new HandTarget(this.robot, { camera: this.camera, canvas, orbit: this.orbit }, {
-        changed: (result) => this.changed(result),
-        notify: (problem) => (this.problem = problem),
-        redraw: () => this.redraw(),
-      });
+      if (!this.isStill) {
+        this.target = new HandTarget(this.robot, { camera: this.camera, canvas, orbit: this.orbit }, {
+          changed: (result) => this.changed(result),
+          notify: (problem) => (this.problem = problem),
+          redraw: () => this.redraw(),
+        });
+      }
       this.recolor = () => this.redraw();
       window.addEventListener("robocorba-colors", this.recolor);
       canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
@@ -148,14 +157,19 @@ export const ArmPoser = {
       });
     },
     take() {
-      if (!this.target) return;
-      const options = { side: this.side, with_attitude: this.withAttitude, use_lumbar: this.useLumbar };
-      this.target.set(this.joints?.length ? this.joints : this.ready, options);
+      if (!this.robot) return;
+      const joints = this.joints?.length ? this.joints : this.ready;
+      if (this.isStill) {
+        this.robot.pose(joints);
+        this.redraw();
+        return;
+      }
+      const options = { side: this.side, with_attitude: this.withAttitude };
+      this.target.set(joints, options);
       this.words = inWords(this.target.pose);
     },
     changed(result) {
       this.words = inWords(result.pose);
-      this.own = result.joints;
       this.$emit("change", result);
     },
     key(event) {
@@ -163,15 +177,9 @@ export const ArmPoser = {
     },
   },
   watch: {
-    // Joints that come back from the page after a change of our own are there already.
-    joints(joints) {
-      const isOwn = (joint, number) => Math.abs(joint - this.own[number]) < 1e-9;
-      if (this.own && joints?.length && joints.every(isOwn)) return;
-      this.take();
-    },
+    joints() { this.take(); },
     side() { this.take(); },
     withAttitude() { this.take(); },
-    useLumbar() { this.take(); },
   },
 };
 

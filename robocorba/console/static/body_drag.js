@@ -34,7 +34,6 @@ export class BodyDrag {
     const { grip, scene } = this;
     const distance = Math.hypot(x - grip.from[0], y - grip.from[1]) * scene.canvas.scale;
     if (!scene.moved && distance < CLICK_PX) return;
-    grip.at = [x, y];
     scene.moved = { body: grip.body, x: x + grip.dx, y: y + grip.dy, heading: grip.heading };
     scene.canvas.redraw();
   }

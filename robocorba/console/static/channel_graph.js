@@ -1,8 +1,11 @@
 // Channels as a graph: nodes are channels, arrows are gateways with what they forward.
 import { live } from "/static/live.js";
+import { shortened } from "/static/texts.js";
 
 const WIDTH = 400;
 const NODE_PX = 30;
+// Counters without news for this time are forgotten, such as those of clients that left [s].
+const FORGOTTEN_S = 60;
 // Distance of a text from its arrow.
 const TEXT_PX = 14;
 
@@ -77,7 +80,7 @@ export default {
       this.height = names.length <= 2 ? 170 : Math.min(400, 220 + 20 * names.length);
       const places = circle(names, this.height);
       this.channels = names.map((name) => ({
-        name, short: short(name, 8), ...places[name], problem: rows[name].problem,
+        name, short: shortened(name, 8), ...places[name], problem: rows[name].problem,
         rate: this.rates.of(name, "in"), state: rows[name].state,
         text: rows[name].problem ? "no answer" : `${this.rates.of(name, "in").toFixed(0)}/s`,
       }));
@@ -142,6 +145,7 @@ class Rates {
   }
 
   add(channel, state, at) {
+    for (const [key, known] of this.known) if (at - known.at > FORGOTTEN_S) this.known.delete(key);
     const suppliers = state.proxies.filter((proxy) => proxy.kind.endsWith("CONSUMER"));
     const consumers = state.proxies.filter((proxy) => proxy.kind.endsWith("SUPPLIER"));
     this.count(channel, "in", suppliers.reduce((sum, proxy) => sum + proxy.events.received, 0), at);
@@ -212,9 +216,4 @@ function arc(a, b) {
     x: (a.x + b.x + 2 * mid.x) / 4 + (TEXT_PX * dy) / length, y: (a.y + b.y + 2 * mid.y) / 4 - (TEXT_PX * dx) / length,
   };
   return { d: `M${x0},${y0} Q${mid.x},${mid.y} ${x1},${y1}`, ...text };
-}
-
-function short(text, length) {
-  const letters = [...text];
-  return letters.length > length ? `${letters.slice(0, length - 1).join("")}\u2026` : text;
 }

@@ -1,6 +1,7 @@
 // Draws a floor on a canvas, +y up, with pan, zoom and picking: the plan, bodies, and the overlays of its owner.
 // The plan is drawn to a canvas of its own, and again only when the view or the map has changed.
 import { LabelPlacer, around } from "/static/label_placement.js";
+import { shortened } from "/static/texts.js";
 
 const MARGIN_PX = 24;
 // Room at the right for the buttons of a page [px].
@@ -24,7 +25,7 @@ export const COLORS = {
   dark: {
     ground: "#1a1e22", outside: "#101316", grid: "#262b31", wall: "#d8dde3", object: "#78828d", movable: "#d99152",
     door: "#56b4e9", locked: "#ff7ac6", area: "#9aa5b1", node: "#4fd1a5", edge: "#2f7d66", robot: "#56b4e9",
-    lost: "#6b737c", carried: "#e69f00", laser: "#ff9d5c", text: "#eef1f4", shaft: "#3a4149", cabin: "#8a7000",
+    lost: "#6b737c", carried: "#e69f00", laser: "#ff9d5c", text: "#eef1f4", shaft: "#3a4149", cabin: "#5c4d12",
     selected: "#ff9d5c", path: "#b79ae0", reserved: "#cc79a7", collision: "#ff7ac6", proximity: "#5fd0da",
   },
 };
@@ -186,6 +187,8 @@ export class FloorCanvas {
     this.canvas.focus({ preventScroll: true });
     this.canvas.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    // A second finger pans and zooms: what the first one has begun ends.
+    if (this.drag === "owner") this.handlers.pointer?.("cancel", event, this.point(event), this);
     const isMiddle = event.button === 1 || event.button === 2;
     const isTaken = !isMiddle && this.pointers.size === 1
       && this.handlers.pointer?.("down", event, this.point(event), this) === true;
@@ -453,13 +456,14 @@ export class FloorCanvas {
       this.drawLabel(body.number, shortened(body.name, 20), body, { note, isBold, mustShow: true });
     }
     for (const body of bodies) if (body.kind === "object") this.drawLabel(body.number, shortened(body.name, 20), body);
-    for (const elevator of this.plan.elevators) this.drawAreaName(this.elevatorText(elevator.name), elevator.at);
+    for (const elevator of this.plan.elevators) this.drawAreaName(this.elevatorText(elevator), elevator.at);
     for (const area of this.plan.areas) this.drawAreaName(shortened(area.name, 24), middleOf(area.polygon));
     context.fillStyle = colors.text;
   }
 
-  // An elevator's name, where its cabin is and how many wait.
-  elevatorText(name) {
+  // An elevator's name, where its cabin is and how many wait; or that it does not stop on this floor.
+  elevatorText({ name, floors }) {
+    if (!floors.includes(this.plan.name)) return `${shortened(name, 16)}, no stop here`;
     const state = this.floor?.elevators[name];
     const text = shortened(name, 16);
     if (!state) return text;
@@ -592,12 +596,7 @@ export function disc(context, x, y, radius) {
   context.fill();
 }
 
-export function shortened(text, length) {
-  const letters = [...text];
-  return letters.length > length ? `${letters.slice(0, length - 1).join("")}\u2026` : text;
-}
-
-function middleOf(points) {
+export function middleOf(points) {
   const xs = points.map((point) => point[0]), ys = points.map((point) => point[1]);
   return [(Math.min(...xs) + Math.max(...xs)) / 2, (Math.min(...ys) + Math.max(...ys)) / 2];
 }

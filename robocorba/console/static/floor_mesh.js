@@ -26,6 +26,8 @@ export class FloorMesh {
     this.group = new THREE.Group();
     this.group.position.z = z;
     this.material = new THREE.MeshBasicMaterial({ vertexColors: true });
+    this.doorMaterial = new THREE.MeshLambertMaterial({ color: 0x1b74b3 });
+    this.movableMaterial = new THREE.MeshLambertMaterial({ color: 0xb5651d });
     this.movables = new Map();
     this.build(cutHeight);
   }
@@ -67,10 +69,10 @@ export class FloorMesh {
 
   buildDoors(height) {
     this.doors?.removeFromParent();
+    this.doors?.traverse((part) => part.geometry?.dispose());
     this.doors = new THREE.Group();
     this.leaves = [];
     this.cabins = [];
-    const material = new THREE.MeshLambertMaterial({ color: 0x1b74b3 });
     for (const elevator of this.plan.elevators) {
       const cabin = new THREE.Mesh(lit(merged(cabinParts(elevator))), this.material);
       cabin.visible = false;
@@ -79,7 +81,8 @@ export class FloorMesh {
       for (const [a, b] of elevator.doors) {
         const width = Math.hypot(b[0] - a[0], b[1] - a[1]);
         const angle = Math.atan2(b[1] - a[1], b[0] - a[0]);
-        const leaves = [0, 1].map(() => new THREE.Mesh(new THREE.BoxGeometry(width / 2, 0.05, height), material));
+        const box = () => new THREE.BoxGeometry(width / 2, 0.05, height);
+        const leaves = [0, 1].map(() => new THREE.Mesh(box(), this.doorMaterial));
         for (const leaf of leaves) {
           leaf.rotation.z = angle;
           this.doors.add(leaf);
@@ -124,7 +127,7 @@ export class FloorMesh {
         const known = this.plan.objects.find(isBody);
         const points = body.outline.length ? body.outline : circle(body.radius);
         const height = known?.height ?? 0.75;
-        mesh = new THREE.Mesh(prism(points, height), new THREE.MeshLambertMaterial({ color: 0xb5651d }));
+        mesh = new THREE.Mesh(prism(points, height), this.movableMaterial);
         mesh.userData = { height, reach: Math.max(...points.map(([x, y]) => Math.hypot(x, y))) + 0.05 };
         this.movables.set(body.number, mesh);
         this.group.add(mesh);
@@ -154,6 +157,7 @@ export class FloorMesh {
   close() {
     if (this.name) closeSprite(this.name);
     this.group.traverse((object) => object.geometry?.dispose());
+    for (const material of [this.material, this.doorMaterial, this.movableMaterial]) material.dispose();
     this.group.removeFromParent();
   }
 }

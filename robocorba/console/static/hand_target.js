@@ -17,6 +17,7 @@ export class HandTarget {
     Object.assign(this, { robot, view, changed, notify, redraw });
     this.options = { side: "left", with_attitude: true, use_lumbar: false };
     this.joints = [];
+    this.posture = 0; // counts the calls of set(): answers for an earlier posture are ignored
     this.position = new THREE.Vector3();
     this.quaternion = new THREE.Quaternion();
     this.handle = handle();
@@ -38,7 +39,8 @@ export class HandTarget {
   set(joints, options = {}) {
     this.joints = [...joints];
     Object.assign(this.options, options);
-    this.isWanted = false;
+    this.posture++;
+    this.isWanted = this.isMissed = false;
     this.robot.pose(this.joints);
     this.backToHand();
     this.notify("");
@@ -131,15 +133,15 @@ export class HandTarget {
     this.isAsking = true;
     this.isWanted = false;
     const began = performance.now();
-    const { pose, options } = this;
-    const late = setTimeout(() => this.notify("the console is computing the arm"), LATE_MS);
+    const { pose, options, posture } = this, isValid = () => !this.isClosed && posture === this.posture;
+    const late = setTimeout(() => isValid() && this.notify("the console is computing the arm"), LATE_MS);
     try {
       const answer = await call("solve_hand", { joints: this.joints, pose, ...options });
       clearTimeout(late);
-      if (!this.isClosed) this.reached(answer);
+      if (isValid()) this.reached(answer);
     } catch (error) {
       clearTimeout(late);
-      if (!this.isClosed) this.missed(error.message);
+      if (isValid()) this.missed(error.message);
     }
     setTimeout(() => {
       this.isAsking = false;

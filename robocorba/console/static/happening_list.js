@@ -1,6 +1,8 @@
 // What has happened, the newest first; a press looks back to the moment before.
+import { clockText } from "/static/past.js";
+
 const SIGNS = {
-  collision: "\u2715 collision", stop: "\u25a0 stop", mission: "\u25c6 mission", program: "program", robot: "robot",
+  collision: "\u2715 collision", stop: "\u25a0 stop", mission: "\u25c6 mission", program: "\u25b8 program", robot: "robot",
   server: "\u25b2 server", channel: "\u25b2 channel" };
 
 export default {
@@ -9,9 +11,10 @@ export default {
   template: `
     <section aria-label="Events">
       <p v-if="!happenings.length" class="panel-note">nothing yet: stops, programs, missions, collisions appear here</p>
-      <ol v-else class="happenings">
+      <p v-else class="panel-note">Press one to look back to the moment before it.</p>
+      <ol v-if="happenings.length" class="happenings">
         <li v-for="each in newest" :key="each.at + ' ' + each.number">
-          <button type="button" :title="'Look back to ' + clock(each.at)" @click="$emit('look', each)">
+          <button type="button" :title="'Look back to just before ' + clock(each.at)" @click="$emit('look', each)">
             <time>{{ clock(each.at) }}</time><span :class="'is-' + each.kind">{{ sign(each.kind) }}</span>
             <span class="happening-text">{{ each.text }}</span>
           </button>
@@ -24,9 +27,7 @@ export default {
     },
   },
   methods: {
-    clock(at) {
-      return new Date(at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" });
-    },
+    clock: clockText,
     sign(kind) {
       return SIGNS[kind] ?? kind;
     },

@@ -1,7 +1,9 @@
 // One parameter as a labelled field with its unit, its range, and what is wrong with it.
-import { isAngle, shownNumber } from "/static/icon_problems.js";
+import { isAngle, rangeText, unitOf } from "/static/icon_problems.js";
 
 const RADIANS = Math.PI / 180;
+// Bounds from here on are not shown before something is out of range.
+const ENDLESS = 3600;
 let lastField = 0;
 
 export const IconField = {
@@ -10,14 +12,14 @@ export const IconField = {
   emits: ["change"],
   template: `
     <div class="icon-field" :class="{ 'is-wrong': reasons.length, 'is-refused': isRefused }">
-      <label class="icon-label" :for="id">{{ label }} <small v-if="unit">{{ unit }}</small>
+      <label class="icon-label" :for="id">{{ label }} <small v-if="unit || range">{{ range || unit }}</small>
         <small v-if="!parameter.isRequired">optional</small>
         <small v-if="isMissing" class="is-missing">is missing</small></label>
       <select v-if="options" :id="id" :value="value ?? ''" :title="help" @change="change($event.target.value)">
         <option value="">{{ parameter.isRequired ? "choose" : "" }}</option>
         <option v-for="option in options" :key="option"
                 :value="option">{{ option.replaceAll("_", " ") }}</option></select>
-      <input v-else :id="id" :type="isNumber ? 'number' : 'text'" step="any" :maxlength="isText ? 200 : null"
+      <input v-else :id="id" type="text" :inputmode="isNumber ? 'decimal' : null" :maxlength="isText ? 200 : null"
              :value="draft ?? shown"
              :title="help" :placeholder="placeholder" :list="names.length ? id + '-known' : null"
              @input="type($event.target.value)" @blur="draft = null">
@@ -54,20 +56,17 @@ export const IconField = {
       return [...known, String(this.value)];
     },
     unit() {
-      return ((this.parameter.title ?? "").match(/\[(.*)\]/)?.[1] ?? "").replace("rad", "\u00b0");
+      return unitOf(this.parameter);
     },
+    // The range with its unit; it stays beside the name while one types.
     range() {
-      const { minimum, exclusiveMinimum, maximum } = this.parameter;
-      const least = minimum ?? exclusiveMinimum;
-      if (least === undefined || maximum === undefined || maximum >= 1000) return "";
-      return `${shownNumber(this.parameter, least)} \u2026 ${shownNumber(this.parameter, maximum)}`;
+      return this.isNumber ? rangeText(this.parameter, ENDLESS) : "";
     },
     help() {
-      const text = this.parameter.description ?? "";
-      return this.range ? `${text} ${this.range} ${this.unit}`.trim() : text;
+      return `${this.parameter.description ?? ""} ${this.range}`.trim();
     },
     placeholder() {
-      if (this.isNumber) return this.range;
+      if (this.isNumber) return "";
       return this.isText ? this.parameter.default ?? "" : "any JSON value";
     },
     names() {
@@ -75,7 +74,7 @@ export const IconField = {
     },
     shown() {
       if (this.value === undefined || this.value === null) return "";
-      if (this.isText) return this.value;
+      if (this.isText || (this.isNumber && typeof this.value === "string")) return this.value;
       if (typeof this.value !== "number" || !this.isNumber) return JSON.stringify(this.value);
       return Number((isAngle(this.parameter) ? this.value / RADIANS : this.value).toFixed(4));
     },
@@ -84,7 +83,12 @@ export const IconField = {
     // While one types, the field shows what was typed, not the value that was made of it.
     type(text) {
       this.draft = text;
-      this.change(this.isNumber && text ? Number(text) * (isAngle(this.parameter) ? RADIANS : 1) : this.read(text));
+      this.change(this.isNumber ? this.number(text.trim()) : this.read(text));
+    },
+    // What is no number stays as it is, so that it is reported; a comma is a decimal point.
+    number(text) {
+      const number = Number(text.replace(/^([^,]*),([^,]*)$/, "$1.$2"));
+      return text && Number.isFinite(number) ? number * (isAngle(this.parameter) ? RADIANS : 1) : text;
     },
     read(text) {
       if (this.isText || !text) return text;

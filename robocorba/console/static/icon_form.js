@@ -8,8 +8,8 @@ export const IconForm = {
   emits: ["change", "shift", "copy", "paste", "remove"],
   template: `
     <form class="icon-form" @submit.prevent :aria-label="titleOf(node.icon)">
-      <h2 class="icon-title"><q-icon :name="pictureOf(node.icon)" size="20px" /> {{ titleOf(node.icon) }}
-        <code>{{ node.icon }}</code></h2>
+      <div class="icon-top"><h2 class="icon-title"><q-icon :name="pictureOf(node.icon)" size="20px" />
+        {{ titleOf(node.icon) }}</h2>
       <div class="icon-tools">
         <q-btn dense flat round size="sm" icon="arrow_upward" aria-label="Move up" title="Move up (Alt+Up)"
                @click="$emit('shift', -1)" />
@@ -21,8 +21,8 @@ export const IconForm = {
                @click="$emit('paste')" />
         <q-btn dense flat round size="sm" icon="delete" aria-label="Remove" title="Remove (Delete)"
                @click="$emit('remove')" />
-      </div>
-      <p class="icon-description">{{ definition.description.replaceAll("\`", "") }}</p>
+      </div></div>
+      <p class="icon-description" tabindex="0">{{ definition.description.replaceAll("\`", "") }}</p>
       <icon-parameters :key="node.id" :schema="schema" :definition="definition" :values="node.values" :choices="choices"
                        :problems="problems" prefix=""
                        @change="(name, value) => $emit('change', name, value)"></icon-parameters>

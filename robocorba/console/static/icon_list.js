@@ -13,16 +13,16 @@ export const IconList = {
   props: { list: Array, parentId: [Number, null], listName: String, editor: Object },
   template: `
     <ol class="icon-list" :aria-label="label" @dragover.prevent.stop="over($event, list.length)"
-        @drop.prevent.stop="drop($event, list.length)">
-      <li v-for="(node, index) in list" :key="node.id">
+        @drop.prevent.stop="editor.drop($event)">
+      <li v-for="(node, index) in list" :key="node.id" @dragover.prevent.stop="over($event, half($event, index))"
+          @drop.prevent.stop="editor.drop($event)">
         <div class="icon-gap" :class="{ 'is-target': isTarget(index) }"></div>
         <div class="icon-card" tabindex="0" role="button" draggable="true" :data-icon="node.icon" :data-id="node.id"
              :class="classes(node)" :aria-label="description(node)" :aria-pressed="node.id === editor.selectedId"
              @click.stop="editor.select(node.id)" @focus="editor.select(node.id)" @keydown="editor.key($event, node)"
-             @dragstart.stop="editor.drag($event, node)" @dragend="editor.drop()"
-             @dragover.prevent.stop="over($event, half($event, index))"
-             @drop.prevent.stop="drop($event, half($event, index))">
+             @dragstart.stop="editor.drag($event, node)" @dragend="editor.drop()">
           <div class="icon-line">
+            <small class="icon-number">{{ index + 1 }}</small>
             <q-icon :name="pictureOf(node.icon)" size="20px" />
             <b>{{ titleOf(node.icon) }}</b> <span class="icon-text">{{ summary(node) }}</span>
             <span v-if="word(node)" class="icon-word">{{ word(node) }}</span>
@@ -55,7 +55,7 @@ export const IconList = {
       return Boolean(place && place.parentId === this.parentId && place.name === this.listName);
     },
     empty() {
-      if (this.isPlace) return "the next icon comes here: click one on the left";
+      if (this.isPlace) return "the next icon comes here: click one of the palette";
       if (this.parentId === null) return "drag icons here, or click them";
       return "drag icons here, or click here and then icons";
     },
@@ -97,17 +97,13 @@ export const IconList = {
       const { target } = this.editor;
       return target && target.parentId === this.parentId && target.name === this.listName && target.index === index;
     },
-    // Above the middle of a card is before it, below is behind it.
+    // Above the middle of a card is before its icon, below is behind it.
     half(event, index) {
-      const box = event.currentTarget.getBoundingClientRect();
+      const box = event.currentTarget.querySelector(".icon-card").getBoundingClientRect();
       return event.clientY > box.top + box.height / 2 ? index + 1 : index;
     },
     over(event, index) {
       this.editor.over(this.parentId, this.listName, index);
-    },
-    drop(event, index) {
-      this.editor.over(this.parentId, this.listName, index);
-      this.editor.drop(event);
     },
   },
 };

@@ -21,11 +21,14 @@ const LOOKS = {
   hand_over: ["handshake", "Hand over"],
 };
 const GROUPS = [
-  ["Base (Mbase)", ["mbase_path", "mbase_to", "mbase_by", "mbase_velocity"]],
-  ["Arms (Mhand), body", ["mhand_posture", "mhand_pose", "mhand_offset", "mhand_joints", "lumbar", "gripper"]],
+  ["Base", ["mbase_path", "mbase_to", "mbase_by", "mbase_velocity"]],
+  ["Arms and body", ["mhand_posture", "mhand_pose", "mhand_offset", "mhand_joints", "lumbar", "gripper"]],
   ["Sensors, order", ["wait", "wait_until", "stop_if_closer", "repeat", "branch"]],
   ["Other robots", ["say", "move_table", "hand_over"]],
 ];
+
+// Lists of icons inside of an icon, as a message names them.
+const INSIDE = { icons: "inside" };
 
 export function pictureOf(icon) {
   return LOOKS[icon]?.[0] ?? "extension";
@@ -33,6 +36,15 @@ export function pictureOf(icon) {
 
 export function titleOf(icon) {
   return LOOKS[icon]?.[1] ?? String(icon);
+}
+
+// A message of the robot or the checker in the page's words: icons[4].then[0] is "icon 5, then 1", icons[4].icons[0] is
+// "icon 5, inside 1", and kinds of icons have their titles.
+export function plainWords(text) {
+  const paths = text.replace(/\bicons\[\d+\](?:\.\w+\[\d+\])*/g, (path) => path
+    .replace(/^icons\[(\d+)\]/, (whole, index) => `icon ${Number(index) + 1}`)
+    .replace(/\.(\w+)\[(\d+)\]/g, (whole, list, index) => `, ${INSIDE[list] ?? list} ${Number(index) + 1}`));
+  return paths.replace(/\b[a-z]+_[a-z_]+\b/g, (word) => (word in LOOKS ? `\u201c${titleOf(word)}\u201d` : word));
 }
 
 // The palette: [title, icons] of each group. Icons that only the schema knows come last.

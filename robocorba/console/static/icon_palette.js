@@ -9,7 +9,7 @@ export const IconPalette = {
       <template v-for="[title, icons] in groups" :key="title">
         <h2 class="console-heading">{{ title }}</h2>
         <button v-for="icon in icons" :key="icon" class="palette-icon" draggable="true" :data-icon="icon"
-                :title="icon + ': ' + description(icon)" @click="$emit('add', icon)"
+                :title="description(icon)" @click="$emit('add', icon)"
                 @dragstart="drag($event, icon)" @dragend="$emit('dropped')">
           <q-icon :name="pictureOf(icon)" size="18px" /> <span>{{ titleOf(icon) }}</span></button>
       </template>
@@ -23,7 +23,7 @@ export const IconPalette = {
     pictureOf,
     titleOf,
     description(icon) {
-      return this.schema.icons.get(icon).description ?? "";
+      return this.schema.icons.get(icon).description?.replaceAll("`", "") ?? "";
     },
     drag(event, icon) {
       event.dataTransfer.setData("text/plain", icon);

@@ -12,14 +12,35 @@ export function shownNumber(parameter, value) {
   return Number((isAngle(parameter) ? value * DEGREES : value).toFixed(2));
 }
 
-// Problems of a node alone: [{kind: "incomplete", parameter, reason}].
+// The unit of a number as the form has it, empty if it has none.
+export function unitOf(parameter) {
+  return ((parameter.title ?? "").match(/\[(.*)\]/)?.[1] ?? "").replace("rad", "\u00b0");
+}
+
+// The range of a number with its unit; empty if it has none. Bounds from `endless` on are none.
+export function rangeText(parameter, endless = Infinity) {
+  const { minimum, exclusiveMinimum, maximum } = parameter, least = minimum ?? exclusiveMinimum;
+  const shown = (limit) => shownNumber(parameter, limit);
+  const hasLeast = least > -endless, hasMost = maximum < endless; // false without such a bound
+  const parts = [];
+  if (hasLeast && hasMost && minimum !== undefined) parts.push(`${shown(least)} \u2026 ${shown(maximum)}`);
+  else {
+    if (hasLeast) parts.push(`${minimum === undefined ? "above" : "at least"} ${shown(least)}`);
+    if (hasMost) parts.push(`at most ${shown(maximum)}`);
+  }
+  if (!parts.length) return "";
+  const unit = unitOf(parameter);
+  return `${parts.join(", ")}${unit.startsWith("\u00b0") ? unit : ` ${unit}`}`.trim();
+}
+
+// Problems of a node alone: [{kind: "incomplete" or "invalid", parameter, reason}].
 export function missing(schema, node) {
   const found = [];
-  const report = (parameter, reason) => found.push({ kind: "incomplete", parameter, reason });
+  const report = (parameter, reason, kind = "invalid") => found.push({ kind, parameter, reason });
   const definition = schema.icons.get(node.icon);
   collect(schema, definition, node.values, "", report);
   for (const [name, body] of Object.entries(node.bodies)) {
-    if (!body.length && name !== "otherwise") report(name, "has no icons yet");
+    if (!body.length && name !== "otherwise") report(name, "has no icons yet", "incomplete");
   }
   return found;
 }
@@ -36,11 +57,11 @@ function collect(schema, definition, values, prefix, report) {
     if (parameter.isCondition) {
       const chosen = schema.conditions.get(value?.when);
       if (chosen) collect(schema, chosen, value, `${name}.`, report);
-      else report(name, "is missing");
+      else report(name, "is missing", "incomplete");
     } else if (parameter.properties) {
       collect(schema, parameter, value, `${name}.`, report);
     } else if (isEmpty) {
-      if (parameter.isRequired) report(name, "is missing");
+      if (parameter.isRequired) report(name, "is missing", "incomplete");
     } else {
       checkValue(parameter, value, name, report);
     }
@@ -51,7 +72,7 @@ function checkValue(parameter, value, name, report) {
   if (parameter.prefixItems) {
     parameter.prefixItems.forEach((item, index) => {
       const at = `${name}[${index}]`, angle = Array.isArray(value) ? value[index] : undefined;
-      if (angle === undefined || angle === null) report(at, "is missing");
+      if (angle === undefined || angle === null) report(at, "is missing", "incomplete");
       else checkValue(item, angle, at, report);
     });
   } else if (parameter.enum) {
@@ -66,26 +87,28 @@ function checkValue(parameter, value, name, report) {
 
 function outOfRange(parameter, value) {
   const { minimum, maximum, exclusiveMinimum } = parameter;
-  const bound = (limit) => `${shownNumber(parameter, limit)}${isAngle(parameter) ? "\u00b0" : ""}`;
   if (typeof value !== "number" || !Number.isFinite(value)) return "is not a number";
   if (parameter.type === "integer" && !Number.isInteger(value)) return "is not a whole number";
-  if (minimum !== undefined && value < minimum) return `is less than ${bound(minimum)}`;
-  if (exclusiveMinimum !== undefined && value <= exclusiveMinimum) return `is not more than ${bound(exclusiveMinimum)}`;
-  if (maximum !== undefined && value > maximum) return `is more than ${bound(maximum)}`;
-  return "";
+  const isLow = value < minimum || value <= exclusiveMinimum; // false without such a bound
+  return isLow || value > maximum ? `is out of range (${rangeText(parameter)})` : "";
+}
+
+// The name of a parameter as the form has it: joints[2] is the third of the joints.
+export function spoken(parameter) {
+  return parameter.replaceAll("_", " ").replace(/\[(\d+)\]/g, (whole, index) => ` ${Number(index) + 1}`);
 }
 
 // Problems as lines of text, missing parameters in one: [{kind, text}].
 export function problemLines(problems) {
   const lines = [];
   const lacking = problems.filter(({ kind, reason }) => kind === "incomplete" && reason === "is missing");
-  const names = lacking.map(({ parameter }) => parameter.replace(/^.*\.|\[\d+\]$/g, ""));
+  const names = lacking.map(({ parameter }) => spoken(parameter.replace(/^.*\.|\[\d+\]$/g, "")));
   if (lacking.length) lines.push({ kind: "incomplete", text: `give ${[...new Set(names)].join(", ")}` });
   for (const problem of problems) {
     if (lacking.includes(problem)) continue;
     const { kind, parameter, reason } = problem;
-    const isSentence = kind === "incomplete";
-    lines.push({ kind: isSentence ? "invalid" : kind, text: parameter ? `${parameter}${isSentence ? "" : ":"} ${reason}` : reason });
+    const isSentence = /^(is|has) /.test(reason);
+    lines.push({ kind, text: parameter ? `${spoken(parameter)}${isSentence ? "" : ":"} ${reason}` : reason });
   }
   return lines;
 }

@@ -22,8 +22,16 @@
 // times in simulated s.
 
 const RECONNECT_MS = [250, 500, 1000, 2000];
+// A console that serves as many pages as it can refuses further ones with this code and a reason; pause before the next
+// attempt.
+const TRY_AGAIN_LATER = 1013;
+const REFUSED_MS = 5000;
 // The server sends something at least once a second; without news for this time the connection is regarded as lost.
 const SILENCE_MS = 4000;
+// A plan that could not be loaded is asked for again after this time; each request ends after at most PLAN_MS, CALL_MS.
+const AGAIN_MS = 2000;
+const PLAN_MS = 10000;
+const CALL_MS = 120000;
 const WORDS = ["number", "x", "y", "heading", "vx", "vy", "turn"];
 
 // A floor as the last frames left it.
@@ -82,6 +90,8 @@ class Live {
     this.state = null;
     this.stateAt = 0;
     this.isConnected = false;
+    // Why the console serves no further page; empty if it does.
+    this.refusal = "";
     this.problems = {};
     // Scans by floor and key, with `receivedAt`; joint angles by robot; all reservations of areas.
     this.scans = new Map();
@@ -148,43 +158,57 @@ class Live {
     entry.loading = true;
     this.plans.set(name, entry);
     try {
-      const answer = await fetch(`/plan?floor=${encodeURIComponent(name)}&version=${version}`);
-      if (answer.ok) {
-        entry.plan = await answer.json();
-        entry.version = version;
-        this.notify("plan", name);
-      }
+      const address = `/plan?floor=${encodeURIComponent(name)}&version=${version}`;
+      const answer = await fetch(address, { signal: AbortSignal.timeout(PLAN_MS) });
+      if (!answer.ok) throw new Error(`no plan of ${name}`);
+      entry.plan = await answer.json();
+      entry.version = version;
     } catch {
-      // the connection is lost: loaded again after the next news of the map
+      // The connection is lost, or the console does not know the floor yet: who hears the news asks again.
+      setTimeout(() => this.notify("plan", name), AGAIN_MS);
+      return;
     } finally {
       entry.loading = false;
     }
+    this.notify("plan", name);
   }
 
   connect() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    this.socket = new WebSocket(`${scheme}://${location.host}/live`);
-    this.socket.binaryType = "arraybuffer";
-    this.socket.onopen = () => {
+    const socket = new WebSocket(`${scheme}://${location.host}/live`);
+    this.socket = socket;
+    socket.binaryType = "arraybuffer";
+    this.lastNews = performance.now();
+    socket.onopen = () => {
+      if (socket !== this.socket) return;
       this.attempts = 0;
       this.lastNews = performance.now();
       this.setConnected(true);
       this.sendWanted();
     };
-    this.socket.onmessage = (message) => this.receive(message.data);
-    this.socket.onclose = () => {
-      this.setConnected(false);
-      const pause = RECONNECT_MS[Math.min(this.attempts++, RECONNECT_MS.length - 1)];
-      setTimeout(() => this.connect(), pause);
-    };
+    socket.onmessage = (message) => socket === this.socket && this.receive(message.data);
+    socket.onclose = ({ code, reason }) => this.lost(socket, code === TRY_AGAIN_LATER ? reason : "");
+  }
+
+  // A socket is closed or silent. Browsers say up to a minute late that one is closed whose server hangs.
+  lost(socket, refusal = "") {
+    if (socket !== this.socket) return;
+    this.socket = null;
+    this.refusal = refusal;
+    this.setConnected(false);
+    const pause = RECONNECT_MS[Math.min(this.attempts++, RECONNECT_MS.length - 1)];
+    setTimeout(() => this.connect(), refusal ? REFUSED_MS : pause);
   }
 
   checkSilence() {
-    if (this.isConnected && performance.now() - this.lastNews > SILENCE_MS) this.socket.close();
+    const { socket } = this;
+    if (!socket || performance.now() - this.lastNews < SILENCE_MS) return;
+    socket.close();
+    this.lost(socket);
   }
 
   sendWanted() {
-    if (!this.isConnected) return;
+    if (!this.isConnected || !this.socket) return;
     const watch = new Set();
     const scans = new Set();
     const postures = new Set();
@@ -283,19 +307,22 @@ class Live {
 
 export const live = new Live();
 
-// Call an operation of the server. Returns its answer; throws an Error with the server's message.
-export async function call(operation, argument = {}) {
+// Call an operation of the server. Returns its answer; throws an Error with the server's message, or after limitMs.
+export async function call(operation, argument = {}, limitMs = CALL_MS) {
   let answer;
   try {
     answer = await fetch(`/call/${operation}`, {
       method: "POST",
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify(argument),
+      signal: AbortSignal.timeout(limitMs),
     });
   } catch {
     throw new Error("the console does not answer");
   }
-  const content = await answer.json().catch(() => ({ error: `the console answers ${answer.status}` }));
+  const content = await answer.json().catch((error) => ({
+    error: error.name === "TimeoutError" ? "the console does not answer" : `the console answers ${answer.status}`,
+  }));
   if (content.error !== undefined) throw new Error(content.error);
   return content.answer;
 }

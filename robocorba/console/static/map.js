@@ -2,14 +2,15 @@
 import { FloorCanvas } from "/static/floor_canvas.js";
 import { call, live } from "/static/live.js";
 import { fileMethods, FilesPanel } from "/static/map_files.js";
-import { MapForm } from "/static/map_form.js";
+import { MapForm, shown } from "/static/map_form.js";
 import { MapHands } from "/static/map_hands.js";
 import { MapLayer } from "/static/map_layer.js";
-import { handlesOf, idOf } from "/static/map_model.js";
+import { copyOf, handlesOf, idOf } from "/static/map_model.js";
 import { EditsPanel, FindingsPanel, PathsPanel } from "/static/map_panels.js";
 import { planningMethods } from "/static/map_planning.js";
 import { ALIGNMENTS, alignEdits, changeOf, current, duplicateEdits, removeEdits } from "/static/map_selection.js";
 import { MapSession } from "/static/map_session.js";
+import { rememberView, sharedView } from "/static/shared_view.js";
 import { editsOf, toolOf, TOOLS } from "/static/map_tools.js";
 
 const GRID_STEPS = [0.05, 0.1, 0.25, 0.5, 1];
@@ -22,6 +23,7 @@ const MESSAGE_MS = 8000;
 
 export default {
   components: { EditsPanel, FilesPanel, FindingsPanel, MapForm, PathsPanel },
+  directives: { shown },
   template: `
     <div class="console-split map-page">
       <section class="map-main">
@@ -34,7 +36,9 @@ export default {
               :title="undoable ? 'Undo: ' + undoable : 'Nothing of yours to undo'" aria-label="Undo" @click="undo" />
           <q-btn flat dense icon="redo" :disable="!redoable"
               :title="redoable ? 'Redo: ' + redoable : 'Nothing of yours to redo'" aria-label="Redo" @click="redo" />
-          <label class="map-author" title="Others see this name beside your edits">as <input :value="author"
+          <span class="map-saved" title="Every edit is saved at once. Undo takes yours back."
+              ><q-icon :name="saving ? 'sync' : 'cloud_done'" size="16px" /> {{ saving ? "saving" : "saved" }}</span>
+          <label class="map-author" title="Others see this name beside your edits">as <input v-shown="author"
               maxlength="60" aria-label="Your name" @change="setAuthor($event.target)"></label>
         </div>
         <div class="map-work">
@@ -56,7 +60,7 @@ export default {
                   :key="each">{{ each }}</option></select></label>
               <label v-if="kind === 'elevator'">doors <select v-model="options.side"><option v-for="each in sides"
                   :key="each">{{ each }}</option></select></label>
-              <span class="map-help">{{ toolDefinition.help }}</span>
+              <span class="map-help">{{ help }}</span>
             </div>
             <div class="console-tools">
               <q-btn dense round color="primary" icon="fit_screen" aria-label="Show the whole floor"
@@ -79,7 +83,7 @@ export default {
             <template v-if="records.length <= 1 && shownRecord">
               <h2 class="console-heading">{{ shownRecord.kind }} {{ shownRecord.name }}</h2>
               <map-form :key="formKey" :forms="forms" :record="shownRecord" :names="names" :note="note"
-                  @change="changeMembers" @rename="rename"></map-form>
+                  @change="changeMember" @rename="rename"></map-form>
             </template>
             <template v-else-if="records.length > 1">
               <h2 class="console-heading">{{ records.length }} selected: {{ countText }}</h2>
@@ -119,6 +123,8 @@ export default {
       options: { isMovable: false, isOneWay: false, doorKind: "sliding", side: "front" },
       selected: [], records: [], shownRecord: null, note: "", formKey: 0, names: {}, undoable: "", redoable: "",
       news: [],
+      // Points of the half-drawn element, and edits that are not answered yet.
+      drawn: 0, saving: 0,
       found: null, refused: null, chosenFinding: -1, isChecking: false, radius: 0.4, overlay: "connecting",
       paths: [], ends: [], chosenPath: "smoothed", isPlanning: false, underlay: null, message: { text: "" },
     };
@@ -129,6 +135,11 @@ export default {
     },
     kind() {
       return this.toolDefinition.kind;
+    },
+    help() {
+      const { help, next } = this.toolDefinition;
+      const isBegun = this.tool === "path" ? this.ends.length === 1 : this.drawn > 0;
+      return isBegun && next ? next : help;
     },
     countText() {
       const counts = new Map();
@@ -141,6 +152,9 @@ export default {
     this.session = new MapSession(() => this.update(), (text, isProblem) => this.say(text, isProblem));
     this.hands = new MapHands(this);
     this.elements = this.layer.elements = this.session.elements;
+    // The element that was renamed last, {from, to} as ids; and what the form shows, which stays in it then.
+    this.renamed = { from: "", to: "" };
+    this.formId = "";
     this.author = this.session.author;
   },
   mounted() {
@@ -151,7 +165,6 @@ export default {
     this.listeners = {
       keydown: (event) => this.hands.key(event),
       "robocorba-colors": () => this.canvas.redraw(),
-      pagehide: () => this.session.close(),
     };
     for (const [name, listener] of Object.entries(this.listeners)) window.addEventListener(name, listener);
     this.loadForms();
@@ -159,7 +172,10 @@ export default {
   },
   unmounted() {
     this.unlisten();
+    live.want(this.layer);
     for (const [name, listener] of Object.entries(this.listeners)) window.removeEventListener(name, listener);
+    this.isClosed = true;
+    this.hands.leave();
     clearTimeout(this.messageTimer);
     clearTimeout(this.formsTimer);
     this.session.end();
@@ -175,6 +191,7 @@ export default {
         this.updateOverlay();
       }
       if (kind === "connection" || (kind === "plan" && name === this.current)) this.showPlan();
+      if (kind === "floor" && name === this.current && this.layer.takePlaces(live.floor(name))) this.canvas.redraw();
     },
     showPlan() {
       const isKnown = live.mapVersion >= this.session.version; // else the console does not follow a new floor yet
@@ -193,34 +210,52 @@ export default {
       if (!live.isConnected) this.overlay = "the console does not answer; reconnecting";
       else if (live.problems.map) this.overlay = live.problems.map;
       else if (this.session.problem) this.overlay = this.session.problem;
-      else this.overlay = this.current && !this.canvas.plan ? "loading the map" : "";
+      else this.overlay = this.current && !(this.canvas.plan && this.isLoaded()) ? "loading the map" : "";
+    },
+    // Whether the elements are those of the floor that is shown.
+    isLoaded() {
+      return this.elements.floor === this.current;
+    },
+    // Whether one can edit the floor; tells why not.
+    isReady() {
+      if (!this.current) this.say("there is no floor yet: add one with +");
+      return this.current !== "" && this.isLoaded();
     },
     // The session has new elements, or something to undo.
     update() {
       const { session } = this;
       this.elements = this.layer.elements = session.elements;
+      if (this.current) this.layer.takePlaces(live.floor(this.current));
+      if (this.found && this.found.version !== session.version) this.layer.findings = []; // of the map before
       Object.assign(this, { version: session.version, undoable: session.undoable, redoable: session.redoable,
         news: [...session.news] });
       if (session.whole && session.whole === session.version) this.undoable = "generated roads or an imported building";
       const floors = this.elements.of("floor").sort((a, b) => a.members.level - b.members.level);
       this.floors = floors.map((each) => each.name);
       if (this.floors.length && !this.floors.includes(this.current)) {
-        this.show(this.floors.includes(this.wanted) ? this.wanted : this.floors[0]);
+        const { from, to } = this.renamed;
+        const newName = from === `floor/${this.current}` ? to.slice("floor/".length) : "";
+        this.show([newName, sharedView.floor].find((each) => this.floors.includes(each)) ?? this.floors[0]);
       }
       const namesOf = (kind) => this.elements.of(kind).map((each) => each.name);
-      this.names = { floor: namesOf("floor"), node: namesOf("node"), elevator: namesOf("elevator") };
+      const names = { floor: namesOf("floor"), node: namesOf("node"), elevator: namesOf("elevator") };
+      if (JSON.stringify(names) !== JSON.stringify(this.names)) this.names = names;
       this.updateOverlay();
       this.updateSelection();
     },
     updateSelection() {
-      const records = current(this.selected, this.elements);
+      const { from, to } = this.renamed;
+      const now = (id) => (id === from && !this.elements.get(id) ? to : id);
+      const records = this.isLoaded() ? current(this.selected.map(now), this.elements) : [];
       this.selected = records.map(idOf);
       this.layer.selected = records;
       this.layer.handles = records.length === 1 && this.tool === "select" ? handlesOf(records[0]) : [];
       this.records = records;
       const floor = this.elements.get(`floor/${this.current}`);
       this.shownRecord = records[0] ?? floor ?? null;
-      this.formKey += 1;
+      const id = this.shownRecord ? idOf(this.shownRecord) : "";
+      if (id !== this.formId && !(this.formId === from && id === to)) this.formKey += 1;
+      this.formId = id;
       this.canvas?.redraw();
     },
     say(text, isProblem = false) {
@@ -232,9 +267,12 @@ export default {
     // ---- view ----
 
     show(floor) {
+      this.hands.leave();
       this.current = floor;
+      rememberView({ floor });
+      live.want(this.layer, { floors: [floor] });
+      this.layer.places.clear();
       this.canvas.floor = null;
-      this.layer.draft = [];
       this.layer.ghosts = [];
       this.select([]);
       this.session.refresh(floor);
@@ -244,13 +282,13 @@ export default {
     setTool(name) {
       this.tool = name;
       this.layer.tool = toolOf(name);
-      this.layer.draft = [];
-      this.layer.cursor = null;
+      this.hands.draft = [];
       if (name === "path") this.panel = "paths";
       this.updateSelection();
       this.$refs.canvas.focus({ preventScroll: true });
     },
     select(ids) {
+      this.hands.flush();
       this.selected = ids;
       this.note = "";
       if (ids.length && this.panel !== "findings") this.panel = "element";
@@ -264,6 +302,7 @@ export default {
       try {
         this.forms = await call("map_forms");
       } catch {
+        if (this.isClosed) return;
         this.formsTimer = setTimeout(() => this.loadForms(), 2000);
       }
     },
@@ -276,20 +315,36 @@ export default {
       this.canvas.isFitted = false; // the view stays as it is while one edits
       this.layer.ghosts = edits.filter((edit) => edit.members);
       this.canvas.redraw();
-      const answer = await this.session.edit(edits);
+      const answer = await this.saved(this.session.edit(edits));
       if (!answer?.version) this.layer.ghosts = [];
       this.takeAnswer(answer);
       return answer;
+    },
+    // The answer to an edit, which is shown as under way until then.
+    async saved(answer) {
+      this.saving += 1;
+      try {
+        return await answer;
+      } finally {
+        this.saving -= 1;
+      }
     },
     takeAnswer(answer) {
       this.note = "";
       if (answer?.version) {
         this.refused = null;
-        this.layer.findings = this.found?.findings ?? [];
       } else if (answer?.refused) {
         this.showRefusal(answer.refused);
       }
+      if (!answer?.version) this.resetForm();
       this.updateSelection();
+    },
+    // Show what the server has instead of what was typed and refused; the focus stays in its field.
+    resetForm() {
+      const fields = () => [...this.$el.querySelectorAll(".map-form :is(input, select, button)")];
+      const at = fields().indexOf(document.activeElement);
+      this.formKey += 1;
+      if (at >= 0) this.$nextTick(() => fields()[at]?.focus());
     },
     showRefusal(refused) {
       const { stale } = refused;
@@ -305,27 +360,40 @@ export default {
     },
     async createDrawn(tool, points) {
       const make = () => editsOf(tool, points, this.elements, this.options);
+      const { floor } = this.elements;
+      const isLeft = () => floor !== this.current;
       let edits = make();
       if (!edits.length) return;
       let answer = await this.commit(edits);
-      if (answer?.refused?.taken) {
+      if (answer?.refused?.taken && !isLeft()) {
         edits = make(); // somebody else has used a name meanwhile
         answer = await this.commit(edits);
       }
-      if (!answer?.version) return;
-      if (tool.name !== "outline") this.select(edits.map(idOf));
+      if (!answer?.version || isLeft()) return;
+      // Of a room its area, which is given a name in the form.
+      const chosen = tool.name === "room" ? edits.filter((edit) => edit.kind === "area") : edits;
+      if (tool.name !== "outline") this.select(chosen.map(idOf));
     },
-    changeMembers(members) {
-      this.commit([changeOf(this.shownRecord, members)]);
+    // The record as it is after moves by keys that are under way.
+    async latest(record) {
+      await this.hands.flush();
+      const now = this.elements.get(idOf(record));
+      return now?.floor === record.floor ? now : record;
+    },
+    async changeMember(name, value) {
+      const record = await this.latest(this.shownRecord);
+      this.commit([changeOf(record, { ...copyOf(record.members), [name]: value })]);
     },
     async rename(name) {
-      const record = this.shownRecord;
+      const record = await this.latest(this.shownRecord);
+      this.renamed = { from: idOf(record), to: idOf({ ...record, name }) };
       const answer = await this.commit([{ ...record, do: "rename", to: name, members: undefined }]);
       if (!answer?.version) return;
       if (record.kind === "floor") this.show(name);
       else this.select([idOf({ ...record, name })]);
     },
-    removeSelected() {
+    async removeSelected() {
+      await this.hands.flush();
       const { edits, kept } = removeEdits(current(this.selected, this.elements));
       if (kept.length) {
         const names = kept.map((node) => node.name).join(", ");
@@ -335,20 +403,26 @@ export default {
       this.commit(edits);
     },
     async duplicateSelected() {
+      await this.hands.flush();
       const records = current(this.selected, this.elements);
       if (!records.length) return;
       const edits = duplicateEdits(records, this.elements, this.step);
       const answer = await this.commit(edits);
-      if (answer?.version) this.select(edits.map(idOf));
+      if (!answer?.version) return;
+      this.select(edits.map(idOf));
+      this.$refs.canvas.focus({ preventScroll: true }); // arrow keys move the copies
     },
-    align(how) {
+    async align(how) {
+      await this.hands.flush();
       this.commit(alignEdits(current(this.selected, this.elements), this.elements, how));
     },
     async undo() {
-      this.takeAnswer(await this.session.undo());
+      await this.hands.flush();
+      this.takeAnswer(await this.saved(this.session.undo()));
     },
     async redo() {
-      this.takeAnswer(await this.session.redo());
+      await this.hands.flush();
+      this.takeAnswer(await this.saved(this.session.redo()));
     },
 
     // ---- floors ----
@@ -371,7 +445,8 @@ export default {
       if (answer?.version) this.say(`floor ${floor.name} is removed; undo brings it back`);
     },
     async buildRoads() {
-      const isMade = await this.session.changeWhole("map_build_roads", { floor: this.current, radius: this.radius });
+      const isMade = await this.saved(this.session.changeWhole("map_build_roads",
+        { floor: this.current, radius: this.radius }));
       if (isMade) this.say("roads generated");
     },
 

@@ -1,6 +1,8 @@
 // The panel of files: export and import with their losses, and the picture below a floor; and the map page's methods
 // for it.
+import { download } from "/static/download.js";
 import { call } from "/static/live.js";
+import { shown } from "/static/map_form.js";
 
 const FORMATS = [
   { name: "native", title: "RoboCorba map (.yaml)" }, { name: "openrmf", title: "Open-RMF (.building.yaml)" },
@@ -10,8 +12,9 @@ const FORMATS = [
 const MAX_BYTES = 5.5 * 1024 * 1024;
 
 export const FilesPanel = {
+  directives: { shown },
   props: { floor: String, version: Number, underlay: Object },
-  emits: ["replace", "underlay", "roads"],
+  emits: ["replace", "underlay"],
   template: `
     <div class="map-files">
       <h3 class="console-heading">Export</h3>
@@ -58,7 +61,7 @@ export const FilesPanel = {
           aria-label="Picture below the floor" @change="readPicture($event.target.files[0])"></div>
       <template v-if="underlay">
         <label v-for="[key, title] in placing" :key="key" class="map-field"><span>{{ title }}</span>
-          <input type="number" step="any" :value="underlay[key]" @change="place(key, $event.target)"></label>
+          <input v-shown="underlay[key]" type="number" step="any" @change="place(key, $event.target)"></label>
         <div class="console-actions"><q-btn dense no-caps outline icon="delete" label="Remove the picture"
             @click="$emit('underlay', null)" /></div>
       </template>
@@ -67,8 +70,7 @@ export const FilesPanel = {
   data() {
     return {
       formats: FORMATS, format: "native", resolution: 0.05, image: "pgm", unknown: "blocked", specks: "walls",
-        topology: false,
-      busy: "", exported: null, found: null, problem: "", pictureProblem: "", files: null,
+      topology: false, busy: "", exported: null, found: null, problem: "", pictureProblem: "", files: null, turn: 0,
       placing: [["x", "left m"], ["y", "lower edge m"], ["resolution", "m per pixel"]],
     };
   },
@@ -80,7 +82,7 @@ export const FilesPanel = {
       try {
         const argument = { format: this.format, resolution: this.resolution, image: this.image };
         this.exported = await call("map_export", argument);
-        download(this.exported);
+        download(this.exported.name, bytes(this.exported.content));
       } catch (error) {
         this.problem = error.message;
       } finally {
@@ -88,33 +90,35 @@ export const FilesPanel = {
       }
     },
     async read(list) {
+      const turn = ++this.turn; // answers for files and options of an earlier turn are dropped
       this.files = null;
       this.found = null;
       this.problem = "";
+      this.busy = "";
       const files = [...list];
       if (!files.length) return;
       if (files.reduce((sum, file) => sum + file.size, 0) > MAX_BYTES) {
         this.problem = "these files have more than 5.5 MiB; use `robocorba map import` instead";
         return;
       }
-      this.files = {};
-      for (const file of files) this.files[file.name] = await base64(file);
+      try {
+        const contents = await Promise.all(files.map(base64));
+        if (turn !== this.turn) return;
+        this.files = Object.fromEntries(files.map((file, n) => [file.name, contents[n]]));
+      } catch (error) {
+        if (turn === this.turn) this.problem = error.message;
+        return;
+      }
       await this.again();
     },
     async again() {
       if (!this.files) return;
-      this.busy = "read";
-      this.found = null;
-      this.problem = "";
-      try {
-        const { unknown, specks, topology } = this;
-        this.found = await call("map_read_files", { files: this.files, unknown, specks, topology });
-        this.readAt = this.version;
-      } catch (error) {
-        this.problem = error.message;
-      } finally {
-        this.busy = "";
-      }
+      const turn = ++this.turn;
+      const { files, unknown, specks, topology, version } = this;
+      Object.assign(this, { busy: "read", found: null, problem: "" });
+      const answer = await call("map_read_files", { files, unknown, specks, topology }).then(
+        (found) => ({ found, readAt: version }), (error) => ({ problem: error.message }));
+      if (turn === this.turn) Object.assign(this, { busy: "", ...answer });
     },
     replace() {
       this.$emit("replace", { document: this.found.document, version: this.readAt });
@@ -123,8 +127,16 @@ export const FilesPanel = {
     async readPicture(file) {
       this.pictureProblem = "";
       if (!file) return;
-      if (file.size > MAX_BYTES) this.pictureProblem = "the picture has more than 5.5 MiB";
-      else this.$emit("underlay", { x: 0, y: 0, resolution: 0.05, ...this.underlay, picture: await base64(file) });
+      if (file.size > MAX_BYTES) {
+        this.pictureProblem = "the picture has more than 5.5 MiB";
+        return;
+      }
+      try {
+        const picture = await base64(file);
+        this.$emit("underlay", { x: 0, y: 0, resolution: 0.05, ...this.underlay, picture });
+      } catch (error) {
+        this.pictureProblem = error.message;
+      }
     },
     place(key, target) {
       if (Number.isFinite(target.valueAsNumber)) this.$emit("underlay", { ...this.underlay,
@@ -137,7 +149,7 @@ export const FilesPanel = {
 // Methods of the map page.
 export const fileMethods = {
   async replace({ document, version }) {
-    const isMade = await this.session.changeWhole("map_replace", { document, version });
+    const isMade = await this.saved(this.session.changeWhole("map_replace", { document, version }));
     if (isMade) this.say("the building is replaced; undo brings the old one back");
   },
   async loadUnderlay() {
@@ -178,11 +190,6 @@ function base64(file) {
   });
 }
 
-function download({ name, content }) {
-  const bytes = Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
-  const address = URL.createObjectURL(new Blob([bytes]));
-  const link = document.createElement("a");
-  Object.assign(link, { href: address, download: name });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(address), 10000);
+function bytes(content) {
+  return Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
 }

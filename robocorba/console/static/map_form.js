@@ -7,8 +7,20 @@ const NEW_SHAPES = {
   polygon: { kind: "polygon", points: [[0, 0], [1, 0], [0, 1]] },
 };
 
+// v-shown: the value of a field, which does not replace what a user is typing there: edits of others come in meanwhile.
+export const shown = {
+  mounted(field, { value }) {
+    field.value = field.shownText = String(value);
+  },
+  updated(field, { value }) {
+    const isTyped = field === document.activeElement && field.value !== field.shownText;
+    if (!isTyped || field.value === String(value)) field.value = field.shownText = String(value);
+  },
+};
+
 const Members = {
   name: "MapMembers",
+  directives: { shown },
   props: { members: Array, values: Object, names: Object, skip: Array },
   emits: ["change"],
   template: `
@@ -37,7 +49,7 @@ const Members = {
           <legend>{{ label(member) }} <small>{{ member.unit }}</small></legend>
           <div v-for="(point, n) in values[member.name]" :key="n" class="map-point">
             <small>{{ n + 1 }}</small>
-            <input v-for="axis in [0, 1]" :key="axis" type="number" step="any" :value="point[axis]"
+            <input v-for="axis in [0, 1]" :key="axis" v-shown="point[axis]" type="number" step="any"
                 :aria-label="label(member) + ' ' + (n + 1) + ' ' + 'xy'[axis]"
                    @change="setPoint(member.name, n, axis, $event)">
             <q-btn flat dense round size="sm" icon="delete" :aria-label="'Remove point ' + (n + 1)"
@@ -48,7 +60,7 @@ const Members = {
         <label v-else class="map-field">
           <span>{{ label(member) }} <small>{{ unit(member) }}</small></span>
           <span v-if="member.type === 'point'" class="map-pair">
-            <input v-for="axis in [0, 1]" :key="axis" type="number" step="any" :value="values[member.name][axis]"
+            <input v-for="axis in [0, 1]" :key="axis" v-shown="values[member.name][axis]" type="number" step="any"
                 :aria-label="label(member) + ' ' + 'xy'[axis]"
                    @change="setAxis(member.name, axis, $event)"></span>
           <input v-else-if="member.type === 'boolean'" type="checkbox" :checked="values[member.name]"
@@ -57,13 +69,12 @@ const Members = {
               @change="set(member.name, $event.target.value)">
             <option v-for="choice in choices(member)" :key="choice"
                 :value="choice">{{ choice || 'none' }}</option></select>
-          <input v-else-if="member.type === 'number' || member.type === 'integer'" type="number"
-              :step="member.type === 'integer' ? 1 : 'any'"
-                 :value="shownNumber(member)" @change="setNumber(member, $event)">
-          <input v-else-if="member.type === 'names'" type="text" :value="values[member.name].join(', ')"
+          <input v-else-if="member.type === 'number' || member.type === 'integer'" v-shown="shownNumber(member)"
+              type="number" :step="member.type === 'integer' ? 1 : 'any'" @change="setNumber(member, $event)">
+          <input v-else-if="member.type === 'names'" v-shown="values[member.name].join(', ')" type="text"
               placeholder="names, with commas"
                  @change="set(member.name, split($event.target.value))">
-          <input v-else type="text" maxlength="200" :value="values[member.name]"
+          <input v-else v-shown="values[member.name]" type="text" maxlength="200"
               @change="set(member.name, $event.target.value)">
         </label>
       </template>
@@ -134,23 +145,21 @@ const Members = {
 };
 Members.components = { MapMembers: Members };
 
-// Emits change(members) and rename(name).
+// Emits change(name of the member, value) and rename(name).
 export const MapForm = {
   components: { MapMembers: Members },
+  directives: { shown },
   props: { forms: Object, record: Object, names: Object, note: String },
   emits: ["change", "rename"],
   template: `
     <form class="map-form" @submit.prevent>
       <p v-if="note" class="map-note" role="alert">{{ note }}</p>
       <label class="map-field"><span>name</span>
-        <input type="text" maxlength="200" :value="record.name" @change="rename($event)"></label>
+        <input v-shown="record.name" type="text" maxlength="200" @change="rename($event)"></label>
       <map-members :members="forms[record.kind]" :values="record.members" :names="names" :skip="['name']"
-          @change="change"></map-members>
+          @change="(name, value) => $emit('change', name, value)"></map-members>
     </form>`,
   methods: {
-    change(name, value) {
-      this.$emit("change", { ...copyOf(this.record.members), [name]: value });
-    },
     rename({ target }) {
       const name = target.value.trim();
       if (!name || name === this.record.name) target.value = this.record.name;

@@ -7,6 +7,10 @@ import { closes, TOOLS } from "/static/map_tools.js";
 const CLICK_PX = 6;
 const REACH_PX = 7;
 const NUDGE_MS = 400;
+// Fields take all keys; a button or a tab takes those that would press it or move between tabs.
+const FIELDS = "form, input, select, textarea";
+const BUTTONS = "button, a, [role=tab]";
+const BUTTON_KEYS = ["Enter", " ", "Delete", "Backspace", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 export class MapHands {
@@ -14,7 +18,16 @@ export class MapHands {
   constructor(page) {
     this.page = page;
     this.press = null;
+    // Presses of arrow keys that are not sent yet: {ids, delta, timer}; and the promise of those that are.
     this.nudge = null;
+    this.sending = null;
+  }
+
+  // Forget what was begun on a floor that is left; a move by keys is sent.
+  leave() {
+    this.flush();
+    this.press = null;
+    this.draft = [];
   }
 
   get draft() {
@@ -23,6 +36,7 @@ export class MapHands {
 
   set draft(points) {
     this.page.layer.draft = points;
+    this.page.drawn = points.length;
     this.page.canvas.redraw();
   }
 
@@ -34,7 +48,8 @@ export class MapHands {
       return false;
     }
     if (kind === "down") {
-      if (event.button !== 0) return false;
+      if (event.button !== 0 || !this.page.isReady()) return false;
+      this.flush();
       this.press = { px: [event.clientX, event.clientY], point, isShift: event.shiftKey, hasMoved: false };
       return tool.points ? this.beginDrawing(event, point) : this.beginSelecting(event, point);
     }
@@ -147,6 +162,7 @@ export class MapHands {
       return;
     }
     const skip = new Set(selected);
+    if (press.record) press.record = elements.get(idOf(press.record)) ?? press.record; // it may have been moved by keys
     if (press.handle) {
       const { at } = press.handle.isTurn ? { at: point } : this.snapped(event, point, { skip });
       const joined = event.ctrlKey ? [] : joinedEdits(press.record, press.handle.at, at, elements);
@@ -176,11 +192,17 @@ export class MapHands {
   // ---- keys ----
 
   key(event) {
-    const tag = event.target.tagName;
-    if (["INPUT", "SELECT", "TEXTAREA"].includes(tag) || event.defaultPrevented) return;
-    const isButton = tag === "BUTTON" || tag === "A";
-    if (isButton && (event.key === "Enter" || event.key === " ")) return;
+    if (event.defaultPrevented) return;
+    if (event.target.closest?.(FIELDS)) return this.keyInField(event);
+    if (BUTTON_KEYS.includes(event.key) && event.target.closest?.(BUTTONS)) return;
     if (this.act(event)) event.preventDefault();
+  }
+
+  // Escape leaves a field of the page without a change.
+  keyInField({ key, target }) {
+    if (key !== "Escape" || !this.page.$el.contains(target)) return;
+    if (target.shownText !== undefined) target.value = target.shownText;
+    this.page.canvas.canvas.focus({ preventScroll: true });
   }
 
   act(event) {
@@ -191,7 +213,9 @@ export class MapHands {
     if (event.key === "Escape") return this.escape();
     if (event.key === "Enter" && this.draft.length) return this.finish(), true;
     if (event.key === "Backspace" && this.draft.length) return (this.draft = this.draft.slice(0, -1)), true;
-    if (event.key === "Delete" || event.key === "Backspace") return page.removeSelected(), true;
+    // Backspace is also a key of typing, and a field that disappears leaves the focus on no element.
+    const isRemoval = event.key === "Delete" || (event.key === "Backspace" && event.target === page.canvas.canvas);
+    if (isRemoval) return page.removeSelected(), true;
     if (event.key === " " && page.toolDefinition.points) return this.keyPoint(), true;
     if (event.key === "+") return page.canvas.zoom(1.4), true;
     if (event.key === "-") return page.canvas.zoom(1 / 1.4), true;
@@ -210,12 +234,14 @@ export class MapHands {
     return false;
   }
 
+  // The first Escape ends a drag or a drawing, the next one puts the tool away, the next one deselects.
   escape() {
     const { page } = this;
     if (this.press?.edits) {
       this.press = null;
       page.layer.ghosts = [];
     } else if (this.draft.length) this.draft = [];
+    else if (page.tool === "path" && page.ends.length === 1) page.clearPath();
     else if (page.tool !== "select") page.setTool("select");
     else page.select([]);
     page.canvas.redraw();
@@ -237,22 +263,32 @@ export class MapHands {
   keyPoint() {
     const at = this.page.layer.cursor?.at ?? this.page.canvas.centre.map((value) => onGrid(value, this.page.step));
     this.showCursor({ at, to: "grid" });
-    this.add(at);
+    if (this.page.isReady()) this.add(at);
   }
 
-  // Several presses within a short time are one edit.
+  // Several presses within a short time are one edit of what is selected then.
   nudgeBy([dx, dy]) {
     const { page } = this;
+    if (!page.isReady()) return;
     const before = this.nudge?.delta ?? [0, 0];
     clearTimeout(this.nudge?.timer);
     const delta = [before[0] + dx, before[1] + dy];
-    const edits = moveEdits(current(page.selected, page.elements), delta);
-    page.layer.ghosts = edits;
+    page.layer.ghosts = moveEdits(current(page.selected, page.elements), delta);
     page.canvas.redraw();
-    const timer = setTimeout(() => {
-      this.nudge = null;
-      page.commit(edits);
-    }, NUDGE_MS);
-    this.nudge = { delta, timer };
+    this.nudge = { ids: page.selected, delta, timer: setTimeout(() => this.flush(), NUDGE_MS) };
+  }
+
+  // Send the move by keys that waits for more presses; resolves when none is under way.
+  flush() {
+    const { nudge, page } = this;
+    if (!nudge) return this.sending ?? Promise.resolve();
+    clearTimeout(nudge.timer);
+    this.nudge = null;
+    const send = () => page.commit(moveEdits(current(nudge.ids, page.elements), nudge.delta));
+    const sending = (this.sending ? this.sending.then(send) : send()).finally(() => {
+      if (this.sending === sending) this.sending = null;
+    });
+    this.sending = sending;
+    return sending;
   }
 }

@@ -1,7 +1,11 @@
 // What the map page draws over a floor: selection with handles, what is being drawn or moved, findings, and paths.
-import { disc, line, polygon, shortened } from "/static/floor_canvas.js";
+import { disc, line, polygon } from "/static/floor_canvas.js";
+import { shortened } from "/static/texts.js";
 
 export const HANDLE_PX = 6;
+// An object counts as moved, and is drawn again, when it is so far from where it was [m, and rad].
+const MOVED_M = 0.05;
+const SAME_M = 0.01;
 // Dashes that tell the modes of paths apart without colours.
 export const PATH_STYLES = {
   smoothed: { dash: [], width: 3 }, topological: { dash: [10, 5], width: 2.5 }, geometric: { dash: [2, 5], width: 2.5 },
@@ -21,12 +25,29 @@ export class MapLayer {
     this.finding = -1;
     this.paths = [];          // {mode, points, isChosen}
     this.ends = [];           // of a path that is being chosen: {floor, x, y}
+    this.places = new Map();  // {x, y, heading} of the objects that the simulation has moved, by name
+  }
+
+  // Take where objects stand in the simulation; returns whether one is elsewhere than before.
+  takePlaces(floor) {
+    const moved = new Map();
+    for (const { members } of this.elements?.of("object") ?? []) {
+      const body = members.movable && floor.body(members.name);
+      if (body?.kind === "object" && !isAt(body, { x: members.at[0], y: members.at[1], heading: members.heading }, MOVED_M)) {
+        moved.set(members.name, { x: body.x, y: body.y, heading: body.heading });
+      }
+    }
+    const { places } = this;
+    const isSame = moved.size === places.size && [...moved].every(([name, now]) => isAt(places.get(name), now, SAME_M));
+    if (!isSame) this.places = moved;
+    return !isSame;
   }
 
   above(context, canvas) {
     const { elements } = this;
-    if (!elements) return;
+    if (elements?.floor !== canvas.plan.name) return; // it is being loaded
     this.drawPaths(context, canvas);
+    this.drawPlaces(context, canvas);
     for (const node of elements.of("node")) if (node.members.elevator) this.drawCabinNode(context, canvas, node);
     for (const record of this.selected) this.drawOutline(context, canvas, record, 3);
     for (const record of this.ghosts) this.drawOutline(context, canvas, record, 2, [canvas.px(6), canvas.px(4)]);
@@ -36,6 +57,24 @@ export class MapLayer {
     for (const handle of this.handles) this.drawHandle(context, canvas, handle);
     this.drawDraft(context, canvas);
     if (this.frame) this.drawFrame(context, canvas);
+  }
+
+  // Where objects stand now that are elsewhere than on the map.
+  drawPlaces(context, canvas) {
+    context.strokeStyle = canvas.colors.selected;
+    context.lineWidth = canvas.px(1.5);
+    context.setLineDash([canvas.px(2), canvas.px(3)]);
+    for (const [record, { x, y, heading }] of this.moved()) {
+      const { points } = this.elements.outline({ ...record, members: { ...record.members, at: [x, y], heading } });
+      trace(context, points, true);
+      context.stroke();
+    }
+    context.setLineDash([]);
+  }
+
+  moved() {
+    const known = [...this.places].map(([name, place]) => [this.elements.get(`object/${name}`), place]);
+    return known.filter(([record]) => record);
   }
 
   drawOutline(context, canvas, record, width, dash = []) {
@@ -162,7 +201,7 @@ export class MapLayer {
   }
 
   labels(context, canvas) {
-    if (!this.elements) return;
+    if (this.elements?.floor !== canvas.plan.name) return;
     const { colors } = canvas;
     const write = (text, [px, py], color) => {
       context.lineWidth = 3;
@@ -174,6 +213,9 @@ export class MapLayer {
     context.font = "12px system-ui, sans-serif";
     context.textAlign = "center";
     context.textBaseline = "bottom";
+    for (const [{ members }, { x, y }] of this.moved()) {
+      write(`${shortened(members.name, 20)} stands here now`, canvas.pixel(x, y), colors.selected);
+    }
     if (canvas.scale > 25) {
       for (const node of this.elements.of("node")) {
         const [px, py] = canvas.pixel(...node.members.at);
@@ -183,6 +225,10 @@ export class MapLayer {
         const [px, py] = canvas.pixel(...object.members.at);
         write(shortened(object.name, 18), [px, py + 6], colors.text);
       }
+    }
+    if (this.cursor && this.tool?.points) {
+      const [px, py] = canvas.pixel(...this.cursor.at);
+      write(this.cursor.at.map((metres) => metres.toFixed(2)).join(", "), [px, py - 12], colors.selected);
     }
     this.ends.forEach((end, n) => {
       if (end.floor !== this.elements.floor) return;
@@ -238,4 +284,9 @@ function trace(context, points, isClosed) {
     context.beginPath();
     points.forEach(([x, y], n) => (n ? context.lineTo(x, y) : context.moveTo(x, y)));
   }
+}
+
+function isAt(before, now, reach) {
+  const turned = 2 * Math.abs(Math.sin((before?.heading - now.heading) / 2));
+  return Math.hypot(before?.x - now.x, before?.y - now.y) < reach && turned < reach;
 }

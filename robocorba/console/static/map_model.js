@@ -1,10 +1,10 @@
 // The elements of a floor as the map page edits them: {kind, floor, name, version, members}, their shapes and handles.
+import { nearestOn } from "/static/segments.js";
 
 // What a new name of each kind begins with.
-const PREFIXES = { wall: "w", object: "item ", door: "d", area: "room ", node: "n", elevator: "E", floor: "L",
+const PREFIXES = { wall: "w", object: "object ", door: "d", area: "room ", node: "n", elevator: "E", floor: "L",
   edge: "e" };
 const CIRCLE_POINTS = 32;
-export const MOVABLE_KINDS = ["wall", "object", "door", "area", "node", "elevator"];
 
 export const idOf = (record) => `${record.kind}/${record.name}`;
 export const copyOf = (value) => JSON.parse(JSON.stringify(value));
@@ -42,10 +42,11 @@ export class Elements {
     return this.byId.get(`node/${name}`);
   }
 
-  // A name that no element of the kind has; each call gives another one.
-  newName(kind, wanted = "") {
+  // A name that no element of the kind has: `wanted`, or of a word and a number. Each call gives another one.
+  newName(kind, wanted = "", word = "") {
+    const prefix = word ? `${word} ` : PREFIXES[kind];
     for (let number = 1; ; number++) {
-      const name = wanted ? (number === 1 ? wanted : `${wanted} ${number}`) : `${PREFIXES[kind]}${number}`;
+      const name = wanted ? (number === 1 ? wanted : `${wanted} ${number}`) : `${prefix}${number}`;
       const id = `${kind}/${name}`;
       if (this.byId.has(id) || this.given.has(id)) continue;
       this.given.add(id);
@@ -192,15 +193,6 @@ function unplaced(point, { at, heading }) {
   const cos = Math.cos(heading), sin = Math.sin(heading);
   const [x, y] = [point[0] - at[0], point[1] - at[1]];
   return [rounded(x * cos + y * sin), rounded(y * cos - x * sin)];
-}
-
-// The point of the line from a to b that is nearest to a point.
-export function nearestOn(a, b, point) {
-  const [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-  const length2 = dx * dx + dy * dy;
-  const share = length2 ? ((point[0] - a[0]) * dx + (point[1] - a[1]) * dy) / length2 : 0;
-  const t = Math.min(Math.max(share, 0), 1);
-  return [a[0] + t * dx, a[1] + t * dy];
 }
 
 function isInside(points, [x, y]) {

@@ -1,5 +1,9 @@
 // Panels beside the map: findings, paths, and the edits of all editors.
+import { shown } from "/static/map_form.js";
+import { PATH_STYLES } from "/static/map_layer.js";
+
 export const FindingsPanel = {
+  directives: { shown },
   props: { result: Object, refused: Object, chosen: Number, isBusy: Boolean, radius: Number, version: Number },
   emits: ["check", "show", "radius", "dismiss"],
   template: `
@@ -13,7 +17,7 @@ export const FindingsPanel = {
               problem.reason }}</li></ul>
       </div>
       <div class="console-actions map-line">
-        <label>robot radius <input type="number" min="0.05" max="5" step="0.05" :value="radius" class="map-number"
+        <label>robot radius <input v-shown="radius" type="number" min="0.05" max="5" step="0.05" class="map-number"
           @change="$emit('radius', $event.target.valueAsNumber || 0.4)"> m</label>
         <q-btn dense no-caps color="primary" label="Check this floor" :loading="isBusy"
             @click="$emit('check', false)" />
@@ -36,6 +40,7 @@ export const FindingsPanel = {
 
 export const PathsPanel = {
   props: { paths: Array, ends: Array, chosen: String, isBusy: Boolean, isOn: Boolean },
+  data: () => ({ styles: PATH_STYLES }),
   emits: ["choose", "start", "clear"],
   template: `
     <div>
@@ -52,9 +57,9 @@ export const PathsPanel = {
               @click="$emit('choose', path.mode)">
             <svg width="34" height="8" aria-hidden="true"><line x1="0" y1="4" x2="34" y2="4" stroke="currentColor"
                 stroke-width="3"
-              :stroke-dasharray="{ smoothed: '', topological: '10 5', geometric: '2 5' }[path.mode]" /></svg>
+              :stroke-dasharray="styles[path.mode].dash.join(' ')" /></svg>
             <b>{{ path.mode }}</b>
-            <span v-if="path.points">{{ path.length.toFixed(2) }} m, {{ path.seconds.toFixed(1) }} s, {{
+            <span v-if="path.points">{{ path.length.toFixed(2) }} m, {{
               path.points.length }} points</span>
             <span v-else class="map-reason">no path: {{ path.reason }}</span></button></li>
       </ul>

@@ -48,7 +48,7 @@ export function duplicateEdits(records, elements, step) {
   for (const node of nodes) names.set(node.name, elements.newName("node"));
   const copies = records.filter((record) => record.kind !== "edge" && record.kind !== "floor").map((record) => {
     const name = names.get(record.name) && record.kind === "node" ? names.get(record.name)
-      : elements.newName(record.kind);
+      : elements.newName(record.kind, "", record.members.shape?.kind);
     const members = { ...moved(record, delta), name };
     if (record.kind === "node") members.elevator = "";
     return { do: "create", kind: record.kind, floor: record.floor, name, members };

@@ -3,7 +3,11 @@ import { call } from "/static/live.js";
 import { Elements } from "/static/map_model.js";
 
 const AUTHOR = "robocorba-author";
+// What a tab keeps of its session, so that it can undo its edits after it was at another page.
+const KEPT = "robocorba-map-session";
 const MAX_NEWS = 50;
+// Versions that are known as one's own.
+const MAX_OWN = 500;
 // Pause before the next attempt when the server does not answer.
 const RETRY_MS = 2000;
 const ENDED = "the session of this page has ended";
@@ -11,18 +15,26 @@ const ENDED = "the session of this page has ended";
 export class MapSession {
   // changed(): called when elements, news or what can be undone have changed. say(text, isProblem): tell the user.
   constructor(changed, say) {
-    Object.assign(this, { changed, say, key: "", version: 0, undoable: "", redoable: "", news: [], floor: "" });
+    // `whole`: the version after an edit of the whole building or its roads, which is outside the session.
+    Object.assign(this, { changed, say, key: "", version: 0, undoable: "", redoable: "", news: [], floor: "",
+      own: [], whole: 0 });
     this.author = localStorage.getItem(AUTHOR) || "operator";
+    Object.assign(this, kept());
     this.elements = new Elements();
-    this.own = new Set();
-    // The version after an edit of the whole building or its roads, which is outside the session.
-    this.whole = 0;
+    this.own = new Set(this.own);
     // The promise of the load that is under way, and whether it must load once more.
     this.loading = null;
     this.isWaiting = false;
+    // The promise of a session that is being opened.
+    this.opening = null;
   }
 
-  async open() {
+  open() {
+    this.opening ??= this.openNew().finally(() => (this.opening = null));
+    return this.opening;
+  }
+
+  async openNew() {
     const { session, version } = await call("map_open", { author: this.author });
     this.key = session;
     if (!this.version) this.version = version;
@@ -37,17 +49,30 @@ export class MapSession {
     this.key = "";
   }
 
+  // The page is left; the server ends sessions that stay silent.
   end() {
     this.isClosed = true;
     clearTimeout(this.timer);
-    this.close();
+  }
+
+  keep() {
+    const { key, version, whole, news } = this;
+    try {
+      sessionStorage.setItem(KEPT, JSON.stringify({ key, version, whole, news, own: [...this.own].slice(-MAX_OWN) }));
+    } catch {
+      // the browser keeps nothing: the next page begins anew
+    }
   }
 
   async rename(author) {
-    this.author = author.trim().slice(0, 60) || "operator";
+    const wanted = author.trim().slice(0, 60) || "operator";
+    if (wanted === this.author) return;
+    const hadEdits = this.undoable || this.redoable;
+    this.author = wanted;
     localStorage.setItem(AUTHOR, this.author);
     this.close();
     await this.refresh();
+    if (hadEdits) this.say(`you are ${wanted} now; what you did under your former name can't be undone any more`);
   }
 
   // Load elements and news as they are now; calls while a load is under way share one more load after it.
@@ -83,11 +108,12 @@ export class MapSession {
   // Call an operation of the session; a session that the console has ended, or forgot in a restart, is opened again.
   async inSession(operation, argument) {
     if (!this.key) await this.open();
+    const { key } = this;
     try {
-      return await call(operation, { session: this.key, ...argument() });
+      return await call(operation, { session: key, ...argument() });
     } catch (error) {
       if (!error.message.startsWith(ENDED)) throw error;
-      await this.open();
+      if (this.key === key) await this.open(); // else another call has opened one meanwhile
       return call(operation, { session: this.key, ...argument() });
     }
   }
@@ -103,6 +129,7 @@ export class MapSession {
       if (!isOwn) this.say(text);
     }
     this.news.length = Math.min(this.news.length, MAX_NEWS);
+    this.keep();
   }
 
   // Make edits as one step. Returns the answer: {version} or {refused}; undefined if the server did not answer.
@@ -145,5 +172,13 @@ export class MapSession {
       this.say(error.message, true);
       return false;
     }
+  }
+}
+
+function kept() {
+  try {
+    return JSON.parse(sessionStorage.getItem(KEPT)) ?? {};
+  } catch {
+    return {};
   }
 }

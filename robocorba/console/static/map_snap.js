@@ -1,5 +1,6 @@
 // Snapping of points while one draws: ends and nodes first, then lines, directions from the last point, and the grid.
-import { distance, nearestOn, rounded } from "/static/map_model.js";
+import { distance, rounded } from "/static/map_model.js";
+import { nearestOn } from "/static/segments.js";
 
 const REACH_PX = 10;
 const DIRECTION_STEP = Math.PI / 4;

@@ -2,36 +2,37 @@
 import { distance, rounded } from "/static/map_model.js";
 
 // points: how many make an element: [least, most]; most Infinity: until Enter, a double click, or the first point
-// again.
+// again. help: what to do; next: what to do after the first point.
 export const TOOLS = [
   { name: "select", title: "Select", icon: "near_me", key: "v",
     help: "click, Shift for several, drag a frame; drag to move; Ctrl parts joined walls" },
   { name: "pan", title: "Pan", icon: "pan_tool", key: "h",
     help: "drag the map; the right mouse button does so with every tool" },
   { name: "room", title: "Room", icon: "crop_square", key: "r", points: [2, 2], kind: "wall",
-    help: "two opposite corners make four walls" },
+    help: "click two opposite corners: four walls and a named area", next: "click the opposite corner" },
   { name: "wall", title: "Wall", icon: "timeline", key: "w", points: [2, Infinity], kind: "wall",
-    help: "click corner by corner; Enter or a double click ends, Backspace takes a corner back" },
+    help: "click corner by corner; Enter or a double click ends, Backspace takes a corner back, Escape drops all" },
   { name: "door", title: "Door", icon: "door_front", key: "d", points: [2, 2], kind: "door",
-    help: "two points on a wall" },
-  { name: "box", title: "Box", icon: "check_box_outline_blank", key: "b", points: [2, 2], kind: "object",
-    help: "two opposite corners" },
+    help: "click twice on a wall: where the door begins, then where it ends",
+    next: "click again on the wall, where the door ends" },
+  { name: "box", title: "Box", icon: "inventory_2", key: "b", points: [2, 2], kind: "object",
+    help: "click two opposite corners", next: "click the opposite corner" },
   { name: "circle", title: "Circle", icon: "radio_button_unchecked", key: "c", points: [2, 2], kind: "object",
-    help: "the middle, then the rim" },
+    help: "click the middle, then the rim", next: "click where the rim is" },
   { name: "polygon", title: "Polygon", icon: "pentagon", key: "p", points: [3, Infinity], kind: "object",
-    help: "corner by corner; Enter, a double click or the first corner ends" },
+    help: "click three or more corners; Enter, a double click or the first corner ends" },
   { name: "area", title: "Area", icon: "layers", key: "a", points: [3, Infinity], kind: "area",
-    help: "corner by corner; Enter, a double click or the first corner ends" },
+    help: "click three or more corners; Enter, a double click or the first corner ends" },
   { name: "node", title: "Node", icon: "place", key: "n", points: [1, 1], kind: "node",
-    help: "a click places a node of the roads" },
+    help: "each click places a node of the roads" },
   { name: "edge", title: "Road", icon: "share", key: "e", points: [2, Infinity], kind: "edge",
-    help: "node by node; a click beside makes a node; Enter or a double click ends" },
+    help: "click node by node; a click beside makes a node; Enter or a double click ends" },
   { name: "elevator", title: "Elevator", icon: "elevator", key: "l", points: [1, 1], kind: "elevator",
-    help: "a click places an elevator with a door on each floor" },
+    help: "each click places an elevator with a door on each floor" },
   { name: "outline", title: "Outline", icon: "polyline", key: "o", points: [3, Infinity], kind: "floor",
-    help: "the floor's border, corner by corner; Enter or a double click ends" },
+    help: "click three or more corners of the floor's border; Enter or a double click ends" },
   { name: "path", title: "Path", icon: "route", key: "t", points: [2, 2],
-    help: "start and goal, also on different floors; all modes are planned" },
+    help: "click the start, then the goal, also on another floor; all modes are planned", next: "click the goal" },
 ];
 
 export const toolOf = (name) => TOOLS.find((tool) => tool.name === name);
@@ -48,7 +49,8 @@ export function closes(tool, points, point) {
 export function editsOf(tool, points, elements, options) {
   const { floor } = elements;
   elements.forgetNames();
-  const create = (kind, members, name = elements.newName(kind)) => {
+  // An object is named after its shape.
+  const create = (kind, members, name = elements.newName(kind, "", members.shape?.kind)) => {
     const on = kind === "elevator" || kind === "floor" ? "" : floor;
     return { do: "create", kind, floor: on, name, members: { name, ...members } };
   };
@@ -63,7 +65,8 @@ export function editsOf(tool, points, elements, options) {
     case "room": {
       if (isFlat) return [];
       const [[x0, y0], [x1, y1]] = points;
-      return walls([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]);
+      const corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
+      return [...walls([...corners, corners[0]]), create("area", { polygon: corners })];
     }
     case "door":
       return [create("door", { from: points[0], to: points[1], kind: options.doorKind })];
@@ -89,6 +92,7 @@ export function editsOf(tool, points, elements, options) {
       return elevator(points[0], elements, create, options);
     case "outline": {
       const record = elements.get(`floor/${floor}`);
+      if (!record) return [];
       return [{ ...record, do: "change", members: { ...record.members, outline: points } }];
     }
     default:

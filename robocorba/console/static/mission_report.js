@@ -1,4 +1,6 @@
 // A mission's report as tables, and as a file.
+import { download } from "/static/download.js";
+
 export const MissionReport = {
   props: { report: Object },
   template: `
@@ -6,7 +8,7 @@ export const MissionReport = {
       <div class="console-actions"><q-btn dense no-caps outline icon="download" label="Download JSON"
           @click="download" /></div>
       <dl class="console-facts">
-        <template v-for="[name, value] in facts" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></template></dl>
+        <template v-for="([name, value], index) in facts" :key="index"><dt>{{ name }}</dt><dd>{{ value }}</dd></template></dl>
       <table v-if="report.phases?.length" class="console-table"><caption>Phases</caption>
         <thead><tr><th>phase</th><th>from</th><th>duration</th><th>waited for</th><th>skew at its
           start</th></tr></thead>
@@ -56,13 +58,8 @@ export const MissionReport = {
       return Math.max(...Object.values(phase.done_s), phase.began_s) - phase.began_s;
     },
     download() {
-      const address = URL.createObjectURL(new Blob([JSON.stringify(this.report, null, 2)],
-        { type: "application/json" }));
-      const link = document.createElement("a");
-      Object.assign(link, { href: address, download: `${this.report.mission ?? "mission"}.json`.replace(/[^\w.-]/g,
-        "_") });
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(address), 10000);
+      const name = `${(this.report.mission ?? "mission").slice(0, 80)}.json`;
+      download(name, JSON.stringify(this.report, null, 2), "application/json");
     },
   },
 };

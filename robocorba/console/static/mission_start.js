@@ -1,11 +1,12 @@
 // The form that starts a mission: kind, leader, object, and the target on a map.
 import { FloorCanvas, line, polygon } from "/static/floor_canvas.js";
+import { titleOf } from "/static/icon_looks.js";
 import { call, live } from "/static/live.js";
 import { Schema } from "/static/program_model.js";
+import { rememberView, sharedView } from "/static/shared_view.js";
 
 // The icons of missions; their parameters come from the schema of programs.
 const COOPERATIVE = ["move_table", "hand_over"];
-const TITLES = { move_table: "Move an object together", hand_over: "Hand an object over" };
 const ROBOTS = ["taker", "giver"];
 const OBJECTS = ["table", "object"];
 const LEADERS_MS = 3000;
@@ -17,7 +18,7 @@ export const MissionStart = {
     <form class="mission-start" @submit.prevent="start" aria-label="Start a mission">
       <h2 class="console-heading">Start a mission</h2>
       <label class="map-field"><span>kind</span><select v-model="kind"><option v-for="each in kinds" :key="each"
-          :value="each">{{ titles[each] ?? each }}</option></select></label>
+          :value="each">{{ titleOf(each) }}</option></select></label>
       <label class="map-field"><span>leader</span><select v-model="leader">
         <option value=""
             disabled>{{ leaders === null ? 'asking the robots' : leaders.length ? 'choose a robot' : 'no robots'
@@ -39,7 +40,7 @@ export const MissionStart = {
                 :value="each.name">{{ each.name }} ({{ each.floor }})</option></select></label>
         <template v-else-if="isPlace(parameter)">
           <p class="map-none">Target: click on the map; drag to turn.</p>
-          <label class="map-field"><span>floor</span><select v-model="target.floor" @change="show"><option
+          <label class="map-field"><span>floor</span><select v-model="target.floor" @change="chooseFloor"><option
               v-for="floor in floors" :key="floor">{{ floor }}</option></select></label>
           <div class="mission-map"><canvas ref="canvas" tabindex="0"
               aria-label="Target on the map; the fields below hold it, too"></canvas></div>
@@ -57,7 +58,7 @@ export const MissionStart = {
     </form>`,
   data() {
     return {
-      kinds: [], titles: TITLES, kind: "", leader: "", leaders: null, values: {}, objects: [], floors: [],
+      kinds: [], kind: "", leader: "", leaders: null, values: {}, objects: [], floors: [],
         parameters: [],
       target: { floor: "", x: null, y: null, heading: 0 }, pose: [["x", "x m", 0.05], ["y", "y m", 0.05], ["heading",
         "heading \u00b0", 15]],
@@ -69,7 +70,7 @@ export const MissionStart = {
       if (!this.kind) return "loading";
       if (!this.leader) return "choose a leader";
       for (const parameter of this.parameters) {
-        if (this.isPlace(parameter) && this.target.x === null) return "pick a target on the map";
+        if (this.isPlace(parameter) && (this.target.x === null || this.target.y === null)) return "pick a target on the map";
         if (!this.isPlace(parameter) && parameter.isRequired
           && !this.values[parameter.name]) return `choose: ${parameter.name}`;
       }
@@ -93,6 +94,7 @@ export const MissionStart = {
     this.receive("connection");
   },
   unmounted() {
+    this.isClosed = true;
     this.unlisten();
     live.want(this);
     clearTimeout(this.timer);
@@ -101,6 +103,7 @@ export const MissionStart = {
     this.closeCanvas();
   },
   methods: {
+    titleOf,
     isRobot: ({ name }) => ROBOTS.includes(name),
     isObject: ({ name }) => OBJECTS.includes(name),
     isPlace: ({ properties }) => Boolean(properties?.floor && properties.x && properties.y),
@@ -112,7 +115,7 @@ export const MissionStart = {
         this.kind = this.kinds[0] ?? "";
       } catch (error) {
         this.problem = error.message;
-        this.schemaTimer = setTimeout(() => this.loadSchema(), LEADERS_MS);
+        if (!this.isClosed) this.schemaTimer = setTimeout(() => this.loadSchema(), LEADERS_MS);
       }
     },
     async askLeaders() {
@@ -123,12 +126,13 @@ export const MissionStart = {
       } catch {
         this.leaders = this.leaders ?? []; // the page's header says that the connection is lost
       }
-      this.timer = setTimeout(() => this.askLeaders(), LEADERS_MS);
+      if (!this.isClosed) this.timer = setTimeout(() => this.askLeaders(), LEADERS_MS);
     },
     receive(kind, name) {
       if (kind === "connection" || kind === "plan") {
         this.floors = live.names;
-        if (!this.floors.includes(this.target.floor)) this.target.floor = this.floors[0] ?? "";
+        const first = this.floors.includes(sharedView.floor) ? sharedView.floor : this.floors[0] ?? "";
+        if (!this.floors.includes(this.target.floor)) this.target.floor = first;
         this.objects = movables(this.floors);
         this.show();
       }
@@ -158,10 +162,14 @@ export const MissionStart = {
       if (plan) this.canvas.setPlan(plan);
       this.canvas.redraw();
     },
+    chooseFloor() {
+      rememberView({ floor: this.target.floor });
+      this.show();
+    },
     showObject(name) {
       const object = this.objects.find((each) => each.name === name);
       if (this.canvas) this.canvas.selected = name;
-      if (object && this.target.x === null) this.target.floor = object.floor;
+      if (object && this.target.x === null && this.target.y === null) this.target.floor = object.floor;
       this.show();
     },
     pointer(kind, event, point) {

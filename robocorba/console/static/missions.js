@@ -44,7 +44,7 @@ export default {
                    :label="chosen.state === 'aborting' ? 'Aborting' : 'Abort'" :loading="isOrdering" @click="abort" />
             <q-btn v-if="mission.result !== 'running'" dense no-caps outline icon="summarize"
                 :label="isReportShown ? 'Hide report' : 'Report'"
-                   :aria-expanded="isReportShown" @click="isReportShown = !isReportShown" />
+                   :aria-expanded="isReportShown" @click="toggleReport" />
             <span class="missions-members">{{ memberText }}</span></div>
           <mission-gantt v-if="mission.phases.length" :mission="mission" :report="report" :now="now"></mission-gantt>
           <p v-else class="map-none">No phase has begun yet.</p>
@@ -101,11 +101,10 @@ export default {
       else if (live.missionsKnown) this.empty = this.problem
         || "No missions yet. Start one beside: robots then work together, such as carry a table.";
       else this.empty = this.problem || "loading the missions";
-      const mission = live.missions.get(this.selected);
-      const hasEnded = this.mission?.name === mission?.name && this.mission?.result === "running"
-        && mission?.result !== "running";
-      this.mission = mission ?? null;
-      if (hasEnded) this.loadReport();
+      const mission = live.missions.get(this.selected) ?? null;
+      const hasOtherResult = mission && mission.result !== this.mission?.result;
+      this.mission = mission;
+      if (hasOtherResult) this.loadReport();
       if (!this.selected && this.rows.length) this.select(this.rows[0].name);
     },
     rowOf(mission) {
@@ -136,19 +135,22 @@ export default {
     select(name) {
       if (name === this.selected && this.mission) return;
       this.selected = name;
-      this.mission = live.missions.get(name) ?? null;
-      this.report = null;
+      this.mission = this.report = null;
       this.reportProblem = "";
       this.isReportShown = false;
-      this.loadReport();
+      this.update();
+    },
+    toggleReport() {
+      this.isReportShown = !this.isReportShown;
+      if (this.isReportShown) this.loadReport();
     },
     async loadReport() {
-      const name = this.selected;
+      const turn = (this.reportTurn = (this.reportTurn ?? 0) + 1);
       try {
-        const report = await call("mission_report", { name });
-        if (name === this.selected) [this.report, this.reportProblem] = [report, ""];
+        const report = await call("mission_report", { name: this.selected });
+        if (turn === this.reportTurn) [this.report, this.reportProblem] = [report, ""];
       } catch (error) {
-        if (name === this.selected) this.reportProblem = error.message;
+        if (turn === this.reportTurn) this.reportProblem = error.message;
       }
     },
     async abort() {
@@ -166,10 +168,7 @@ export default {
       }
     },
     started(name) {
-      this.selected = name;
-      this.report = null;
-      this.isReportShown = false;
-      this.update();
+      this.select(name);
     },
   },
 };

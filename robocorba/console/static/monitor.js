@@ -1,11 +1,15 @@
 // The monitor page: a live floor beside robots, events, channels and processes, and a timeline to look back.
 import { FloorCanvas } from "/static/floor_canvas.js";
+import { HappeningFeed } from "/static/happening_feed.js";
 import { call, live } from "/static/live.js";
+import { BEFORE_S, recordedPlan } from "/static/past.js";
 import { Collisions, ageText, robotRows } from "/static/robot_rows.js";
 import { BodyDrag } from "/static/body_drag.js";
 import { MonitorScene } from "/static/monitor_scene.js";
+import { rememberView, sharedView } from "/static/shared_view.js";
 import ChannelGraph from "/static/channel_graph.js";
 import HappeningList from "/static/happening_list.js";
+import PastNote from "/static/past_note.js";
 import ProcessList from "/static/process_list.js";
 import RobotPanel from "/static/robot_panel.js";
 import RobotTable from "/static/robot_table.js";
@@ -14,28 +18,25 @@ import TabList from "/static/tab_list.js";
 import TimeBar from "/static/time_bar.js";
 
 const PAN_PX = 60;
-// Look back so long before an event [s].
-const BEFORE_S = 3;
 const RIGHTS_MS = 5000;
-// Events are kept for this time [s].
-const KEPT_S = 1800;
 
 export default {
-  components: { ChannelGraph, HappeningList, ProcessList, RobotPanel, RobotTable, SimulationBar, TabList, TimeBar },
+  components: {
+    ChannelGraph, HappeningList, PastNote, ProcessList, RobotPanel, RobotTable, SimulationBar, TabList, TimeBar,
+  },
   template: `
     <div class="console-split">
       <section class="monitor-main">
         <div class="monitor-bar">
-          <TabList label="Floors" :names="shownFloors" :chosen="current" :counts="counts" @choose="show" />
+          <TabList label="Floors" :names="shownFloors" :chosen="current" :counts="past.isLive ? counts : undefined"
+                   @choose="show" />
           <SimulationBar :rights="rights" />
         </div>
         <div class="console-scene" :class="{ 'is-picking': isPicking, 'is-past': !past.isLive }">
           <canvas ref="canvas" tabindex="0" role="application"
                   :aria-label="'Floor ' + current + '; + and - zoom, 0 shows all, arrows move, F follows'"></canvas>
           <div v-if="!hasPlan" class="console-overlay">{{ message }}</div>
-          <div v-if="!past.isLive" class="scene-note" role="status">
-            <strong>{{ past.recording ? "recording" : "past" }}</strong> {{ pastNote }}
-          </div>
+          <PastNote v-if="!past.isLive" :past="past" :events="events" @live="$refs.time.goLive()" />
           <div v-else-if="trouble" class="scene-note is-problem" role="status">{{ trouble }}</div>
           <div v-else-if="hint" class="scene-note" role="status">{{ hint }}</div>
           <div class="console-tools" role="toolbar" aria-label="View">
@@ -44,20 +45,24 @@ export default {
                    :disable="tool.disable" @click="tool.press" />
           </div>
         </div>
-        <TimeBar ref="time" :floor="current" :happenings="events" @show="showTime" />
+        <TimeBar ref="time" :floor="current" :floors="[current]" :happenings="events" @show="showTime"
+                 @look="lookBack" />
       </section>
       <aside class="console-side" aria-label="Details">
         <TabList label="Details" :names="sides" :chosen="side" @choose="side = $event" />
         <div v-show="side === 'Robots'" class="side-robots">
-          <RobotTable :robots="robots" :selected="selected" :is-connected="floors.length > 0" @select="select" />
+          <RobotTable :class="{ 'is-now': !past.isLive }" :note="past.isLive ? '' : 'The robots as they are now:'"
+                      :robots="robots" :selected="selected"
+                      :is-connected="floors.length > 0" @select="select" />
           <RobotPanel v-if="robot" :key="robot.name" class="robot-panel" :robot="robot" :scans="scans" :rights="rights"
-                      :floors="floors" :is-past="!past.isLive"
+                      :floors="floors" :past="past" :then="then"
                       :process="processes[robot.name]" @forgotten="select('')" />
           <p v-else-if="robots.length" class="panel-note">Select a robot here or on the map.</p>
         </div>
         <HappeningList v-if="side === 'Events'" :happenings="events" @look="lookBack" />
         <ChannelGraph v-if="side === 'Channels'" />
         <ProcessList v-if="side === 'Processes'" :floors="floors" :channels="channels" :rights="rights" :picked="picked"
+                     :is-picking="isPicking"
                      @pick="pick" @processes="setProcesses" />
       </aside>
     </div>`,
@@ -65,9 +70,10 @@ export default {
     return {
       floors: [], current: "", counts: {}, robots: [], selected: "", isFollowing: false, hasPlan: false,
         message: "connecting",
-      sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], rights: {}, happenings: [],
-        missions: [], channels: [],
-      past: { isLive: true }, trouble: "", shown: { scans: true, ways: true, roads: false }, isMoving: false,
+      sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], rights: {}, events: [],
+        channels: [],
+      past: { isLive: true }, then: null, trouble: "",
+      shown: { scans: true, ways: true, roads: false }, isMoving: false,
         isPicking: false,
       picked: null, processes: {},
     };
@@ -79,20 +85,9 @@ export default {
     robot() {
       return this.robots.find((each) => each.name === this.selected);
     },
-    // What has happened, with the missions that began and ended, the oldest first.
-    events() {
-      return [...this.happenings, ...this.missions].sort((a, b) => a.at - b.at);
-    },
     hint() {
       if (this.isPicking) return "click a free place; Escape cancels";
       return this.isMoving ? "drag a robot or an object; Q and E turn it, Escape cancels" : "";
-    },
-    pastNote() {
-      if (!this.past.at) return "";
-      const at = new Date(this.past.at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" });
-      const last = this.past.recording ? undefined
-        : this.events.filter((each) => each.at <= this.past.at && each.at > this.past.at - BEFORE_S).pop();
-      return last ? `${at}: ${last.text}` : at;
     },
     tools() {
       const toggle = (name, icon, title) => ({
@@ -128,7 +123,7 @@ export default {
     this.scene = new MonitorScene(this.canvas);
     this.collisions = this.scene.collisions = new Collisions();
     this.drag = new BodyDrag(this.scene);
-    this.lastHappening = 0;
+    this.feed = new HappeningFeed((events) => { this.events = events; });
     this.unlisten = live.listen((kind, name) => this.news(kind, name));
     this.recolor = () => this.canvas.redraw();
     this.onKey = (event) => this.key(event);
@@ -137,10 +132,16 @@ export default {
     this.timer = setInterval(() => this.updateTable(), 1000);
     this.rightsTimer = setInterval(() => this.askRights(), RIGHTS_MS);
     this.askRights();
+    const wanted = new URLSearchParams(location.search);
+    const floor = wanted.get("floor"), robot = wanted.get("robot");
+    rememberView({ floor: floor || sharedView.floor, robot: robot || sharedView.robot });
+    this.selected = sharedView.robot;
     this.news("connection");
+    this.$refs.time.restore();
   },
   unmounted() {
     this.unlisten();
+    this.feed.close();
     live.want(this);
     clearInterval(this.timer);
     clearInterval(this.rightsTimer);
@@ -151,6 +152,8 @@ export default {
   watch: {
     selected() {
       this.canvas.selected = this.selected;
+      this.note();
+      this.updateThen();
       this.updateTable();
       this.canvas.redraw();
     },
@@ -162,7 +165,7 @@ export default {
     news(kind, name) {
       if (kind === "connection") {
         this.floors = live.names;
-        if (this.past.isLive && !this.floors.includes(this.current)) this.show(this.floors[0] ?? "");
+        if (this.past.isLive && !this.floors.includes(this.current)) this.display(this.firstOf(this.floors));
         if (!this.floors.length) this.message = live.problems.floors || "connecting";
       }
       if (kind === "floor" && name === this.current && this.past.isLive) {
@@ -174,16 +177,27 @@ export default {
       if (kind === "scans" || kind === "reservations") this.canvas.redraw();
       if (kind === "connection" || kind === "plan") this.showPlan();
       if (kind === "state" || kind === "connection") this.updateTable();
-      if (kind === "missions") this.missions = missionEvents(live.missions.values(),
-        (live.state?.past[1] ?? 0) - KEPT_S);
+    },
+    // The floor that a user looked at last, if it is among some.
+    firstOf(floors) {
+      return floors.includes(sharedView.floor) ? sharedView.floor : floors[0] ?? "";
     },
     show(floor) {
+      if (floor !== this.current) this.display(floor);
+      this.note();
+    },
+    display(floor) {
       this.current = this.scene.floorName = floor;
       this.scene.scans = [];
       this.drag.cancel();
       this.showLayers();
-      if (this.past.isLive) this.canvas.floor = floor ? live.floor(floor) : null;
+      this.canvas.floor = floor && this.past.isLive ? live.floor(floor) : null;
       this.showPlan();
+    },
+    // What is shown is kept for the other pages; an address that said something else is over.
+    note() {
+      rememberView({ floor: this.current || sharedView.floor, robot: this.selected });
+      if (location.search) history.replaceState(history.state, "", location.pathname);
     },
     showLayers() {
       const { current, shown } = this;
@@ -195,40 +209,36 @@ export default {
       if (!shown.scans) this.scene.scans = [];
       this.canvas.redraw();
     },
-    async showPlan() {
-      const { current, past } = this;
-      if (past.recording) {
-        const plan = await this.recordedPlan(past.recording, current);
-        if (current !== this.current || past.recording !== this.past.recording) return;
-        this.setPlan(plan);
-      } else this.setPlan(current ? live.plan(current) : undefined);
+    showPlan() {
+      const { current, past: { recording } } = this;
+      if (!current) this.setPlan(undefined);
+      else this.setPlan(recording ? recordedPlan(recording, current, () => this.showPlan()) : live.plan(current));
     },
     setPlan(plan) {
       this.hasPlan = Boolean(plan);
       if (plan) this.canvas.setPlan(plan);
       else if (this.current) this.message = "loading the map";
     },
-    async recordedPlan(recording, floor) {
-      this.recordedPlans ??= new Map();
-      const key = `${recording}\n${floor}`;
-      if (!this.recordedPlans.has(key)) {
-        const answer = await fetch(`/plan?${new URLSearchParams({ floor, recording })}`).catch(() => null);
-        if (answer?.ok) this.recordedPlans.set(key, await answer.json());
-      }
-      return this.recordedPlans.get(key);
-    },
     // News of the time bar: {isLive} or a floor of the past.
     showTime(news) {
       const wasOther = news.isLive !== this.past.isLive || news.recording !== this.past.recording;
-      this.past = { ...news, floors: news.isLive || !news.recording ? undefined : news.floors ?? this.past.floors };
+      const { isLive, at, recording } = news;
+      this.past = { isLive, at, recording, floors: recording ? news.floors ?? this.past.floors : undefined };
       this.scene.isPast = !news.isLive;
       if (!news.isLive) this.isMoving = false;
       const names = this.shownFloors;
-      if (!names.includes(this.current)) this.show(names[0] ?? "");
-      else if (wasOther) this.show(this.current);
-      if (news.floor && news.floor.name === this.current) this.canvas.floor = news.floor;
+      if (!names.includes(this.current)) this.display(this.firstOf(names));
+      else if (wasOther) this.display(this.current);
+      const floor = news.seen?.get(this.current);
+      if (floor) this.canvas.floor = floor;
+      this.updateThen();
       this.followBody();
       this.canvas.redraw();
+    },
+    // Where the selected robot was at the moment that is shown.
+    updateThen() {
+      const body = this.past.isLive ? null : this.canvas.floor?.body(this.selected);
+      this.then = body ? { ...body, floor: this.current } : null;
     },
     lookBack(happening) {
       if (this.floors.includes(happening.floor)) this.show(happening.floor);
@@ -248,7 +258,10 @@ export default {
       }
       this.collisions.update(state.server.state?.state.collisions ?? null, live.floor(this.current),
         live.plan(this.current));
-      for (const row of rows) row.word = this.collisions.has(row.name) ? "\u2715 collision" : row.condition;
+      for (const row of rows) {
+        const word = row.failure ? `${row.condition}, \u2717 failed` : row.condition;
+        row.word = this.collisions.has(row.name) ? "\u2715 collision" : word;
+      }
       this.robots = rows;
       this.scene.robots = new Map(rows.map((row) => [row.name, row]));
       this.channels = Object.keys(state.channels);
@@ -257,8 +270,6 @@ export default {
         && this.floors.includes(this.robot.floor)) {
         this.show(this.robot.floor);
       }
-      if (state.happenings < this.lastHappening) this.lastHappening = 0; // another process of the console counts from 1 again
-      if (state.happenings > this.lastHappening) this.loadHappenings();
       this.takeScans();
       this.canvas.redraw();
     },
@@ -275,22 +286,6 @@ export default {
     takeScans() {
       this.scene.scans = this.shown.scans ? live.scansOn(this.current) : [];
       this.scans = this.scene.scans.filter((scan) => scan.robot === this.selected);
-    },
-    async loadHappenings() {
-      if (this.isAsking) return;
-      this.isAsking = true;
-      try {
-        const news = await call("happenings", { after: this.lastHappening });
-        this.lastHappening = news.at(-1)?.number ?? this.lastHappening;
-        // A state that is older than the last answer looks like that of another process: some come twice.
-        const known = new Set(this.happenings.map(({ at, number }) => `${at} ${number}`));
-        const fresh = news.filter(({ at, number }) => !known.has(`${at} ${number}`));
-        this.happenings = [...this.happenings, ...fresh].slice(-2000);
-      } catch {
-        // the connection is lost, which the header says; asked again with the next news
-      } finally {
-        this.isAsking = false;
-      }
     },
     async askRights() {
       try {
@@ -365,14 +360,3 @@ export default {
     },
   },
 };
-
-// The begin and the end of each mission since a time, as happenings.
-function missionEvents(missions, since) {
-  const event = ({ name, leader }, what, at, text) => ({
-    number: `${what} ${name}`, at, kind: "mission", robot: leader, floor: "", text: `mission ${name} ${text}`,
-  });
-  return [...missions].flatMap((mission) => [
-    event(mission, "begin", mission.begun, "has begun"),
-    mission.ended && event(mission, "end", mission.ended, `has ended, ${mission.result}${mission.reason ? `: ${mission.reason}` : ""}`),
-  ]).filter((each) => each && each.at >= since);
-}

@@ -1,6 +1,8 @@
 // What the monitor draws on a floor beside its bodies: scans, planned ways, reserved areas, lost robots, a body being
 // moved.
-import { disc, line, polygon, shortened } from "/static/floor_canvas.js";
+import { disc, line, polygon } from "/static/floor_canvas.js";
+import { distanceTo } from "/static/segments.js";
+import { shortened } from "/static/texts.js";
 import { ageText } from "/static/robot_rows.js";
 
 // How long the reason of a refusal stays at its place [ms].
@@ -212,7 +214,10 @@ export class MonitorScene {
       const far = out + canvas.px(8);
       line(context, from, [body.x + far * Math.cos(angle), body.y + far * Math.sin(angle)]);
     }
-    setTimeout(() => canvas.redraw(), 250);
+    this.blink ??= setTimeout(() => {
+      this.blink = undefined;
+      canvas.redraw();
+    }, 250);
   }
 
   drawStopped(context, body) {
@@ -273,10 +278,7 @@ export class MonitorScene {
 function ahead(points, { x, y }) {
   let nearest = { distance: Infinity, index: 0 };
   for (let index = 0; index < points.length - 1; index++) {
-    const [ax, ay] = points[index], [bx, by] = points[index + 1];
-    const dx = bx - ax, dy = by - ay;
-    const along = Math.max(0, Math.min(1, ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1)));
-    const distance = Math.hypot(x - ax - along * dx, y - ay - along * dy);
+    const distance = distanceTo([x, y], points[index], points[index + 1]);
     if (distance <= nearest.distance) nearest = { distance, index };
   }
   return [[x, y], ...points.slice(nearest.index + 1)];

@@ -1,34 +1,43 @@
 // The header of all pages. The emergency stop acts at once, without a question.
 import { call, live } from "/static/live.js";
+import PageKeys from "/static/page_keys.js";
+
+// So long the answer to "stop all" is awaited.
+const STOP_MS = 8000;
+// Set while a page is left by a key on its link: then the focus is on the link of the new page.
+const FOCUS_KEY = "robocorba-focus";
 
 export default {
+  components: { PageKeys },
   props: { pages: Array, current: String },
   template: `
     <header class="console-header">
       <span class="console-brand">RoboCorba</span>
-      <nav style="display: flex; gap: 2px" aria-label="Pages">
+      <nav ref="nav" style="display: flex; gap: 2px" aria-label="Pages" @click="noteFocus">
         <a v-for="page in pages" :key="page.address" :href="page.address" :title="page.title"
            :aria-current="page.title === current ? 'page' : undefined">
           <q-icon :name="page.icon" size="18px" /> <span>{{ page.title }}</span>
         </a>
       </nav>
       <span class="console-status" :class="{ 'is-problem': problem }" role="status">{{ problem || summary }}</span>
+      <PageKeys :page="current" />
       <q-btn flat round dense :icon="isDark ? 'light_mode' : 'dark_mode'" :aria-label="isDark ? 'Light' : 'Dark'"
              @click="toggleDark" />
-      <q-btn class="console-stop" dense icon="front_hand" label="Stop all" no-caps :loading="isStopping" @click="stopAll"
-             aria-label="Emergency stop of all robots" />
+      <q-btn class="console-stop" dense :icon="stopping ? 'hourglass_top' : 'front_hand'" no-caps @click="stopAll"
+             :label="stopping ? 'Stopping' : 'Stop all'" aria-label="Emergency stop of all robots" />
     </header>`,
   data() {
-    return { problem: "connecting", summary: "", isStopping: false, isDark: false };
+    return { problem: "connecting", summary: "", stopping: 0, isDark: false };
   },
   mounted() {
     const wanted = localStorage.getItem("robocorba-dark");
     const isDark = wanted ? wanted === "yes" : window.matchMedia("(prefers-color-scheme: dark)").matches;
     this.setDark(isDark);
-    this.unlisten = live.listen((kind) => kind !== "floor" && this.update());
+    this.unlisten = live.listen((kind) => ["state", "connection"].includes(kind) && this.update());
     this.timer = setInterval(() => this.update(), 1000);
     this.handshakeTimer = setInterval(() => this.leaveNiceGui(), 250);
     this.update();
+    this.takeFocus();
   },
   unmounted() {
     this.unlisten();
@@ -45,7 +54,7 @@ export default {
     },
     update() {
       const server = live.state?.server;
-      if (!live.isConnected) this.problem = "the console does not answer; reconnecting";
+      if (!live.isConnected) this.problem = live.refusal || "the console does not answer; reconnecting";
       else if (live.problems.floors) this.problem = live.problems.floors;
       else if (live.problems.map) this.problem = live.problems.map;
       else this.problem = server?.problem || live.state?.naming || "";
@@ -55,18 +64,27 @@ export default {
         this.summary = `${state.robots} of at most ${state.limit} robots \u00b7 ${state.time.toFixed(1)} s \u00b7 ${pace}`;
       }
     },
+    // It can be pressed again while an answer is awaited.
     async stopAll() {
-      this.isStopping = true;
+      this.stopping += 1;
       try {
-        const failed = Object.entries(await call("stop_all"));
+        const failed = Object.entries(await call("stop_all", {}, STOP_MS));
         const message = failed.map(([robot, reason]) => `${robot}: ${reason}`).join("; ");
         if (failed.length) this.$q.notify({ type: "negative", message: `not stopped: ${message}`, timeout: 0, closeBtn: true });
         else this.$q.notify({ type: "positive", message: "all robots are stopped" });
       } catch (error) {
-        this.$q.notify({ type: "negative", message: error.message, timeout: 0, closeBtn: true });
+        const message = `robots may still move: ${error.message}`;
+        this.$q.notify({ type: "negative", message, timeout: 0, closeBtn: true });
       } finally {
-        this.isStopping = false;
+        this.stopping -= 1;
       }
+    },
+    // A press of Enter on a link is a click without a position.
+    noteFocus({ detail }) {
+      if (detail === 0) keepFocus("link");
+    },
+    takeFocus() {
+      if (keepFocus(null)) this.$refs.nav.querySelector("[aria-current]")?.focus();
     },
     toggleDark() {
       this.setDark(!this.isDark);
@@ -79,3 +97,15 @@ export default {
     },
   },
 };
+
+// What is kept for the next page of this tab; returns what was kept before.
+function keepFocus(what) {
+  try {
+    const before = sessionStorage.getItem(FOCUS_KEY);
+    if (what) sessionStorage.setItem(FOCUS_KEY, what);
+    else sessionStorage.removeItem(FOCUS_KEY);
+    return before;
+  } catch {
+    return null; // the browser keeps nothing
+  }
+}

@@ -1,6 +1,7 @@
 // A pose of a hand or the joints of an arm in 3D: the hand is dragged, and the values go to the icon.
 import { ArmPoser } from "/static/arm_poser.js";
 import { call, live } from "/static/live.js";
+import { fourDigits } from "/static/program_model.js";
 
 const ARM = 7, FIRST = { left: 0, both: 0, right: 7 };
 const PLACE = ["x", "y", "z"], ATTITUDE = ["roll", "pitch", "yaw"];
@@ -14,7 +15,7 @@ export const PosePicker = {
     <section class="pose-picker" aria-label="Pose in 3D">
       <label v-if="isPose" class="pose-free">
         <input type="checkbox" v-model="isFree" @change="retake"> attitude of the hand is free</label>
-      <arm-poser style="height: 360px" :joints="joints" :side="side" :with-attitude="!isFree || !isPose"
+      <arm-poser :joints="joints" :side="side" :with-attitude="!isFree || !isPose"
                  @change="posed"></arm-poser>
       <p v-if="problem" class="icon-reason is-error">{{ problem }}</p>
     </section>`,
@@ -49,6 +50,7 @@ export const PosePicker = {
     // Show the icon's posture; where it has none the robot as it stands.
     async show() {
       const { values } = this.node, { side } = this;
+      this.taken = undefined;
       const joints = [...(live.joints(this.robot) ?? [])];
       this.problem = "";
       this.joints = joints;
@@ -72,11 +74,10 @@ export const PosePicker = {
     posed({ pose, arm }) {
       this.pose = pose;
       this.problem = "";
-      const rounded = (value) => Number(value.toFixed(4));
       const values = { hand: this.side };
-      if (!this.isPose) values.joints = arm.map(rounded);
-      else for (const name of PLACE) values[name] = rounded(pose[name]);
-      if (this.isPose) for (const name of ATTITUDE) values[name] = this.isFree ? undefined : rounded(pose[name]);
+      if (!this.isPose) values.joints = arm.map(fourDigits);
+      else for (const name of PLACE) values[name] = fourDigits(pose[name]);
+      if (this.isPose) for (const name of ATTITUDE) values[name] = this.isFree ? undefined : fourDigits(pose[name]);
       this.$emit("take", values);
       this.taken = JSON.stringify([this.node.id, this.node.values]);
     },

@@ -1,6 +1,7 @@
 // The processes of the supervisor: their state and their logs, robots to start and to end.
 import { call } from "/static/live.js";
 import { ageText } from "/static/robot_rows.js";
+import { sharedView } from "/static/shared_view.js";
 import SureButton from "/static/sure_button.js";
 
 const REFRESH_MS = 1000;
@@ -8,7 +9,7 @@ const LOG_LINES = 200;
 
 export default {
   components: { SureButton },
-  props: { floors: Array, channels: Array, rights: Object, picked: Object },
+  props: { floors: Array, channels: Array, rights: Object, picked: Object, isPicking: Boolean },
   emits: ["pick", "processes"],
   template: `
     <section aria-label="Processes">
@@ -19,9 +20,10 @@ export default {
           <option v-for="floor in floors" :key="floor">{{ floor }}</option></select></label>
         <label>channel <select v-model="order.channel"><option value="">none</option>
           <option v-for="channel in channels" :key="channel">{{ channel }}</option></select></label>
-        <q-btn dense no-caps outline icon="place" :label="place" title="Pick its place on the map" @click="pick" />
-        <q-btn v-if="order.at" dense flat round icon="close" aria-label="First free place" title="First free place"
-               @click="order.at = null" />
+        <div class="start-place"><span>{{ place }}</span>
+          <q-btn dense no-caps outline icon="place" label="Pick its place on the map" :aria-pressed="isPicking"
+                 @click="pick" />
+          <q-btn v-if="order.at" dense no-caps outline label="Use the first free node" @click="order.at = null" /></div>
         <q-btn dense no-caps color="primary" type="submit" label="Start" :loading="isStarting"
                :disable="!rights.supervisor" />
       </form>
@@ -47,22 +49,34 @@ export default {
     </section>`,
   data() {
     return {
-      rows: [], problem: "loading", error: "", isStarting: false, isPicking: false, logOf: "", log: "",
-      order: { name: "", floor: "", channel: "", at: null },
+      rows: [], problem: "loading", error: "", isStarting: false, logOf: "", log: "",
+      order: { name: "", floor: sharedView.floor, channel: "", at: null },
     };
   },
   computed: {
     place() {
-      return this.order.at ? `${this.order.at[0].toFixed(2)}, ${this.order.at[1].toFixed(2)} m` : "at the first free node; choose\u2026";
+      if (!this.order.at) return "It starts at the first free node of the floor.";
+      return `It starts at ${this.order.at.map((metres) => metres.toFixed(2)).join(", ")} m.`;
     },
   },
   watch: {
     picked() {
-      if (!this.isPicking) return;
-      this.isPicking = false;
       if (!this.picked) return;
       this.order.floor = this.picked.floor;
       this.order.at = [this.picked.x, this.picked.y];
+    },
+    // The only channel of a system is the one that is meant.
+    channels: {
+      immediate: true,
+      handler(now, before) {
+        if (now.length === 1 && !before?.length) [this.order.channel] = now;
+      },
+    },
+    floors: {
+      immediate: true,
+      handler() {
+        if (this.floors.length && !this.floors.includes(this.order.floor)) this.order.floor = "";
+      },
     },
     "order.floor"(floor) {
       if (this.order.at && this.picked?.floor !== floor) this.order.at = null;
@@ -92,8 +106,7 @@ export default {
       return ageText(Math.max(0, Date.now() / 1000 - since));
     },
     pick() {
-      this.isPicking = !this.isPicking;
-      this.$emit("pick", this.isPicking);
+      this.$emit("pick", !this.isPicking);
     },
     async start() {
       this.error = "";

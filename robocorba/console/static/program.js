@@ -3,12 +3,15 @@
 import { IconForm } from "/static/icon_form.js";
 import { IconList } from "/static/icon_list.js";
 import { IconPalette } from "/static/icon_palette.js";
+import { plainWords } from "/static/icon_looks.js";
 import { problemLines } from "/static/icon_problems.js";
 import { call, live } from "/static/live.js";
 import { PosePicker } from "/static/pose_picker.js";
+import { PosturePreview } from "/static/posture_preview.js";
 import { ProgramBar } from "/static/program_bar.js";
 import { checking, checkingState } from "/static/program_checking.js";
 import { editing } from "/static/program_editing.js";
+import { keepHistory, restoreHistory } from "/static/program_history.js";
 import { ProgramModel, readProgram, Schema } from "/static/program_model.js";
 import { ProgramRun } from "/static/program_run.js";
 import { ProgramText } from "/static/program_text.js";
@@ -20,13 +23,17 @@ import { UploadPanel } from "/static/upload_panel.js";
 const STORED = "robocorba-program";
 // Icons whose target is picked on the map; icons for arms, whose pose can be made in 3D.
 const TARGETS = ["mbase_path", "mbase_to", "move_table"], ARMS = ["mhand_joints", "mhand_pose"];
+// Icons after which the robot is shown in 3D.
+const PREVIEWED = ["mhand_posture", "lumbar"];
 // A message about a file or the clipboard is shown for this time [ms].
 const NOTE_MS = 8000;
 // Windows of this width have room for the text beside the parameters.
 const WIDE = "(min-width: 1700px)";
 
 export default {
-  components: { IconForm, IconList, IconPalette, PosePicker, ProgramBar, ProgramText, RunBar, TargetMap, UploadPanel },
+  components: {
+    IconForm, IconList, IconPalette, PosePicker, PosturePreview, ProgramBar, ProgramText, RunBar, TargetMap, UploadPanel,
+  },
   template: `
     <div class="program-page">
       <program-bar :name="model.name" :can-undo="canUndo" :can-redo="canRedo" :verdict="verdict"
@@ -39,21 +46,26 @@ export default {
                @release="order('reset_stop')" @upload="isUploading = !isUploading" @dismiss="dismiss"></run-bar>
       <upload-panel v-if="isUploading" :robot="robot" :current="robotRow.adaptor" :program="model.name"
                     :can-run="!whyNot" @switched="switched" @close="isUploading = false"></upload-panel>
-      <p v-if="message.text" class="program-message" :class="'is-' + message.kind" role="status">{{ message.text }}</p>
       <div v-if="!schema" class="console-message">{{ loading }}
         <q-btn v-if="isLoadFailed" dense no-caps outline label="Try again" @click="load" /></div>
       <div v-else class="program-columns">
         <icon-palette :schema="schema" @add="append" @drag="dragNew" @dropped="drop()"></icon-palette>
-        <section class="program-list" aria-label="Program" @click="select(null)">
+        <div class="program-middle">
+        <section class="program-list" aria-label="Program" @click="select(null)"
+                 @dragover.prevent="over(null, 'icons', model.icons.length)" @drop.prevent="drop($event)">
           <div v-for="(line, number) in lines(null)" :key="number" class="icon-problem" :class="'is-' + line.kind">
             <q-icon :name="line.kind === 'error' ? 'warning' : 'info'" size="16px" /> <span>{{ line.text }}</span></div>
           <icon-list :list="model.icons" :parent-id="null" list-name="icons" :editor="editor"></icon-list>
         </section>
+        <p v-if="message.text" class="program-message" :class="'is-' + message.kind" role="status">
+          {{ message.text }}</p>
+        </div>
         <aside ref="side" class="program-side" aria-label="Parameters">
           <div v-if="!isWide" class="console-tabs" role="tablist" aria-label="Side">
             <button type="button" role="tab" :aria-selected="tab === 'icon'" @click="tab = 'icon'">Icon</button>
             <button type="button" role="tab" :aria-selected="tab === 'text'" @click="tab = 'text'">Text</button></div>
           <template v-if="node && isIconShown">
+            <div class="program-parameters" @keydown.esc="focusCard(node.id)">
             <icon-form :schema="schema" :node="node" :choices="choices" :problems="problemsOf(node.id)" @change="change"
                        @shift="(by) => moveBy(node.id, 'shift', by)" @copy="copyNode(node)" @paste="pasteNode"
                        @remove="remove(node.id)"></icon-form>
@@ -66,9 +78,10 @@ export default {
                      @click="isPosing = !isPosing" />
               <q-btn v-if="topIndex >= 0" dense no-caps outline icon="start" label="Run from here"
                      :disable="Boolean(whyNot)" :title="whyNot" @click="start(false, topIndex)" />
-            </div>
+            </div></div>
             <pose-picker v-if="isArm && isPosing" :key="node.id" :node="node" :robot="robot"
                          @take="(values) => setAll(node.id, values, 'pose')"></pose-picker>
+            <posture-preview v-else-if="isPreviewed" :node="node" :robot="robot"></posture-preview>
             <target-map v-if="hasTarget" :target="targetValues" :others="otherTargets" @pick="pick"
                         :robot="robot" :robot-floor="rows[robot]?.state?.at.floor ?? ''"
                         :is-one-floor="node.icon === 'mbase_to'"></target-map>
@@ -106,14 +119,18 @@ export default {
     },
     pythonMessage() {
       if (!this.model.icons.length) return "The program has no icons yet.";
-      if (this.incomplete.size) return "Python comes when no icon is incomplete.";
+      if (this.incomplete.size) return "Python comes when no icon is yellow.";
       return this.checkProblem || "The program is being checked, or can't be read.";
     },
     verdict() {
       const errors = this.findings.filter((finding) => finding.kind === "error").length;
       const notes = this.findings.length - errors, parts = [];
       if (!this.model.icons.length) return { text: "" };
-      if (this.incomplete.size) parts.push(`${this.incomplete.size} incomplete`);
+      const isInvalid = (problems) => problems.some(({ kind }) => kind === "invalid");
+      const invalid = [...this.incomplete.values()].filter(isInvalid).length;
+      const incomplete = this.incomplete.size - invalid;
+      if (incomplete) parts.push(`${incomplete} incomplete`);
+      if (invalid) parts.push(`${invalid} not valid`);
       if (errors) parts.push(`${errors} not possible`);
       if (this.checkProblem) parts.push(this.checkProblem);
       if (parts.length) return { text: parts.join(", "), isProblem: true };
@@ -124,7 +141,7 @@ export default {
     whyNot() {
       if (!this.robot) return "there is no robot";
       if (!this.model.icons.length) return "the program has no icons";
-      if (this.incomplete.size) return "complete the yellow icons";
+      if (this.incomplete.size) return "complete or repair the yellow icons";
       if (this.findings.some((finding) => finding.kind === "error")) return "repair the icons that are not possible";
       if (this.robotRow.condition !== "idle") return `${this.robot} is ${this.robotRow.condition || "not there"}`;
       return this.robotRow.problem;
@@ -141,7 +158,7 @@ export default {
     },
     hint() {
       if (this.model.icons.length) return "Select an icon to see its parameters.";
-      return "Click an icon on the left: it becomes the first of the program.";
+      return "Click an icon of the palette: it becomes the first of the program.";
     },
     hasTarget() {
       return TARGETS.includes(this.node?.icon);
@@ -157,6 +174,9 @@ export default {
     },
     isPosture() {
       return this.isArm || this.node?.icon === "lumbar";
+    },
+    isPreviewed() {
+      return PREVIEWED.includes(this.node?.icon);
     },
     isArm() {
       return ARMS.includes(this.node?.icon);
@@ -175,15 +195,20 @@ export default {
     this.unlisten = live.listen((kind) => kind !== "floor" && this.news(kind));
     this.onKey = (event) => this.pageKey(event);
     window.addEventListener("keydown", this.onKey);
+    this.onLeave = () => this.schema && keepHistory(this.model, this.schema, this.selectedId);
+    window.addEventListener("pagehide", this.onLeave);
     await this.load();
   },
   unmounted() {
     this.unlisten();
+    live.want(this);
     this.run.close();
     clearTimeout(this.checkTimer);
     clearTimeout(this.noteTimer);
     this.width.onchange = null;
     window.removeEventListener("keydown", this.onKey);
+    window.removeEventListener("pagehide", this.onLeave);
+    this.onLeave();
   },
   methods: {
     ...editing,
@@ -202,15 +227,20 @@ export default {
         this.isLoadFailed = true;
         return;
       }
-      const stored = this.stored(STORED);
+      this.restore();
+      this.news();
+      this.changed();
+      this.robotChosen();
+    },
+    // The program as this tab left it, or as the browser left it last.
+    restore() {
+      const stored = this.stored(STORED), selectedId = restoreHistory(this.model, this.schema);
+      if (selectedId !== undefined) return this.select(selectedId);
       try {
         if (stored) Object.assign(this.model, readProgram(this.schema, stored));
       } catch {
         // of an older version
       }
-      this.news();
-      this.changed();
-      this.robotChosen();
     },
     changed() {
       this.revision++;
@@ -224,7 +254,7 @@ export default {
       return problemLines(this.problemsOf(id));
     },
     note(text, kind = "") {
-      this.message = { text, kind };
+      this.message = { text: plainWords(text), kind };
       clearTimeout(this.noteTimer);
       if (kind !== "error") this.noteTimer = setTimeout(() => (this.message = { text: "", kind: "" }), NOTE_MS);
     },

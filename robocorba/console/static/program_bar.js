@@ -22,7 +22,7 @@ export const ProgramBar = {
         <option value="">examples</option>
         <option v-if="robotProgram" value="robot">what {{ robotProgram }} has loaded</option>
         <option v-for="each in examples" :key="each" :value="'example ' + each">{{ each }}</option></select>
-      <span class="program-verdict" :class="{ 'is-problem': verdict.isProblem }" role="status">
+      <span class="program-verdict" :class="{ 'is-problem': verdict.isProblem }" role="status" :title="verdict.text">
         <q-icon v-if="verdict.text" :name="verdict.isProblem ? 'warning' : verdict.isOk ? 'check_circle' : 'more_horiz'"
                 size="18px" />
         {{ verdict.text }}</span>

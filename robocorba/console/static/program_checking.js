@@ -1,10 +1,14 @@
 // The check of the program while it is edited: methods of the program page's component. The robot's agent checks all
 // icons up to the first incomplete one, from where the robot is.
 import { call } from "/static/live.js";
+import { plainWords } from "/static/icon_looks.js";
 import { missing } from "/static/icon_problems.js";
+import { live } from "/static/live.js";
 
 // Time from the last change to the check [ms].
 const CHECK_MS = 400;
+// Bodies that moved farther than this since the last check are a reason for another one [m], after this time [ms].
+const MOVED_M = 0.05, MOVED_MS = 5000;
 
 // The state that the methods keep in the component.
 export const checkingState = () => ({ findings: [], python: "", isChecked: false, checkProblem: "" });
@@ -18,7 +22,7 @@ export const checking = {
       if (found.length) this.incomplete.set(node.id, found);
     }
   },
-  // Problems of an icon: {kind: incomplete, error or note, parameter, reason}.
+  // Problems of an icon: {kind: incomplete, invalid, error or note, parameter, reason}.
   problemsOf(id) {
     return [...(this.incomplete.get(id) ?? []), ...this.findings.filter((finding) => finding.nodeId === id)];
   },
@@ -37,9 +41,12 @@ export const checking = {
     if (!this.schema) return;
     const revision = this.revision, robot = this.robot, icons = this.completeIcons();
     this.checkedAt = this.placeOf(robot);
+    this.checkedBodies = this.bodiesAround(robot);
+    this.checkedTime = performance.now();
     if (!icons.length) {
       this.findings = [];
       this.python = "";
+      this.checkProblem = "";
       this.isChecked = true;
       return;
     }
@@ -47,13 +54,16 @@ export const checking = {
       const program = JSON.stringify(this.model.plain(icons));
       const { findings, python } = await call("check_program", { robot, program });
       if (revision !== this.revision || robot !== this.robot) return;
-      this.findings = findings.map((finding) => ({ ...finding, nodeId: this.model.at(finding.icon)?.id ?? null }));
+      this.findings = findings.map((finding) => ({
+        ...finding, reason: plainWords(finding.reason), nodeId: this.model.at(finding.icon)?.id ?? null,
+      }));
       this.python = this.incomplete.size ? "" : python;
       this.checkProblem = "";
     } catch (error) {
       if (revision !== this.revision || robot !== this.robot) return;
       this.findings = [];
-      this.checkProblem = `not checked: ${error.message}`;
+      this.python = "";
+      this.checkProblem = `not checked: ${plainWords(error.message)}`;
     }
     this.isChecked = true;
   },
@@ -62,6 +72,24 @@ export const checking = {
     if (this.robotRow.condition !== "idle" || !this.isChecked) return;
     const at = this.placeOf(this.robot);
     if (at !== this.checkedAt || (this.checkProblem && !this.robotRow.problem)) this.checkSoon();
+    else if (this.haveBodiesMoved()) this.check();
+  },
+  // Places of the bodies around a robot on its floor by number; null until the floor's first news.
+  bodiesAround(robot) {
+    const name = this.rows[robot]?.state?.at.floor;
+    if (!name) return null;
+    if (this.watchedFloor !== name) live.want(this, { floors: [name] });
+    this.watchedFloor = name;
+    const floor = live.floor(name);
+    if (!floor.receivedAt) return null;
+    const others = [...floor.bodies.values()].filter((body) => body.name !== robot);
+    return new Map(others.map(({ number, x, y }) => [number, { x, y }]));
+  },
+  haveBodiesMoved() {
+    const now = this.bodiesAround(this.robot), before = (this.checkedBodies ??= now);
+    if (!now || document.hidden || performance.now() - this.checkedTime < MOVED_MS) return false;
+    const moved = ([key, { x, y }]) => !(Math.hypot(x - before.get(key)?.x, y - before.get(key)?.y) <= MOVED_M);
+    return now.size !== before.size || [...now].some(moved);
   },
   // Where a robot stands and how its arms are, in steps that matter for a check.
   placeOf(robot) {

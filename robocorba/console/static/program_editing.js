@@ -1,5 +1,6 @@
 // What the user does with the program on the program page: methods of the page's component. Each change of `model` is
 // followed by `changed()`.
+import { download } from "/static/download.js";
 import { newNode, nodeOf, plainOf, readProgram } from "/static/program_model.js";
 
 const CLIPBOARD = "robocorba-icon";
@@ -99,8 +100,7 @@ export const editing = {
   replace(program) {
     this.model.load(program);
     this.run.close();
-    this.run.clear();
-    this.progressed();
+    this.dismiss();
     this.select(null);
     this.changed();
   },
@@ -174,11 +174,7 @@ export const editing = {
   },
   // ---- files ----
   save() {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob([`${this.jsonText}\n`], { type: "application/json" }));
-    link.download = `${this.model.name.replace(/[^\p{L}\p{N}.-]+/gu, "_").slice(0, 80) || "program"}.json`;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+    download(`${this.model.name.slice(0, 80) || "program"}.json`, `${this.jsonText}\n`, "application/json");
   },
   async open(file) {
     try {

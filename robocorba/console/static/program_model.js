@@ -11,6 +11,12 @@ const MAX_NESTING = 8;
 
 let lastId = 0;
 
+// The last identity that was given; `atLeast`: identities up to there are in use.
+export function usedIds(atLeast = 0) {
+  lastId = Math.max(lastId, atLeast);
+  return lastId;
+}
+
 export class Schema {
   constructor(schema) {
     this.definitions = schema.$defs;
@@ -108,6 +114,11 @@ export function plainOf(node) {
     ...copied(node.values),
     ...Object.fromEntries(bodies.map(([name, body]) => [name, body.map(plainOf)])),
   };
+}
+
+// A number with four digits, towards zero: rounded, an angle of 180 degrees would be beyond its bound.
+export function fourDigits(value) {
+  return Math.trunc(value * 1e4 + Math.sign(value) * 1e-3) / 1e4;
 }
 
 // A copy of JSON values; members without a value are left out.

@@ -1,14 +1,15 @@
 // The robot of the program page: its state, what is taken from it for icons, and the run of the program on it.
+import { plainWords } from "/static/icon_looks.js";
 import { call, live } from "/static/live.js";
+import { LOST_S } from "/static/robot_rows.js";
+import { fourDigits } from "/static/program_model.js";
+import { shiftedPaths } from "/static/program_run.js";
+import { rememberView, sharedView } from "/static/shared_view.js";
 import { VIRTUAL } from "/static/upload_panel.js";
 
 const STORED_ROBOT = "robocorba-robot";
 const STORED_RUN = "robocorba-run";
-// A robot without news for this time does not answer [s].
-const LOST_S = 3;
 const LEFT_ARM = 0, RIGHT_ARM = 7, ARM = 7, LUMBAR = 14;
-
-const rounded = (value, digits = 4) => Number(value.toFixed(digits));
 
 function state() {
   return {
@@ -27,8 +28,8 @@ const methods = {
     const names = bound.map(([name]) => name);
     const before = this.robot;
     if (!names.includes(this.robot)) {
-      const stored = this.stored(STORED_ROBOT);
-      this.robot = names.includes(stored) ? stored : this.robot || names[0] || "";
+      const kept = [this.stored(STORED_ROBOT), sharedView.robot].find((name) => names.includes(name));
+      this.robot = kept ?? (this.robot || names[0] || "");
     }
     this.robotRow = robotRow(this.robot, this.rows[this.robot], wait);
     this.floors = live.names;
@@ -45,6 +46,7 @@ const methods = {
   choose(robot) {
     this.robot = robot;
     this.store(STORED_ROBOT, robot);
+    rememberView({ robot });
     this.news();
     this.robotChosen();
   },
@@ -69,7 +71,7 @@ const methods = {
   takePose() {
     const at = this.rows[this.robot]?.state?.at;
     if (!at) return this.note(`${this.robot} does not report its pose`, "error");
-    const pose = { x: rounded(at.x, 3), y: rounded(at.y, 3), heading: rounded(at.heading, 3) };
+    const pose = { x: fourDigits(at.x), y: fourDigits(at.y), heading: fourDigits(at.heading) };
     this.pick(this.node.icon === "mbase_to" ? pose : { floor: at.floor, ...pose });
   },
   async takePosture() {
@@ -77,9 +79,9 @@ const methods = {
     if (!joints) return this.note(`${this.robot} does not report its joints`, "error");
     const isRight = node.values.hand === "right", first = isRight ? RIGHT_ARM : LEFT_ARM;
     let values;
-    if (node.icon === "lumbar") values = { lower: rounded(joints[LUMBAR]), upper: rounded(joints[LUMBAR + 1]) };
+    if (node.icon === "lumbar") values = { lower: fourDigits(joints[LUMBAR]), upper: fourDigits(joints[LUMBAR + 1]) };
     else if (node.icon === "mhand_joints") {
-      values = { joints: [...joints].slice(first, first + ARM).map((angle) => rounded(angle)) };
+      values = { joints: [...joints].slice(first, first + ARM).map((angle) => fourDigits(angle)) };
     } else values = await this.handPose(joints, isRight ? "right" : "left");
     if (!values) return;
     if (node.icon !== "lumbar" && !node.values.hand) values.hand = "left";
@@ -88,7 +90,7 @@ const methods = {
   async handPose(joints, side) {
     try {
       const poses = await call("hand_poses", { joints: [...joints] });
-      return Object.fromEntries(Object.entries(poses[side]).map(([name, value]) => [name, rounded(value)]));
+      return Object.fromEntries(Object.entries(poses[side]).map(([name, value]) => [name, fourDigits(value)]));
     } catch (error) {
       this.note(error.message, "error");
       return null;
@@ -119,24 +121,29 @@ const methods = {
   async pause() {
     await this.order(this.robotRow.condition === "paused" ? "resume_program" : "pause_program");
   },
-  // After a reload: follow the program that was started from here, if the robot still runs it.
+  // After a reload: follow the program that was started from here, or show how it ended.
   followAgain() {
-    let last = null;
+    let last = null, name = "";
     try {
       last = JSON.parse(this.stored(STORED_RUN));
-    } catch { /* of an older version */ }
-    if (!isActive(this.robotRow) || last?.robot !== this.robot || last.program !== this.jsonText) return;
-    this.run.follow(this.robot, this.idsByPath(), last.first);
+      name = JSON.parse(last.program).name;
+    } catch { /* of an older version, or none */ }
+    if (!name || last.robot !== this.robot) return;
+    const isSame = last.program === this.jsonText;
+    const ids = isSame ? this.idsByPath() : new Map();
+    if (isSame || !isActive(this.robotRow)) this.run.follow(this.robot, ids, last.first, name);
   },
   progressed() {
     const { runningId, holderIds, doneIds, failedId, report, condition, problem, isFollowed } = this.run;
     if (runningId !== null && runningId !== this.marks.runningId) this.reveal(runningId);
     this.marks = { runningId, holderIds: new Set(holderIds), doneIds: new Set(doneIds), failedId, report, condition };
-    this.progress = problem ? { text: problem, kind: "error", isOver: true } : progressOf(report, isFollowed);
+    this.progress = problem ? { text: plainWords(problem), kind: "error", isOver: true }
+      : progressOf(report && { ...report, icon: this.run.pagePath(report.icon) }, isFollowed);
     if (report && report.result !== "no_result") this.checkSoon();
   },
   dismiss() {
     this.run.clear();
+    this.store(STORED_RUN, "");
     this.progressed();
   },
   async takeProgram() {
@@ -159,7 +166,7 @@ const methods = {
       if (this.message.kind === "error") this.note("");
       return true;
     } catch (error) {
-      this.note(error.message, "error");
+      this.note(shiftedPaths(error.message, argument.first ?? 0), "error");
       return false;
     }
   },
@@ -181,7 +188,8 @@ function robotRow(name, row, wait) {
   const { condition, adaptor, reason } = row.state, age = row.age + wait;
   const problem = age > LOST_S ? `${name} does not answer since ${Math.round(age)} s` : "";
   const isActual = adaptor !== VIRTUAL, runs = row.state.program.name;
-  return { name, condition: condition.toLowerCase(), adaptor, isActual, runs, reason, problem };
+  const { floor } = row.state.at;
+  return { name, condition: condition.toLowerCase(), adaptor, isActual, runs, reason, problem, floor };
 }
 
 function progressOf(report, isFollowed) {
@@ -189,8 +197,9 @@ function progressOf(report, isFollowed) {
   const time = `${report.seconds.toFixed(1)} s`;
   const count = report.icons_done === 1 ? "1 icon" : `${report.icons_done} icons`;
   if (isFollowed) return { text: `${report.name}: ${count} done, ${time}`, kind: "", isOver: false };
-  const kind = report.result === "done" ? "done" : "error", reason = report.reason ? `: ${report.reason}` : "";
-  return { text: `${report.name}: ${report.result} after ${time}${reason}`, kind, isOver: true };
+  const kind = report.result === "done" ? "done" : "error", reason = report.reason ? `: ${plainWords(report.reason)}` : "";
+  const where = report.result !== "done" && report.icon ? ` at ${plainWords(report.icon)}` : "";
+  return { text: `${report.name}: ${report.result}${where} after ${time}${reason}`, kind, isOver: true };
 }
 
 export const robotSide = { state, methods };

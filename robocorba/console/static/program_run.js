@@ -27,9 +27,10 @@ export class ProgramRun {
   }
 
   // Follow the robot's program. ids: identity of each icon by its path in the page's program. first: index of the icon
-  // of the page that is the robot's first one.
-  follow(robot, ids, first = 0) {
+  // of the page that is the robot's first one. name: a program of another name is not followed.
+  follow(robot, ids, first = 0, name = "") {
     this.clear();
+    this.name = name;
     this.robot = robot;
     this.ids = ids;
     this.first = first;
@@ -46,14 +47,14 @@ export class ProgramRun {
   }
 
   async poll() {
-    const robot = this.robot;
+    const { robot, ids } = this; // an answer for what was followed before is ignored
     try {
       const news = await this.ask({ robot, first: this.seen });
-      if (!this.isFollowed || robot !== this.robot) return;
+      if (!this.isFollowed || ids !== this.ids) return;
       this.problem = "";
       this.take(news);
     } catch (error) {
-      if (!this.isFollowed || robot !== this.robot) return;
+      if (!this.isFollowed || ids !== this.ids) return;
       this.problem = error.message;
     }
     this.changed();
@@ -61,6 +62,7 @@ export class ProgramRun {
   }
 
   take({ begun, report, condition }) {
+    if (this.name && report.name !== this.name) return this.clear();
     this.condition = condition;
     if (this.report && report.seconds < this.report.seconds) {
       this.clear();
@@ -115,8 +117,13 @@ export class ProgramRun {
 
   // The path in the page's program of an icon of the robot's program.
   pagePath(path) {
-    return path.replace(/^icons\[(\d+)\]/, (whole, index) => `icons[${Number(index) + this.first}]`);
+    return shiftedPaths(path, this.first);
   }
+}
+
+// A text whose paths of icons count from icon `first` of the program on: with paths that count from its begin.
+export function shiftedPaths(text, first) {
+  return text.replace(/(?<![.\w])icons\[(\d+)\]/g, (whole, index) => `icons[${Number(index) + first}]`);
 }
 
 // Paths of the icons that hold the icon of a path, from outside.

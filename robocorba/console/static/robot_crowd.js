@@ -2,6 +2,7 @@
 // ring, and its ghost at the end of the path that it drives.
 import { THREE } from "nicegui-scene";
 import { ArticulatedRobot, PlainRobots } from "/static/robot_model.js";
+import { distanceTo } from "/static/segments.js";
 import { closeSprite, sizeSprite, textSprite } from "/static/text_sprite.js";
 
 // Articulated robots and names at most; of robots, fewer if drawing is slow.
@@ -22,6 +23,9 @@ export class RobotCrowd {
       new THREE.MeshBasicMaterial({ color: SELECTED, side: THREE.DoubleSide, transparent: true, opacity: 0.9 }),
     );
     this.ring.visible = false;
+    this.wayMaterial = new THREE.MeshBasicMaterial(
+      { color: GHOST, transparent: true, opacity: 0.75, side: THREE.DoubleSide },
+    );
     this.group.add(this.plain.group, this.ring);
     view.scene.add(this.group);
     this.hasNames = true;
@@ -106,7 +110,7 @@ export class RobotCrowd {
       const head = this.view.onCanvas(new THREE.Vector3(robot.x, robot.y, robot.z + 1.35));
       if (!foot || !head) continue;
       const height = Math.hypot(head[0] - foot[0], head[1] - foot[1]);
-      const away = toSegment([x, y], foot, head);
+      const away = distanceTo([x, y], foot, head);
       if (away < Math.max(14, 0.3 * height) && away < nearest) [found, nearest] = [robot, away];
     }
     return found;
@@ -130,10 +134,7 @@ export class RobotCrowd {
     this.ghost.group.position.set(x, y, z);
     this.ghost.group.rotation.z = heading;
     this.ghost.pose(joints ?? []);
-    this.way = new THREE.Mesh(
-      ribbon(path, 0.05),
-      new THREE.MeshBasicMaterial({ color: GHOST, transparent: true, opacity: 0.75, side: THREE.DoubleSide }),
-    );
+    this.way = new THREE.Mesh(ribbon(path, 0.05), this.wayMaterial);
     this.group.add(this.way);
   }
 
@@ -141,6 +142,8 @@ export class RobotCrowd {
     for (const model of this.articulated.values()) model.close();
     for (const sprite of this.names.values()) closeSprite(sprite);
     this.setGhost(null);
+    this.ghost?.close();
+    this.wayMaterial.dispose();
     this.group.removeFromParent();
   }
 }
@@ -160,10 +163,4 @@ function ribbon(points, width) {
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));
   return geometry;
-}
-
-function toSegment([x, y], a, b) {
-  const [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-  const share = Math.min(1, Math.max(0, ((x - a[0]) * dx + (y - a[1]) * dy) / (dx * dx + dy * dy || 1)));
-  return Math.hypot(x - a[0] - share * dx, y - a[1] - share * dy);
 }

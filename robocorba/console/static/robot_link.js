@@ -2,13 +2,14 @@
 import { Floor, readFrame } from "/static/live.js";
 
 const RECONNECT_MS = 1000;
+// The server closes with this code what it will refuse again.
+const REFUSED = 1008;
 
 export class RobotLink {
   // changed(): something is new in `path`, `pool`, `floor`, `joints`, `problem`.
   constructor(robot, withPool, changed) {
     Object.assign(this, { robot, withPool, changed });
     this.path = [];
-    this.problem = "";
     this.connect();
   }
 
@@ -17,15 +18,17 @@ export class RobotLink {
     this.pool = null;
     this.floor = null;
     this.joints = new Map();
+    this.problem = "";
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const query = `robot=${encodeURIComponent(this.robot)}&pool=${this.withPool ? "yes" : "no"}`;
     this.socket = new WebSocket(`${scheme}://${location.host}/robot-view?${query}`);
     this.socket.binaryType = "arraybuffer";
     this.socket.onmessage = (message) => this.receive(message.data);
-    this.socket.onclose = () => {
+    this.socket.onclose = ({ code, reason }) => {
       if (this.isClosed) return;
       this.path = [];
-      this.timer = setTimeout(() => this.connect(), RECONNECT_MS);
+      if (code === REFUSED) this.problem = reason || "the console refuses this view: too many pages watch robots";
+      else this.timer = setTimeout(() => this.connect(), RECONNECT_MS);
       this.changed();
     };
   }

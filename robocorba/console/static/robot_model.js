@@ -6,6 +6,7 @@ const SEGMENTS = 20;
 const COARSE_SEGMENTS = 7, COARSE_VOLUME = 9e-4;
 // Colour of the display and its sign in each of the paper's states: a shape beside the colour.
 const SCREENS = {
+  "": ["#3b4650", "\u2013"], // of the past: not recorded
   working: ["#0b5d3b", "\u25b6"],
   waiting: ["#174a7c", "\u2016"],
   exceptional: ["#9b0d4c", "\u26a0"],

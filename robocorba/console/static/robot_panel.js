@@ -1,11 +1,16 @@
 // The selected robot: what it does, what its sensors see, how it is reached, and orders to it.
+import { plainWords, titleOf } from "/static/icon_looks.js";
 import { call } from "/static/live.js";
+import { clockText } from "/static/past.js";
 import { ageText, degrees } from "/static/robot_rows.js";
 import SureButton from "/static/sure_button.js";
 
 export default {
   components: { SureButton },
-  props: { robot: Object, scans: Array, rights: Object, floors: Array, isPast: Boolean, process: Object },
+  // past: as the time bar says it; then: the robot's body on the shown floor at that moment, or null.
+  props: {
+    robot: Object, scans: Array, rights: Object, floors: Array, past: Object, then: Object, process: Object,
+  },
   emits: ["forgotten"],
   template: `
     <section :aria-label="'Robot ' + robot.name">
@@ -37,8 +42,14 @@ export default {
         <q-btn dense no-caps color="primary" type="submit" label="Place here" />
       </form>
       <p v-if="error" class="panel-error is-problem" role="alert">{{ error }}</p>
-      <p v-if="isPast" class="panel-note">The values below are those of now.</p>
-      <dl class="console-facts">
+      <template v-if="!past.isLive">
+        <h3 class="console-heading">At {{ past.at ? clock(past.at) : "that time" }}</h3>
+        <dl class="console-facts">
+          <template v-for="[name, value] in factsThen" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></template>
+        </dl>
+        <h3 class="console-heading">Now</h3>
+      </template>
+      <dl class="console-facts" :class="{ 'is-now': !past.isLive }">
         <template v-for="[name, value] in facts" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></template>
       </dl>
     </section>`,
@@ -50,6 +61,11 @@ export default {
       return [...stateFacts(this.robot), ...sensorFacts(this.scans), ...programFacts(this.robot),
         ...reachFacts(this.robot)];
     },
+    factsThen() {
+      if (!this.then) return [["pose", "not on the shown floor"]];
+      const { floor, x, y, heading, vx, vy, turn } = this.then;
+      return [["pose", poseText({ floor, x, y, heading })], ["speed", speedText(Math.hypot(vx, vy), turn)]];
+    },
     short() {
       return [...this.robot.name].slice(0, 16).join("");
     },
@@ -58,6 +74,7 @@ export default {
     },
   },
   methods: {
+    clock: clockText,
     openPlace() {
       const { floor, x, y, heading } = this.robot.at;
       const round = (value) => Math.round(value * 100) / 100;
@@ -88,17 +105,26 @@ export default {
   },
 };
 
-function stateFacts({ at, agent, client, condition, problem, age, mission, isHere }) {
-  const rows = [["state", agent?.reason ? `${condition}: ${agent.reason}` : condition], ["last news", ageText(age)]];
+function poseText({ floor, x, y, heading }) {
+  const turned = Math.atan2(Math.sin(heading), Math.cos(heading));
+  return `${floor}: ${x.toFixed(2)} m, ${y.toFixed(2)} m, ${degrees(turned)}`;
+}
+
+function speedText(speed, turn, most) {
+  const limit = most === undefined ? "" : ` of at most ${most.toFixed(2)}`;
+  return `${speed.toFixed(2)} m/s${limit}, turning ${degrees(turn)}/s`;
+}
+
+function stateFacts({ at, agent, client, condition, problem, age, mission, isHere, failure }) {
+  const rows = [["state", agent?.reason ? `${condition}: ${agent.reason}` : condition]];
+  if (failure) rows.push(["last result", `${agent.program.name || "the program"} failed: ${failure}`]);
+  rows.push(["last news", ageText(age)]);
   if (problem) rows.push(["problem", problem]);
-  if (at) rows.push([isHere ? "pose" : "last pose",
-    `${at.floor}: ${at.x.toFixed(2)} m, ${at.y.toFixed(2)} m, ${degrees(at.heading)}`]);
+  if (at) rows.push([isHere ? "pose" : "last pose", poseText(at)]);
   const moving = agent?.actor.moving;
-  if (moving && condition !== "stopped") { // the adaptor of a stopped robot is not read
-    const speed = Math.hypot(moving.ahead, moving.left);
-    const most = agent.speedCap.toFixed(2);
-    rows.push(["speed", `${speed.toFixed(2)} m/s of at most ${most}, turning ${degrees(moving.turn)}/s`]);
-  }
+  // The adaptor of a stopped robot is not read; it stands.
+  if (moving && condition === "stopped") rows.push(["speed", speedText(0, 0, agent.speedCap)]);
+  else if (moving) rows.push(["speed", speedText(Math.hypot(moving.ahead, moving.left), moving.turn, agent.speedCap)]);
   if (mission) rows.push(["mission", mission]);
   if (client?.since) rows.push(["logged on", new Date(client.since * 1000).toLocaleTimeString(undefined,
     { hourCycle: "h23" })]);
@@ -119,9 +145,9 @@ function programFacts({ agent }) {
   const program = agent?.program;
   if (!program?.name) return [];
   const rows = [["program", program.name]];
-  if (program.icon) rows.push(["icon", `${program.icon}, ${program.kind}`]);
+  if (program.icon) rows.push(["icon", `${plainWords(program.icon)}: ${titleOf(program.kind)}`]);
   rows.push(["done", `${program.iconsDone} icons in ${program.seconds.toFixed(1)} s`]);
-  if (program.result !== "NO_RESULT") rows.push(["result", [program.result.toLowerCase(),
+  if (!["NO_RESULT", "FAILED"].includes(program.result)) rows.push(["result", [program.result.toLowerCase(),
     program.reason].filter(Boolean).join(": ")]);
   return rows;
 }

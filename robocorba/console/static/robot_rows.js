@@ -1,5 +1,6 @@
 // Rows of the monitor's table from what the servers report. Robots that were seen once stay, with the age of their
 // news.
+import { distanceTo } from "/static/segments.js";
 
 // A robot without news for this time is shown as lost [s].
 export const LOST_S = 3;
@@ -33,6 +34,8 @@ export function robotRows(state, waitS) {
       isSilent: Boolean(entry) && (entry.age == null || entry.age + waitS > LOST_S),
       condition: conditionOf(entry, agent, isHere),
       program: agent?.program.name ?? "",
+      // Why the last program has failed; empty while one runs and after one that was done.
+      failure: failureOf(agent),
       path: entry?.state?.path ?? null,
       mission: entry?.state?.mission ?? "",
       problem: entry?.problem ?? "",
@@ -50,6 +53,11 @@ function conditionOf(entry, agent, isHere) {
   if (!agent) return entry.problem ? "no answer" : "";
   if (!isHere && agent.adaptor === "simulated") return "logged off";
   return entry.problem ? "no answer" : agent.condition.toLowerCase();
+}
+
+function failureOf(agent) {
+  if (agent?.program.result !== "FAILED" || !["IDLE", "STOPPED"].includes(agent.condition)) return "";
+  return agent.program.reason || "no reason is known";
 }
 
 export function ageText(age) {
@@ -75,7 +83,6 @@ export class Collisions {
     const now = performance.now();
     if (this.count !== null && count > this.count) {
       for (const name of touching(floor, plan)) this.until.set(name, now + COLLISION_S * 1000);
-      this.last = now;
     }
     this.count = count;
     for (const [name, until] of this.until) if (until < now) this.until.delete(name);
@@ -84,10 +91,6 @@ export class Collisions {
   has(name) {
     return this.until.has(name);
   }
-
-  get isRecent() {
-    return this.last !== undefined && performance.now() - this.last < COLLISION_S * 1000;
-  }
 }
 
 function touching(floor, plan) {
@@ -95,21 +98,17 @@ function touching(floor, plan) {
   const robots = bodies.filter((body) => body.kind !== "object");
   const walls = (plan?.walls ?? []).flatMap((wall) => wall.pieces);
   return robots.filter((robot) => bodies.some((body) => body !== robot && touches(robot, body))
-    || walls.some((piece) => distanceTo(robot, piece[0], piece[piece.length - 1]) < robot.radius + TOUCH_M))
+    || walls.some((piece) => distanceTo(middle(robot), piece[0], piece[piece.length - 1]) < robot.radius + TOUCH_M))
     .map((robot) => robot.name);
 }
+
+const middle = ({ x, y }) => [x, y];
 
 function touches(robot, body) {
   const reach = robot.radius + TOUCH_M;
   if (body.kind !== "object") return Math.hypot(robot.x - body.x, robot.y - body.y) < reach + body.radius;
   const cos = Math.cos(body.heading), sin = Math.sin(body.heading);
   const corners = body.outline.map(([x, y]) => [body.x + x * cos - y * sin, body.y + x * sin + y * cos]);
-  return corners.some((corner, index) => distanceTo(robot, corner, corners[(index + 1) % corners.length]) < reach);
-}
-
-// Distance of a body's middle from a line between two points [m].
-function distanceTo({ x, y }, [ax, ay], [bx, by]) {
-  const dx = bx - ax, dy = by - ay;
-  const along = Math.max(0, Math.min(1, ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1)));
-  return Math.hypot(x - ax - along * dx, y - ay - along * dy);
+  const next = (index) => corners[(index + 1) % corners.length];
+  return corners.some((corner, index) => distanceTo(middle(robot), corner, next(index)) < reach);
 }

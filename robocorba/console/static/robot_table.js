@@ -1,9 +1,11 @@
 // All robots that were seen, also those that are lost; a row selects, arrow keys go to the next one.
 export default {
-  props: { robots: Array, selected: String, isConnected: Boolean },
+  // note: said above the table.
+  props: { robots: Array, selected: String, isConnected: Boolean, note: String },
   emits: ["select"],
   template: `
     <div class="robot-table">
+      <p v-if="note" class="panel-note" role="status">{{ note }}</p>
       <table class="console-table">
         <thead><tr><th>Robot</th><th>Floor</th><th>State</th><th>Program</th><th>News</th></tr></thead>
         <tbody>
@@ -12,8 +14,8 @@ export default {
               @click="$emit('select', robot.name)" @keydown="key($event, index)">
             <td :title="robot.name">{{ robot.name }}</td>
             <td :title="robot.floor">{{ robot.floor }}</td>
-            <td :title="robot.problem">{{ robot.word }}</td>
-            <td :title="robot.program">{{ robot.program }}</td>
+            <td :title="robot.problem || robot.failure" :class="{ 'is-problem': robot.failure }">{{ robot.word }}</td>
+            <td :title="[robot.program, robot.failure].filter(Boolean).join(' failed: ')">{{ robot.program }}</td>
             <td>{{ robot.news }}</td>
           </tr>
           <tr v-if="!robots.length">

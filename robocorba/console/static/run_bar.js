@@ -1,7 +1,9 @@
 // The robot that runs the program, its state, and the orders to it.
+import { rememberView } from "/static/shared_view.js";
 
 export const RunBar = {
-  // robots: [{name, text}]. robot: {name, condition, adaptor, isActual, runs, reason, problem}; for none name is "".
+  // robots: [{name, text}]. robot: {name, condition, adaptor, isActual, runs, reason, problem, floor}; for none name is
+  // "".
   // progress: {text, kind: "" | "error" | "done"} of the running or last program.
   props: { robots: Array, robot: Object, canRun: Boolean, why: String, progress: Object },
   emits: ["choose", "run", "step", "pause", "abort", "release", "upload", "dismiss"],
@@ -26,7 +28,9 @@ export const RunBar = {
       <span class="run-progress" :class="'is-' + (problem ? 'error' : progress.kind)" role="status" aria-live="polite">
         <q-icon v-if="problem || progress.kind === 'error'" name="warning" size="18px" />
         <q-icon v-else-if="progress.kind === 'done'" name="check_circle" size="18px" />
-        <span>{{ problem || progress.text || others }}</span>
+        <span :title="problem || progress.text">{{ problem || progress.text || others }}</span>
+        <a v-if="robot.floor && (isActive || progress.text)" :href="monitor" class="run-watch"
+           @click="goLive">watch {{ robot.name }}</a>
         <q-btn v-if="robot.condition === 'stopped'" dense no-caps outline label="Release stop"
                @click="$emit('release')" />
         <q-btn v-else-if="progress.text && progress.isOver" flat dense round size="sm" icon="close" aria-label="Dismiss"
@@ -40,6 +44,10 @@ export const RunBar = {
     isActive() {
       return this.isPaused || this.robot.condition === "running";
     },
+    // The monitor page with the robot selected.
+    monitor() {
+      return `/?${new URLSearchParams({ floor: this.robot.floor, robot: this.robot.name })}`;
+    },
     // What the robot runs that was not started here.
     others() {
       return this.isActive ? `${this.robot.name} runs "${this.robot.runs}", started elsewhere` : "";
@@ -48,6 +56,11 @@ export const RunBar = {
       if (!this.robots.length) return "no robots; start one with: robocorba robot NAME";
       if (this.robot.problem) return this.robot.problem;
       return this.robot.condition === "stopped" ? `${this.robot.name} is stopped: ${this.robot.reason}` : "";
+    },
+  },
+  methods: {
+    goLive() {
+      rememberView({ past: null });
     },
   },
 };

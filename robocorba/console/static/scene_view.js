@@ -107,15 +107,14 @@ export class SceneView {
   }
 
   redraw() {
-    this.frame ??= requestAnimationFrame((time) => {
+    this.frame ??= requestAnimationFrame(() => {
       this.frame = undefined;
-      if (!this.isLost && !this.isClosed) this.draw(time);
+      if (!this.isLost && !this.isClosed) this.draw();
     });
   }
 
   draw() {
     const began = performance.now();
-    this.beforeDraw?.();
     this.renderer.render(this.scene, this.camera);
     this.pictures++;
     this.lastPixel ??= new Uint8Array(4);
@@ -133,7 +132,6 @@ export class SceneView {
     if (this.slowness.length < PICTURES / 4) return;
     const median = this.slowness.sort((one, other) => one - other)[this.slowness.length >> 1];
     this.slowness = [];
-    this.took = median;
     const most = Math.min(window.devicePixelRatio, MAX_RATIO);
     let wanted = this.ratio;
     if (median > SLOW_MS) wanted = Math.max(MIN_RATIO, this.ratio * 0.8);

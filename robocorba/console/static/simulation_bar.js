@@ -13,7 +13,7 @@ export default {
       <q-btn v-if="state?.paused" dense no-caps outline label="Step" :disable="!mayAct" title="0.1 s" @click="step" />
       <select :value="state?.pace ?? 1" :disabled="!mayAct" aria-label="Pace of simulated time" :title="why"
               @change="setPace($event)">
-        <option v-for="[pace, text] in paces" :key="pace" :value="pace">{{ text }}</option>
+        <option v-for="[pace, text] in paces" :key="pace" :value="pace">time {{ text }}</option>
       </select>
       <span v-if="error" class="is-problem" role="alert" :title="error">{{ error }}</span>
     </div>`,

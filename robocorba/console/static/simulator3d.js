@@ -6,10 +6,15 @@ import { live } from "/static/live.js";
 import { RayFans } from "/static/ray_fans.js";
 import { RobotCrowd } from "/static/robot_crowd.js";
 import { loadRobotShape } from "/static/robot_model.js";
+import { HappeningFeed } from "/static/happening_feed.js";
+import PastNote from "/static/past_note.js";
 import { SceneView } from "/static/scene_view.js";
+import { rememberView, sharedView } from "/static/shared_view.js";
 import { cameraMethods } from "/static/simulator3d_camera.js";
+import { pastMethods } from "/static/simulator3d_past.js";
 import { poseMethods } from "/static/simulator3d_pose.js";
 import { sceneMethods } from "/static/simulator3d_scene.js";
+import TimeBar from "/static/time_bar.js";
 
 const CUT_M = 1.1;
 // In the stack heights are drawn larger by this factor.
@@ -17,14 +22,14 @@ const STACK_SPREAD = 2.5;
 const STACKED = "\u0000stack";
 
 export default {
-  components: { HandSteps },
+  components: { HandSteps, PastNote, TimeBar },
   template: `
     <div class="scene-page">
       <div class="console-tabs">
         <div role="tablist" aria-label="Floors" class="scene-floors">
           <button v-for="floor in floors" :key="floor" role="tab" :aria-selected="floor === current" :disable="isPool"
                   :title="floor" @click="show(floor)">
-            <bdi>{{ floor }}</bdi> <small>{{ counts[floor] || "" }}</small></button>
+            <bdi>{{ floor }}</bdi> <small v-if="past.isLive">{{ counts[floor] || "" }}</small></button>
           <button v-if="floors.length > 1" role="tab" :aria-selected="isStacked" @click="show(stacked)">
             all floors</button>
         </div>
@@ -32,12 +37,15 @@ export default {
           <select v-model="source" aria-label="Source of the scene"><option value="">the simulation</option>
             <option v-for="name in robots" :key="name" :value="name">{{ name }}'s data pool</option></select></label>
         <label class="scene-field">robot
-          <select v-model="selected" aria-label="Robot"><option value="">none</option>
+          <select v-model="selected" aria-label="Robot" @change="find"><option value="">none</option>
             <option v-for="name in robots" :key="name" :value="name">{{ name }}</option></select></label>
         <label class="scene-field">walls
           <input type="range" min="0.1" max="3" step="0.1" v-model.number="cut" aria-label="Height of walls"></label>
       </div>
-      <div class="console-scene" ref="scene">
+      <div class="console-scene" :class="{ 'is-past': !past.isLive }" ref="scene">
+        <PastNote v-if="!past.isLive" :past="past" :events="events"
+                  more="rest postures, since postures are not recorded"
+                  @live="$refs.time.goLive()" />
         <div v-if="message" class="console-overlay"><span>{{ message }}</span></div>
         <div class="console-tools">
           <q-btn dense round color="primary" icon="fit_screen" aria-label="Show everything" title="show everything (0)"
@@ -51,8 +59,8 @@ export default {
                  aria-label="Rays of the sensors" title="rays of the sensors" @click="hasRays = !hasRays" />
           <q-btn dense round :color="hasNames ? 'accent' : 'primary'" icon="label" :aria-pressed="hasNames"
                  aria-label="Names" title="names" @click="hasNames = !hasNames" />
-          <q-btn dense round :color="isPosing ? 'accent' : 'primary'" icon="back_hand" :disable="!selected"
-                 :aria-pressed="isPosing" aria-label="Pose a hand" title="pose a hand" @click="isPosing = !isPosing" />
+          <q-btn dense round :color="isPosing ? 'accent' : 'primary'" icon="back_hand"
+                 :disable="!selected || !past.isLive" :aria-pressed="isPosing" aria-label="Pose a hand" title="pose a hand" @click="isPosing = !isPosing" />
           <q-btn dense round color="primary" icon="download" aria-label="The robot as URDF" title="the robot as URDF"
                  type="a" href="/robot.urdf" />
         </div>
@@ -71,17 +79,20 @@ export default {
           </template>
         </section>
       </div>
+      <TimeBar v-show="!isPool" ref="time" :floor="isStacked ? '' : current" :floors="isPool ? [] : shownFloors"
+               :happenings="events" @show="showTime" @look="lookBack" />
     </div>`,
   data() {
     return {
       floors: [], counts: {}, current: "", stacked: STACKED, source: "", robots: [], selected: "", isFollowing: false,
       hasRays: true, hasNames: true, isPosing: false, cut: CUT_M, message: "loading the robot's model", side: "left",
-      facts: [], words: "", problem: "",
+      facts: [], words: "", problem: "", past: { isLive: true }, events: [],
     };
   },
   computed: {
     isStacked() { return this.current === STACKED; },
     isPool() { return Boolean(this.source); },
+    shownFloors() { return this.isStacked ? this.floors : [this.current].filter(Boolean); },
   },
   async mounted() {
     this.meshes = new Map();
@@ -101,16 +112,24 @@ export default {
     }
     this.crowd = new RobotCrowd(this.view, this.shape);
     this.rays = new RayFans(this.view, this.shape);
+    this.seen = new Map();
+    this.feed = new HappeningFeed((events) => { this.events = events; });
     this.unlisten = live.listen((kind, name) => this.news(kind, name));
     this.timer = setInterval(() => this.second(), 500);
     const [floor, robot, pool] = ["floor", "robot", "pool"].map((name) => wanted.get(name) ?? "");
-    this.wanted = { floor: floor === "all" ? STACKED : floor, robot: pool || robot, pool };
+    // What the address says goes first; a robot of an address without a floor is followed to its floor.
+    this.wanted = {
+      floor: floor === "all" ? STACKED : floor || sharedView.floor, robot: pool || robot || sharedView.robot, pool,
+      isFollowing: Boolean(pool || (robot && !floor)),
+    };
     this.news("connection");
+    if (!pool) this.$refs.time.restore();
   },
   unmounted() {
     this.isGone = true;
     clearInterval(this.timer);
     this.unlisten?.();
+    this.feed?.close();
     live.want(this);
     this.link?.close();
     this.endPose();
@@ -135,14 +154,12 @@ export default {
     },
     news(kind, name) {
       if (kind === "connection") {
-        this.floors = live.names;
-        const isThere = this.floors.includes(this.wanted.floor) || (this.wanted.floor === STACKED && this.floors.length);
-        const first = isThere ? this.wanted.floor : this.floors[0];
-        if (!this.isPool && !this.isStacked && !this.floors.includes(this.current) && first) this.show(first);
+        this.floors = this.past.floors ?? live.names;
+        this.showFirst();
         if (this.isStacked) this.want();
       }
       if (kind === "connection" || kind === "plan") this.loadPlans();
-      if (kind === "floor" && !this.isPool && this.meshes.has(name)) this.update();
+      if (kind === "floor" && this.past.isLive && !this.isPool && this.meshes.has(name)) this.update();
       if (kind === "postures" || kind === "state") this.update();
       if (kind === "state") this.updateRobots();
       if (kind === "scans") this.updateRays();
@@ -153,10 +170,16 @@ export default {
     },
     shown() {
       if (this.isPool) return this.link?.floor ? [this.link.floor.name] : [];
-      return this.isStacked ? this.floors : [this.current].filter(Boolean);
+      return this.shownFloors;
     },
     floor(name) {
-      return this.isPool ? this.link.floor : live.floor(name);
+      if (this.isPool) return this.link.floor;
+      return this.past.isLive ? live.floor(name) : this.seen.get(name);
+    },
+    showFirst() {
+      const { floors, wanted } = this;
+      if (this.isPool || this.isStacked || floors.includes(this.current) || !floors.length) return;
+      this.show(floors.includes(wanted.floor) || wanted.floor === STACKED ? wanted.floor : floors[0]);
     },
     show(floor) {
       this.current = floor;
@@ -168,20 +191,21 @@ export default {
     },
     want() {
       const shown = this.shown();
-      const floors = this.isPool ? [] : shown;
-      live.want(this, { floors, postures: floors, scans: this.hasRays ? shown : [] });
+      const floors = this.isPool || !this.past.isLive ? [] : shown;
+      const scans = this.hasRays && this.past.isLive ? shown : [];
+      live.want(this, { floors, postures: floors, scans, missions: true });
     },
     loadPlans() {
       if (!this.view) return;
       const shown = this.shown();
       for (const [name, mesh] of this.meshes) {
-        const isSame = mesh.plan === live.plan(name) && mesh.group.position.z === this.drawn(mesh.plan.elevation);
+        const isSame = mesh.plan === this.plan(name) && mesh.group.position.z === this.drawn(mesh.plan.elevation);
         if (shown.includes(name) && isSame) continue;
         mesh.close();
         this.meshes.delete(name);
       }
       for (const name of shown) {
-        const plan = live.plan(name);
+        const plan = this.plan(name);
         if (!plan || this.meshes.has(name)) continue;
         const mesh = new FloorMesh(plan, this.cut, this.drawn(plan.elevation));
         this.meshes.set(name, mesh);
@@ -212,9 +236,14 @@ export default {
       const shown = this.isPool ? { pool: this.source } : { floor: this.isStacked ? "all" : this.current };
       if (this.selected && !this.isPool) shown.robot = this.selected;
       history.replaceState(history.state, "", `?${new URLSearchParams(shown)}`);
+      // Until the wanted robot and floor are known, they are still those to keep.
+      const robot = this.selected || this.wanted?.robot || "";
+      const isFloor = this.floors.includes(this.current);
+      rememberView({ robot, floor: isFloor ? this.current : sharedView.floor });
     },
     ...sceneMethods,
     ...cameraMethods,
+    ...pastMethods,
     ...poseMethods,
   },
   watch: {
@@ -222,7 +251,8 @@ export default {
     source() {
       this.poolFloor = "";
       this.note();
-      this.isFollowing = false;
+      if (this.source && !this.past.isLive) this.$refs.time.goLive();
+      this.isFollowing = Boolean(this.source) && !this.crowd?.robot(this.source);
       this.isNew = true;
       if (this.source) this.selected = this.source;
       this.connect();
@@ -237,10 +267,6 @@ export default {
       this.connect();
       this.updateFacts();
       this.update();
-      if (this.selected && !this.crowd?.robot(this.selected)) {
-        this.isFollowing = true;
-        this.follow();
-      }
     },
     isFollowing() {
       this.followed = "";

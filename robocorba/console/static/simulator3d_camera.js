@@ -12,6 +12,12 @@ export const cameraMethods = {
     this.updateFacts();
     this.crowd?.update();
   },
+  // Go to the robot that was chosen if it is not in the scene.
+  find() {
+    if (!this.selected || this.crowd?.robot(this.selected)) return;
+    this.isFollowing = true;
+    this.follow();
+  },
   follow() {
     const robot = this.crowd.robot(this.selected);
     if (!this.isFollowing) return;
@@ -38,9 +44,10 @@ export const cameraMethods = {
   findFloor() {
     const floor = live.state?.robots[this.selected]?.state?.at.floor;
     if (!floor || this.isPool || floor === this.current || !this.floors.includes(floor) || this.isStacked) return;
-    this.show(floor);
-    this.isNew = false;
-    this.isFollowing = true;
+    if (!this.past.isLive) return;
+    this.current = floor;
+    this.want();
+    this.loadPlans();
   },
   pointer(kind, event) {
     if (kind === "pointerdown") this.pressed = [event.offsetX, event.offsetY];

@@ -1,9 +1,8 @@
 // Methods of the 3D page: what is in the scene, from the floors that are shown, the robots' states and their links.
+import { titleOf } from "/static/icon_looks.js";
 import { live } from "/static/live.js";
 import { RobotLink } from "/static/robot_link.js";
-
-// A robot without news for this time is lost [s].
-const LOST_S = 3;
+import { LOST_S } from "/static/robot_rows.js";
 
 export const sceneMethods = {
   update() {
@@ -26,12 +25,15 @@ export const sceneMethods = {
     if (this.target) this.placePose();
   },
   robotOf(body, plan, floor) {
-    const row = live.state?.robots[body.name];
+    const isLive = this.past.isLive;
+    const row = isLive ? live.state?.robots[body.name] : undefined;
     const agent = row?.state;
+    const waitS = (performance.now() - live.stateAt) / 1000;
     return {
       name: body.name, x: body.x, y: body.y, z: this.drawn(heightOf(body, plan, floor)), heading: body.heading,
-      speed: Math.hypot(body.vx, body.vy), floor: plan.name, joints: this.joints(body.name), ...displayed(agent),
-      isLost: Boolean(row) && row.age !== null && row.age > LOST_S,
+      speed: Math.hypot(body.vx, body.vy), floor: plan.name, joints: isLive ? this.joints(body.name) : undefined,
+      ...(isLive ? displayed(agent) : { display: "", words: "" }),
+      isLost: Boolean(row) && row.age !== null && row.age + waitS > LOST_S,
     };
   },
   joints(robot) {
@@ -61,13 +63,17 @@ export const sceneMethods = {
       this.selected = this.wanted.robot;
       this.source = this.wanted.pool;
       this.wanted.robot = "";
-      this.isFollowing = true;
+      this.isFollowing = this.wanted.isFollowing;
     }
     this.updateFacts();
   },
   updateFacts() {
-    const agent = live.state?.robots[this.selected]?.state;
     const robot = this.crowd?.robot(this.selected);
+    if (!this.past.isLive) {
+      this.facts = this.factsThen(robot);
+      return;
+    }
+    const agent = live.state?.robots[this.selected]?.state;
     const rows = [];
     if (agent) {
       const { display, words } = displayed(agent);
@@ -85,7 +91,7 @@ export const sceneMethods = {
   updateRays() {
     if (!this.rays) return;
     const scans = [];
-    for (const [name, mesh] of this.hasRays ? this.meshes : []) {
+    for (const [name, mesh] of this.hasRays && this.past.isLive ? this.meshes : []) {
       for (const scan of live.scansOn(name)) scans.push({ ...scan, z: mesh.group.position.z });
     }
     // Those of the selected robot first, since the number of rays is limited.
@@ -95,7 +101,8 @@ export const sceneMethods = {
   updateGhost() {
     const path = [];
     let heading = 0;
-    for (const point of this.link && this.link.robot === this.selected ? this.link.path : []) {
+    const isShown = this.past.isLive && this.link && this.link.robot === this.selected;
+    for (const point of isShown ? this.link.path : []) {
       const mesh = this.meshes.get(point.floor);
       if (!mesh) continue;
       path.push({ x: point.x, y: point.y, z: mesh.group.position.z });
@@ -145,7 +152,7 @@ function displayed(agent) {
   if (condition === "PAUSED") return { display: "waiting", words: "paused" };
   if (condition === "RUNNING") {
     const isWait = program.kind === "wait" || program.kind === "wait_until";
-    return { display: isWait ? "waiting" : "working", words: program.kind };
+    return { display: isWait ? "waiting" : "working", words: titleOf(program.kind) };
   }
   if (program.result === "FAILED") return { display: "exceptional", words: "program failed" };
   return { display: "waiting", words: "" };

@@ -1,11 +1,14 @@
 // Picks a place on the map: a click gives the point, a drag also the heading; arrows move it, [ and ] turn it.
-import { FloorCanvas } from "/static/floor_canvas.js";
+import { FloorCanvas, middleOf } from "/static/floor_canvas.js";
 import { live } from "/static/live.js";
+import { shortened } from "/static/texts.js";
 
 // A drag turns the target when it is longer than this [pixels].
 const MIN_DRAG_PX = 12;
 // Names are shown from this scale on [pixels per metre].
 const NAMES_FROM = 24;
+// Names of rooms: the width of a letter [pixels], and how much wider than its room a name may be.
+const LETTER_PX = 6.5, OVERHANG = 1.4;
 // Steps of the keys.
 const STEP_M = 0.1, STEP_RAD = Math.PI / 12;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
@@ -53,7 +56,9 @@ export const TargetMap = {
   },
   mounted() {
     this.canvas = new FloorCanvas(this.$refs.canvas, { pointer: (...news) => this.pointer(...news) });
-    this.canvas.overlays = [{ above: (context, canvas) => this.draw(context, canvas) }];
+    this.canvas.overlays = [{
+      above: (context, canvas) => this.draw(context, canvas), labels: (context, canvas) => this.drawRooms(canvas),
+    }];
     this.canvas.areNamesShown = false; // set for each picture
     this.canvas.selected = this.robot;
     this.unlisten = live.listen((kind, name) => this.news(kind, name));
@@ -98,12 +103,13 @@ export const TargetMap = {
         this.pick({ x, y }, true);
         return true;
       }
-      if (kind === "move" && this.began) {
+      if ((kind === "move" || kind === "up") && this.began) {
         const { px, py } = this.began;
         if (Math.hypot(event.clientX - px, event.clientY - py) >= MIN_DRAG_PX) {
           this.pick({ x: this.began.x, y: this.began.y, heading: Math.atan2(y - this.began.y, x - this.began.x) });
         }
-      } else if (kind === "up" || kind === "cancel") {
+      }
+      if (kind === "up" || kind === "cancel") {
         this.began = null;
       }
       return false;
@@ -150,6 +156,15 @@ export const TargetMap = {
       context.lineTo(x, y + radius / 3);
       if (typeof heading === "number") this.addArrow(context, x, y, heading, radius);
       context.stroke();
+    },
+    // On a small map the rooms have their names; on a large one everything has.
+    drawRooms(canvas) {
+      if (canvas.areNamesShown) return;
+      for (const { name, polygon } of canvas.plan.areas) {
+        const text = shortened(name, 16), xs = polygon.map(([x]) => x);
+        const width = (Math.max(...xs) - Math.min(...xs)) * canvas.scale;
+        if (LETTER_PX * text.length < OVERHANG * width) canvas.drawAreaName(text, middleOf(polygon));
+      }
     },
     addArrow(context, x, y, heading, radius) {
       const at = (angle, length) => [x + length * Math.cos(angle), y + length * Math.sin(angle)];

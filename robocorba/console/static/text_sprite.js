@@ -1,5 +1,6 @@
 // A name that floats in a 3D scene, of the same size at any distance.
 import { THREE } from "nicegui-scene";
+import { shortened } from "/static/texts.js";
 
 const MAX_CHARACTERS = 22;
 // Height of its picture, and on the screen [px].
@@ -7,7 +8,7 @@ const HEIGHT_PX = 40, SHOWN_PX = 20;
 
 // color: of the plate. Names may be of any script; they are drawn, never interpreted.
 export function textSprite(text, color = "#20262c") {
-  const short = [...text].length > MAX_CHARACTERS ? `${[...text].slice(0, MAX_CHARACTERS - 1).join("")}\u2026` : text;
+  const short = shortened(text, MAX_CHARACTERS);
   const canvas = document.createElement("canvas");
   const context = canvas.getContext("2d");
   const font = "600 26px sans-serif";

@@ -1,13 +1,24 @@
 // Looks back: pause, a timeline of the last half hour or of a recording, playing it, and films of a span.
-import { call, Floor, live, readFrame } from "/static/live.js";
+import { call, live } from "/static/live.js";
+import { clockText, failure, pastFloors } from "/static/past.js";
+import { rememberView, sharedView } from "/static/shared_view.js";
 
 // Interval between pictures while the past is played [ms].
 const PLAY_MS = 100;
-const MARKS = { collision: "\u2715", stop: "\u25a0", mission: "\u25c6", server: "\u25b2", channel: "\u25b2" };
+const MARKS = {
+  collision: "\u2715", stop: "\u25a0", mission: "\u25c6", program: "\u25b8", server: "\u25b2", channel: "\u25b2",
+};
+const LEGEND = Object.entries({
+  collision: "collision", stop: "stop", mission: "mission begins or ends", program: "program starts or ends",
+  server: "server or channel",
+});
 
 export default {
-  props: { floor: String, happenings: Array },
-  emits: ["show"],
+  // floor: that of films, "" for none; floors: those that are shown.
+  props: { floor: String, floors: Array, happenings: Array },
+  // show: {isLive: true}, or of the past {isLive: false, at, recording} with `floors`, the names of a recording's
+  // floors, or `seen`, floors by name as they were. look: an event whose mark was pressed.
+  emits: ["show", "look"],
   template: `
     <div class="time-bar" role="group" aria-label="Look back">
       <div class="time-row">
@@ -19,14 +30,20 @@ export default {
         <q-btn dense flat round icon="forward_10" aria-label="10 s ahead" title="10 s ahead" :disable="isLive"
                @click="seek(at + 10)" />
         <select v-model.number="speed" aria-label="Speed" title="Speed">
-          <option :value="1">1x</option><option :value="4">4x</option><option :value="20">20x</option>
+          <option :value="1">replay 1x</option><option :value="4">4x</option><option :value="20">20x</option>
         </select>
+        <span class="time-begin" title="One can look back to here">{{ to > 1 ? clock(from) : "" }}</span>
         <div class="time-line">
           <div class="time-marks" aria-hidden="true">
-            <span v-for="mark in marks" :key="mark.at + ' ' + mark.number" :class="'is-' + mark.kind" :style="{ left: mark.left + '%' }"
-                  :title="mark.text">{{ mark.sign }}</span>
+            <span v-for="mark in marks" :key="mark.at + ' ' + mark.number" :class="'is-' + mark.kind"
+                  :style="{ left: mark.left + '%' }" :title="mark.title" @click="$emit('look', mark)">
+              {{ mark.sign }}</span>
           </div>
-          <input type="range" :min="from" :max="to" step="0.1" :value="at" aria-label="Time" :aria-valuetext="text"
+          <div v-if="marks.length" class="time-legend" aria-hidden="true">
+            <span v-for="[kind, words] in legend" :key="kind" :class="'is-' + kind">
+              <b>{{ signs[kind] }}</b> {{ words }}</span>
+          </div>
+          <input type="range" :min="from" :max="to" step="1" :value="at" aria-label="Time" :aria-valuetext="text"
                  @input="seek(Number($event.target.value))">
         </div>
         <span class="time-text">{{ text }}</span>
@@ -38,10 +55,10 @@ export default {
                :loading="isOpening"
                @click="$refs.file.click()" />
         <input ref="file" type="file" accept=".mcap" hidden @change="open">
-        <q-btn dense flat round icon="movie" aria-label="Film" title="Make a film" :aria-expanded="isFilming"
-               @click="isFilming = !isFilming; error = ''" />
+        <q-btn v-if="floor" dense flat round icon="movie" aria-label="Film" title="Make a film"
+               :aria-expanded="isFilming" @click="isFilming = !isFilming; error = ''" />
       </div>
-      <div v-if="isFilming" class="time-row">
+      <div v-if="isFilming && floor" class="time-row">
         <span>Film of {{ floor }} from</span>
         <q-btn dense outline no-caps :label="clock(begin)" title="Begin at the shown time" @click="begin = at" />
         <span>to</span>
@@ -59,6 +76,7 @@ export default {
     </div>`,
   data() {
     return {
+      signs: MARKS, legend: LEGEND,
       isLive: true, isPlaying: false, at: 0, from: 0, to: 1, now: 0, speed: 1, recording: "", recordings: [],
         isOpening: false,
       error: "", lost: "", isFilming: false, begin: 0, end: 0, filmSpeed: 1, film: null,
@@ -77,12 +95,13 @@ export default {
       if (this.recording || this.to <= this.from) return [];
       return this.happenings.filter((each) => MARKS[each.kind] && each.at >= this.from).slice(-300).map((each) => ({
         ...each, sign: MARKS[each.kind], left: (100 * (each.at - this.from)) / (this.to - this.from),
+        title: `${this.clock(each.at)} ${each.text}`,
       }));
     },
   },
   watch: {
-    floor() {
-      if (!this.isLive) this.load();
+    floors(names, before) {
+      if (!this.isLive && names.join("\n") !== before.join("\n")) this.load();
     },
     isFilming() {
       if (this.isFilming && !this.end) [this.begin, this.end] = [Math.max(this.from, this.at - 30), this.at];
@@ -96,15 +115,16 @@ export default {
       }
       [this.from, this.to] = [this.begin, this.end] = chosen.past;
       this.isPlaying = false;
-      this.$emit("show", { isLive: false, floors: chosen.floors, recording: chosen.key, at: this.from });
-      this.seek(this.from);
+      const at = this.kept ?? this.from;
+      this.kept = undefined;
+      this.$emit("show", { isLive: false, floors: chosen.floors, recording: chosen.key, at });
+      this.seek(at);
     },
   },
   mounted() {
-    this.past = new Floor("");
     this.unlisten = live.listen((kind) => kind === "state" && this.news());
     this.timer = setInterval(() => this.play(), PLAY_MS);
-    call("recordings").then((rows) => { this.recordings = rows; }).catch(() => {});
+    this.asked = call("recordings").then((rows) => { this.recordings = rows; }).catch(() => {});
   },
   unmounted() {
     this.unlisten();
@@ -113,7 +133,20 @@ export default {
   },
   methods: {
     clock(at) {
-      return at ? new Date(at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" }) : "-";
+      return at ? clockText(at) : "-";
+    },
+    // Go on with the moment that was looked at on another page; `kept` until it can be shown.
+    async restore() {
+      const { past } = sharedView;
+      if (!past) return;
+      if (past.recording) await this.asked;
+      this.kept = past.at;
+      if (!past.recording) this.news();
+      else if (this.recordings.some((each) => each.key === past.recording)) this.recording = past.recording;
+      else this.goLive();
+    },
+    remember() {
+      rememberView({ past: this.isLive ? null : { at: this.at, recording: this.recording } });
     },
     news() {
       const past = live.state?.past;
@@ -122,13 +155,17 @@ export default {
       if (this.recording) return;
       [this.from, this.to] = past;
       if (this.isLive) this.at = this.to;
+      if (this.kept >= this.from) this.seek(this.kept);
+      else if (this.kept !== undefined) this.goLive();
     },
     goLive() {
+      this.kept = undefined;
       this.isLive = true;
       this.isPlaying = false;
       this.recording = "";
       this.error = this.lost = "";
       this.news();
+      this.remember();
       this.$emit("show", { isLive: true });
     },
     toggle() {
@@ -142,6 +179,7 @@ export default {
     },
     seek(at) {
       this.isLive = false;
+      this.kept = undefined;
       this.at = Math.min(Math.max(at, this.from), this.to);
       this.load();
     },
@@ -155,29 +193,23 @@ export default {
       if (at >= this.to) this.isPlaying = false;
       this.load();
     },
-    // Show the floor at the chosen time; one request at a time, the newest time wins.
+    // Show the floors at the chosen time; one moment at a time, the newest wins.
     async load() {
-      if (this.isLoading || !this.floor) return;
+      this.remember();
+      if (this.isLoading || !this.floors.some(Boolean)) return;
       this.isLoading = true;
+      const wanted = () => JSON.stringify([this.floors, this.at, this.recording]);
       try {
         let loaded;
         do {
-          loaded = `${this.floor} ${this.at} ${this.recording}`;
-          const [floor, at] = [this.floor, this.at];
-          const query = new URLSearchParams({ floor, at, recording: this.recording });
-          const answer = await fetch(`/past?${query}`);
-          if (!answer.ok) throw new Error((await answer.json()).error);
-          const buffer = await answer.arrayBuffer();
+          loaded = wanted();
+          const { at, recording } = this;
+          const { floors, problem } = await pastFloors(this.floors, at, recording);
           if (this.isLive) return;
-          const { header, offset } = readFrame(buffer);
-          this.past.name = floor;
-          this.past.apply(header, buffer, offset);
-          this.lost = "";
-          this.$emit("show", { isLive: false, floor: this.past, at, recording: this.recording });
-        } while (loaded !== `${this.floor} ${this.at} ${this.recording}`);
-      } catch (error) {
-        this.lost = error instanceof TypeError ? "the console does not answer" : error.message;
-        this.isPlaying = false;
+          this.lost = problem;
+          if (problem) this.isPlaying = false;
+          if (floors.size) this.$emit("show", { isLive: false, seen: floors, at, recording });
+        } while (loaded !== wanted());
       } finally {
         this.isLoading = false;
       }
@@ -195,7 +227,7 @@ export default {
         this.recordings = await call("recordings");
         this.recording = content.answer.key;
       } catch (error) {
-        this.error = error instanceof TypeError ? "the console does not answer" : error.message;
+        this.error = failure(error);
       } finally {
         this.isOpening = false;
       }

@@ -1,6 +1,6 @@
 // Connects another robot to the agent, actual or virtual, after a confirmation that names robot and adaptor.
-import { shortened } from "/static/floor_canvas.js";
 import { call } from "/static/live.js";
+import { shortened } from "/static/texts.js";
 
 export const VIRTUAL = "simulated";
 const HINTS = {

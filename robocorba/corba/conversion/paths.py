@@ -11,7 +11,16 @@ from robocorba.corba.conversion.errors import register, register_system, registe
 from robocorba.corba.conversion.maps import element_id, key_of, xy, xy_of
 from robocorba.corba.conversion.structs import STRINGS, Converter, enumeration, sequence, struct_converter
 from robocorba.errors import paths as errors
-from robocorba.planning.request import Criterion, IndexedNames, Path, PathRequest, Place, PointKind, RouteMode
+from robocorba.planning.request import (
+    Criterion,
+    IndexedNames,
+    Path,
+    PathPoint,
+    PathRequest,
+    Place,
+    PointKind,
+    RouteMode,
+)
 from robocorba.stubs import RoboCorba
 
 _POINT_KIND = enumeration(PointKind)
@@ -42,6 +51,14 @@ class _PathPointStruct(NamedTuple):
     distance: float
     time: float
     elevator: str
+
+
+def path_point(value: PathPoint) -> Any:
+    """The PathPoint struct of a point."""
+    kind, node, floor, x, y, heading, distance, time, elevator = value
+    return _PathPointStruct(
+        _POINT_KIND.to_idl(kind), node, _PointStruct(floor, x, y), heading, distance, time, elevator
+    )
 
 
 def path_points(value: Path) -> list[Any]:

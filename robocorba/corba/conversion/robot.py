@@ -14,7 +14,6 @@ from robocorba.corba.conversion.structs import Converter, enumeration, struct_co
 from robocorba.errors import robots as errors
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.motion.robot_state import ActorCommand, RobotState
-from robocorba.planning.request import PathPoint
 from robocorba.programs.report import CheckReport
 from robocorba.stubs import RoboCorba
 
@@ -82,13 +81,6 @@ def agent_state(state: AgentState) -> Any:
 def agent_state_of(struct: Any) -> AgentState:
     state: AgentState = _AGENT_STATE.from_idl(struct)
     return state
-
-
-def path_point(point: PathPoint) -> Any:
-    """A PathPoint struct."""
-    where = RoboCorba.Point(point.floor, point.x, point.y)
-    kind = getattr(RoboCorba, point.kind.name)
-    return RoboCorba.PathPoint(kind, point.node, where, point.heading, point.distance, point.time, point.elevator)
 
 
 def program_check(report: CheckReport) -> Any:

@@ -114,7 +114,11 @@ def areas(floor_areas: Sequence[FloorArea]) -> list[Any]:
 def areas_of(structs: Sequence[Any]) -> list[FloorArea]:
     """Raises InvalidReservation for too many areas or corners, before it converts them."""
     check_sizes([struct.polygon for struct in structs])
-    return [(struct.onFloor, tuple(map(xy_of, struct.polygon))) for struct in structs]
+    return [_area_of(struct) for struct in structs]
+
+
+def _area_of(struct: Any) -> FloorArea:
+    return struct.onFloor, tuple(map(xy_of, struct.polygon))
 
 
 def reservation(value: Reservation | None) -> Any:
@@ -125,8 +129,10 @@ def reservation(value: Reservation | None) -> Any:
 
 
 def reservation_of(struct: Any) -> Reservation | None:
-    if struct.phase == RoboCorba.NO_RESERVATION:
-        return None
+    return None if struct.phase == RoboCorba.NO_RESERVATION else _status_of(struct)
+
+
+def _status_of(struct: Any) -> Reservation:
     granted = struct.phase == RoboCorba.AREAS_GRANTED
     return Reservation(granted, struct.ahead, struct.longestWait, struct.left)
 
@@ -136,10 +142,7 @@ def reserved_areas(value: ReservedAreas) -> Any:
 
 
 def reserved_areas_of(struct: Any) -> ReservedAreas:
-    found = tuple((area.onFloor, tuple(map(xy_of, area.polygon))) for area in struct.areas)
-    state = struct.state
-    granted = state.phase == RoboCorba.AREAS_GRANTED
-    return ReservedAreas(struct.robot, found, Reservation(granted, state.ahead, state.longestWait, state.left))
+    return ReservedAreas(struct.robot, tuple(map(_area_of, struct.areas)), _status_of(struct.state))
 
 
 def posture(value: Posture) -> Any:
@@ -195,6 +198,9 @@ register(errors.UnknownRobot, RoboCorba.UnknownRobot, "name")
 register(errors.UnknownBody, RoboCorba.UnknownBody, "name")
 register(errors.InvalidChoice, RoboCorba.InvalidSetting, "field", "reason")
 register(errors.InvalidMission, RoboCorba.InvalidMission, "field", "reason")
+register_with(
+    errors.NoRoom, RoboCorba.InvalidMission, lambda error: RoboCorba.InvalidMission(error.field, error.reason)
+)
 register(errors.StaleMission, RoboCorba.StaleMission, "name", "expected", "current")
 register(errors.UnknownMission, RoboCorba.UnknownMission, "name")
 register_system(errors.SessionExpired, CORBA.OBJECT_NOT_EXIST)

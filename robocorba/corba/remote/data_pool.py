@@ -61,53 +61,60 @@ class PoolFollower:
 
 
 class RemotePool:
-    """Client of another robot's data pool, a RoboCorba::DataPool. Raises NotReachable if the robot does not answer."""
+    """Client of another robot's data pool, a RoboCorba::DataPool. Raises NotReachable if the robot does not answer.
 
-    def __init__(self, reference: Any) -> None:
-        self._pool = reference
+    what: its name in messages."""
+
+    def __init__(self, reference: Any, what: str = "the robot's data pool") -> None:
+        self._pool, self._what = reference, what
         set_call_timeout(reference, CALL_TIMEOUT_S)
 
-    @classmethod
-    def of_robot(cls, orb: Orb, robot: str, timeout_s: float = 10.0) -> RemotePool:
+    @staticmethod
+    def of_robot(orb: Orb, robot: str, timeout_s: float = 10.0) -> RemotePool:
         """The data pool of the robot of this name; waits up to `timeout_s` for the robot. Raises NotReachable."""
         agent = orb.resolve(f"{ROBOTS}/{robot}", RoboCorba.RobotAgent, timeout_s, CALL_TIMEOUT_S)
-        reference = _answer(agent._get_pool)
-        if reference is None:
-            raise NotReachable(f"{robot} has no data pool")
-        return cls(reference)
+        return RemotePool(pool_of(agent, robot))
 
     @property
     def floor(self) -> str:
         """The floor that its robot is on."""
-        return str(_answer(self._pool._get_floorName))
+        return str(self._answer(self._pool._get_floorName))
 
     @property
     def lag_s(self) -> float:
         """The greatest age of its content [s]."""
-        return float(_answer(self._pool._get_lag))
+        return float(self._answer(self._pool._get_lag))
 
     def content(self) -> FloorUpdate:
         """The whole floor."""
-        return floors.update_of(_answer(self._pool.content))
+        return floors.update_of(self._answer(self._pool.content))
 
     def changes(self, since: int) -> FloorUpdate:
         """What changed since a version; the whole floor if the robot does not remember that version, which may be
         another floor's: versions of different floors don't compare."""
-        return floors.update_of(_answer(self._pool.changes, since))
+        return floors.update_of(self._answer(self._pool.changes, since))
 
     def postures(self, time_s: float) -> list[Posture]:
         """Postures on the floor that were reported after a simulated time [s]."""
-        return [simulation.posture_of(posture) for posture in _answer(self._pool.postures, time_s)]
+        return [simulation.posture_of(posture) for posture in self._answer(self._pool.postures, time_s)]
 
     def plan(self, name: str) -> Plan:
         """Raises UnknownPlan."""
-        return plans.plan_of(_answer(self._pool.plan, name))
+        return plans.plan_of(self._answer(self._pool.plan, name))
 
     def plans(self) -> list[Plan]:
         """Plans of all missions that its robot leads, sorted by name."""
-        return [plans.plan_of(record) for record in _answer(self._pool.plans)]
+        return [plans.plan_of(record) for record in self._answer(self._pool.plans)]
+
+    def _answer(self, call: Callable[..., Any], *arguments: Any) -> Any:
+        with translated(self._what):
+            return call(*arguments)
 
 
-def _answer(call: Callable[..., Any], *arguments: Any) -> Any:
-    with translated("the robot's data pool"):
-        return call(*arguments)
+def pool_of(agent: Any, robot: str) -> Any:
+    """The reference of the data pool of a robot, whose RobotAgent this is. Raises NotReachable."""
+    with translated(f"robot {robot}"):
+        pool = agent._get_pool()
+    if pool is None:
+        raise NotReachable(f"{robot} has no data pool")
+    return pool

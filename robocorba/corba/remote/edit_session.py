@@ -8,16 +8,15 @@ from typing import Any, TypeVar
 
 from omniORB import CORBA
 
-from robocorba.corba.calls import describe, set_call_timeout
+from robocorba.corba.calls import set_call_timeout
 from robocorba.corba.conversion import maps
-from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.remote_object import RemoteObject
+from robocorba.corba.remote.map_editor import RemoteMap
+from robocorba.corba.remote.remote_object import RemoteObject, translated
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.maps import SessionEnded, TransactionClosed
-from robocorba.errors.services import NotReachable
 from robocorba.maps.edits import EditRecord, Finding, MapChange
-from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, FloorMap
+from robocorba.maps.model import Building, Element, ElementKind
 from robocorba.maps.underlays import Underlay
 from robocorba.stubs import RoboCorba
 
@@ -25,8 +24,6 @@ from robocorba.stubs import RoboCorba
 #: that analyse or replace the whole building.
 RESOLVE_TIMEOUT_S, CALL_TIMEOUT_S, LONG_CALL_TIMEOUT_S = 2.0, 5.0, 60.0
 WHAT = "the map editor"
-#: How often the whole building is read again because of an edit in between.
-MAX_READS = 10
 
 Answer = TypeVar("Answer")
 
@@ -53,17 +50,9 @@ class RemoteMapEditor:
         return str(self._editor.call(lambda editor: editor._get_buildingName()))
 
     def building(self) -> tuple[Building, int]:
-        """The whole building and its version. Raises NotReachable if edits never pause for long enough to read it."""
-        for _ in range(MAX_READS):
-            version, name = self.version(), self.building_name()
-            contents = {
-                floor: FloorMap.of(element, {kind: self._by_name(kind, floor) for kind in COLLECTION_OF})
-                for floor, element in self._by_name(ElementKind.FLOOR).items()
-            }
-            elevators = self._by_name(ElementKind.ELEVATOR)
-            if self.version() == version:
-                return Building(name, contents, elevators), version
-        raise NotReachable("the building is being edited too often to be read; try again")
+        """The whole building and its version."""
+        loaded = RemoteMap(self._orb, RESOLVE_TIMEOUT_S, with_topology=True)
+        return loaded.building, loaded.version
 
     def floors(self) -> list[str]:
         """The names of the floors, by level."""
@@ -73,9 +62,6 @@ class RemoteMapEditor:
         """All elements of a kind on a floor, with the version that last changed each. Raises UnknownElement."""
         records = self._editor.call(lambda editor: editor.elements(maps.enumerator_of(kind), floor))
         return [(maps.element_of(record.value), record.changedAt) for record in records]
-
-    def _by_name(self, kind: ElementKind, floor: str = "") -> dict[str, Any]:
-        return {element.name: element for element, _ in self.elements(kind, floor)}
 
     def read(self, kind: ElementKind, floor: str, name: str) -> tuple[Element, int]:
         """An element and the version that last changed it. Raises UnknownElement."""
@@ -140,14 +126,11 @@ class _Reference:
         set_call_timeout(reference, CALL_TIMEOUT_S)
 
     def call(self, operation: Callable[[Any], Answer]) -> Answer:
-        try:
-            return operation(self._reference)
-        except CORBA.UserException as error:
-            raise (domain_error(error) or error) from None
-        except (CORBA.OBJECT_NOT_EXIST, CORBA.OBJ_ADAPTER):
-            raise type(self._ended)(str(self._ended)) from None
-        except CORBA.SystemException as error:
-            raise NotReachable(f"{WHAT} does not answer ({describe(error)})") from None
+        with translated(WHAT):
+            try:
+                return operation(self._reference)
+            except (CORBA.OBJECT_NOT_EXIST, CORBA.OBJ_ADAPTER):
+                raise type(self._ended)(str(self._ended)) from None
 
 
 class RemoteEditSession:

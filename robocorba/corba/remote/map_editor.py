@@ -14,7 +14,7 @@ from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import RemoteObject, translated
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
-from robocorba.maps.model import COLLECTION_OF, KIND_OF, Building, ElementKind, FloorMap, GeometricalMap, TopologicalMap
+from robocorba.maps.model import COLLECTION_OF, KIND_OF, Building, ElementKind, FloorMap, GeometricalMap
 from robocorba.stubs import RoboCorba
 
 #: Default timeout to resolve the map editor [s]. An editor that compiles for the first time starts slowly; the
@@ -60,22 +60,16 @@ class RemoteMap:
         try:
             self.version: int = self._editor._get_currentVersion()
             name = self._editor._get_buildingName()
-            floors = {}
-            for floor, element in _elements(self._editor, ElementKind.FLOOR).items():
-                layers: dict[str, dict[str, Any]] = {"geometrical": {}, "topological": {}}
-                for kind, (layer, collection) in COLLECTION_OF.items():
-                    if kind not in self._omitted:
-                        layers[layer][collection] = _elements(self._editor, kind, floor)
-                geometrical, topological = (
-                    GeometricalMap(**layers["geometrical"]),
-                    TopologicalMap(**layers["topological"]),
-                )
-                floors[floor] = FloorMap(element, geometrical, topological)
+            kinds = [kind for kind in COLLECTION_OF if kind not in self._omitted]
+            floors = {
+                floor: FloorMap.of(element, {kind: _elements(self._editor, kind, floor) for kind in kinds})
+                for floor, element in _elements(self._editor, ElementKind.FLOOR).items()
+            }
             self.building = Building(name, floors, _elements(self._editor, ElementKind.ELEVATOR))
+            with contextlib.suppress(RoboCorba.VersionUnavailable):
+                self._apply_changes()  # edits during loading
         except CORBA.Exception as error:
             raise NotReachable(f"the map can't be loaded from the map editor ({describe(error)})") from None
-        with contextlib.suppress(RoboCorba.VersionUnavailable):
-            self._apply_changes()  # edits during loading
 
     def _apply_changes(self) -> None:
         building, version = self.building, self.version

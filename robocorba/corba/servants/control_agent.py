@@ -6,16 +6,14 @@ from typing import Any, Protocol
 
 from robocorba.control import model_switcher
 from robocorba.control.agent import ControlAgent
-from robocorba.corba.conversion import robot
+from robocorba.corba.conversion import paths, robot
 from robocorba.corba.conversion.errors import translating
 from robocorba.errors.robots import InvalidProgram
 from robocorba.errors.services import NotReachable
 from robocorba.programs import program
 from robocorba.programs.report import report_of
+from robocorba.simulation.store import MAX_MISSION_NAME
 from robocorba.stubs import RoboCorba__POA
-
-#: Maximum length of a mission's name [characters].
-MAX_MISSION_NAME = 200
 
 
 class Missions(Protocol):
@@ -52,7 +50,7 @@ class RobotAgentServant(RoboCorba__POA.RobotAgent):
         return self._channel
 
     def _get_path(self) -> list[Any]:
-        return [robot.path_point(point) for point in self._agent.path]
+        return [paths.path_point(point) for point in self._agent.path]
 
     def _get_mission(self) -> str:
         return self._missions.mission

@@ -18,13 +18,16 @@ WRITTEN = ("native", "openrmf", "ros", "nav2")
 __all__ = ["WRITTEN", "Exported", "Imported", "read_map", "write_map"]
 
 
-def read_map(path: str | Path, *, unknown: str = "blocked", specks: str = "walls") -> Imported:
+def read_map(
+    path: str | Path, *, unknown: str = "blocked", specks: str = "walls", absolute_paths: bool = True
+) -> Imported:
     """Read a native map, an Open-RMF building.yaml, a ROS map_server YAML or a list of ROS maps.
 
     The options are for ROS maps. `unknown` cells count as "blocked" or "free". `specks` of 0.05 m
-    or less: "keep" them, or remove those beside "walls", or "all".
+    or less: "keep" them, or remove those beside "walls", or "all". Without `absolute_paths` the map
+    can name files in its folder or below only: for maps of others, who must not read any file.
     Raises MapFileError with file, line, key and reason if the file is invalid or of another format."""
-    options = ros_map.RosOptions(unknown, specks)
+    options = ros_map.RosOptions(unknown, specks, absolute_paths)
     options.check(str(path))
     file = read_yaml(path)
     if native.is_native(file.data):

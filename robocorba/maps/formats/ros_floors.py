@@ -7,7 +7,6 @@ pictures, which show a shaft's walls, and its doors in the state during mapping.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -125,7 +124,7 @@ def _floor_map(
 ) -> FloorMap:
     """The floor at `index` of the list, from its map_server file."""
     named = Item(file, f"$.floors[{index}].map", file.data["floors"][index]["map"])
-    path = named_file(named, Path(file.name).parent, "a map_server file")
+    path = named_file(named, "a map_server file", options.absolute_paths)
     if not path.is_file():
         raise named.error("there is no file of that name")
     map_file = read_yaml(path)
@@ -134,7 +133,7 @@ def _floor_map(
     root = Item(map_file, "$", map_file.data)
     floor_losses = Losses()
     settings = read_settings(root)
-    cells = read_cells(root, settings, options.unknown == "free", floor_losses)
+    cells = read_cells(root, settings, options.unknown == "free", options.absolute_paths, floor_losses)
     for i, elevator in enumerate(elevators.values()):
         if floor.name in elevator.floors():
             _clear_shaft(

@@ -46,10 +46,12 @@ _SLACK = 1e-9
 
 
 class RosOptions(NamedTuple):
-    """Options for reading pictures: `unknown` is one of UNKNOWN_AS, `specks` one of SPECKS."""
+    """Options for reading pictures: `unknown` is one of UNKNOWN_AS, `specks` one of SPECKS, `absolute_paths` whether
+    the map may name files outside of its folder."""
 
     unknown: str = "blocked"
     specks: str = "walls"
+    absolute_paths: bool = True
 
     def check(self, path: str) -> None:
         """Raise MapFileError if a value is not supported."""
@@ -68,7 +70,7 @@ def read(file: YamlFile, options: RosOptions) -> Imported:
     losses = Losses()
     root = Item(file, "$", file.data)
     settings = read_settings(root)
-    cells = read_cells(root, settings, options.unknown == "free", losses)
+    cells = read_cells(root, settings, options.unknown == "free", options.absolute_paths, losses)
     name = "".join(letter if letter.isprintable() and letter not in ":/" else "_" for letter in Path(file.name).stem)
     floor = Floor(name=name[:80] or "map", level=0, elevation=0.0)
     entry = floor_map(floor, cells, settings, options, root.need("image"), losses)

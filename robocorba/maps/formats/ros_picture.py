@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-import warnings
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from robocorba.maps.formats.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN
 from robocorba.maps.formats.yaml_item import Item
 from robocorba.maps.geometry import to_floor_frame
 from robocorba.maps.losses import Losses
+from robocorba.maps.pictures import open_picture
 from robocorba.spatial.pose import XY
 
 #: Default thresholds: those of ROS 1, for which a grey of 205 is neither free nor occupied.
@@ -84,13 +84,15 @@ def read_settings(root: Item) -> MapServerSettings:
     )
 
 
-def read_cells(root: Item, settings: MapServerSettings, unknown_is_free: bool, losses: Losses) -> np.ndarray:
+def read_cells(
+    root: Item, settings: MapServerSettings, unknown_is_free: bool, absolute_paths: bool, losses: Losses
+) -> np.ndarray:
     """FREE, OCCUPIED or UNKNOWN for each cell of the picture. Raises MapFileError with line and key.
 
     In mode trinary, cells of UNKNOWN_SHADE are unknown regardless of the thresholds.
-    `unknown_is_free` makes all unknown cells free."""
+    `unknown_is_free` makes all unknown cells free. `absolute_paths`: as of `named_file`."""
     image = root.need("image")
-    picture = _picture(image, Path(image.file.name).parent)
+    picture = _picture(named_file(image, "a picture", absolute_paths), image)
     rows, columns = picture.shape[:2]
     corners = settings.to_map_frame(np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]))
     if any(abs(value) > MAX_NUMBER for corner in corners for value in corner):
@@ -111,19 +113,16 @@ def read_cells(root: Item, settings: MapServerSettings, unknown_is_free: bool, l
     return cells
 
 
-def _picture(item: Item, folder: Path) -> np.ndarray:
+def _picture(path: Path, item: Item) -> np.ndarray:
     """The picture as rows x columns x channels of 8 or 16 bits. An opacity channel is the last one."""
-    path = named_file(item, folder, "a picture")
     try:
         if not path.is_file():
             raise item.error("there is no picture of that name")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            with Image.open(path, formats=("PPM", "PNG", "BMP")) as picture:
-                columns, rows = picture.size
-                if columns * rows > MAX_CELLS:
-                    raise item.error(f"{columns} x {rows} cells are too many, at most {MAX_CELLS} can be read")
-                return _channels(picture)
+        with open_picture(path, ("PPM", "PNG", "BMP")) as picture:
+            columns, rows = picture.size
+            if columns * rows > MAX_CELLS:
+                raise item.error(f"{columns} x {rows} cells are too many, at most {MAX_CELLS} can be read")
+            return _channels(picture)
     except Image.DecompressionBombError:
         raise item.error(f"too many cells, at most {MAX_CELLS} can be read") from None
     except _IMAGE_ERRORS as error:
@@ -131,14 +130,16 @@ def _picture(item: Item, folder: Path) -> np.ndarray:
         raise item.error(f"unreadable picture: {reason or 'unknown format or damaged'}") from None
 
 
-def named_file(item: Item, folder: Path, what: str) -> Path:
-    """The file that a value names: in `folder` or below, or an absolute path. Raises MapFileError if it is neither."""
+def named_file(item: Item, what: str, absolute_paths: bool) -> Path:
+    """The file that a value names: in the folder of its own file or below, or with `absolute_paths` anywhere by an
+    absolute path. Raises MapFileError for any other name."""
     if not isinstance(item.value, str) or not item.value:
         raise item.error(f"expected the name of {what}")
     named = Path(item.text())
-    if ".." in named.parts:
-        raise item.error(f"{what} must lie in the folder of the file or below, or have an absolute path")
-    return folder / named
+    if ".." in named.parts or (named.is_absolute() and not absolute_paths):
+        where = "in the folder of the file or below" + (", or have an absolute path" if absolute_paths else "")
+        raise item.error(f"{what} must lie {where}, not at {item.text()[:200]!r}")
+    return Path(item.file.name).parent / named
 
 
 def _channels(picture: Image.Image) -> np.ndarray:

@@ -81,7 +81,7 @@ def topological_map(
 def _free_space(building: Building, floor: str, radius_m: float) -> BaseGeometry:
     """The free space of a floor, without the shafts that do not serve it."""
     space = geometry.free_space(building, floor, radius_m)
-    closed = [geometry.shaft_polygon(e) for e in building.elevators.values() if floor not in e.floors()]
+    closed = [geometry.shaft_polygon(e) for e in building.elevators_through(floor) if floor not in e.floors()]
     if closed:
         space = space.difference(shapely.union_all(closed))
     shapely.prepare(space)

@@ -1,0 +1,89 @@
+"""Temporary obstacles of a path request, which are not on the map, and errors that name them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import shapely
+
+from robocorba.errors.paths import Blocker, NoPath, NotFree, PathError
+from robocorba.maps.polygons import FloorArea
+from robocorba.planning.request import Path, PathRequest
+from robocorba.spatial.pose import XY
+
+#: How the path planning agent names the forbidden areas of a request, which it counts from 0.
+_AREA = re.compile(r"(?:object )?forbidden area (\d+)'*")
+
+
+class TemporaryObstacles(NamedTuple):
+    """Fields of a PathRequest: polygons on floors [m], and floors whose movable objects are all among the polygons, so
+    that the planner ignores these objects' places on the map. names: of the object or robot of each polygon."""
+
+    forbidden_areas: tuple[FloorArea, ...] = ()
+    without_movables: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+
+    def without(self, name: str) -> TemporaryObstacles:
+        """These obstacles without one of them, whose place is unknown; without all if `name` is empty."""
+        kept = [i for i, other in enumerate(self.names) if name and other != name]
+        areas, names = tuple(self.forbidden_areas[i] for i in kept), tuple(self.names[i] for i in kept)
+        return TemporaryObstacles(areas, self.without_movables, names)
+
+    def added_to(self, request: PathRequest) -> PathRequest:
+        """The request for a path around these obstacles."""
+        return request._replace(forbidden_areas=self.forbidden_areas, without_movables=self.without_movables)
+
+    def near_line(self, floor: str, points: Sequence[XY], radius_m: float) -> list[str]:
+        """Names of the obstacles on a floor that a robot of this radius touches on a line [m] through the points."""
+        line = shapely.LineString([*points, points[-1]])
+        return [
+            name
+            for name, (where, corners) in zip(self.names, self.forbidden_areas, strict=True)
+            if where == floor and shapely.Polygon(corners).distance(line) < radius_m
+        ]
+
+    def explained(
+        self, error: PathError, request: PathRequest, find_paths: Callable[[PathRequest], Sequence[Path]]
+    ) -> PathError:
+        """The planner's error for a request with these obstacles, with their names in place of their numbers.
+
+        If there is a path without them, NoPath names those that block it; `find_paths` asks the planner for it."""
+        if isinstance(error, NotFree):
+            if (name := self._name_of(error.obstacle)) is None:
+                return error
+            obstacle = f"{name}, which stands there now"
+            return NotFree(error.which, error.floor, error.x, error.y, obstacle, error.clearance_m, error.required_m)
+        if not isinstance(error, NoPath) or not self.names:
+            return error
+        names = [self._name_of(blocker.name) for blocker in error.blockers]
+        if not any(names):
+            found = self._in_the_way(request, find_paths)
+            return NoPath(f"no path for a robot of radius {request.radius:g} m", found) if found else error
+        blockers = [
+            Blocker(blocker.kind, blocker.floor, name, f"{blocker.reason}, where it stands now") if name else blocker
+            for blocker, name in zip(error.blockers, names, strict=True)
+        ]
+        return NoPath(error.reason, blockers)
+
+    def _name_of(self, obstacle: str) -> str | None:
+        found = _AREA.fullmatch(obstacle)
+        return self.names[int(found[1])] if found and int(found[1]) < len(self.names) else None
+
+    def _in_the_way(self, request: PathRequest, find_paths: Callable[[PathRequest], Sequence[Path]]) -> list[Blocker]:
+        """The obstacles on the path that there would be without any."""
+        try:
+            free = find_paths(self._replace(forbidden_areas=()).added_to(request))[0]
+        except PathError:
+            return []
+        found: dict[tuple[str, str], Blocker] = {}
+        for here, there in pairwise(free.points):
+            if here.floor == there.floor:
+                for name in self.near_line(here.floor, [(here.x, here.y), (there.x, there.y)], request.radius):
+                    found[here.floor, name] = Blocker("object", here.floor, name, "stands in the way now")
+        return list(found.values())
+
+
+NO_OBSTACLES = TemporaryObstacles()
