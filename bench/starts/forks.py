@@ -44,7 +44,10 @@ ROBOTS = (
 CIRCLE, DRIVE_S = (0.2, 0.0, 0.2 / 1.5), 3600.0
 #: Forks before the first count.
 FIRST_FORKS = 20
+#: Connections and threads of `robocorba up` that come and go: more than these are leaked.
+PASSING = 5
 RESTART_LIMIT_S = 60.0
+UP = "robocorba up"
 
 
 def count(system: System) -> dict[str, dict[str, int]]:
@@ -52,7 +55,7 @@ def count(system: System) -> dict[str, dict[str, int]]:
     known = {row.pid for row in system.running.record().processes}
     up, *below = system.processes
     found = {}
-    for name, process in (("robocorba up", up), *(("warm parent", one) for one in below if one.pid not in known)):
+    for name, process in ((UP, up), *(("warm parent", one) for one in below if one.pid not in known)):
         zombies = [child for child in process.children() if child.status() == psutil.STATUS_ZOMBIE]
         counted = {"descriptors": process.num_fds(), "threads": process.num_threads(), "zombies": len(zombies)}
         found[name] = counted
@@ -67,6 +70,10 @@ def kill(system: System, server: str) -> float:
         lambda: system.running.pid(server) not in (0, pid) and system.is_running(server), RESTART_LIMIT_S, server
     )
     return time.monotonic() - began
+
+
+def _allowed(process: str, what: str) -> int:
+    return PASSING if process == UP and what != "zombies" else 0
 
 
 @contextlib.contextmanager
@@ -107,7 +114,7 @@ def measure(forks: int = 200) -> bool:
         for when, counted in (("before", before), (f"after {forks} forks", after))
     ]
     marks = [
-        at_most(f"{process}: more {what}", after[process][what] - number, 0)
+        at_most(f"{process}: more {what}", after[process][what] - number, _allowed(process, what))
         for process, counted in before.items()
         for what, number in counted.items()
     ]

@@ -110,8 +110,9 @@ class System:
         try:
             # Servers need the naming service, and the console needs both: each group ends before those that it needs.
             for group in filter(None, ([names], servers, consoles)):
-                # The warm parent loads for one after the other: the lightest, at the end, serves while others load.
-                started.append([asyncio.create_task(process.supervise()) for process in reversed(group)])
+                # The warm parent loads for one after the other. The first one, the map editor, takes longest to serve,
+                # and others wait for it: it does so while the others are loaded.
+                started.append([asyncio.create_task(process.supervise()) for process in group])
                 await _first(asyncio.create_task(_all_ready(group)), stop, *chain.from_iterable(started))
                 if stop.done():
                     return
