@@ -109,9 +109,9 @@ class System:
         started: list[list[asyncio.Task[None]]] = []
         try:
             # Servers need the naming service, and the console needs both: each group ends before those that it needs.
-            for group in filter(None, ([names], servers, consoles)):
-                # The warm parent loads for one after the other. The first one, the map editor, takes longest to serve,
-                # and others wait for it: it does so while the others are loaded.
+            # The warm parent loads for one server after the other, so that those which others need come first.
+            ordered = [servers[index] for index in _start_order(self.servers)]
+            for group in filter(None, ([names], ordered, consoles)):
                 started.append([asyncio.create_task(process.supervise()) for process in group])
                 await _first(asyncio.create_task(_all_ready(group)), stop, *chain.from_iterable(started))
                 if stop.done():
@@ -188,6 +188,11 @@ class System:
             endpoint=endpoint,
             names=tuple(f"{CONTEXT}/{bound}" for bound in server.objects),
         )
+
+
+def _start_order(servers: Sequence[Server]) -> list[int]:
+    """Indices of servers in the order of their starts: else as listed."""
+    return sorted(range(len(servers)), key=lambda index: not servers[index].starts_first)
 
 
 def _row(process: Supervised) -> ProcessRecord:
