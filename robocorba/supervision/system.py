@@ -111,6 +111,8 @@ class System:
             # Servers need the naming service, and the console needs both: each group ends before those that it needs.
             # The warm parent loads for one server after the other, so that those which others need come first.
             ordered = [servers[index] for index in _start_order(self.servers)]
+            for first in ordered[:1]:  # while the naming service starts
+                starter.prepare(first.spec.command)
             for group in filter(None, ([names], ordered, consoles)):
                 started.append([asyncio.create_task(process.supervise()) for process in group])
                 await _first(asyncio.create_task(_all_ready(group)), stop, *chain.from_iterable(started))
