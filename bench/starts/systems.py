@@ -38,35 +38,45 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Version:
-    """A version of RoboCorba. source: the folder that is first on the import path of its processes."""
+    """A version of RoboCorba. source: the folder that is first on the import path of its processes. cache: of compiled
+    kernels, which stay for the next run; versions do not share one, since each may remove what it does not know."""
 
     name: str
     source: Path
+    cache: Path
 
 
 def versions(base: str) -> list[Version]:
     """This checkout, and beside it a commit, unless `base` is empty. Raises ProcessFailed."""
-    ours = Version(OURS, ROOT)
-    return [ours, Version(base, _checked_out(base))] if base else [ours]
+    ours = Version(OURS, ROOT, _lasting_folder(OURS))
+    return [ours, _checked_out(base)] if base else [ours]
 
 
-def _checked_out(commit: str) -> Path:
-    """A folder with the files of a commit and its stubs.
+def _lasting_folder(name: str) -> Path:
+    """A folder that stays for the next run."""
+    folder = Path(tempfile.gettempdir()) / f"robocorba-bench-{os.getuid()}" / name
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
-    The folder stays for the next run, and files are as old as the commit, so that its compiled kernels stay valid."""
+
+def _checked_out(commit: str) -> Version:
+    """The version of a commit, with its files and stubs in a folder.
+
+    Files are as old as the commit, and stay where they are, so that its compiled kernels stay valid."""
     found = subprocess.run(
         ["git", "rev-parse", "--verify", f"{commit}^{{commit}}"], cwd=ROOT, capture_output=True, text=True
     )
     if found.returncode:
         raise ProcessFailed(f"{commit} is no commit of this repository: {found.stderr.strip()}")
-    folder = Path(tempfile.gettempdir()) / f"robocorba-bench-{os.getuid()}-{found.stdout.strip()}"
+    lasting = _lasting_folder(found.stdout.strip())
+    folder = lasting / "source"
     if not (folder / "robocorba" / "stubs").is_dir():
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
         with subprocess.Popen(["git", "archive", found.stdout.strip()], cwd=ROOT, stdout=subprocess.PIPE) as archive:
             subprocess.run(["tar", "-x"], cwd=folder, stdin=archive.stdout, check=True)
         subprocess.run([sys.executable, "idl/make_stubs.py", "robocorba/stubs"], cwd=folder, check=True)
-    return folder
+    return Version(commit, folder, lasting / "cache")
 
 
 class System:
@@ -100,10 +110,11 @@ class System:
 
 @contextlib.contextmanager
 def system(version: Version, state: Path, *options: str, **environment: str) -> Iterator[System]:
-    """A system that has just become ready. environment: added to that of this process."""
+    """A system that has just become ready. environment: added to that of this process and of its version."""
     state.mkdir(parents=True, exist_ok=True)
     with claimed_ports() as port, Launcher(state.parent) as launch:
-        start = functools.partial(launch, PYTHONPATH=str(version.source), **environment)
+        own = {"PYTHONPATH": str(version.source), "XDG_CACHE_HOME": str(version.cache)}
+        start = functools.partial(launch, **{**own, **environment})
         running = real_system(start, state, port, *options)
         try:
             yield System(version, running.wait_ready(), launch)
