@@ -41,7 +41,12 @@ def stopped(system: System, calls: Client, server: str, seconds: float) -> dict[
         away_s = calls.away_s(began, time.monotonic())
     eventually(lambda: system.is_running(server), LIMIT_S, f"{server} that runs")
     was_killed = system.running.pid(server) != process.pid
-    return {"server": server, "version": system.version.name, "away, s": away_s, "restarted": "yes" if was_killed else "no"}
+    return {
+        "server": server,
+        "version": system.version.name,
+        "away, s": away_s,
+        "restarted": "yes" if was_killed else "no",
+    }
 
 
 def measure(seconds: float = 60.0, only: str = "", base: str = BASE) -> bool:
