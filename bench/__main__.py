@@ -15,6 +15,7 @@ BENCHES = {
     "robots": ("kinematics", "virtual_and_actual", "control", "stops"),
     "missions": ("carry", "network", "many", "chaos"),
     "console": ("viewers", "returns"),
+    "starts": ("ready", "kills", "memory", "forks"),
 }
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -8,7 +8,7 @@ from robocorba import logs
 from robocorba.corba.orb import Orb
 from robocorba.corba.servants.map_editor import MapEditorServant
 from robocorba.corba.servants.path_planner import PathPlannerServant
-from robocorba.maps.formats.initial_building import open_store
+from robocorba.initial_building import open_store
 from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner

@@ -46,12 +46,13 @@ class Probe:
 class Server:
     """A server process: `python -m module` with the arguments of settings.ServerSettings and its own.
 
-    objects: the names that it binds."""
+    objects: the names that it binds. starts_first: before those without it, since they call it when they start."""
 
     name: str
     module: str
     objects: Mapping[str, Probe]
     arguments: tuple[str, ...] = ()
+    starts_first: bool = False
 
 
 _MAP_EDITOR = {
@@ -95,4 +96,5 @@ def _sensor(name: str) -> Server:
 def _channel(name: str, subnets: Sequence[str]) -> Server:
     peers = [argument for peer in subnets if peer != name for argument in ("--peer", peer)]
     objects = {f"{CHANNELS}/{name}": _CHANNEL}
-    return Server(f"events_{name}", "robocorba.servers.event_channel", objects, ("--name", name, *peers))
+    arguments = ("--name", name, *peers)
+    return Server(f"events_{name}", "robocorba.servers.event_channel", objects, arguments, starts_first=True)

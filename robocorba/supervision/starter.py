@@ -60,6 +60,11 @@ class Starter:
         self._children = Children()
         self._warm = _WarmParent(self)
 
+    def prepare(self, command: Sequence[str] | ModuleRun) -> None:
+        """Let the warm parent load the module of a command in the background, before it is started."""
+        if isinstance(command, ModuleRun):
+            self._warm.prepare(command)
+
     async def start(self, command: Sequence[str] | ModuleRun, cwd: Path, output: int) -> Child:
         """Start a command in a folder, with its stdout and stderr to a descriptor. Raises StartFailed."""
         if not isinstance(command, ModuleRun):
@@ -116,6 +121,10 @@ class _WarmParent:
         self._failures = 0
         self._is_closed = False
 
+    def prepare(self, module: ModuleRun) -> None:
+        """Load a module in the background."""
+        self._tasks.append(asyncio.create_task(self._load(module)))
+
     async def fork(self, module: ModuleRun, cwd: Path, output: int) -> int:
         """The process id of a new process. Raises StartFailed."""
         request = {"module": module.name, "arguments": module.arguments, "cwd": str(cwd), "title": module.title}
@@ -126,14 +135,18 @@ class _WarmParent:
 
     async def close(self) -> None:
         self._is_closed = True
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
         if self._process:
             self._process.send_signal(signal.SIGKILL)
             await self._process.wait()
         if self._channel:
             self._channel.close()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _load(self, module: ModuleRun) -> None:
+        with contextlib.suppress(StartFailed):  # the start of the module fails too, and reports it
+            await self._ask({"module": module.name})
 
     async def _ask(self, request: dict[str, Any], descriptors: Sequence[int] = ()) -> dict[str, Any]:
         """The answer to a request. Raises StartFailed."""

@@ -109,9 +109,12 @@ class System:
         started: list[list[asyncio.Task[None]]] = []
         try:
             # Servers need the naming service, and the console needs both: each group ends before those that it needs.
-            for group in filter(None, ([names], servers, consoles)):
-                # The warm parent loads for one after the other: the lightest, at the end, serves while others load.
-                started.append([asyncio.create_task(process.supervise()) for process in reversed(group)])
+            # The warm parent loads for one server after the other, so that those which others need come first.
+            ordered = [servers[index] for index in _start_order(self.servers)]
+            for first in ordered[:1]:  # while the naming service starts
+                starter.prepare(first.spec.command)
+            for group in filter(None, ([names], ordered, consoles)):
+                started.append([asyncio.create_task(process.supervise()) for process in group])
                 await _first(asyncio.create_task(_all_ready(group)), stop, *chain.from_iterable(started))
                 if stop.done():
                     return
@@ -187,6 +190,11 @@ class System:
             endpoint=endpoint,
             names=tuple(f"{CONTEXT}/{bound}" for bound in server.objects),
         )
+
+
+def _start_order(servers: Sequence[Server]) -> list[int]:
+    """Indices of servers in the order of their starts: else as listed."""
+    return sorted(range(len(servers)), key=lambda index: not servers[index].starts_first)
 
 
 def _row(process: Supervised) -> ProcessRecord:

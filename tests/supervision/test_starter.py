@@ -109,6 +109,38 @@ def test_a_fork_is_as_if_started_alone(run: Run, tmp_path: Path) -> None:
     run(test)
 
 
+def test_a_module_is_loaded_in_advance(run: Run) -> None:
+    async def test(place: Place) -> None:
+        place.starter.prepare(ModuleRun(PROGRAM))
+        _, seen = await place.look()
+        assert seen["preloaded_in"] == [place.warm_parent.pid]
+
+    run(test)
+
+
+def test_a_module_that_is_missing_is_reported_by_its_start(run: Run) -> None:
+    async def test(place: Place) -> None:
+        missing = ModuleRun("tests.supervision.missing")
+        place.starter.prepare(missing)
+        with pytest.raises(StartFailed, match=missing.name):
+            await place.starter.start(missing, place.folder, 1)
+        await place.look()
+
+    run(test)
+
+
+def test_an_end_while_a_module_is_loaded_leaves_nothing(run: Run) -> None:
+    async def test(place: Place) -> None:
+        child, _ = await place.look("ends")
+        await child.wait()
+        place.starter.prepare(ModuleRun("tests.supervision.forked_slowly"))
+        await asyncio.sleep(0)
+        await place.close()
+        assert children() == []
+
+    run(test)
+
+
 def test_forks_have_random_numbers_of_their_own_and_their_exit_codes(run: Run) -> None:
     async def test(place: Place) -> None:
         looks = [await place.look("ends") for _ in range(3)]

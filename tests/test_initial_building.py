@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from robocorba.initial_building import open_store
 from robocorba.maps import native
-from robocorba.maps.formats.initial_building import open_store
 from robocorba.testing.buildings import two_floors
 
 
