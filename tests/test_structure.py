@@ -34,6 +34,9 @@ DOMAIN = {
 COMMON = {
     "robocorba.__version__",
     "robocorba.backoff",
+    "robocorba.kernel_cache",
+    "robocorba.kernel_digests",
+    "robocorba.kernel_store",
     "robocorba.kernels",
     "robocorba.record_file",
     "robocorba.repeating",
@@ -50,7 +53,7 @@ CORBA = {"omniORB", "CosNaming", "CosEventComm", "CosEventChannelAdmin", "CORBA"
 #: The package imports none of the programs that are built from it.
 PROGRAMS = {"servers", "clients", "robocorba.servers", "robocorba.clients", "bench", "tests"}
 #: Where the environment is read: our variables, and numba's own. Processes of tests inherit theirs.
-ENVIRONMENT_IN = ("robocorba/settings.py", "robocorba/kernels.py", "robocorba/testing/")
+ENVIRONMENT_IN = ("robocorba/settings.py", "robocorba/kernel_store.py", "robocorba/testing/")
 
 
 def faults(path: str, text: str) -> list[str]:

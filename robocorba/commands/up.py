@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from robocorba.commands.compiling import compile_with_progress
 from robocorba.commands.options import State
 from robocorba.commands.reporting import reporting
 from robocorba.console.settings import DEFAULT_PORT, check_installed
@@ -103,8 +104,11 @@ def _console_address(port: int) -> Address:
 def run(system: System) -> None:
     """Run `system` until a signal; print its processes and `ready` once it is. Raises as System.run does."""
     waiting = Console(stderr=True).status("starting the naming service and the servers ...")
-    if Console(stderr=True).is_terminal:
-        waiting.start()
+
+    def prepare() -> None:
+        compile_with_progress(system.folder.logs)
+        if Console(stderr=True).is_terminal:
+            waiting.start()
 
     def ready(record: SystemRecord) -> None:
         waiting.stop()
@@ -117,7 +121,7 @@ def run(system: System) -> None:
         print("ready", flush=True)
 
     try:
-        system.run(ready)
+        system.run(ready, prepare)
     finally:
         waiting.stop()
 

@@ -25,6 +25,9 @@ from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Time limit of a query [s]. Clients usually wait for 10 s; a shorter limit ends work whose result nobody awaits.
 TIME_LIMIT_S = 8.0
+#: A query in the `warm_up_room`. No node is in sight of the start.
+WARM_UP_START, WARM_UP_GOAL = Place("warm-up", 1.6, 1.4), Place("warm-up", 9.0, 1.0)
+WARM_UP_NODES = 2
 
 
 class PathPlanner:
@@ -45,28 +48,17 @@ class PathPlanner:
 
     def warm_up(self) -> None:
         """Compile or load every kernel, so that the first query is not slower. Compiling may take half a minute."""
-        outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 6.0))
-        floor = Floor(name="warm-up", level=0, elevation=0.0, outline=outline)
-        building = Building("warm-up").with_element("", floor)
-        for element in (  # a room in which the queries below use every kernel
-            Wall(name="lid", a=(1.0, 2.0), b=(3.0, 2.0)),
-            Wall(name="side", a=(3.0, 2.0), b=(3.0, 1.0)),
-            PathNode(name="a", at=(7.0, 5.0)),
-            PathNode(name="b", at=(9.0, 5.0)),
-            PathEdge(name="a-b", a="a", b="b", one_way=True),
-        ):
-            building = building.with_element(floor.name, element)
-        planner = PathPlanner(building)
-        start, goal = Place(floor.name, 1.6, 1.4), Place(floor.name, 9.0, 1.0)  # no node in sight of the start
-        for _ in building.floors[floor.name].topological.nodes:  # after as many queries as nodes: the table of costs
-            planner.shortest(Place(floor.name, 5.0, 5.0), goal)
+        planner = PathPlanner(warm_up_room())
+        floor, start, goal = WARM_UP_START.floor, WARM_UP_START, WARM_UP_GOAL
+        for _ in range(WARM_UP_NODES):  # after as many queries as nodes: the table of costs
+            planner.shortest(Place(floor, 5.0, 5.0), goal)
         planner.shortest(goal, start)
         planner.shortest(start, goal)
-        planner.shortest(start, Place(floor.name, 2.0, 2.6))  # the roadmap is a detour
+        planner.shortest(start, Place(floor, 2.0, 2.6))  # the roadmap is a detour
         for mode in RouteMode:
             planner.paths(PathRequest(start, goal, mode=mode))
         with contextlib.suppress(NotFree):
-            planner.shortest(start, Place(floor.name, 3.0, 1.5))
+            planner.shortest(start, Place(floor, 3.0, 1.5))
 
     def shortest(self, start: Place, goal: Place) -> Path:
         """The paper's getPath for a SmartPal: the shortest path on the topological map with corners cut, and through
@@ -118,6 +110,22 @@ class PathPlanner:
             by_time = request.best is Criterion.SHORTEST_TIME
             paths.sort(key=lambda path: path.duration if by_time else path.distance)
         return paths
+
+
+def warm_up_room() -> Building:
+    """A room in which a few queries use every kernel."""
+    outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 6.0))
+    floor = Floor(name=WARM_UP_START.floor, level=0, elevation=0.0, outline=outline)
+    building = Building("warm-up").with_element("", floor)
+    for element in (
+        Wall(name="lid", a=(1.0, 2.0), b=(3.0, 2.0)),
+        Wall(name="side", a=(3.0, 2.0), b=(3.0, 1.0)),
+        PathNode(name="a", at=(7.0, 5.0)),
+        PathNode(name="b", at=(9.0, 5.0)),
+        PathEdge(name="a-b", a="a", b="b", one_way=True),
+    ):
+        building = building.with_element(floor.name, element)
+    return building
 
 
 def _explain(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) -> NoReturn:

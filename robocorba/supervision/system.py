@@ -12,7 +12,7 @@ import re
 import secrets
 import shutil
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -39,6 +39,8 @@ from robocorba.supervision.starter import Starter
 from robocorba.supervision.supervisor import Supervisor
 
 NAMING_SERVICE = "omniNames"
+#: Signals that stop the system.
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _log = logging.getLogger(__name__)
 
 
@@ -60,8 +62,9 @@ class System:
     console: Address | None = None
     hang_limit: HangLimit = DEFAULT
 
-    def run(self, ready: Callable[[SystemRecord], None]) -> None:
-        """Run until SIGINT, SIGTERM or SIGHUP; calls `ready` once every server has answered a real call.
+    def run(self, ready: Callable[[SystemRecord], None], prepare: Callable[[], object] = lambda: None) -> None:
+        """Run until SIGINT, SIGTERM or SIGHUP; calls `prepare` before anything is started, and `ready` once every
+        server has answered a real call.
 
         Raises AlreadyRunning, PortInUse, StartFailed and other ServiceErrors, after all processes have ended."""
         with self.folder.locked():
@@ -70,6 +73,11 @@ class System:
                 raise PortInUse(self.naming.host, self.naming.port, "the naming service")
             if self.console and not is_free(self.console.host, self.console.port):
                 raise PortInUse(self.console.host, self.console.port, "the console")
+            try:
+                with _interrupted_by_signals():
+                    prepare()
+            except KeyboardInterrupt:
+                return
             ports = self.folder.ports([server.name for server in self.servers], self.naming)
             try:
                 with Orb(self.naming) as orb:
@@ -80,7 +88,7 @@ class System:
 
     async def _run(self, orb: Orb, ports: dict[str, int], ready: Callable[[SystemRecord], None]) -> None:
         stop_requested = asyncio.Event()
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in STOP_SIGNALS:
             asyncio.get_running_loop().add_signal_handler(number, stop_requested.set)
         stop = asyncio.create_task(stop_requested.wait())
         created = psutil.Process().create_time()
@@ -195,6 +203,17 @@ class System:
 def _start_order(servers: Sequence[Server]) -> list[int]:
     """Indices of servers in the order of their starts: else as listed."""
     return sorted(range(len(servers)), key=lambda index: not servers[index].starts_first)
+
+
+@contextlib.contextmanager
+def _interrupted_by_signals() -> Iterator[None]:
+    """Inside, signals that stop the system raise KeyboardInterrupt."""
+    former = {number: signal.signal(number, signal.default_int_handler) for number in STOP_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
 
 
 def _row(process: Supervised) -> ProcessRecord:

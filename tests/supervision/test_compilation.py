@@ -1,0 +1,187 @@
+"""Kernels are compiled by several processes, once on a machine."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from robocorba import kernel_cache
+from robocorba.commands.compiling import LINE_INTERVAL_S, TITLE, Lines, text_of
+from robocorba.kernel_store import KernelStore
+from robocorba.supervision import compilation, compile_worker
+from robocorba.supervision.compilation import CompilationProgress, Progress, compile_kernels, worker_count
+from robocorba.testing.processes import is_running
+
+ROOT = Path(__file__).parents[2]
+SOURCE = "@kernel\ndef first(x):\n    return x\n\n\n@kernel\ndef second(x):\n    return first(x)\n"
+
+
+@pytest.fixture
+def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> KernelStore:
+    """Those of a package of two kernels, which stand-ins compile."""
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("COMPILE_AS", "well")
+    monkeypatch.setattr(compilation, "WORKER", "tests.supervision.compiling_program")
+    monkeypatch.setattr(compilation, "worker_count", lambda kernels: 2)
+    for folder in ("house", "cache", "logs"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "house" / "grids.py").write_text(SOURCE)
+    return KernelStore(tmp_path / "house", tmp_path / "cache")
+
+
+def test_all_are_compiled_once(tmp_path: Path, kernels: KernelStore) -> None:
+    seen: list[CompilationProgress] = []
+    assert compile_kernels(seen.append, tmp_path / "logs", kernels)
+    assert seen[0] == CompilationProgress(0, 2, 0.0, None)
+    assert seen[-1] == CompilationProgress(2, 2, 1.0, 0.0)
+    assert kernels.is_complete
+    assert kernels.expected_seconds() == {"house.grids.first": 4.0, "house.grids.second": 0.5}  # by two processes
+    seen.clear()
+    assert compile_kernels(seen.append, tmp_path / "logs", kernels)
+    assert not seen
+
+
+def test_nothing_is_started_if_only_others_have_changed(tmp_path: Path, kernels: KernelStore) -> None:
+    assert kernels.folder
+    for source in kernels.sources.values():
+        (kernels.folder / f"grids-{source.digest}.py311.nbi").touch()
+    seen: list[CompilationProgress] = []
+    assert compile_kernels(seen.append, tmp_path / "logs", kernels)
+    assert kernels.is_complete
+    assert not seen
+
+
+def test_a_failure_is_reported_and_nothing_is_complete(
+    tmp_path: Path, kernels: KernelStore, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("COMPILE_AS", "fail")
+    with caplog.at_level(logging.ERROR):
+        assert not compile_kernels(lambda progress: None, tmp_path / "logs", kernels)
+    assert "exit code 1 (out of memory)" in caplog.text
+    assert not kernels.is_complete
+
+
+def test_the_time_is_limited(
+    tmp_path: Path, kernels: KernelStore, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("COMPILE_AS", "wait")
+    monkeypatch.setattr(compilation, "LIMIT_S", 0.1)
+    with caplog.at_level(logging.ERROR):
+        assert not compile_kernels(lambda progress: None, tmp_path / "logs", kernels)
+    assert "not compiled after" in caplog.text
+
+
+def test_an_interrupt_ends_the_processes(tmp_path: Path, kernels: KernelStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COMPILE_AS", "wait")
+    children: list[psutil.Process] = []
+
+    def interrupt(progress: CompilationProgress) -> None:
+        children.extend(psutil.Process().children(recursive=True))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        compile_kernels(interrupt, tmp_path / "logs", kernels)
+    assert len(children) >= 2
+    assert not any(map(is_running, children))
+    assert not kernels.is_complete
+
+
+def test_progress_by_the_expected_times() -> None:
+    now = [100.0]
+    progress = Progress({"a": 6.0, "b": 3.0, "c": 1.0}, 2, lambda: now[0])
+    assert progress.now == CompilationProgress(0, 3, 0.0, None)
+    progress.read("ready\n")
+    assert progress.now.seconds_left == pytest.approx(5.0)  # as expected of two processes
+    now[0] += 5.0
+    progress.read("ready\n")  # the second process begins
+    assert progress.now.seconds_left == pytest.approx(55.0)
+    now[0] += 7.0
+    progress.read("a 4.5\n")
+    assert progress.now == CompilationProgress(1, 3, 0.6, pytest.approx(12.5 / 0.7 * 0.4))
+    progress.read("a 1.25\n")  # for another signature
+    progress.read("elsewhere 3.0\n")
+    assert progress.now.done == 1
+    assert progress.seconds["a"] == 5.75
+    for name in "bc":
+        progress.read(f"{name} 1\n")
+    assert progress.now == CompilationProgress(3, 3, 1.0, 0.0)
+
+
+def test_without_a_kernel_all_is_done() -> None:
+    assert Progress({}).now == CompilationProgress(0, 0, 1.0, None)
+
+
+def test_number_of_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    def count(cores: int, gigabytes: float, kernels: int) -> int:
+        monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(cores)))
+        memory = type("Memory", (), {"available": int(gigabytes * 1e9)})
+        monkeypatch.setattr(psutil, "virtual_memory", lambda: memory)
+        return worker_count(kernels)
+
+    assert count(2, 8.0, 136) == 2
+    assert count(64, 64.0, 136) == compilation.MAX_WORKERS
+    assert count(4, 1.3, 136) == 2
+    assert count(1, 0.1, 136) == 1
+    assert count(8, 8.0, 3) == 3
+
+
+def test_workers_share_the_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+
+    def step(name: str) -> Callable[[], None]:
+        return lambda: done.append(name)
+
+    def begin_second() -> None:
+        done.append("first")
+        compile_worker.main(str(tmp_path))
+
+    monkeypatch.setattr(kernel_cache, "shared_work", None)  # restored at the end
+    steps = {"first": begin_second, "second": step("second"), "third": step("third")}
+    monkeypatch.setattr(compile_worker, "STEPS", steps)
+    compile_worker.main(str(tmp_path))
+    assert done == ["first", "second", "third"]
+
+
+def test_large_steps_come_first_and_what_needs_them_last() -> None:
+    names = list(compile_worker.STEPS)
+    assert (names[0], names[-1]) == ("drives", "all queries")
+
+
+def test_a_worker_prints_what_it_compiles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import numba
+    from numba.core import event
+
+    def inner(x):
+        return x + 1
+
+    called = numba.njit(inner)
+
+    def outer(x):
+        return called(x)
+
+    dispatcher = numba.njit(outer)
+    for each, name in ((called, "0a"), (dispatcher, "0b")):
+        each._cache = kernel_cache.KernelCache(each.py_func, tmp_path, name)
+    with event.install_listener("numba:compile", compile_worker.Listener()):
+        assert dispatcher(1) == 2
+    names = [line.rpartition(" ")[0].rpartition(".")[2] for line in capsys.readouterr().out.splitlines()]
+    assert names == ["inner", "outer"]
+
+
+def test_text_of_progress() -> None:
+    assert text_of(CompilationProgress(0, 136, 0.0, None)) == "0 of 136"
+    assert text_of(CompilationProgress(45, 136, 0.4, 20.4)) == "45 of 136, about 20 s left"
+
+
+def test_lines_where_there_is_no_terminal() -> None:
+    now, lines = [0.0], list[str]()
+    writer = Lines(lines.append, lambda: now[0])
+    for done in range(3):
+        writer.report(CompilationProgress(done, 3, done / 3, None))
+        now[0] += LINE_INTERVAL_S / 2
+    assert lines == [f"{TITLE}: 0 of 3", f"{TITLE}: 2 of 3"]

@@ -1,0 +1,146 @@
+"""The folder of compiled kernels: what is known of it, what is complete, and what is removed."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from robocorba import kernel_store
+from robocorba.kernel_digests import KernelSource
+from robocorba.kernel_store import KEPT_S, KernelStore, cache_folder, lock, store
+
+SOURCE = "@kernel\ndef first(x):\n    return x\n\n\n@kernel\ndef second(x):\n    return first(x)\n"
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A package with two kernels."""
+    root = tmp_path / "house"
+    root.mkdir()
+    (root / "grids.py").write_text(SOURCE)
+    (tmp_path / "cache").mkdir()
+    return root
+
+
+def opened(root: Path) -> KernelStore:
+    return KernelStore(root, root.parent / "cache")
+
+
+def compile_all(kernels: KernelStore) -> None:
+    assert kernels.folder
+    for name, source in kernels.sources.items():
+        (kernels.folder / f"{name}-{source.digest}.py311.nbi").touch()
+
+
+def test_sources_are_read_once(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    known = opened(root).sources
+    assert known.keys() == {"house.grids.first", "house.grids.second"}
+    monkeypatch.setattr(kernel_store, "kernel_sources", lambda root, environment: {"changed": KernelSource("d", 1)})
+    assert opened(root).sources == known
+    (root / "grids.py").write_text(SOURCE + "# edited\n")
+    assert opened(root).sources == {"changed": KernelSource("d", 1)}
+
+
+def test_damaged_sources_are_read_again(root: Path) -> None:
+    known = opened(root).sources
+    (path,) = (root.parent / "cache").glob("sources-*.json")
+    path.write_text("{")
+    assert opened(root).sources == known
+
+
+def test_complete_until_a_source_or_the_processor_changes(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not opened(root).is_complete
+    opened(root).set_complete({})
+    assert opened(root).is_complete
+    with monkeypatch.context() as patch:
+        patch.setattr(kernel_store, "_processor", lambda: "another")
+        assert not opened(root).is_complete
+    (root / "other.py").write_text("")
+    assert not opened(root).is_complete
+
+
+def test_missing_kernels(root: Path) -> None:
+    kernels = opened(root)
+    assert set(kernels.missing) == {"house.grids.first", "house.grids.second"}
+    compile_all(kernels)
+    assert kernels.missing == []
+    (root / "grids.py").write_text(SOURCE.replace("return first(x)", "return -first(x)"))
+    assert opened(root).missing == ["house.grids.second"]
+
+
+def test_expected_time_is_that_of_the_last_version_else_from_the_size(root: Path) -> None:
+    first, second = "house.grids.first", "house.grids.second"
+    expected = opened(root).expected_seconds()
+    assert 0.0 < expected[first] < expected[second]  # which is compiled from both
+    opened(root).set_complete({first: 3.0})
+    assert opened(root).expected_seconds() == {first: 3.0, second: expected[second]}
+    (root / "grids.py").write_text(SOURCE.replace("second", "third"))
+    assert opened(root).expected_seconds().keys() == {first, "house.grids.third"}
+    assert opened(root).expected_seconds()[first] == 3.0
+
+
+def test_what_was_not_used_for_long_is_removed(root: Path) -> None:
+    kernels = opened(root)
+    assert kernels.folder
+    now = time.time()
+    ages = {
+        "grids.first-0a.py311.nbi": 0.5,  # used: its data stay as well
+        "grids.first-0a.py311.1.nbc": 1.5,
+        "grids.first-0b.py311.nbi": 1.5,
+        "grids.first-0b.py311.1.nbc": 1.5,
+        "complete-0c.json": 1.5,
+        "writing.lock": 1.5,
+    }
+    for name, age in ages.items():
+        (kernels.folder / name).touch()
+        os.utime(kernels.folder / name, (now, now - age * KEPT_S))
+    (kernels.folder / "0123456789abcdef").mkdir()  # as former versions made them
+    kernels.remove_old(now)
+    kept = ["0123456789abcdef", "grids.first-0a.py311.1.nbc", "grids.first-0a.py311.nbi", "writing.lock"]
+    assert sorted(path.name for path in kernels.folder.iterdir()) == kept
+    kernels.remove_old(now + 2 * KEPT_S)
+    assert [path.name for path in kernels.folder.iterdir()] == ["writing.lock"]
+
+
+def test_the_number_of_files_is_limited(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kernels = opened(root)
+    assert kernels.folder
+    monkeypatch.setattr(kernel_store, "MAX_FILES", 3)
+    for number in range(5):
+        path = kernels.folder / f"grids.first-{number}.py311.nbi"
+        path.touch()
+        os.utime(path, (0, time.time() - number))
+    kernels.remove_old()
+    assert sorted(path.name[12] for path in kernels.folder.iterdir()) == ["0", "1", "2"]
+
+
+def test_without_a_folder_nothing_is_kept(root: Path) -> None:
+    kernels = KernelStore(root, None)
+    kernels.set_complete({})
+    assert not kernels.is_complete
+    assert len(kernels.missing) == 2
+    assert kernels.expected_seconds().keys() == kernels.sources.keys()
+
+
+def test_where_the_folder_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "chosen"))
+    assert cache_folder() == tmp_path / "chosen"
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
+    assert cache_folder() is None
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setattr(kernel_store.platformdirs, "user_cache_path", lambda name: tmp_path / "user" / name)
+    assert cache_folder() == tmp_path / "user" / "robocorba" / "kernels"
+
+
+def test_a_lock_is_waited_for_only_so_long(tmp_path: Path) -> None:
+    with lock(tmp_path / "lock", 1.0), lock(tmp_path / "lock", 0.0):
+        pass  # the second one went on without it
+
+
+def test_all_kernels_are_compiled_before_they_are_needed() -> None:
+    """The fixture `kernels` of the whole suite has compiled what `up` compiles."""
+    assert store().missing == []
