@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from omniORB import CORBA
 
 from robocorba import logs
 from robocorba.clients.cooperation import Cooperation
 from robocorba.collision_avoidance.neighbours import PoolNearby
-from robocorba.control.agent import AgentState, ControlAgent
+from robocorba.control.agent import AgentCondition, AgentState, ControlAgent
 from robocorba.control.model_switcher import AdaptorContext
-from robocorba.control.posture_report import INTERVAL_S, PostureReport
+from robocorba.control.posture_report import INTERVAL_S, REFRESH_S, PostureReport
 from robocorba.control.realtime import raise_process_priority
+from robocorba.control.runner import ProgramResult
 from robocorba.control.tick_file import TickFile
 from robocorba.corba.calls import error_of
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.data_pool import PoolFollower
+from robocorba.corba.remote.data_pool import PoolFollower, floor_now
 from robocorba.corba.remote.map_editor import path_node_positions
 from robocorba.corba.remote.path_planner import RemotePlanner
 from robocorba.corba.remote.session import RemoteSession
 from robocorba.corba.servants.control_agent import RobotAgentServant
 from robocorba.corba.servants.data_pool import DataPoolServant
 from robocorba.data_pool.plans import Plans
+from robocorba.data_pool.start_places import start_places
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import PlaceTaken
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
@@ -33,6 +37,7 @@ from robocorba.missions import carry_planning
 from robocorba.names import MISSIONS, ROBOTS
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
+from robocorba.processes import RobotProgress
 from robocorba.programs import program
 from robocorba.programs.base_checks import Planner
 from robocorba.programs.checker import Start, check
@@ -41,9 +46,7 @@ from robocorba.programs.report import CheckReport
 from robocorba.repeating import Repeating
 from robocorba.settings import RobotSettings
 from robocorba.simulation.registry import Description, Pose
-
-#: Interval at which the data pool is switched to the robot's floor [s].
-FLOOR_CHECK_S = 0.05
+from robocorba.spatial.pose import XY
 
 
 class Checker:
@@ -68,15 +71,31 @@ class Checker:
 
 
 def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
-    """Log on at the settings' pose, by default at the first free path node. Raises as `RemoteSession.log_on`."""
+    """Log on at the settings' pose, by default at the first free path node or beside one. Raises as
+    `RemoteSession.log_on`."""
     if settings.at:
         session.log_on(settings.at)
         return
-    for place in path_node_positions(orb, settings.floor):
-        with contextlib.suppress(PlaceTaken):
-            session.log_on(Pose(*place))
+    nodes = list(path_node_positions(orb, settings.floor))
+    floor = nodes[0][0] if nodes else settings.floor
+    places: Iterable[XY] = [(x, y) for _, x, y in nodes]
+    with contextlib.suppress(NotReachable):  # without the floor's state, the server says which nodes are free
+        places = start_places(list(places), floor_now(orb, floor), RADIUS_M)
+    for place in places:
+        with contextlib.suppress(PlaceTaken):  # another robot may be quicker
+            session.log_on(Pose(floor, *place))
             return
-    raise PlaceTaken(settings.floor, 0.0, 0.0, "all path nodes are occupied; give a place by --at X,Y")
+    raise PlaceTaken(floor, 0.0, 0.0, "all path nodes and the places near them are occupied; give a place by --at X,Y")
+
+
+def progress_of(state: AgentState) -> RobotProgress:
+    """What the robot does. At the end of a task its thread may still run."""
+    report, condition = state.program, state.condition
+    has_ended = report.result is not ProgramResult.NO_RESULT
+    if has_ended and condition in (AgentCondition.RUNNING, AgentCondition.PAUSED):
+        condition = AgentCondition.IDLE
+    result = report.result.name.lower() if has_ended else ""
+    return RobotProgress(condition.name.lower(), report.name, result, state.reason or report.reason)
 
 
 def preload() -> None:
@@ -104,33 +123,49 @@ def main(arguments: Sequence[str] | None = None) -> None:
         others = Cooperation(orb, settings.channel, settings.name, plans, reports)
         stack.callback(others.close)
         ticks = stack.enter_context(TickFile(settings.tick_file)) if settings.tick_file else None
-        follower = PoolFollower(orb, session.state().at.floor, settings.name).start()
+        # What follows the robot rests while it does; the first task, or a reader of the pool, wakes it.
+        follower = PoolFollower(
+            *(orb, session.state().at.floor, settings.name),
+            floor_of_robot=lambda: session.latest.at.floor,
+            rests=lambda: agent.is_resting,
+        )
         stack.callback(follower.close)
+        posture = PostureReport(lambda: agent.joints, session.report_posture)
+        postures = Repeating("posture", posture.update, lambda: REFRESH_S if agent.is_resting else INTERVAL_S)
+        progress = Repeating("progress", lambda: print(progress_of(agent.state).line(), flush=True), math.inf)
+
+        def prepare() -> None:
+            follower.attend()
+            postures.wake()
+
         nearby = PoolNearby(follower.pool, settings.name)
 
         def check_now(wanted: Program, state: AgentState) -> CheckReport:
+            follower.attend()
             objects = nearby.movable_objects(session.latest.holding)
             return checker(wanted, state, objects, nearby.parked_robots())
 
-        agent = ControlAgent(AdaptorContext(settings.name, session, orb), planner, others, check_now, ticks, nearby)
+        context = AdaptorContext(settings.name, session, orb)
+        agent = ControlAgent(context, planner, others, check_now, ticks, nearby, prepare, progress.wake)
         stack.callback(agent.close)
+        follower.start()
         agent.start(settings.adaptor, settings.adaptor_arguments)
+        stack.callback(postures.start().close)
 
-        def follow_floor() -> None:
-            if (floor := session.latest.at.floor) != follower.pool.floor:
-                follower.pool.change_floor(floor)
+        def attend() -> None:
+            agent.refresh()
+            follower.attend()
 
-        stack.callback(Repeating("floor", follow_floor, FLOOR_CHECK_S).start().close)
-        posture = PostureReport(lambda: agent.state.actor.joints, session.report_posture)
-        stack.callback(Repeating("posture", posture.update, INTERVAL_S).start().close)
         path = f"{ROBOTS}/{settings.name}"
-        pool = orb.activate(DataPoolServant(follower.pool, plans, follower.postures), f"{path}/pool")
+        pool = orb.activate(DataPoolServant(follower.pool, plans, follower.postures, attend), f"{path}/pool")
         orb.serve({path: RobotAgentServant(agent, pool, settings.channel, others)})
         others.start(agent, follower.pool)
         if wanted:
             agent.load(wanted)
             agent.run()
         print("ready", flush=True)
+        if settings.prints_progress:
+            stack.callback(progress.start().close)
         orb.run()
 
 

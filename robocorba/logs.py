@@ -30,8 +30,8 @@ _ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), 127, 0x85)} | {0x202
 _ESCAPES |= {ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t"}
 
 
-def setup(name: str, folder: Path) -> None:
-    """Log this process to `folder`/`name`.log from INFO up, and to stderr from WARNING up.
+def setup(name: str, folder: Path, with_stderr: bool = True) -> None:
+    """Log this process to `folder`/`name`.log from INFO up, and with `with_stderr` to stderr from WARNING up.
 
     Uncaught exceptions of all threads are logged too. Raises ServiceError."""
     root = logging.getLogger()
@@ -43,7 +43,8 @@ def setup(name: str, folder: Path) -> None:
     stderr = logging.StreamHandler()
     stderr.setLevel(logging.WARNING)
     stderr.setFormatter(_StderrFormatter())
-    root.addHandler(stderr)
+    if with_stderr:
+        root.addHandler(stderr)
     logging.captureWarnings(True)
     sys.excepthook = _log_uncaught
     threading.excepthook = lambda args: _log_uncaught(args.exc_type, args.exc_value, args.exc_traceback)

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
 from typing import Protocol
+
+import msgspec
 
 #: What the name of a robot's process begins with; the robot's name follows.
 _ROBOT = "robot_"
+#: What a line about a robot's progress begins with.
+_PROGRESS = "progress "
+#: Maximum length of each text in such a line [characters].
+MAX_PROGRESS_TEXT = 1000
 
 
 class ProcessPhase(Enum):
@@ -45,7 +52,7 @@ class RobotOrder:
     """A robot to start, as by the options of `robocorba robot`.
 
     floor: empty for the lowest one. at: x, y [m] and heading [rad] on the floor, None for the first free path node.
-    channel: of its sub-network, empty for none."""
+    channel: of its sub-network, empty for none. program: a file to run immediately; None for none."""
 
     name: str
     adaptor: str = "simulated"
@@ -53,11 +60,39 @@ class RobotOrder:
     floor: str = ""
     at: tuple[float, float, float] | None = None
     channel: str = ""
+    program: Path | None = None
 
     @property
     def process(self) -> str:
         """The name of its process, and of its log file."""
         return _ROBOT + self.name
+
+
+class RobotProgress(msgspec.Struct, frozen=True):
+    """What a robot does, as its process prints it on a line of its own whenever it changes.
+
+    condition: of its agent, such as idle or running. task: its present or last program or mission, empty for none.
+    result: of the last task once it has ended. reason: why it is stopped, or why the task failed or was aborted."""
+
+    condition: str = "idle"
+    task: str = ""
+    result: str = ""
+    reason: str = ""
+
+    def line(self) -> str:
+        """The line that `read` reads, without a line break."""
+        short = RobotProgress(*(text[:MAX_PROGRESS_TEXT] for text in msgspec.structs.astuple(self)))
+        return _PROGRESS + msgspec.json.encode(short).decode()
+
+    @staticmethod
+    def read(line: str) -> RobotProgress | None:
+        """None for a line that is about something else."""
+        if not line.startswith(_PROGRESS):
+            return None
+        try:
+            return msgspec.json.decode(line.removeprefix(_PROGRESS), type=RobotProgress)
+        except msgspec.MsgspecError:
+            return None
 
 
 class Processes(Protocol):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable
 
@@ -10,27 +11,39 @@ _log = logging.getLogger(__name__)
 
 
 class Repeating:
-    """Calls `task` again and again, every_s [s] after the end of the previous call; logs exceptions and continues."""
+    """Calls `task` again and again, every_s [s] after the end of the previous call, or when it is woken; logs
+    exceptions and continues.
 
-    def __init__(self, name: str, task: Callable[[], None], every_s: float) -> None:
+    every_s: a number, or a function that is asked after each call; infinite: only when woken."""
+
+    def __init__(self, name: str, task: Callable[[], None], every_s: float | Callable[[], float]) -> None:
         self._name, self._task, self._every_s = name, task, every_s
-        self._closing = threading.Event()
+        self._closing = False
+        self._woken = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> Repeating:
         self._thread.start()
         return self
 
+    def wake(self) -> None:
+        """Make the next call as soon as possible. Any thread may call this; it does not block."""
+        self._woken.set()
+
     def close(self) -> None:
         """Wait for the call in progress; make no further calls."""
-        self._closing.set()
+        self._closing = True
+        self._woken.set()
         if self._thread.is_alive():
             self._thread.join()
 
     def _run(self) -> None:
-        while not self._closing.is_set():
+        while not self._closing:
+            self._woken.clear()
             try:
                 self._task()
             except Exception:  # a failed call must not end the repetition
                 _log.exception("%s failed", self._name)
-            self._closing.wait(self._every_s)
+            if not self._closing:
+                pause_s = self._every_s() if callable(self._every_s) else self._every_s
+                self._woken.wait(None if math.isinf(pause_s) else pause_s)

@@ -227,7 +227,7 @@ class RobotSettings:
 
     endpoint: None for any port. floor: empty for the first. at: its start pose, None for a free path node on
     `floor`. channel: of its sub-network, empty for none. tick_file: CSV file with one row for each control cycle of its
-    programs, None for no file."""
+    programs, None for no file. prints_progress: prints a line whenever what the robot does changes."""
 
     common: Settings
     name: str
@@ -239,11 +239,12 @@ class RobotSettings:
     at: Pose | None
     channel: str
     tick_file: Path | None
+    prints_progress: bool
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
         """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
-        [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR] [-- arguments of the adaptor]`.
+        [--progress] [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR] [-- arguments of the adaptor]`.
 
         Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
         given_arguments = list(sys.argv[1:] if arguments is None else arguments)
@@ -266,6 +267,7 @@ class RobotSettings:
             metavar="FILE",
             help="log the control cycles (ticks) to this CSV file; to record floors, see `robocorba record`",
         )
+        parser.add_argument("--progress", action="store_true", help="print a line when what it does changes")
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
@@ -281,6 +283,7 @@ class RobotSettings:
             _pose(given.floor, given.at),
             given.channel,
             given.record,
+            given.progress,
         )
 
 

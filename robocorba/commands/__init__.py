@@ -22,6 +22,7 @@ SUBCOMMANDS = {
     "record": ("record", "record"),
     "replay": ("replay", "replay"),
     "robot": ("robot", "robot"),
+    "robots": ("robots", "robots"),
     "robot-model": ("robot_model", "app"),
     "stop": ("robot", "stop"),
     "switch": ("robot", "switch"),

@@ -33,6 +33,7 @@ from robocorba.programs.report import CheckReport
 from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
 from robocorba.spatial.frames import into, turned
+from robocorba.spatial.grids import Floats
 
 #: Gain with which the body in the building follows an actual robot [1/s].
 FOLLOW_GAIN = 5.0
@@ -98,7 +99,10 @@ TaskT = TypeVar("TaskT", bound=Task)
 
 class ControlAgent:
     """Thread-safe. others: for events and cooperative icons. check: checks a program from the present state. ticks:
-    records programs. nearby: other robots and obstacles; see Robot."""
+    records programs. nearby: other robots and obstacles; see Robot.
+
+    prepare: called before each task, to bring up to date what rests while the robot has none. changed: called after
+    changes of condition and task; must not block."""
 
     def __init__(
         self,
@@ -108,7 +112,10 @@ class ControlAgent:
         check: Callable[[Program, AgentState], CheckReport] = lambda program, state: CheckReport(),
         ticks: TickFile | None = None,
         nearby: Nearby | None = None,
+        prepare: Callable[[], None] = lambda: None,
+        changed: Callable[[], None] = lambda: None,
     ) -> None:
+        self._prepare, self._changed = prepare, changed
         self._context, self._planner, self._others, self._check = context, planner, others, check
         self._ticks, self._nearby = ticks, nearby
         self.name, self.session = context.name, context.session
@@ -206,14 +213,17 @@ class ControlAgent:
     def pause(self) -> None:
         """Raises IllegalOrder if no program runs."""
         self._running_robot("pause").execution.pause()
+        self._changed()
 
     def resume(self) -> None:
         """Raises IllegalOrder if no program runs."""
         self._running_robot("resume").execution.resume()
+        self._changed()
 
     def step(self) -> None:
         """Raises IllegalOrder if no program runs."""
         self._running_robot("step").execution.step()
+        self._changed()
 
     def abort(self) -> None:
         """End the running program, if any; the robot slows down and stops."""
@@ -286,10 +296,28 @@ class ControlAgent:
     # ---- state ----
 
     @property
+    def is_resting(self) -> bool:
+        """Whether the robot has no task, and nothing has moved it for a while."""
+        return self._controller is not None and self._controller.is_idle and not self._is_running
+
+    @property
+    def joints(self) -> Floats:
+        """The joints' last known angles (n,) [rad]. Raises RobotLost."""
+        if self._controller is None:
+            raise RobotLost(f"{self.name} was not started")
+        return self._controller.state.joints
+
+    def refresh(self) -> None:
+        """Read the robot's state now if it rests."""
+        if controller := self._controller:
+            controller.refresh()
+
+    @property
     def state(self) -> AgentState:
         controller = self._controller
         if controller is None:
             raise RobotLost(f"{self.name} was not started")
+        controller.refresh()
         actor = controller.state
         at = Pose(self.session.latest.at.floor, actor.x, actor.y, actor.heading)
         return AgentState(
@@ -328,7 +356,10 @@ class ControlAgent:
         self.session.state()
         self._is_virtual = made.is_in_building
         controller = HighController(
-            made, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, self._follow, self._record, self._log_on
+            *(made, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED),
+            *(self._follow, self._record, self._log_on),
+            rests=lambda: not self._is_running,
+            on_stop=self._changed,
         )
         if self._cap is not None:
             controller.speed_cap = self._cap
@@ -362,9 +393,21 @@ class ControlAgent:
             self._thread.join(END_LIMIT_S)
 
     def _begin(self, task: Task) -> None:
+        self.refresh()
+        self._prepare()
+
+        def run() -> None:
+            try:
+                task.run()
+            finally:
+                self._changed()
+
         self._task = task
-        self._thread = threading.Thread(target=task.run, name="program", daemon=True)
+        self._thread = threading.Thread(target=run, name="program", daemon=True)
         self._thread.start()
+        if controller := self._controller:
+            controller.wake()
+        self._changed()
 
     @property
     def _report(self) -> ProgramReport:

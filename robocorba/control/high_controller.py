@@ -31,6 +31,13 @@ IDLE_AFTER_S = 1.0
 #: Period of the control loop while the robot is idle [s], so that many waiting robots are little load. A new motion
 #: ends it immediately.
 IDLE_TICK_S = 0.08
+#: Period while it is idle, rests and is not moved by others [s]: a quarter of the lease of a robot in the building,
+#: which reading renews. `refresh` ends it immediately.
+REST_TICK_S = 0.5
+#: Speed from which a robot counts as moved by others, such as by an elevator or when it is pushed [m/s, rad/s].
+MOVED_SPEED = 0.001
+#: Timeout of `refresh` [s].
+REFRESH_LIMIT_S = 0.2
 #: Validity of a command [s].
 VALID_S = 0.1
 #: Interval between attempts to reconnect to a lost robot [s].
@@ -50,11 +57,11 @@ _log = logging.getLogger(__name__)
 
 class HighController:
     """limits: of the base. lower, upper (n,) [rad] and speed (n,) [rad/s]: limits of the joints. hang_limit_s: see
-    HANG_LIMIT_S. Thread-safe.
+    HANG_LIMIT_S. rests: whether nothing is under way for which the robot has to be read often. Thread-safe.
 
     Callbacks: on_state after each read, may raise RobotLost; on_command after each write, with the state that was read
-    before it; before_start before each start of the adaptor, may raise RobotError. The control loop's thread calls the
-    first two."""
+    before it; before_start before each start of the adaptor, may raise RobotError; on_stop after each change of
+    `stopped`, must not block. The control loop's thread calls the first two."""
 
     def __init__(
         self,
@@ -67,17 +74,24 @@ class HighController:
         on_command: Callable[[RobotState, ActorCommand], None] = lambda state, command: None,
         before_start: Callable[[], None] = lambda: None,
         hang_limit_s: float = HANG_LIMIT_S,
+        rests: Callable[[], bool] = lambda: False,
+        on_stop: Callable[[], None] = lambda: None,
     ) -> None:
         self._adaptor, self._limits, self._on_state, self._on_command = adaptor, limits, on_state, on_command
         self._before_start, self._hang_limit_s = before_start, hang_limit_s
+        self._rests, self._on_stop = rests, on_stop
         self._lower, self._upper, self._speed = lower, upper, speed
         self.speed_cap = min(SPEED_CAP, limits.speed)
         self.argv: Sequence[str] = ()
         self._lock = threading.Lock()
         self._motion: _RunningMotion | None = None
-        #: Set when a motion begins, to end an idle period.
-        self._has_motion = threading.Event()
+        #: Set to end an idle period, such as when a motion begins.
+        self._woken = threading.Event()
+        #: Set by each tick, for `refresh`.
+        self._ticked = threading.Event()
         self._moved_at = 0.0
+        #: Whether the last tick was one of an idle robot.
+        self.is_idle = False
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
         #: The last commanded velocity, in the building's frame.
@@ -92,6 +106,8 @@ class HighController:
         self.state = RobotState(joints=self._targets)
         #: Lateness of the last ticks [s].
         self.late_s: deque[float] = deque(maxlen=JITTER_TICKS)
+        self._read_at = 0.0
+        #: When the last tick began, or the next one is due.
         self._ticked_at = 0.0
 
     # ---- start and end ----
@@ -106,6 +122,7 @@ class HighController:
     def close(self) -> None:
         """Stop the robot, and end the control loop."""
         self._closing.set()
+        self._woken.set()
         self._end_motion(IllegalOrder("continue", "is switched off"))
         if self._thread:
             self._thread.join(END_LIMIT_S)
@@ -127,7 +144,7 @@ class HighController:
             if self._closing.is_set():
                 raise IllegalOrder("move", "is switched off")
             self._motion = running
-        self._has_motion.set()
+        self._woken.set()
         running.ended.wait()  # the end of the control loop ends the motion, too
         if running.error:
             raise running.error
@@ -148,6 +165,7 @@ class HighController:
         self._stop_adaptor()
         if is_first:
             _log.warning("stopped: %s", reason)
+        self._on_stop()
         self._end_motion(_stopped(reason, is_lost))
 
     def reset_stop(self) -> None:
@@ -167,6 +185,19 @@ class HighController:
         """Raise IllegalOrder or RobotLost if the robot is stopped."""
         if reason := self.stopped:
             raise _stopped(reason, self._is_lost)
+
+    def wake(self) -> None:
+        """Make the next tick now if the robot is idle."""
+        self._woken.set()
+
+    def refresh(self) -> None:
+        """Wait until the state is as new as that of an idle robot; it is older if the robot rests. Returns after
+        REFRESH_LIMIT_S at the latest, and at once for a robot that is stopped."""
+        if self.stopped or self._closing.is_set() or time.monotonic() - self._read_at < 2 * IDLE_TICK_S:
+            return
+        self._ticked.clear()
+        self._woken.set()
+        self._ticked.wait(REFRESH_LIMIT_S)
 
     @property
     def targets(self) -> Floats:
@@ -191,8 +222,10 @@ class HighController:
             self._velocity = *turned(ahead, left, state.heading), turn
             self._targets = state.joints.copy()
             self.state = state
-            self._ticked_at = time.monotonic()
+            self._read_at = self._ticked_at = time.monotonic()
             self.stopped, self._is_lost = "", False
+        self._woken.set()
+        self._on_stop()
 
     def _run(self) -> None:
         use_realtime_scheduling()
@@ -205,12 +238,14 @@ class HighController:
                     due += late
                 elif late < 0.0:
                     time.sleep(-late)
-                if self._wait_if_idle():
+                self.is_idle = self._wait_if_idle()
+                if self.is_idle:
                     due = time.monotonic()
                 self.late_s.append(max(0.0, time.monotonic() - due))
                 self.check_alive()  # the whole process may have hung; then the motion must not continue
                 self._ticked_at = time.monotonic()
                 self._tick()
+                self._ticked.set()
                 if self.stopped and self._is_lost:
                     self._reconnect()
                     due = time.monotonic()
@@ -225,7 +260,7 @@ class HighController:
             if not self._adaptor.read(state):
                 return  # another thread is stopping the robot
             self._on_state(state)
-            self.state = state
+            self.state, self._read_at = state, time.monotonic()
             command = self._command(state)
             self._adaptor.write(command)
             self._on_command(state, command)
@@ -240,14 +275,19 @@ class HighController:
             self.emergency_stop(reason, is_lost)
 
     def _wait_if_idle(self) -> bool:
-        """If the robot is idle, wait for the rest of IDLE_TICK_S or until a motion begins; returns whether it was."""
-        self._has_motion.clear()
+        """If the robot is idle, wait for the rest of its longer tick or until it is woken; returns whether it was."""
+        self._woken.clear()
         now = time.monotonic()
         if self._motion or any(self._velocity) or not self._adaptor.is_in_building:
             self._moved_at = now
-        if now - self._moved_at < IDLE_AFTER_S:
+        is_stopped = self.stopped and not self._is_lost  # ticks have no effect
+        if self._closing.is_set() or (now - self._moved_at < IDLE_AFTER_S and not is_stopped):
             return False
-        self._has_motion.wait(IDLE_TICK_S - TICK_S)
+        is_moved = max(map(abs, self.state.velocity)) > MOVED_SPEED
+        pause_s = (REST_TICK_S if self._rests() and not is_moved else IDLE_TICK_S) - TICK_S
+        self._ticked_at = now + pause_s
+        self._woken.wait(pause_s)
+        self._ticked_at = min(self._ticked_at, time.monotonic())
         return True
 
     @property

@@ -3,6 +3,7 @@ moved."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -70,6 +71,11 @@ class Walls:
         if row is not None:
             found.append(nearest_of(point, self._tree.geometries[row], self._names[row]))
         return min(found, default=None)
+
+    def distance_m(self, shape: BaseGeometry) -> float:
+        """Distance of a shape from the fixed obstacles but landing doors [m]; infinite on an empty floor."""
+        row = self._tree.nearest(shape)
+        return math.inf if row is None else float(shapely.distance(self._tree.geometries[row], shape))
 
     def _is_open(self, elevators: Mapping[str, ElevatorState], name: str) -> bool:
         state = elevators.get(name)

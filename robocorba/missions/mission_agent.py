@@ -15,8 +15,6 @@ from robocorba.missions.member import DEFAULT_POLICY, Member, MemberPolicy
 from robocorba.missions.messages import Answer, Assignment, Call, Message, Offer, Order
 from robocorba.missions.transport import Received, Transport
 
-#: Polling interval without a mission [s]; messages wake the thread immediately.
-IDLE_POLL_S = 0.25
 #: Publishing is retried for this time; pause after the channel failed [s].
 RETRY_S = 1.0
 
@@ -44,6 +42,7 @@ class MissionAgent:
 
     def close(self) -> None:
         self._closing.set()
+        self._transport.wake()
         self._thread.join()
 
     @property
@@ -56,7 +55,7 @@ class MissionAgent:
         while not self._closing.is_set():
             try:
                 self._subscribe()
-                timeout_s = self._policy.state_interval_s / 4 if self._member else IDLE_POLL_S
+                timeout_s = self._policy.state_interval_s / 4 if self._member else None
                 if received := self._transport.receive(timeout_s):
                     self._handle(received)
                 self._publish_state()

@@ -4,6 +4,7 @@ The ORB's threads deliver events into a bounded queue, from which the thread of 
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import queue
 import time
@@ -53,7 +54,7 @@ class Transport:
 
     def __init__(self, channel: MissionChannel, name: str) -> None:
         self._channel, self.name = channel, name
-        self._queue: queue.Queue[Received] = queue.Queue(MAX_QUEUED)
+        self._queue: queue.Queue[Received | None] = queue.Queue(MAX_QUEUED)
         self.received: deque[Received] = deque(maxlen=MAX_KEPT)
 
     def subscribe(self, patterns: Sequence[tuple[type[Message], str]]) -> None:
@@ -72,12 +73,17 @@ class Transport:
             return False
         return True
 
-    def receive(self, timeout_s: float) -> Received | None:
-        """The next message, None after a timeout."""
+    def receive(self, timeout_s: float | None) -> Received | None:
+        """The next message; None after a timeout or `wake`. Without a timeout it waits for one of them."""
         try:
-            return self._queue.get(timeout=max(0.0, timeout_s))
+            return self._queue.get(timeout=None if timeout_s is None else max(0.0, timeout_s))
         except queue.Empty:
             return None
+
+    def wake(self) -> None:
+        """Let a waiting `receive` return None."""
+        with contextlib.suppress(queue.Full):  # it does not wait
+            self._queue.put_nowait(None)
 
     def _receive(self, type: str, source: str, content: Any, origin: str) -> None:
         now = time.time()

@@ -12,6 +12,8 @@ hardly maintained, and neither probes a server by a call or ends together with i
     output.py     what processes print
     servers.py    the servers of a system
     robots.py     robots that are started and ended on order
+    fleet.py      many robots that are started, shown and ended together
+    fleet_file.py their file
     console.py    the operator's console as a process
     subnets.py    the event channels of a system, and the links between them
 """

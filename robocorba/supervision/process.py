@@ -9,6 +9,7 @@ import signal
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterator
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,8 @@ class ProcessSpec:
     output: called with each line that the process prints. start_limit_s: timeout for the answer to the first call.
     is_alive: a call to the process alone, in a thread; raises a RoboCorbaError when it does not answer. None: nobody
     asks.
-    endpoint: HOST:PORT where it listens, empty if it chooses a port. names: that it binds in the naming service."""
+    endpoint: HOST:PORT where it listens, empty if it chooses a port. names: that it binds in the naming service.
+    grace_period_s: time from SIGTERM to SIGKILL."""
 
     name: str
     command: tuple[str, ...] | ModuleRun
@@ -53,21 +55,24 @@ class ProcessSpec:
     is_alive: Callable[[], None] | None = None
     endpoint: str = ""
     names: tuple[str, ...] = ()
+    grace_period_s: float = GRACE_PERIOD_S
 
 
 @dataclass
 class Supervised:
     """A process under supervision. changed: called whenever one of the following fields has changed.
 
-    state: starting, running, stopping, ended, or waiting for its next start. pid: 0 while waiting and after its end.
+    state: starting, running, stopping, ended, or waiting for its start. pid: 0 while waiting and after its end.
     started: POSIX time of its last start [s]. restarts: starts after the first one.
-    problem: why it is not running; empty while it runs."""
+    problem: why it is not running; empty while it runs. turns: held from each start until the process answers, such as
+    a semaphore that many processes share."""
 
     spec: ProcessSpec
     starter: Starter
     hang_limit: HangLimit = DEFAULT
     changed: Callable[[], None] = lambda: None
-    state: str = "starting"
+    turns: AbstractAsyncContextManager[object] = field(default_factory=contextlib.nullcontext)
+    state: str = "waiting"
     pid: int = 0
     started: float = 0.0
     restarts: int = 0
@@ -91,9 +96,16 @@ class Supervised:
 
     async def run(self) -> None:
         """Run it once, until it ends or until cancelled. Raises StartFailed if it does not answer."""
+        async with contextlib.AsyncExitStack() as turn:
+            self.set_state("waiting", pid=0)
+            await turn.enter_async_context(self.turns)
+            await self._run_in(turn)
+
+    async def _run_in(self, turn: contextlib.AsyncExitStack) -> None:
         process, reader = await self._start()
         try:
             await self._until_ready(process)
+            await turn.aclose()
             self.problem = ""
             self.set_state("running")
             self.ready.set()
@@ -166,9 +178,9 @@ class Supervised:
         if not process.ended.done():
             self.set_state("stopping")
             process.send_signal(signal.SIGTERM)
-            await asyncio.wait({process.ended}, timeout=GRACE_PERIOD_S)
+            await asyncio.wait({process.ended}, timeout=self.spec.grace_period_s)
             if not process.ended.done():
-                _log.warning("%s did not end within %g s; killed", self.spec.name, GRACE_PERIOD_S)
+                _log.warning("%s did not end within %g s; killed", self.spec.name, self.spec.grace_period_s)
         process.send_signal(signal.SIGKILL)
         kill_session(process.pid)
         await process.wait()

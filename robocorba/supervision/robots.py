@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,32 +14,67 @@ from robocorba.corba.orb import CONTEXT
 from robocorba.errors.services import ProcessExists, UnknownProcess
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.names import ROBOTS
-from robocorba.processes import RobotOrder
+from robocorba.processes import RobotOrder, RobotProgress
 from robocorba.settings import Address
 from robocorba.supervision.launch import ModuleRun
-from robocorba.supervision.output import ReadyLine
-from robocorba.supervision.process import ProcessSpec, Supervised
+from robocorba.supervision.output import READY, ReadyLine
+from robocorba.supervision.process import GRACE_PERIOD_S, ProcessSpec, Supervised
 from robocorba.supervision.starter import Starter
 
 #: Maximum number of robots that a system has started, those that have ended included.
 MAX_ROBOTS = 200
+#: Number of robots that start at a time.
+STARTING = 2 * (os.cpu_count() or 1)
 
 _log = logging.getLogger(__name__)
 
 
-def robot_spec(order: RobotOrder, state: Path, naming: Address, start_limit_s: float) -> ProcessSpec:
-    """The process of a robot. It is ready when it says so: its name may still be bound by a former robot."""
+def robot_spec(
+    order: RobotOrder,
+    state: Path,
+    naming: Address,
+    start_limit_s: float,
+    progress: ProgressLines | None = None,
+    grace_period_s: float = GRACE_PERIOD_S,
+) -> ProcessSpec:
+    """The process of a robot. It is ready when it says so: its name may still be bound by a former robot.
+
+    progress: receives what the process prints, with lines about the robot's progress."""
     # With = no value can be taken for an option.
     options = [f"--adaptor={order.adaptor}", f"--naming={naming}", f"--state={state}"]
-    options += [
-        f"--{option}={value}" for option, value in (("floor", order.floor), ("channel", order.channel)) if value
-    ]
+    given = ("floor", order.floor), ("channel", order.channel), ("program", order.program)
+    options += [f"--{option}={value}" for option, value in given if value]
     if order.at is not None:
         options.append("--at=" + ",".join(map(repr, order.at)))
+    if progress is not None:
+        options.append("--progress")
     command = ModuleRun("robocorba.clients.robot", (order.name, *options, "--", *order.adaptor_arguments))
-    output = ReadyLine(order.process)
-    names = (f"{CONTEXT}/{ROBOTS}/{order.name}",)
-    return ProcessSpec(order.process, command, state, output.probe, output, start_limit_s=start_limit_s, names=names)
+    output = progress or ReadyLine(order.process)
+    return ProcessSpec(
+        *(order.process, command, state, output.probe, output),
+        start_limit_s=start_limit_s,
+        names=(f"{CONTEXT}/{ROBOTS}/{order.name}",),
+        grace_period_s=grace_period_s,
+    )
+
+
+class ProgressLines(ReadyLine):
+    """Also receives a robot's progress, and calls `changed` after each change."""
+
+    def __init__(self, name: str, changed: Callable[[], None]) -> None:
+        super().__init__(name)
+        self._changed = changed
+        self.progress = RobotProgress()
+
+    def __call__(self, line: str) -> None:
+        progress = RobotProgress.read(line)
+        if line == READY:
+            self.progress = RobotProgress()
+        if progress is None:
+            super().__call__(line)
+        else:
+            self.progress = progress
+            self._changed()
 
 
 @dataclass
@@ -51,12 +87,19 @@ class _Robot:
 class Robots:
     """The robots of a system. To be used in the thread of the event loop, which must be the main one.
 
-    spec_of: the process for an order. changed: called whenever a state has changed."""
+    spec_of: the process for an order. changed: called whenever a state has changed. starting: maximum number of robots
+    that start at a time, so that all of them start in time. restarts: whether robots that end are started again."""
 
     def __init__(
-        self, spec_of: Callable[[RobotOrder], ProcessSpec], starter: Starter, changed: Callable[[], None]
+        self,
+        spec_of: Callable[[RobotOrder], ProcessSpec],
+        starter: Starter,
+        changed: Callable[[], None],
+        starting: int = STARTING,
+        restarts: bool = False,
     ) -> None:
         self._spec_of, self._starter, self._changed = spec_of, starter, changed
+        self._turns, self._restarts = asyncio.Semaphore(starting), restarts
         self._robots: dict[str, _Robot] = {}
 
     @property
@@ -64,18 +107,20 @@ class Robots:
         """In the order of their starts; those that have ended by themselves stay until `end` or a new start."""
         return [robot.process for robot in self._robots.values()]
 
-    def start(self, order: RobotOrder) -> None:
-        """Start a robot. Raises ProcessExists, InvalidChoice."""
+    def start(self, order: RobotOrder) -> Supervised:
+        """Start a robot as soon as it is its turn. Raises ProcessExists, InvalidChoice."""
         former = self._robots.get(order.name)
         if former is not None and not former.task.done():
             raise ProcessExists(order.name)
         if former is None and len(self._robots) >= MAX_ROBOTS:
             raise InvalidChoice("name", f"this system has started {MAX_ROBOTS} robots, its limit; end one of them")
         self._robots.pop(order.name, None)
-        process = Supervised(self._spec_of(order), self._starter, changed=self._changed)
-        robot = self._robots[order.name] = _Robot(process, asyncio.create_task(process.run()))
+        process = Supervised(self._spec_of(order), self._starter, changed=self._changed, turns=self._turns)
+        run = process.supervise() if self._restarts else process.run()
+        robot = self._robots[order.name] = _Robot(process, asyncio.create_task(run))
         robot.task.add_done_callback(lambda task: self._ended(order.name, robot))
         self._changed()
+        return process
 
     def end(self, name: str) -> None:
         """Begin to end a robot, or forget one that has ended. Raises UnknownProcess."""

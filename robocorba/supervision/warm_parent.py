@@ -22,6 +22,7 @@ import fcntl
 import gc
 import importlib
 import json
+import logging
 import os
 import random
 import signal
@@ -169,6 +170,15 @@ def _bind_to(supervisor: int) -> None:
         sys.exit("the supervisor has ended")
 
 
+def _exit() -> None:
+    """End without the interpreter's finalisation, which would write to, and so copy, all that is shared: 0.05 s."""
+    logging.shutdown()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(0)
+
+
 def main() -> None:
     gc.disable()
     with socket.socket(fileno=int(sys.argv[1])) as channel:
@@ -176,6 +186,7 @@ def main() -> None:
     if run:
         gc.enable()
         run()
+        _exit()
 
 
 if __name__ == "__main__":

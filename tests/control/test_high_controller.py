@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robocorba.control import high_controller
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.high_controller import IDLE_AFTER_S, IDLE_TICK_S, TICK_S, VALID_S, HighController
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
@@ -291,3 +292,50 @@ def test_the_end_ends_a_motion(adaptor: Watched) -> None:
     time.sleep(1.1)  # longer than hang_limit_s
     high.check_alive()
     assert high.stopped == ""
+
+
+@pytest.fixture
+def resting(adaptor: Watched) -> Iterator[HighController]:
+    """A controller that rests."""
+    adaptor.is_in_building = True
+    limits = BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED
+    high = HighController(adaptor, *limits, rests=lambda: True)
+    high.start(())
+    eventually(lambda: high.is_idle, "idle")
+    yield high
+    high.close()
+
+
+def test_a_robot_at_rest_is_read_when_somebody_asks(
+    resting: HighController, adaptor: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(high_controller, "REST_TICK_S", 600.0)
+    monkeypatch.setattr(high_controller, "REFRESH_LIMIT_S", 60.0)
+    resting.wake()
+    eventually(lambda: resting._ticked_at > time.monotonic() + 500.0, "a long rest")
+    state = resting.state
+    time.sleep(2 * high_controller.IDLE_TICK_S)  # older than that of an idle robot
+    resting.refresh()
+    assert resting.state is not state
+    resting.check_alive()  # it rests, and does not hang
+    assert resting.stopped == ""
+
+
+def test_a_motion_ends_the_rest(resting: HighController, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(high_controller, "REST_TICK_S", 600.0)
+    resting.wake()
+    eventually(lambda: resting._ticked_at > time.monotonic() + 500.0, "a long rest")
+    resting.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+    resting.close()  # as does the end
+
+
+def test_a_stop_at_rest_and_its_end_are_told(adaptor: Watched) -> None:
+    seen: list[str] = []
+    limits = BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED
+    stopped_one = HighController(adaptor, *limits, rests=lambda: True, on_stop=lambda: seen.append(stopped_one.stopped))
+    stopped_one.start(())
+    stopped_one.emergency_stop("button")
+    stopped_one.refresh()  # at once: it is not read
+    stopped_one.reset_stop()
+    stopped_one.close()
+    assert seen == ["", "button", ""]

@@ -17,7 +17,7 @@ class Server:
     """A simulation server, its ORB and its only session."""
 
     def __init__(self) -> None:
-        self.registered, self.has_sensor = 0, True
+        self.registered, self.has_sensor, self.heartbeats = 0, True, 0
 
     def resolve(self, *arguments: Any) -> Server:
         return self
@@ -41,6 +41,7 @@ class Server:
         self.registered -= 1
 
     def heartbeat(self) -> None:
+        self.heartbeats += 1
         if not self.registered:
             raise CORBA.OBJECT_NOT_EXIST()
 
@@ -86,3 +87,18 @@ def test_a_session_without_a_sensor_is_given_back(session: RemoteSession, server
     with pytest.raises(RobotLost):
         session.log_on()
     assert server.registered == 0
+
+
+def test_a_heartbeat_right_after_another_call_is_left_out(
+    session: RemoteSession, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    session.log_on()
+    session.heartbeat()
+    assert server.heartbeats == 1
+    session.heartbeat()
+    assert server.heartbeats == 1
+    now += module.RENEWED_S + 0.1
+    session.heartbeat()
+    assert server.heartbeats == 2

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -132,6 +134,42 @@ def test_a_robot_that_ended_is_shown_until_it_is_forgotten(script: str, problem:
         robots.start(RobotOrder("A"))
         await until(lambda: robots.processes[0].state == "ended")
         robots.end("A")
+        assert robots.processes == []
+        await starter.close()
+
+    asyncio.run(run())
+
+
+def test_only_some_robots_start_at_a_time() -> None:
+    async def run() -> None:
+        starter = Starter()
+        robots = Robots(spec_of(WAITING), starter, lambda: noted.append(states()), starting=2)
+
+        def states() -> list[str]:
+            return [process.state for process in robots.processes]
+
+        noted: list[list[str]] = []
+        for number in range(6):
+            robots.start(RobotOrder(f"R{number}"))
+        await until(lambda: states() == ["running"] * 6)
+        assert max(seen.count("starting") for seen in noted) == 2
+        await robots.close()
+        await starter.close()
+
+    asyncio.run(run())
+
+
+def test_robots_are_started_again_if_wanted() -> None:
+    async def run() -> None:
+        starter = Starter()
+        robots = Robots(spec_of(WAITING), starter, lambda: None, restarts=True)
+        process = robots.start(RobotOrder("A"))
+        await until(lambda: process.state == "running")
+        former = process.pid
+        os.kill(former, signal.SIGKILL)
+        await until(lambda: process.state == "running" and process.pid not in (0, former))
+        assert process.restarts == 1
+        await robots.close()
         assert robots.processes == []
         await starter.close()
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +18,9 @@ from robocorba.corba.remote.remote_object import translated
 from robocorba.data_pool.plans import Plan
 from robocorba.data_pool.pool import DataPool
 from robocorba.data_pool.postures import PoolPostures
+from robocorba.data_pool.snapshot import FloorSnapshot
 from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.robots import RobotLost
 from robocorba.errors.services import NotReachable
 from robocorba.names import ROBOTS
 from robocorba.repeating import Repeating
@@ -27,6 +32,14 @@ from robocorba.stubs import RoboCorba
 FOLLOW_INTERVAL_S = 0.033
 #: Interval between requests for the map's version [s].
 MAP_CHECK_INTERVAL_S = 0.25
+#: Both intervals while nobody needs the pool [s].
+REST_INTERVAL_S, MAP_REST_INTERVAL_S = 1.0, 2.0
+#: Time for which the pool is followed closely after somebody has read it [s].
+ATTENTION_S = 2.0
+#: Timeout of `attend` [s].
+ATTEND_LIMIT_S = 0.3
+#: Timeout to resolve the servers before a robot logs on [s].
+START_TIMEOUT_S = 5.0
 #: Timeout to resolve a server that does not answer [s]; it also limits the rate of attempts.
 RESOLVE_TIMEOUT_S = 0.2
 
@@ -34,16 +47,31 @@ RESOLVE_TIMEOUT_S = 0.2
 class PoolFollower:
     """Keeps a robot's own `pool` up to date with the running system from `start` to `close`; servers may restart.
 
-    own_name: the robot's name in the simulation. Change floors with `pool.change_floor`."""
+    own_name: the robot's name in the simulation. floor_of_robot: returns the floor that the robot is on; without it,
+    change floors with `pool.change_floor`. rests: whether nobody needs the pool but readers who call `attend`."""
 
-    def __init__(self, orb: Orb, floor: str, own_name: str = "", interval_s: float = FOLLOW_INTERVAL_S) -> None:
+    def __init__(
+        self,
+        orb: Orb,
+        floor: str,
+        own_name: str = "",
+        interval_s: float = FOLLOW_INTERVAL_S,
+        floor_of_robot: Callable[[], str] | None = None,
+        rests: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._interval_s, self._floor_of_robot, self._rests = interval_s, floor_of_robot, rests
+        self._attended_at = -math.inf
+        self._followed = threading.Event()
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
         self.pool = DataPool(database, RemoteFloorMap(orb).of, floor, own_name)
         #: Postures on the pool's floor.
         self.postures = PoolPostures(database.postures, lambda: self.pool.floor)
         self._tasks = [
-            Repeating("data pool", self.pool.follow, interval_s),
-            Repeating("data pool's map", self._follow_map, MAP_CHECK_INTERVAL_S),
+            Repeating("data pool", self._follow, lambda: REST_INTERVAL_S if self._is_resting else interval_s),
+            Repeating(
+                *("data pool's map", self._follow_map),
+                lambda: MAP_REST_INTERVAL_S if self._is_resting else MAP_CHECK_INTERVAL_S,
+            ),
         ]
 
     def start(self) -> PoolFollower:
@@ -55,9 +83,37 @@ class PoolFollower:
         for task in self._tasks:
             task.close()
 
+    def attend(self) -> None:
+        """Follow closely for ATTENTION_S. If the pool rests, wait until it is up to date, at most ATTEND_LIMIT_S."""
+        is_resting, self._attended_at = self._is_resting, time.monotonic()
+        if is_resting:
+            self._followed.clear()
+            for task in self._tasks:
+                task.wake()
+            self._followed.wait(ATTEND_LIMIT_S)
+
+    @property
+    def _is_resting(self) -> bool:
+        return time.monotonic() - self._attended_at > ATTENTION_S and self._rests()
+
+    def _follow(self) -> None:
+        with contextlib.suppress(UnknownFloor, RobotLost):  # the floor may have just been deleted
+            if self._floor_of_robot and (floor := self._floor_of_robot()) != self.pool.floor:
+                self.pool.change_floor(floor)
+        self.pool.follow()
+        self._followed.set()
+
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable, UnknownFloor):  # a deleted floor has no map
             self.pool.follow_map()
+
+
+def floor_now(orb: Orb, floor: str) -> FloorSnapshot:
+    """The present state of a floor. Raises UnknownFloor, NotReachable."""
+    source, map_source = RemoteDatabase(orb, START_TIMEOUT_S), RemoteFloorMap(orb).of
+    pool = DataPool(source, map_source, floor)
+    pool.follow()
+    return pool.loaded_snapshot()
 
 
 class RemotePool:

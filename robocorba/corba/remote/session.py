@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
@@ -33,6 +34,8 @@ from robocorba.stubs import RoboCorba
 CALL_TIMEOUT_S = 1.0
 #: Timeout of calls that the server stores on disk before it answers [s].
 CHANGE_TIMEOUT_S = 3.0
+#: A heartbeat is left out this long after any other call, which renews the lease too [s]. The lease is 2 s.
+RENEWED_S = 0.6
 #: Timeout to resolve the simulation server [s].
 RESOLVE_TIMEOUT_S = 5.0
 #: Where a lost robot logs on if its last pose is occupied: distances from it [m], and number of directions.
@@ -57,6 +60,7 @@ class RemoteSession:
         self._lock = threading.Lock()
         self._references: _References | None = None
         self._latest: SessionState | None = None
+        self._answered_at = -math.inf
 
     @property
     def latest(self) -> SessionState:
@@ -86,7 +90,9 @@ class RemoteSession:
         return found
 
     def heartbeat(self) -> None:
-        self._call(lambda to: to.slow_session.heartbeat())
+        """Raises RobotLost. Does nothing right after another call."""
+        if self._references is None or time.monotonic() - self._answered_at > RENEWED_S:
+            self._call(lambda to: to.slow_session.heartbeat())
 
     def command(self, velocity: Velocity, valid_s: float) -> None:
         self._call(lambda to: to.session.command(RoboCorba.Velocity(*velocity), valid_s))
@@ -99,7 +105,7 @@ class RemoteSession:
         self._call(lambda to: to.session.reportPosture(joints.tolist()))
 
     def scan(self, at: Pose, mount: Mount, spec: ScanSpec) -> Floats:
-        seen = self._call(lambda to: to.sensor.scan(at, RoboCorba.Mount(*mount), scans.spec(spec)))
+        seen = self._call(lambda to: to.sensor.scan(at, RoboCorba.Mount(*mount), scans.spec(spec)), renews=False)
         return np.array(seen.distances)
 
     def grip(self, what: str, x: float, y: float) -> None:
@@ -173,12 +179,16 @@ class RemoteSession:
             set_call_timeout(sensor, CHANGE_TIMEOUT_S)  # the first call may wait for the sensor server
         self._references = _References(session, slow_session, sensor)
 
-    def _call(self, operation: Callable[[_References], Answer]) -> Answer:
+    def _call(self, operation: Callable[[_References], Answer], renews: bool = True) -> Answer:
+        """The answer to a call; renews: whether the call renews the lease. Raises RobotLost and domain errors."""
         references = self._references
         if references is None:
             raise RobotLost(f"{self.about.name} is not logged on")
+        began = time.monotonic()
         try:
-            return operation(references)
+            answer = operation(references)
+            self._answered_at = began if renews else self._answered_at
+            return answer
         except CORBA.UserException as error:
             raise (domain_error(error) or error) from None
         except CORBA.SystemException as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from robocorba.corba.conversion import floors, simulation
@@ -14,24 +15,31 @@ from robocorba.stubs import RoboCorba__POA
 
 
 class DataPoolServant(RoboCorba__POA.DataPool):
-    """RoboCorba::DataPool, read-only."""
+    """RoboCorba::DataPool, read-only. attend: brings the pool up to date before each reading."""
 
-    def __init__(self, pool: DataPool, plans: Plans, postures: PoolPostures) -> None:
-        self._pool, self._plans, self._postures = pool, plans, postures
+    def __init__(
+        self, pool: DataPool, plans: Plans, postures: PoolPostures, attend: Callable[[], None] = lambda: None
+    ) -> None:
+        self._pool, self._plans, self._postures, self._attend = pool, plans, postures, attend
 
     def _get_floorName(self) -> str:
+        self._attend()
         return self._pool.floor
 
     def _get_lag(self) -> float:
+        self._attend()
         return self._pool.lag_s
 
     def content(self) -> Any:
+        self._attend()
         return floors.update(self._pool.snapshot().as_update())
 
     def changes(self, since: int) -> Any:
+        self._attend()
         return floors.update(self._pool.snapshot().changes(since))
 
     def postures(self, since: float) -> list[Any]:
+        self._attend()
         return [simulation.posture(posture) for posture in self._postures.since(since)]
 
     @translating

@@ -1,0 +1,86 @@
+"""robocorba robots: start a fleet of robots, each as a process; show what they do, end them on Ctrl-C or SIGTERM."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from robocorba import logs
+from robocorba.commands.options import Naming, State
+from robocorba.commands.reporting import reporting
+from robocorba.corba.orb import Orb
+from robocorba.settings import Settings
+from robocorba.supervision.robots import STARTING
+
+#: Timeout to find the system [s].
+RESOLVE_TIMEOUT_S = 5.0
+
+
+def robots(
+    fleet: Annotated[
+        Path | None, typer.Argument(metavar="FLEET.yaml", help="The robots; or give --count and --prefix.")
+    ] = None,
+    count: Annotated[int, typer.Option(metavar="N", min=0, help="Number of robots.")] = 0,
+    prefix: Annotated[str, typer.Option(metavar="R", help="Their names: R1, R2 and so on.")] = "R",
+    floor: Annotated[str | None, typer.Option(metavar="F", help="The floor on which they start.")] = None,
+    channel: Annotated[str | None, typer.Option(metavar="C", help="The event channel of their sub-network.")] = None,
+    program: Annotated[Path | None, typer.Option(metavar="FILE", help="A program that each runs immediately.")] = None,
+    adaptor: Annotated[str | None, typer.Option(metavar="A", help="The robot adaptor, by default simulated.")] = None,
+    argument: Annotated[
+        list[str] | None, typer.Option(metavar="ARG", help="An argument of the adaptor; repeatable.")
+    ] = None,
+    restart: Annotated[bool, typer.Option("--restart", help="Start a robot that ends again.")] = False,
+    starting: Annotated[
+        int, typer.Option(metavar="N", min=1, max=200, help="Number of robots that start at a time.")
+    ] = STARTING,
+    start_limit: Annotated[
+        float, typer.Option(metavar="S", min=1.0, help="Time limit in seconds for each robot to start.")
+    ] = 180.0,
+    naming: Naming = None,
+    state: State = None,
+) -> None:
+    """Start many robots, each as a process of its own; show what they do until Ctrl-C or SIGTERM ends them.
+
+    A robot that ends is shown with the reason; the others go on. Exit code 0 if all ran to the end, else 1."""
+    from robocorba.commands.fleet_view import view_for
+    from robocorba.supervision.fleet import Fleet, FleetOptions
+
+    given = {"floor": floor, "channel": channel, "program": program and str(program), "adaptor": adaptor}
+    options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+    if argument:
+        options["arguments"] = argument
+    if (fleet is None) == (count == 0):
+        raise typer.BadParameter("name a file, or give --count")
+    if fleet and options:
+        raise typer.BadParameter(f"--{next(iter(options))} is for robots of --count; a file has its own")
+    with reporting("robots"):
+        settings = Settings.read(naming=naming, state=state)
+        orders_in = _orders(fleet, {**options, "prefix": prefix, "count": count})
+        console = Console()
+        logs.setup("robots", settings.state / "logs", with_stderr=not console.is_terminal)
+        with Orb(settings.naming) as orb:
+            orders = orders_in(*_places(orb))
+            with view_for(console) as view:
+                chosen = FleetOptions(starting, restart, start_limit)
+                is_fine = Fleet(orders, settings.state, settings.naming, view, chosen).run(orb)
+    if not is_fine:
+        raise typer.Exit(1)
+
+
+def _orders(fleet: Path | None, group: dict[str, Any]) -> Callable[[Sequence[str], Sequence[str]], list[Any]]:
+    """The robots, as soon as floors and channels are known. Raises MapFileError, InvalidFleet."""
+    from robocorba.supervision.fleet_file import group_of, read_fleet
+
+    return read_fleet(fleet) if fleet else group_of(group)
+
+
+def _places(orb: Orb) -> tuple[list[str], list[str]]:
+    """Floors and channels of the running system. Raises NotReachable."""
+    from robocorba.corba.remote.omni_database import RemoteDatabase
+    from robocorba.names import CHANNELS
+
+    return RemoteDatabase(orb, RESOLVE_TIMEOUT_S).floors(), orb.names(CHANNELS, RESOLVE_TIMEOUT_S)
