@@ -290,6 +290,15 @@ class FloorPhysics:
         self._packed_commands[name] = _BRAKE
         self._has_new_commands = True
 
+    @property
+    def size(self) -> int:
+        """Number of bodies."""
+        return len(self._bodies)
+
+    @property
+    def is_still(self) -> bool:
+        return False
+
     def step(self) -> StepResult:
         """Advance by STEP_S."""
         self._rebuild_rows_if_changed()
