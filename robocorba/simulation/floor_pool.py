@@ -26,7 +26,7 @@ TRIAL_WINDOWS = 24
 KEPT_WINDOWS = 5
 #: Share of the time that steps take from which sharing them is tried. Below, nobody waits for a step.
 MIN_BUSY_SHARE = 0.25
-#: Bodies on the moving floors but the largest one from which sharing is tried: some 25 us of work, a hand-over takes 10.
+#: Bodies on the moving floors but the largest from which sharing is tried: some 25 us of work; a hand-over takes 10.
 MIN_SHARED_BODIES = 100
 #: Time without work after which a thread ends [s]; the next shared step starts another one.
 IDLE_LIMIT_S = 5.0
