@@ -128,7 +128,10 @@ def main(rounds: int = 200, count: int = ROBOTS) -> bool:
     pools = {ALONE: FloorPool(1), TOGETHER: FloorPool(max(2, cores)), CHOSEN: FloorPool()}
     laps: dict[str, list[Lap]] = {way: [] for way in pools}
     for round_ in progress(range(-3, rounds), "rounds"):
-        for way, world.pool in pools.items():
+        ways = list(pools)
+        for turn in range(len(ways)):
+            way = ways[(round_ + turn) % len(ways)]  # each one is as often the first
+            world.pool = pools[way]
             command(world, chance)
             found = lap(world)
             if round_ >= 0:
@@ -147,7 +150,9 @@ def main(rounds: int = 200, count: int = ROBOTS) -> bool:
         f"{share:.0%} of a step holds the interpreter's lock"
     )
     marks = [at_least(f"{TOGETHER}: pace to that of one thread", rows[1]["to one thread"], LEAST)]
-    return summarize(NAME, title, rows, marks, bars({row["steps by"]: row["x real time"] for row in rows}, "x real time"))
+    return summarize(
+        NAME, title, rows, marks, bars({row["steps by"]: row["x real time"] for row in rows}, "x real time")
+    )
 
 
 if __name__ == "__main__":
