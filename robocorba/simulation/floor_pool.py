@@ -26,7 +26,7 @@ TRIAL_WINDOWS = 24
 KEPT_WINDOWS = 5
 #: Share of the time that steps take from which sharing them is tried. Below, nobody waits for a step.
 MIN_BUSY_SHARE = 0.25
-#: Bodies on the moving floors but the largest from which sharing is tried: some 25 us of work; a hand-over takes 10.
+#: Bodies on all floors but the largest from which sharing is tried: some 25 us of work; a hand-over takes 10.
 MIN_SHARED_BODIES = 100
 #: Time without work after which a thread ends [s]; the next shared step starts another one.
 IDLE_LIMIT_S = 5.0
@@ -43,8 +43,6 @@ class Floor(Protocol):
     def name(self) -> str: ...
     @property
     def size(self) -> int: ...
-    @property
-    def is_still(self) -> bool: ...
     def step(self) -> StepResult: ...
 
 
@@ -88,13 +86,13 @@ class FloorPool:
         """The floors that threads share, the largest one first, and the number of threads; none for the caller's."""
         if self._threads == 1 or not (self._threads or self._choice.shares):
             return [], 1
-        moving = [at for at, floor in enumerate(floors) if not floor.is_still]
-        moving.sort(key=lambda at: -floors[at].size)
-        if self._threads is None and sum(floors[at].size for at in moving[1:]) < MIN_SHARED_BODIES:
+        shared = [at for at, floor in enumerate(floors) if floor.size]
+        shared.sort(key=lambda at: -floors[at].size)
+        if self._threads is None and sum(floors[at].size for at in shared[1:]) < MIN_SHARED_BODIES:
             return [], 1
         self._cores = self._cores or len(os.sched_getaffinity(0))
-        threads = min(self._threads or self._cores, len(moving))
-        return (moving, threads) if threads > 1 else ([], 1)
+        threads = min(self._threads or self._cores, len(shared))
+        return (shared, threads) if threads > 1 else ([], 1)
 
     def _share(self, turn: _Turn, threads: int) -> None:
         while len(self._helpers) < threads - 1:
@@ -138,7 +136,7 @@ class SharingChoice:
         if busy_s < MIN_BUSY_SHARE * passed_s:
             self.shares = False
             return
-        if shared in (0, WINDOW_STEPS):  # the rest had too few moving bodies now and then
+        if shared in (0, WINDOW_STEPS):  # the rest had too few bodies now and then
             self._times[shared > 0].append(busy_s)
         self._windows += 1
         alone, together = self._times[False], self._times[True]

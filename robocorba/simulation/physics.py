@@ -295,10 +295,6 @@ class FloorPhysics:
         """Number of bodies."""
         return len(self._bodies)
 
-    @property
-    def is_still(self) -> bool:
-        return False
-
     def step(self) -> StepResult:
         """Advance by STEP_S."""
         self._rebuild_rows_if_changed()
