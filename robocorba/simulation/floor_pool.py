@@ -26,7 +26,7 @@ TRIAL_WINDOWS = 24
 KEPT_WINDOWS = 5
 #: Share of the time that steps take from which sharing them is tried. Below, nobody waits for a step.
 MIN_BUSY_SHARE = 0.25
-#: Bodies on all floors but the largest from which sharing is tried: some 25 us of work; a hand-over takes 10.
+#: Bodies on all moving floors but the largest from which sharing is tried: 25 us of work; a hand-over takes 10.
 MIN_SHARED_BODIES = 100
 #: Time without work after which a thread ends [s]; the next shared step starts another one.
 IDLE_LIMIT_S = 5.0
@@ -43,6 +43,8 @@ class Floor(Protocol):
     def name(self) -> str: ...
     @property
     def size(self) -> int: ...
+    @property
+    def is_still(self) -> bool: ...
     def step(self) -> StepResult: ...
 
 
@@ -86,7 +88,7 @@ class FloorPool:
         """The floors that threads share, the largest one first, and the number of threads; none for the caller's."""
         if self._threads == 1 or not (self._threads or self._choice.shares):
             return [], 1
-        shared = [at for at, floor in enumerate(floors) if floor.size]
+        shared = [at for at, floor in enumerate(floors) if floor.size and not floor.is_still]
         shared.sort(key=lambda at: -floors[at].size)
         if self._threads is None and sum(floors[at].size for at in shared[1:]) < MIN_SHARED_BODIES:
             return [], 1

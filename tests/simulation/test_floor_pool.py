@@ -105,7 +105,7 @@ class FakeFloor:
     """A floor that notes the threads that step it. wait: called within a step."""
 
     def __init__(self, name: str, size: int = MIN_SHARED_BODIES, wait: Callable[[], object] = lambda: None) -> None:
-        self.name, self.size, self._wait = name, size, wait
+        self.name, self.size, self.is_still, self._wait = name, size, False, wait
         self.threads: list[str] = []
 
     def step(self) -> StepResult:
@@ -156,9 +156,11 @@ def test_the_first_error_of_a_floor_is_raised_after_all_have_stepped(threads: in
     assert [len(floor.threads) for floor in floors] == [3, 3, 3, 3]
 
 
-def test_empty_floors_need_no_other_thread(pool: FloorPool) -> None:
+def test_empty_and_still_floors_need_no_other_thread(pool: FloorPool) -> None:
     before = floor_threads()
-    assert len(pool.step([FakeFloor("empty", 0), FakeFloor("busy"), FakeFloor("empty too", 0)])) == 3
+    floors = [FakeFloor("empty", 0), FakeFloor("busy"), FakeFloor("still")]
+    floors[2].is_still = True
+    assert len(pool.step(floors)) == 3
     pool.step([])
     assert floor_threads() <= before
 
