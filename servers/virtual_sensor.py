@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from robocorba import logs
@@ -13,16 +13,16 @@ from robocorba.corba.orb import Orb
 from robocorba.corba.remote.map_editor import RemoteMap
 from robocorba.corba.remote.simulation_server import RemoteSimulation
 from robocorba.corba.servants.virtual_sensor import VirtualSensorServant
-from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.maps.model import Building, Floor
 from robocorba.names import SENSORS
 from robocorba.repeating import Repeating
+from robocorba.sensing.floor_follower import FloorFollower
 from robocorba.sensing.reports import Reports
 from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.settings import SensorSettings
 
-#: Interval between updates of the floors [s].
+#: Interval between updates of the floors on which robots scan [s].
 FOLLOW_INTERVAL_S = 0.03
 #: Interval between requests for map edits [s].
 MAP_CHECK_INTERVAL_S = 0.25
@@ -45,8 +45,7 @@ class VirtualSensorServer:
         self._sensor.warm_up()
         self._reports = Reports(self._sensor)
         self._lock = threading.Lock()
-        #: Serializes updates of floors and map.
-        self._update_lock = threading.Lock()
+        self._follower = FloorFollower(self._sensor, self._simulation.changes)
         self._assigned: dict[str, tuple[str, Any]] = {}
         self._number = 0
         self._last_robots: set[str] = set()
@@ -86,6 +85,10 @@ class VirtualSensorServer:
             self._reports.robots = len(self._assigned)
             return self._assigned[name][1]
 
+    def prepare(self, floors: Collection[str]) -> None:
+        """Update the copies of floors that nobody has scanned lately."""
+        self._follower.prepare(floors)
+
     def dismiss(self, name: str) -> None:
         """Deactivate a robot's sensor."""
         with self._lock:
@@ -99,12 +102,7 @@ class VirtualSensorServer:
     # ---- repeated tasks, each in a thread of its own ----
 
     def _follow(self) -> None:
-        for floor in self._sensor.floors:
-            with contextlib.suppress(NotReachable, UnknownFloor):
-                requested_at = time.monotonic()
-                update = self._simulation.changes(floor, self._sensor.version(floor))
-                with self._update_lock:
-                    self._sensor.follow(update, requested_at)
+        self._follower.follow()
         robots = self._sensor.robots
         for name in self._last_robots - robots:
             self.dismiss(name)
@@ -113,8 +111,7 @@ class VirtualSensorServer:
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable):
             if self._map.follow():
-                with self._update_lock:
-                    self._sensor.set_map(self._map.building)
+                self._follower.set_map(self._map.building)
 
     def _report(self) -> None:
         latest = self._reports.collect()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pymunk
 from pymunk._chipmunk import ffi, lib  # type: ignore[import-not-found]
-from pymunk.batch import BodyFields, Buffer, get_space_bodies
+from pymunk.batch import ArbiterFields, BodyFields, Buffer, get_space_arbiters, get_space_bodies
 
 from robocorba.spatial.grids import Floats
 
@@ -47,6 +47,12 @@ class Bodies:
         """Ids of the two bodies of an arbiter, without creating Python objects for them."""
         lib.cpArbiterGetBodies(arbiter._arbiter, self._first, self._second)
         return [int(ffi.cast("uintptr_t", lib.cpBodyGetUserData(body[0]))) for body in (self._first, self._second)]
+
+    def has_contacts(self) -> bool:
+        """Whether bodies touch, or have touched so lately that Chipmunk remembers it."""
+        buffer = Buffer()
+        get_space_arbiters(self._space, ArbiterFields.BODY_A_ID, buffer)
+        return len(buffer.int_buf()) > 0
 
     def read(self) -> None:
         """Copy the state of all bodies to `state`."""

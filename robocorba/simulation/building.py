@@ -26,6 +26,7 @@ from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building, Elevator, MapObject
 from robocorba.maps.movable import fixed_obstacles, landing_doors, movables, object_outline
 from robocorba.simulation.elevator import Cabin, RidePhase, RideStatus
+from robocorba.simulation.floor_pool import FloorPool
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import AreaRequest, Reservations
@@ -128,11 +129,12 @@ class SimulationEvent(NamedTuple):
 
 
 class SimulatedBuilding:
-    """Simulation of `building`; movable objects start at their poses on the map.
+    """Simulation of `building`; movable objects start at their poses on the map. pool: steps the floors.
 
     One thread may use it; methods marked as thread-safe and SimulatedRobot are exceptions."""
 
-    def __init__(self, building: Building) -> None:
+    def __init__(self, building: Building, pool: FloorPool | None = None) -> None:
+        self.pool = pool or FloorPool()
         self.building = Building(building.name)
         self.robots: dict[str, SimulatedRobot] = {}
         self.floors: dict[str, FloorPhysics] = {}
@@ -328,8 +330,8 @@ class SimulatedBuilding:
         """Advance time by STEP_S; return the events."""
         self._steps += 1
         events = []
-        for name, floor in self.floors.items():
-            contacts, lost = floor.step()
+        results = self.pool.step(list(self.floors.values()))
+        for name, (contacts, lost) in zip(self.floors, results, strict=True):
             for first, second in contacts:
                 self._count_collision(first, second)
                 self._count_collision(second, first)
@@ -350,6 +352,10 @@ class SimulatedBuilding:
             events.append(SimulationEvent(self.time, ended.areas[0][0], "reservation over", (ended.owner,), reason))
         self._update_elevator_states()
         return events
+
+    def close(self) -> None:
+        """End the threads that step floors."""
+        self.pool.close()
 
     def refresh(self) -> None:
         """Update the published state after bodies or calls changed, also while time is paused."""

@@ -99,6 +99,7 @@ class ManagementAgent:
     def close(self) -> None:
         """Stop simulated time, and save the final state."""
         self.loop.close()
+        self.simulated.close()
         self._writer.close()
         with contextlib.suppress(ServiceError):
             self._store.save_world(self._record())

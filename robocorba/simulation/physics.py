@@ -48,6 +48,8 @@ SLIDING = Limits(0.0, 0.0, BRAKING_M_S2, BRAKING_RAD_S2)
 STATIC = Limits(0.0, 0.0, 0.0, 0.0)
 #: Limits of a lifted object: it follows its carriers, with a little damping.
 CARRIED = Limits(0.0, 0.0, 0.1, 0.1)
+#: Steps between checks whether a floor is still.
+STILL_CHECK_STEPS = 16
 #: Distance between a hand and its grip point beyond which the grip slips [m].
 SLIP_M = 0.05
 
@@ -79,6 +81,9 @@ class FloorPhysics:
 
     #: State after the last step, without bodies that were added since.
     snapshot: FloorState
+    #: Whether nothing moves nor touches, so that steps change nothing but the time until somebody commands or changes
+    #: something. Found within half a second.
+    is_still = False
 
     def __init__(self, obstacles: Iterable[BaseGeometry] = (), steps: int = 0, name: str = "") -> None:
         self.name = name
@@ -105,6 +110,7 @@ class FloorPhysics:
 
     def set_obstacles(self, obstacles: Iterable[BaseGeometry]) -> None:
         """Replace the static obstacles: lines, and solid polygons."""
+        self.is_still = False
         parts = shapely.get_parts([shape for shape in obstacles if not shape.is_empty])
         is_solid = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
         self._space.remove(*self._static)
@@ -120,6 +126,7 @@ class FloorPhysics:
 
     def open_door(self, name: str) -> None:
         """Remove the line of a closed door, if any."""
+        self.is_still = False
         self._space.remove(*self._doors.pop(name, ()))
 
     def _segments(self, lines: NDArray[np.object_]) -> list[pymunk.Shape]:
@@ -251,7 +258,8 @@ class FloorPhysics:
         self._held = {robot: grip.held for robot, grip in self._grips.items()}
         self._commands = np.empty((len(names), 4))
         self._commanded = [name if name in self._robots else "" for name in names]
-        self._has_changed, self._has_new_commands = False, True
+        self._has_changed, self._has_new_commands, self.is_still = False, True, False
+        self._rows_at_check = b""
         self._take_snapshot()
 
     def touching(self, x: float, y: float, radius_m: float, but: str | None = None) -> str | None:
@@ -290,24 +298,48 @@ class FloorPhysics:
         self._packed_commands[name] = _BRAKE
         self._has_new_commands = True
 
+    @property
+    def size(self) -> int:
+        """Number of bodies."""
+        return len(self._bodies)
+
     def step(self) -> StepResult:
         """Advance by STEP_S."""
         self._rebuild_rows_if_changed()
-        if self._has_new_commands:
+        has_new_commands = self._has_new_commands
+        if has_new_commands:
             self._take_commands()
         self._steps += 1
         self.time = self._steps * STEP_S
         bodies = self._batched
-        control(bodies.state, self._commands, self._limits, self.time, bodies.velocities)
+        if has_new_commands or not self.is_still:
+            control(bodies.state, self._commands, self._limits, self.time, bodies.velocities)
+            self.is_still = self.is_still and not bodies.velocities.any()
+        if self.is_still:
+            rows = self.snapshot.rows
+            self.snapshot = FloorState(self.name, self.time, self._names, self._row_of, rows, self._held)
+            return StepResult([], [])
         bodies.write()
         self._space.step(STEP_S)
         self._take_snapshot()
+        if self._steps % STILL_CHECK_STEPS == 0:
+            self._check_whether_still()
         contacts = self._contacts
         if contacts:
             self._contacts = []
         lost = self._drop_slipped_grips() if self._grips else []
         self._rebuild_rows_if_changed()
         return StepResult(contacts, lost)
+
+    def _check_whether_still(self) -> None:
+        """Set `is_still` once all bodies have rested between two checks and Chipmunk remembers no contact.
+
+        Then a step is a function without memory that gave its input: further ones cannot give anything else."""
+        if self._grips or self._batched.velocities.any():
+            self._rows_at_check = b""
+            return
+        before, self._rows_at_check = self._rows_at_check, self.snapshot.rows.tobytes()
+        self.is_still = before == self._rows_at_check and not self._batched.has_contacts()
 
     def set_steps(self, steps: int) -> None:
         """Set the number of passed steps, and the time accordingly."""

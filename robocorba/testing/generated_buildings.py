@@ -155,13 +155,13 @@ MISSING = 0.07
 RADIUS_M = 0.4
 
 
-def office(seed: int = 1) -> Building:
-    """Four floors of 60 x 60 m, about 75 walls each: rooms with a doorway to each of their neighbours, two tables, a
+def office(seed: int = 1, levels: int = FLOORS) -> Building:
+    """Floors of 60 x 60 m, about 75 walls each: rooms with a doorway to each of their neighbours, two tables, a
     column and a box that can be pushed. The elevator in the middle serves every floor."""
     chance = np.random.default_rng(seed)
     side = ROOMS * ROOM_M
     outline = ((0.0, 0.0), (side, 0.0), (side, side), (0.0, side))
-    names = [f"L{level}" for level in range(1, FLOORS + 1)]
+    names = [f"L{level}" for level in range(1, levels + 1)]
     floors = {
         name: FloorMap(
             Floor(name, level, 4.0 * level, outline=outline), GeometricalMap(_walls(chance), _furniture(chance))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, NoReturn, Protocol
 
 import omniORB
@@ -22,6 +22,9 @@ class RobotSensors(Protocol):
     def for_robot(self, name: str) -> Any:
         """Reference of a robot's sensor, activated if necessary."""
 
+    def prepare(self, floors: Collection[str]) -> None:
+        """Call this before scans on floors."""
+
     def dismiss(self, name: str) -> None:
         """Deactivate a robot's sensor."""
 
@@ -38,6 +41,7 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
     def scan(self, robot: Any, where: Any, wanted: Any) -> Any:
         spec = scans.spec_of(wanted)
         pose_rows, mount = scans.pose_rows_of([robot]), scans.mount_of(where)
+        self._robot_sensors.prepare([robot.floor])
         result = self._sensor.scan(robot.floor, pose_rows, mount, spec, self._robot)
         self._reports.record_scan(self._robot, simulation.pose_of(robot), mount, spec, result)
         return scans.scan(result, spec)
@@ -45,6 +49,7 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
     @translating
     def scanMany(self, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
         spec, mount, floors = scans.spec_of(wanted), scans.mount_of(where), [robot.floor for robot in robots]
+        self._robot_sensors.prepare(floors)
         results = self._sensor.scan_many(floors, scans.pose_rows_of(robots), mount, spec, self._robot)
         for robot, result in zip(robots, results, strict=True):
             self._reports.record_scan(self._robot, simulation.pose_of(robot), mount, spec, result)
