@@ -15,7 +15,8 @@ from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.spatial.floor_state import Pose
 from robocorba.spatial.floor_update import FloorUpdate
-from tests.simulation.places import Clock, robot, tower
+from tests.clock import Clock
+from tests.simulation.places import robot, tower
 
 INTERVAL_S = 0.03
 AHEAD = ScanSpec(Fan(0.0, 0.1, 1, 9.0))

@@ -18,7 +18,7 @@ from robocorba.simulation.floor_pool import KEPT_WINDOWS, MIN_SHARED_BODIES, WIN
 from robocorba.simulation.physics import Contact, StepResult
 from robocorba.simulation.registry import Description
 from robocorba.spatial.floor_state import Pose
-from tests.simulation.places import Clock
+from tests.clock import Clock
 
 FLOORS = ("L1", "L2", "L3")
 
