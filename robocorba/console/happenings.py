@@ -49,11 +49,11 @@ class Happenings:
         found = list(_differences(self._before, rows)) if self._before is not None else []
         if self._before is not None or not rows["naming"]:  # what was there before the console is no news
             self._before = rows
+        # Outside of the lock: naming collisions takes a while.
+        found = [("collision", *self._collision(each[3], at_s)) if each[0] == "collision" else each for each in found]
         with self._lock:
             for kind, robot, floor, text in found:
                 self._count += 1
-                if kind == "collision":
-                    robot, floor, text = self._collision(text, at_s)
                 self._kept.append(Happening(self._count, at_s, kind, robot, floor, text[:MAX_TEXT]))
             while self._kept and self._kept[0].at < at_s - KEPT_S:
                 self._kept.popleft()
