@@ -78,10 +78,11 @@ def test_the_time_is_limited(
 
 def test_an_interrupt_ends_the_processes(tmp_path: Path, kernels: KernelStore, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COMPILE_AS", "wait")
+    others = psutil.Process().children(recursive=True)  # of earlier tests
     children: list[psutil.Process] = []
 
     def interrupt(progress: CompilationProgress) -> None:
-        children.extend(psutil.Process().children(recursive=True))
+        children.extend(set(psutil.Process().children(recursive=True)).difference(others))
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
