@@ -1,7 +1,7 @@
 """The warm parent: a process of one thread that has loaded the modules of the servers, and forks each server.
 
 A fork shares what is loaded, so a server starts within a fraction of a second, and has only what it changes for itself.
-`warm_starts.py` starts this process with one end of a socket, and asks for processes with requests as JSON:
+`starter.py` starts this process with one end of a socket, and asks for processes with requests as JSON:
 
     {"module": "robocorba.servers.simulation", "arguments": [...], "cwd": "/...", "title": "..."}
         with a descriptor for the output: forks a process that calls the module's main(arguments); answered by
