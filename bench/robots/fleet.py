@@ -1,0 +1,185 @@
+"""A hundred robots of `robocorba robots`: what idle ones take, and whether all answer and go on while forty move.
+
+    python -m bench.robots.fleet [--robots 100] [--driving 40] [--seconds 30]
+
+Real processes in the five-floor sample. First nobody has a task; then some robots turn to and fro where they stand,
+with control cycles and neighbours as for any other motion. Every robot is asked for its state again and again, one
+after the other. A lease is lost if the simulation server logs that it expired."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import signal
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import psutil
+from matplotlib.axes import Axes
+
+from bench.common.harness import run
+from robocorba.control.agent import AgentCondition
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.errors.services import NotReachable
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.programs.program import dumps
+from robocorba.testing.json_process import ProcessFailed
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, running_system
+from robocorba.testing.report import at_most, quantile, summarize
+
+START_LIMIT_S = 300.0
+#: Time before a measurement begins [s].
+SETTLE_S = 5.0
+MAX_ANSWER_MS, MAX_IDLE_PERCENT, MAX_MB = 200.0, 0.7, 50.0
+#: Pause between two rounds of questions [s].
+PAUSE_S = 0.5
+#: Floors of the sample, over which robots are spread.
+FLOORS = ("L1", "L2", "L3", "L4", "L5")
+
+
+#: Begins the process title of a robot.
+TITLE = re.compile(r"robocorba\.clients\.robot (\S+) ")
+#: What the simulation server logs.
+EXPIRED = re.compile(r"its lease of .* expired")
+
+
+class Robot(NamedTuple):
+    """A robot of the fleet."""
+
+    process: psutil.Process
+    agent: RemoteAgent
+
+
+class Measured(NamedTuple):
+    """Of some time: answers [ms], calls without one, CPU of each robot and of each server in percent of a core."""
+
+    answers_ms: list[float]
+    failures: int
+    robots: dict[str, float]
+    servers: dict[str, float]
+
+
+def turning() -> str:
+    """A program that ends after hours."""
+    builder = ProgramBuilder("turning")
+    with builder.repeat(10_000):
+        builder.mbase_by(turn=1.5).mbase_by(turn=-1.5)
+    return dumps(builder.program())
+
+
+@contextlib.contextmanager
+def fleet_of(system: Running, orb: Orb, launch: Launcher, count: int) -> Iterator[dict[str, Robot]]:
+    """So many robots, spread over all floors; all have started."""
+    file = system.state / "fleet.yaml"
+    sizes = [count // len(FLOORS) + (number < count % len(FLOORS)) for number in range(len(FLOORS))]
+    groups = [f"- {{prefix: {floor}-, count: {n}, floor: {floor}}}" for floor, n in zip(FLOORS, sizes, strict=True)]
+    file.write_text("\n".join(["robots:", *groups, ""]))
+    process = launch(ROBOCORBA, "robots", str(file), "--naming", str(orb.naming), "--state", str(system.state))
+    drain(process)
+    assert process.stdout
+    while (line := process.stdout.readline()) != "ready\n":
+        if not line:
+            raise ProcessFailed("the fleet has not started")
+    robots = {}
+    for child in psutil.Process(process.pid).children():
+        if found := TITLE.search(" ".join(child.cmdline())):
+            robots[found[1]] = Robot(child, RemoteAgent(orb, found[1]))
+    yield robots
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=START_LIMIT_S)
+
+
+def measure_for(seconds: float, system: Running, robots: Mapping[str, Robot]) -> Measured:
+    """Ask all robots for their state for some time."""
+    servers = {row.name: psutil.Process(row.pid) for row in system.record().processes}
+    processes = {**{name: robot.process for name, robot in robots.items()}, **servers}
+    answers: list[float] = []
+    failures = 0
+    began, before = time.monotonic(), {name: _cpu_s(process) for name, process in processes.items()}
+    while time.monotonic() < began + seconds:
+        for robot in robots.values():
+            asked = time.perf_counter()
+            try:
+                robot.agent.state()
+            except NotReachable:
+                failures += 1
+            answers.append((time.perf_counter() - asked) * 1e3)
+        time.sleep(PAUSE_S)
+    elapsed = time.monotonic() - began
+    busy = {name: (_cpu_s(process) - before[name]) / elapsed * 100 for name, process in processes.items()}
+    return Measured(answers, failures, {name: busy[name] for name in robots}, {name: busy[name] for name in servers})
+
+
+def _cpu_s(process: psutil.Process) -> float:
+    return float(sum(process.cpu_times()[:2]))
+
+
+def row(when: str, measured: Measured, robots: Mapping[str, Robot], names: Sequence[str]) -> dict[str, Any]:
+    """Of the robots with these names."""
+    busy = [measured.robots[name] for name in names]
+    return {
+        "when": when,
+        "robots": len(names),
+        "CPU of one, %": statistics.median(busy),
+        "highest": max(busy),
+        "private, MB": statistics.median(robots[name].process.memory_full_info().uss / 1e6 for name in names),
+        "simulation, %": measured.servers["simulation"],
+        "answers p50, ms": statistics.median(measured.answers_ms),
+        "p99": quantile(measured.answers_ms, 0.99),
+        "worst": max(measured.answers_ms),
+        "load": os.getloadavg()[0],
+    }
+
+
+def main(robots: int = 100, driving: int = 40, seconds: float = 30.0) -> bool:
+    with (
+        tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder,
+        running_system(Path(folder)) as (system, launch),
+        Orb(system.naming) as orb,
+        fleet_of(system, orb, launch, robots) as fleet,
+    ):
+        names = list(fleet)
+        drivers = names[:: max(1, len(names) // max(1, driving))][:driving]
+        others = [name for name in names if name not in drivers]
+        time.sleep(SETTLE_S)
+        idle = measure_for(seconds, system, fleet)
+        rows = [row("nobody moves", idle, fleet, names)]
+        for name in drivers:
+            fleet[name].agent.load(turning())
+            fleet[name].agent.run()
+        time.sleep(SETTLE_S)
+        moving = measure_for(seconds, system, fleet)
+        rows += [row("idle, others move", moving, fleet, others), row("moves", moving, fleet, drivers)]
+        states = {name: fleet[name].agent.state() for name in drivers}
+        stopped = {name: state for name, state in states.items() if state.condition is not AgentCondition.RUNNING}
+        for name, state in stopped.items():
+            print(f"{name}: {state.condition.name.lower()} {state.program.reason if state.program else state.reason}")
+        expired = len(EXPIRED.findall((system.state / "logs" / "simulation.log").read_text()))
+    marks = [
+        at_most("robots that did not start", robots - len(names), 0),
+        at_most("CPU of an idle robot, median, %", rows[0]["CPU of one, %"], MAX_IDLE_PERCENT),
+        at_most("private memory of a robot, MB", rows[0]["private, MB"], MAX_MB),
+        at_most("nobody moves: slowest answer, ms", rows[0]["worst"], MAX_ANSWER_MS),
+        at_most("others move: slowest answer, ms", rows[1]["worst"], MAX_ANSWER_MS),
+        at_most("calls without an answer", idle.failures + moving.failures, 0),
+        at_most("leases lost", expired, 0),
+        at_most("moving robots that stopped", len(stopped), 0),
+    ]
+
+    def draw(axes: Axes) -> None:
+        for found, label in ((idle, "nobody moves"), (moving, f"{len(drivers)} move")):
+            axes.hist(found.answers_ms, bins=100, histtype="step", label=label)
+        axes.set(xlabel="ms until a robot's answer", ylabel="calls", yscale="log")
+        axes.legend()
+
+    return summarize("fleet", f"{robots} robots, {len(drivers)} of which move", rows, marks, draw)
+
+
+if __name__ == "__main__":
+    run(main, robots="of the fleet", driving="that move later", seconds="of each measurement")
