@@ -12,7 +12,7 @@ BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
     "events": ("network", "channel", "chaos"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
-    "robots": ("kinematics", "virtual_and_actual", "control", "stops"),
+    "robots": ("kinematics", "virtual_and_actual", "control", "stops", "fleet"),
     "missions": ("carry", "network", "many", "chaos"),
     "console": ("viewers", "returns"),
     "starts": ("ready", "kills", "memory", "forks"),

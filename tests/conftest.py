@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import signal
-import tempfile
-from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 
 import hypothesis
 import pytest
@@ -19,6 +14,7 @@ from robocorba.missions import carry_planning
 from robocorba.planning.planner import PathPlanner
 from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation import omni_database, physics
+from robocorba.supervision.compilation import compile_kernels
 from robocorba.testing.buildings import two_floors
 
 # The same examples in each run, so that it says the same on every machine; `--hypothesis-profile random` looks for
@@ -40,35 +36,30 @@ def sigint() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def compile_sensing() -> None:
+def load_sensing() -> None:
     sensor = VirtualSensor()
     sensor.set_map(two_floors())
     sensor.warm_up()
 
 
-def compile_simulation() -> None:
+def load_simulation() -> None:
     physics.warm_up()
     omni_database.warm_up()
 
 
-#: What compiles the kernels of a package, longest first.
-COMPILERS: dict[str, Callable[[], object]] = {
-    "planning": lambda: PathPlanner(Building("none")).warm_up(),
-    "missions": carry_planning.warm_up,
-    "sensing": compile_sensing,
-    "kinematics": InverseKinematics,
-    "simulation": compile_simulation,
-}
+#: What loads the kernels of each package.
+LOADERS: tuple[Callable[[], object], ...] = (
+    lambda: PathPlanner(Building("none")).warm_up(),
+    carry_planning.warm_up,
+    load_sensing,
+    InverseKinematics,
+    load_simulation,
+)
 
 
 @pytest.fixture(scope="session", autouse=True)
-def kernels(worker_id: str) -> None:
-    """Compile once what servers and robots use, before any test's clock runs.
-
-    Workers begin with different packages; one that comes to what another compiles waits for it, and loads it then."""
-    names = deque(COMPILERS)
-    names.rotate(-int(worker_id.removeprefix("gw")) if worker_id != "master" else 0)
-    for name in names:
-        with Path(tempfile.gettempdir(), f"robocorba-{os.getuid()}-{name}.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            COMPILERS[name]()
+def kernels(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Compile once what servers and robots use, and load it, before any test's clock runs."""
+    assert compile_kernels(lambda progress: None, tmp_path_factory.mktemp("compilation"))
+    for load in LOADERS:
+        load()

@@ -19,13 +19,14 @@ import psutil
 from bench.common.harness import progress, run
 from bench.starts.outage import LIMIT_S, Client, client
 from bench.starts.systems import BASE, OURS, SERVERS, System, load, systems
-from robocorba.supervision.hangs import CALLS, DEFAULT
+from robocorba.corba.naming import PROBE_TIMEOUT_S
+from robocorba.supervision.hangs import DEFAULT
 from robocorba.supervision.system import NAMING_SERVICE
 from robocorba.testing.processes import eventually, hang
 from robocorba.testing.report import at_most, bars, summarize
 
-#: Required time until a stopped server is back [s]: the limit, one interval of calls with their timeout, and a start.
-MAX_AWAY_S = DEFAULT.limit_s + 2 * (DEFAULT.limit_s / CALLS + 1.0) + 1.2
+#: Required time until a stopped server is back [s]: the limit, the timeout of the last call, and a start.
+MAX_AWAY_S = DEFAULT.limit_s + PROBE_TIMEOUT_S + 1.2
 
 
 def stopped(system: System, calls: Client, server: str, seconds: float) -> dict[str, Any]:

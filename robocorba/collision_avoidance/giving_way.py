@@ -34,6 +34,8 @@ BRAKING_M_S2 = 0.6 * BASE_LIMITS.acceleration
 MEET_M, MEET_S = 0.15, 2.5
 #: A robot is blocked while it may drive at less than this share of its wanted speed.
 BLOCKED_SHARE = 0.1
+#: Time for which a robot stands and waits for the positions of others [s].
+UNKNOWN_LIMIT_S = 20.0
 #: Clearance to walls and objects [m], with `avoid_walls`.
 WALL_M = 0.02
 
@@ -65,21 +67,36 @@ class GiveWay:
         self._motion, self._nearby, self._policy, self._goal = motion, nearby, nearby.policy, goal
         self._precise_positioning, self._avoid_walls = precise_positioning, avoid_walls
         self._blocked_since: float | None = None
+        #: The last tick, since when the positions of others are unknown, and how long they were in all [s].
+        self._last_s, self._unknown_s = 0.0, 0.0
+        self._unknown_since: float | None = None
         #: Since when each stationary robot has been stationary [s], by name.
         self._stationary_since: dict[str, float] = {}
 
     def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         """Raises MotionFailed, Blocked."""
-        command = self._motion.command(state, elapsed_s)
+        if self._unknown_since is not None:
+            self._unknown_s += elapsed_s - self._last_s
+        self._last_s = elapsed_s
+        command = self._motion.command(state, elapsed_s - self._unknown_s)
         if command is None:
             return None
         try:
             share, other = self._allowed_share(state, command.velocity, elapsed_s)
-        except NotReachable:
+        except NotReachable as error:
+            self._check_patience(error, elapsed_s)
             return command._replace(velocity=ZERO_VELOCITY)  # with unknown positions of others the robot does not drive
+        self._unknown_since = None
         self._check_blocked(state, share, other, elapsed_s)
         ahead, left, turn = command.velocity
         return command._replace(velocity=(ahead * share, left * share, turn))
+
+    def _check_patience(self, error: NotReachable, now: float) -> None:
+        """Data that are late for a moment, as on a busy machine, must not end a drive as if the robot were stuck."""
+        if self._unknown_since is None:
+            self._unknown_since = now
+        if now - self._unknown_since >= UNKNOWN_LIMIT_S:
+            raise MotionFailed(f"waited {UNKNOWN_LIMIT_S:g} s: {error}")
 
     def _allowed_share(self, state: RobotState, velocity: Velocity, now: float) -> tuple[float, OtherRobot | None]:
         """The share of a velocity that is allowed, and the robot that limits it."""

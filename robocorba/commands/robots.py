@@ -46,6 +46,7 @@ def robots(
     """Start many robots, each as a process of its own; show what they do until Ctrl-C or SIGTERM ends them.
 
     A robot that ends is shown with the reason; the others go on. Exit code 0 if all ran to the end, else 1."""
+    from robocorba.commands.compiling import compile_with_progress
     from robocorba.commands.fleet_view import view_for
     from robocorba.supervision.fleet import Fleet, FleetOptions
 
@@ -62,6 +63,7 @@ def robots(
         orders_in = _orders(fleet, {**options, "prefix": prefix, "count": count})
         console = Console()
         logs.setup("robots", settings.state / "logs", with_stderr=not console.is_terminal)
+        compile_with_progress(settings.state / "logs")
         with Orb(settings.naming) as orb:
             orders = orders_in(*_places(orb))
             with view_for(console) as view:

@@ -37,9 +37,11 @@ async def watch_for_hang(process: Child, is_alive: Callable[[], None] | None, li
     then, or until cancelled; returns "" if there is nothing to watch."""
     if is_alive is None or not limit.limit_s:
         return ""
-    answered, failures = time.monotonic(), 0
+    answered = called = time.monotonic()
+    failures = 0
     while True:
-        await asyncio.sleep(limit.limit_s / CALLS)
+        await asyncio.sleep(max(0.0, called + limit.limit_s / CALLS - time.monotonic()))
+        called = time.monotonic()
         try:
             await asyncio.to_thread(is_alive)
         except RoboCorbaError as error:

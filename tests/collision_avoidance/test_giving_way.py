@@ -19,7 +19,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 from robocorba.maps.model import BoxShape, Building, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from robocorba.maps.samples import load_sample
-from robocorba.motion.driving import Drive
+from robocorba.motion.driving import STUCK_S, Drive
 from robocorba.motion.robot_state import RobotState
 from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.spatial.frames import turned
@@ -162,14 +162,31 @@ def test_a_robot_stops_before_a_wall() -> None:
     assert base.state.y == pytest.approx(0.6 - RADIUS_M - 0.02, abs=0.005)
 
 
-def test_a_robot_does_not_drive_without_positions_of_others() -> None:
-    class Blind(Base):
-        def others(self, x: float, y: float) -> list[OtherRobot]:
-            raise NotReachable("away")
+class Blind(Base):
+    """Knows where others are only between two times."""
 
+    sees = (math.inf, math.inf)
+
+    def others(self, x: float, y: float) -> list[OtherRobot]:
+        if not self.sees[0] <= self.state.time < self.sees[1]:
+            raise NotReachable("away")
+        return super().others(x, y)
+
+
+def test_a_robot_does_not_drive_without_positions_of_others() -> None:
     base = Blind("a", 0.0, 0.0)
     _, (end,) = drive([base], [GiveWay(Drive([(1.0, 0.0)], None, 0.4, BASE_LIMITS), base)])
-    assert end.startswith("stuck at (0.00, 0.00)")
+    assert end == "waited 20 s: away"
+    assert (base.state.x, base.state.y) == (0.0, 0.0)
+
+
+def test_a_robot_goes_on_when_it_knows_others_again() -> None:
+    """It has waited longer than a robot that is stuck would have."""
+    base = Blind("a", 0.0, 0.0)
+    base.sees = (STUCK_S * 2, math.inf)
+    _, (end,) = drive([base], [GiveWay(Drive([(1.0, 0.0)], None, 0.4, BASE_LIMITS), base)])
+    assert end == "there"
+    assert base.state.x == pytest.approx(1.0, abs=0.01)
 
 
 @given(PLACES, PLACES, some.tuples(some.floats(-1, 1), some.floats(-1, 1)))
