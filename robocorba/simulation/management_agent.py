@@ -127,24 +127,32 @@ class ManagementAgent:
         return session
 
     def record_scans(self, latest: Iterable[LastScan]) -> None:
-        """Record the robots' last scans; a scan renews its robot's lease."""
+        """Record the robots' last scans; a scan renews its robot's lease.
+
+        Scans of an earlier robot of the same name may arrive late, by another sensor server; they are ignored."""
         now = time.monotonic()
+        began = self._session_starts()
         for scan in latest:
-            with contextlib.suppress(UnknownRobot, SessionExpired):
-                self.registry.find(scan.robot).renew_lease(now)
-                self.database.record_scan(scan)
+            if scan.time >= began.get(scan.robot, math.inf):
+                with contextlib.suppress(UnknownRobot, SessionExpired):
+                    self.registry.find(scan.robot).renew_lease(now)
+                    self.database.record_scan(scan)
 
     def record_robot_scans(self, latest: Iterable[RobotScan]) -> float:
         """Record complete scans of logged-on robots; return the seconds until the next ones are wanted.
 
         Scans of an earlier robot of the same name may arrive late; they are ignored."""
-        began = {session.name: session.began for session in list(self.sessions.values())}
+        began = self._session_starts()
         scans = self.database.robot_scans
         for scan in latest:
             if scan.time >= began.get(scan.robot, math.inf):
                 scans.record(scan)
         scans.keep({client.name for client in self.registry.clients})  # some may have logged off meanwhile
         return scans.interval_s
+
+    def _session_starts(self) -> dict[str, float]:
+        """Simulated time at which each robot logged on [s]."""
+        return {session.name: session.began for session in list(self.sessions.values())}
 
     def evict(self, name: str) -> None:
         """Log a robot off. Raises UnknownRobot, SimulationBusy, ServiceError."""

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from robocorba.errors.paths import UnknownFloor
@@ -25,6 +26,7 @@ from robocorba.maps.model import ElementKind
 from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.simulation.omni_database import LastScan
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import ClientRecord, SimulationStore
@@ -195,6 +197,19 @@ def test_a_robot_does_not_inherit_the_pose_of_an_earlier_robot_of_its_name(store
     store.save_client(ClientRecord.of("another", 1.0, robot("A", "L2")))
     (session,) = ManagementAgent(tower(), 7, store).sessions.values()
     assert session.state().pose == ("L2", 7.0, 2.0, 0.0)
+
+
+def test_late_scans_of_an_earlier_robot_of_the_same_name_are_ignored(store: SimulationStore) -> None:
+    agent = ManagementAgent(tower(), 7, store)
+    began = agent.register(robot("A")).began
+
+    def last_scan(time_s: float) -> LastScan:
+        return LastScan("A", time_s, Pose("L1", 1.0, 2.0, 0.0), 0.0, 0.1, np.ones(3))
+
+    agent.record_scans([last_scan(began - 0.1)])
+    assert agent.database.last_scans("L1") == []
+    agent.record_scans([last_scan(began + 0.1)])
+    assert [found.time for found in agent.database.last_scans("L1")] == [began + 0.1]
 
 
 def test_leases_begin_when_calls_are_accepted(store: SimulationStore) -> None:
