@@ -4,6 +4,8 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Where it is set, as in many containers, each process would compile all of RoboCorba anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test lint bench bench-events bench-simulation bench-robots pictures stubs clean help
 
@@ -44,7 +46,8 @@ demo: stubs
 	@$(BIN)/python -m robocorba.clients.demo $(if $(CONSOLE),--console)
 
 test: stubs
-	@$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder
+	@$(BIN)/python -m tests.prepare
+	@$(BIN)/python -m pytest --numprocesses 4 --dist loadfile --no-loadscope-reorder
 
 lint: stubs
 	@$(BIN)/ruff format --check .
