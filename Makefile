@@ -47,7 +47,7 @@ demo: stubs
 
 test: stubs
 	@$(BIN)/python -m tests.prepare
-	@$(BIN)/python -m pytest --numprocesses 4 --dist loadfile --no-loadscope-reorder
+	@$(BIN)/python -m pytest --numprocesses 5 --dist loadfile --no-loadscope-reorder
 
 lint: stubs
 	@$(BIN)/ruff format --check .

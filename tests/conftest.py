@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import signal
 from collections.abc import Callable
 
@@ -19,8 +20,11 @@ from robocorba.testing.buildings import two_floors
 
 # The same examples in each run, so that it says the same on every machine; `--hypothesis-profile random` looks for
 # new ones. How long examples take to make says something of the machine and its load, nothing of what is tested.
-hypothesis.settings.register_profile("suite", derandomize=True, suppress_health_check=[hypothesis.HealthCheck.too_slow])
-hypothesis.settings.register_profile("random", suppress_health_check=[hypothesis.HealthCheck.too_slow])
+register = functools.partial(
+    hypothesis.settings.register_profile, deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
+register("suite", derandomize=True)
+register("random")
 hypothesis.settings.load_profile("suite")
 
 

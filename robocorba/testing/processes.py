@@ -139,7 +139,7 @@ class Running:
     def stop(self, number: signal.Signals = signal.SIGTERM) -> int:
         """Send it a signal and wait until it ends; returns its exit code."""
         self.process.send_signal(number)
-        return self.process.wait(15)
+        return self.process.wait(60)
 
     def left_behind(self) -> list[psutil.Process]:
         """The noted descendants that still run."""

@@ -138,7 +138,8 @@ def test_a_robot_is_what_it_says_or_may_not_log_on(place: Place, wrong: tuple[st
         at = answer.state().at
         assert (at.floor, at.x, at.y) == (description.start.floor, description.start.x, description.start.y)
         assert len(place.database.getFloor("L1").came) and place.server.renderFloor("L1", 400)
-        answer.deregister()
+        with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):  # on a busy machine its lease may have expired
+            answer.deregister()
 
 
 @given(velocities, numbers)

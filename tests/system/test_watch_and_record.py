@@ -141,6 +141,16 @@ def test_it_is_live_on_a_terminal(system: Running, robots: None) -> None:
     assert shown.count("\x1b[2K") > 10
 
 
+@contextlib.contextmanager
+def stopped(pid: int) -> Iterator[None]:
+    """A process is held inside the `with`."""
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(pid, signal.SIGCONT)
+
+
 def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Running, tmp_path: Path) -> None:
     file, lost = tmp_path / "a.mcap", tmp_path / "lost.mcap"
     recorder, killed = robocorba("record", "a.mcap"), robocorba("record", "lost.mcap", "--floor", "L2")
@@ -154,8 +164,11 @@ def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Runn
     eventually((tmp_path / "a.mp4").exists, PATIENCE_S, "the video")
 
     killed.kill()
-    pid = system.pid("simulation")
-    os.kill(pid, signal.SIGKILL)
+    assert watcher.stderr is not None
+    with stopped(system.process.pid):  # else the next server is there before anybody notices
+        os.kill(system.pid("simulation"), signal.SIGKILL)
+        noticed = watcher.stderr.readline()
+    assert noticed.startswith("robocorba watch: ") and noticed.endswith("; waiting\n")
     killed.wait(PATIENCE_S)
     cut_off = Recording(lost)
     assert not cut_off.is_complete
@@ -171,10 +184,9 @@ def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Runn
         process.send_signal(number)
     assert done(recorder).startswith("wrote a.mcap: ")
     _, err = watcher.communicate(timeout=PATIENCE_S)
-    assert (watcher.returncode, err.count("\n")) == (0, 1)
-    assert err.startswith("robocorba watch: ") and err.endswith("; waiting\n")
+    assert (watcher.returncode, err) == (0, "")
     said = done(film)
-    assert pictures(tmp_path / "a.mp4") == int(said.split(" s, ")[1].split()[0]) > 20
+    assert pictures(tmp_path / "a.mp4") == int(said.split(" s, ")[1].split()[0]) > 5
 
     found = Recording(file)
     assert found.is_complete
