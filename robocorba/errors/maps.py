@@ -92,6 +92,14 @@ class TooManyTransactions(MapError):
         super().__init__(f"{limit} transactions or edit sessions are open already; end one")
 
 
+class ServerBusy(MapError):
+    """The map editor serves long requests of others; nothing was done. Try again."""
+
+
+class ReplyTooLarge(MapError):
+    """The answer does not fit into a message; read it in pages."""
+
+
 class MapFileError(MapError):
     """A map file is invalid. `line` is 1-based, 0 if unknown; `key` is a path such as floors[0].name."""
 

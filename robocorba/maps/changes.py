@@ -46,7 +46,7 @@ class ChangeKind(str, Enum):
     REMOVED = "removed"
 
 
-class Change(msgspec.Struct, frozen=True):
+class Change(msgspec.Struct, frozen=True, gc=False):
     """An element before and after the change to `version`; None if it did not exist before, or was removed."""
 
     version: int

@@ -44,6 +44,7 @@ from robocorba.maps.draft import Draft, EditorState, Versions
 from robocorba.maps.edits import EditRecord, Finding, renamed, shortened, summary_of
 from robocorba.maps.element_rules import size_of
 from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap, with_topology
+from robocorba.maps.pages import EVERYTHING, MAX_PAGE, ChangePage, ChangePosition, ElementPage, Selection
 from robocorba.maps.places import placed
 from robocorba.maps.renaming import rename_changes
 from robocorba.maps.store import DEFAULT_LIMITS, NO_NOTE, CommitKind, EditNote, MapLimits, MapStore, StoredBuilding
@@ -115,6 +116,10 @@ class BuildingEditor:
             raise UnknownElement(ElementKind.FLOOR.value, "", floor)
         versions = state.versions.get((kind, floor if kind in COLLECTION_OF else ""), {})
         return [(element, versions[name]) for name, element in state.building.elements(kind, floor).items()]
+
+    def count(self, kind: ElementKind, floor: str = "") -> int:
+        """The number of elements of a kind on a floor, 0 for an unknown floor."""
+        return len(self._state.versions.get((kind, floor if kind in COLLECTION_OF else ""), ()))
 
     def create(self, floor: str, element: Element, by: AuthorHistory | None = None) -> int:
         """Add an element. `floor` is ignored for floors and elevators. Returns the new version.
@@ -246,6 +251,29 @@ class BuildingEditor:
             return []
         return self._store.changes_since(version, state.version)
 
+    def count_changes(self, since: int) -> int:
+        """The number of changes after version `since`. Raises VersionUnavailable, MapFileError."""
+        state = self._state
+        return self._store.count_changes(since, state.version) if since != state.version else 0
+
+    def oldest_within(self, changes: int) -> int:
+        """The oldest version after which there are at most so many changes."""
+        return self._store.oldest_within(changes, self._state.version)
+
+    def change_page(self, start: ChangePosition, part: Selection = EVERYTHING, limit: int = MAX_PAGE) -> ChangePage:
+        """At most `limit` changes of a part of the building from a position on. Raises VersionUnavailable,
+        MapFileError."""
+        state = self._state
+        if start == (state.version, 0):
+            return ChangePage([], start, True, 0)
+        return self._store.change_page(start, part, limit, state.version)
+
+    def element_page(self, start: int, part: Selection = EVERYTHING, limit: int = MAX_PAGE) -> ElementPage:
+        """At most `limit` elements of a part of the building from a position on, 0 for the first. Raises MapFileError.
+
+        The pages of a building that is edited meanwhile need the changes since `read_at` of the first one."""
+        return self._store.element_page(start, part, limit, self._state.version)
+
     def edits_since(self, version: int) -> list[EditRecord]:
         """The edits after `version`, oldest first. Raises VersionUnavailable, MapFileError."""
         state = self._state
@@ -273,11 +301,22 @@ class BuildingEditor:
         """Replace the building by another one, as one edit of the elements that differ.
 
         Returns the new version, the current one if nothing differs. Raises StaleVersion, InvalidElement."""
+        self._expect(expected)
+        self._check_replacement(difference(self.building, building))
         for wrong in problems(building, limit=1):
             raise wrong
         with self._lock:
             self._expect(expected)
             return self._put(difference(self.building, building), building.name)
+
+    def _check_replacement(self, elements: dict[ElementKey, Element | None]) -> None:
+        size = sum(map(size_of, elements.values()))
+        if size > self._limits.replacement_size:
+            reason = (
+                f"the file brings {size} new elements and points, one call may bring {self._limits.replacement_size}; "
+                "make them by several transactions, or start the system with this building"
+            )
+            raise InvalidElement(*next(key for key, element in elements.items() if element).words, reason)
 
     def replace_topology(self, floor: str, topology: TopologicalMap) -> int:
         """Replace a floor's topological map, as one edit.

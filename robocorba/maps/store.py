@@ -13,7 +13,7 @@ import fcntl
 import os
 import sqlite3
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from enum import Enum, IntEnum
@@ -35,6 +35,7 @@ from robocorba.maps.model import (
     ElementKind,
     FloorMap,
 )
+from robocorba.maps.pages import MAX_PAGE_LENGTH, ChangePage, ChangePosition, ElementPage, Selection, StoredElement
 from robocorba.maps.underlays import Underlay
 
 #: SQLite application id, "RoCo": identifies RoboCorba's map stores.
@@ -65,6 +66,8 @@ _ADDED_TABLES = (
         version INTEGER PRIMARY KEY, author TEXT NOT NULL, time REAL NOT NULL, summary TEXT NOT NULL)""",
     underlay_table.TABLE,
 )
+#: The largest integer of SQLite.
+_MAX_INTEGER = 2**63 - 1
 _ELEMENT_COLUMNS = "kind, floor, name, version, value"
 _CHANGE_COLUMNS = "version, kind, floor, name, before, after"
 
@@ -80,13 +83,15 @@ class MapLimits:
 
     commits: kept for undo and for the list of changes. journal_changes: changed elements in them, over all commits.
     building_size, pending_size: of the building, and of all open transactions together (see size_of); they bound
-    memory. transactions, sessions: open at the same time. transaction_timeout_s: after which an idle one is rolled
-    back; session_timeout_s: after which an idle session ends."""
+    memory. replacement_size: of what one replacement of the building may bring, so that it ends while its client still
+    waits. transactions, sessions: open at the same time. transaction_timeout_s: after which an idle one is rolled back;
+    session_timeout_s: after which an idle session ends."""
 
     commits: int = 10_000
     journal_changes: int = 1_000_000
     building_size: int = 2_000_000
     pending_size: int = 500_000
+    replacement_size: int = 500_000
     transactions: int = 64
     transaction_timeout_s: float = 300.0
     sessions: int = 64
@@ -358,6 +363,57 @@ class MapStore:
         with self._journal(since, current) as reader:
             return [EditRecord(*row) for row in reader.execute(query, (since, current))]
 
+    def change_page(self, start: ChangePosition, part: Selection, limit: int, current: int) -> ChangePage:
+        """At most `limit` changes of a part of the building, from a position on, up to version `current`.
+
+        Raises VersionUnavailable as changes_since does."""
+        selected, values = _condition(part)
+        query = (
+            "SELECT version, position, kind, floor, name, before, after FROM changes "
+            f"WHERE (version, position) >= (?, ?) AND version <= ? AND {selected} ORDER BY version, position LIMIT ?"
+        )
+        with self._journal(start.since, current) as reader:
+            rows = reader.execute(query, (start.since + 1, start.taken, current, *values, limit + 1))
+            found, following = _page(rows, limit, lambda row: len(row[3]) + len(row[5] or "") + len(row[6] or ""))
+            position = ChangePosition(current) if following is None else ChangePosition(following[0] - 1, following[1])
+            total = "SELECT total(size) FROM commits WHERE version > ? AND version <= ?"
+            left = int(reader.execute(total, (position.since, current)).fetchone()[0]) - position.taken
+        changes = [(row[0], *row[2:]) for row in found]
+        return ChangePage(_changes(changes), position, following is None, left)
+
+    def element_page(self, start: int, part: Selection, limit: int, version: int) -> ElementPage:
+        """At most `limit` elements of a part of the building, from a position on, at `version` or later."""
+        selected, values = _condition(part)
+        query = f"SELECT id, kind, floor, version, value FROM elements WHERE id >= ? AND {selected} ORDER BY id LIMIT ?"
+        with _guarded(self.path), self._reading:
+            rows = self._reader.execute(query, (min(start, _MAX_INTEGER), *values, limit + 1))
+            found, following = _page(rows, limit, lambda row: len(row[2]) + len(row[4]))
+        elements = [
+            StoredElement(floor, _decoders[_KINDS[kind]].decode(value), changed)
+            for _, kind, floor, changed, value in found
+        ]
+        return ElementPage(version, elements, following[0] if following else 0, following is None)
+
+    def count_changes(self, since: int, current: int) -> int:
+        """The number of changes after version `since` up to `current`.
+
+        Raises VersionUnavailable as changes_since does."""
+        total = "SELECT total(size) FROM commits WHERE version > ? AND version <= ?"
+        with self._journal(since, current) as reader:
+            return int(reader.execute(total, (since, current)).fetchone()[0])
+
+    def oldest_within(self, changes: int, current: int) -> int:
+        """The oldest version from which on there are at most so many changes up to `current`."""
+        count, oldest = 0, current
+        with _guarded(self.path), self._reading:
+            query = "SELECT version, size FROM commits WHERE version <= ? ORDER BY version DESC"
+            for version, size in self._reader.execute(query, (current,)):
+                count += size
+                if count > changes:
+                    break
+                oldest = version - 1
+        return oldest
+
     @contextmanager
     def _journal(self, since: int, current: int) -> Iterator[sqlite3.Connection]:
         """A reader for versions after `since` up to `current`. Raises VersionUnavailable."""
@@ -442,7 +498,33 @@ def _text(element: Element | None) -> str | None:
     return None if element is None else msgspec.json.encode(element).decode()
 
 
-def _changes(rows: sqlite3.Cursor) -> list[Change]:
+def _condition(part: Selection) -> tuple[str, list[str]]:
+    """The condition for the rows of a part of the building, and its parameters."""
+    conditions, values = ["TRUE"], []
+    if part.kinds:
+        conditions.append(f"kind IN ({', '.join('?' * len(part.kinds))})")
+        values += [kind.value for kind in part.kinds]
+    if part.floor:
+        conditions.append("floor IN ('', ?)")
+        values.append(part.floor)
+    return " AND ".join(conditions), values
+
+
+def _page(
+    rows: Iterable[tuple[Any, ...]], limit: int, length: Callable[[tuple[Any, ...]], int]
+) -> tuple[list[tuple[Any, ...]], tuple[Any, ...] | None]:
+    """The rows of a page, at most `limit` or MAX_PAGE_LENGTH characters but at least one, and the row that follows."""
+    found: list[tuple[Any, ...]] = []
+    total = 0
+    for row in rows:
+        total += length(row)
+        if len(found) == limit or (found and total > MAX_PAGE_LENGTH):
+            return found, row
+        found.append(row)
+    return found, None
+
+
+def _changes(rows: Iterable[tuple[Any, ...]]) -> list[Change]:
     found = []
     for version, kind, floor, name, before, after in rows:
         key = ElementKey(_KINDS[kind], floor, name)

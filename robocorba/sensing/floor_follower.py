@@ -11,6 +11,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UpdateMismatch
 from robocorba.maps.model import Building
+from robocorba.maps.movable import fixed_obstacles
 from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.spatial.floor_update import FloorUpdate
 
@@ -42,6 +43,8 @@ class FloorFollower:
 
     def set_map(self, building: Building) -> None:
         """Use an edited map."""
+        for floor in building.floors:
+            fixed_obstacles(building, floor)  # computed before scans have to wait; the results are cached
         with self._lock:
             self._sensor.set_map(building)
             for floor in self._updated_at.keys() - set(self._sensor.floors):

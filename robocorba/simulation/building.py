@@ -7,7 +7,8 @@ the ride begins until the cabin arrives.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import shapely
@@ -30,6 +31,7 @@ from robocorba.simulation.floor_pool import FloorPool
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import AreaRequest, Reservations
+from robocorba.simulation.static_parts import static_parts
 from robocorba.simulation.world_record import RobotRecord, WorldRecord
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_state import Pose, RobotMotion
@@ -153,6 +155,8 @@ class SimulatedBuilding:
         self._last_cabins: dict[str, tuple[str, Doors]] = {}
         self._shafts: dict[str, shapely.Polygon] = {}
         self._idle: set[str] = set()
+        #: The building for which obstacles have been changed already, and the physics of its new floors.
+        self._prepared: tuple[Building | None, dict[str, FloorPhysics]] = (None, {})
         self.update(building)
 
     @property
@@ -162,21 +166,42 @@ class SimulatedBuilding:
 
     # ---- the map ----
 
+    def preparations(self, building: Building) -> Iterator[Callable[[], None]]:
+        """Calls that make most of the work of `update`, each within milliseconds: the simulation goes on between them,
+        and obstacles appear one after the other. Any thread may ask for the next one while no other updates the map."""
+        for name, physics in self.floors.items():
+            if name in building.floors and self._obstacles_differ(building, self.building, name):
+                for change in physics.changes_to(static_parts(fixed_obstacles(building, name))):
+                    yield partial(physics.change_obstacles, change)
+        added = {
+            name: FloorPhysics(fixed_obstacles(building, name), 0, name)
+            for name in building.floors.keys() - self.floors
+        }
+        self._prepared = building, added
+
+    def _obstacles_differ(self, building: Building, before: Building, floor: str) -> bool:
+        return building.floors[floor] is not before.floors.get(floor) or (
+            building.elevators_through(floor) != before.elevators_through(floor)
+        )
+
     def update(self, building: Building) -> list[str]:
         """Use an edited map; return the names of the robots that were removed with their floors.
 
         Objects that the edit did not change keep their simulated poses. Rides of a changed elevator are lost."""
         before, self.building = self.building, building
+        (prepared_for, prepared), self._prepared = self._prepared, (None, {})
         removed = [robot.name for robot in self.robots.values() if robot.floor not in building.floors]
         for robot in removed:
             self.remove(robot)
         for name, (_, floor) in list(self.objects.items()):
             if floor not in building.floors:
                 self._remove_object(name)
-        self.floors = {name: self.floors.get(name) or FloorPhysics((), self._steps, name) for name in building.floors}
-        for name, entry in building.floors.items():
-            known = before.floors.get(name)
-            if entry is not known or building.elevators_through(name) != before.elevators_through(name):
+        floors = {**(prepared if prepared_for is building else {}), **self.floors}
+        for name in building.floors.keys() - self.floors:
+            floors.setdefault(name, FloorPhysics((), self._steps, name)).set_steps(self._steps)
+        self.floors = {name: floors[name] for name in building.floors}
+        for name in building.floors if prepared_for is not building else ():
+            if self._obstacles_differ(building, before, name):
                 self.floors[name].set_obstacles(fixed_obstacles(building, name))
         self._update_objects(before)
         for name in [name for name in self.cabins if building.elevators.get(name) != before.elevators[name]]:

@@ -189,7 +189,8 @@ class ManagementAgent:
     # ---- the map ----
 
     def follow_map(self, edited_map: Building, version: int) -> None:
-        """Use an edited map; log off the robots on removed floors. Raises SimulationBusy."""
+        """Use an edited map; log off the robots on removed floors. The simulation goes on meanwhile, however large the
+        edit is. One thread at a time. Raises SimulationBusy."""
 
         def change() -> None:
             for name in self.simulated.update(edited_map):
@@ -198,6 +199,8 @@ class ManagementAgent:
                 self._writer.forget(client.key)
             self.database.map_version = version
 
+        for preparation in self.simulated.preparations(edited_map):
+            self.loop.do(preparation)
         self.loop.do(change)
 
     # ---- state ----

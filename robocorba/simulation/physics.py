@@ -9,7 +9,7 @@ Any thread may call `command` and `brake`, which take effect in the next step, a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import repeat
 from struct import Struct
 from typing import NamedTuple
@@ -22,6 +22,7 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.kernels import kernel
 from robocorba.simulation.bodies import Bodies
+from robocorba.simulation.static_parts import StaticChange, StaticPart, StaticParts, changes_between, static_parts
 from robocorba.spatial.floor_state import FloorState, in_own_frames
 from robocorba.spatial.grids import Floats, segments_of
 from robocorba.spatial.pose import Limits
@@ -95,7 +96,7 @@ class FloorPhysics:
         self._robots: dict[str, Limits] = {}
         self._grips: dict[str, _Grip] = {}
         self._names: list[str] = []
-        self._static: list[pymunk.Shape] = []
+        self._static: dict[StaticPart, list[pymunk.Shape]] = {}
         self._doors: dict[str, list[pymunk.Shape]] = {}
         self._batched = Bodies(self._space)
         self._contacts: list[Contact] = []
@@ -110,13 +111,28 @@ class FloorPhysics:
 
     def set_obstacles(self, obstacles: Iterable[BaseGeometry]) -> None:
         """Replace the static obstacles: lines, and solid polygons."""
+        for change in self.changes_to(static_parts(obstacles)):
+            self.change_obstacles(change)
+
+    def changes_to(self, parts: StaticParts) -> Iterator[StaticChange]:
+        """The changes that replace the static obstacles by these parts, each little work. Any thread may ask for them
+        while no other replaces obstacles."""
+        return changes_between(self._static, parts)
+
+    def change_obstacles(self, change: StaticChange) -> None:
+        """Make one of the changes of `changes_to`."""
         self.is_still = False
-        parts = shapely.get_parts([shape for shape in obstacles if not shape.is_empty])
-        is_solid = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
-        self._space.remove(*self._static)
-        self._static = [pymunk.Poly(self._ground, part) for solid in parts[is_solid] for part in convex_parts(solid)]
-        self._static += self._segments(parts[~is_solid])
-        self._space.add(*self._static)
+        for part in change.removed:
+            self._space.remove(*self._static.pop(part))
+        for part in change.added:
+            self._static[part] = self._solid(part) if isinstance(part, bytes) else [self._segment(part)]
+            self._space.add(*self._static[part])
+
+    def _solid(self, wkb: bytes) -> list[pymunk.Shape]:
+        return [pymunk.Poly(self._ground, part) for part in convex_parts(shapely.from_wkb(wkb))]
+
+    def _segment(self, row: tuple[float, float, float, float]) -> pymunk.Shape:
+        return pymunk.Segment(self._ground, row[:2], row[2:], 0.0)
 
     def close_door(self, name: str, line: BaseGeometry) -> None:
         """Add a static line that `open_door` removes."""
@@ -131,7 +147,7 @@ class FloorPhysics:
 
     def _segments(self, lines: NDArray[np.object_]) -> list[pymunk.Shape]:
         """Static segments along lines."""
-        return [pymunk.Segment(self._ground, row[:2], row[2:], 0.0) for row in segments_of(lines)[0].tolist()]
+        return [self._segment(row) for row in segments_of(lines)[0].tolist()]
 
     def add_robot(
         self, name: str, pose: tuple[float, float, float], radius_m: float, mass_kg: float, limits: Limits
@@ -344,6 +360,7 @@ class FloorPhysics:
     def set_steps(self, steps: int) -> None:
         """Set the number of passed steps, and the time accordingly."""
         self._steps, self.time = steps, steps * STEP_S
+        self._has_changed = True
 
     def _take_commands(self) -> None:
         """Take over the pending commands; a concurrent command takes effect in the next step."""

@@ -263,6 +263,24 @@ def test_an_object_that_was_moved_stays_there_until_the_map_moves_it(world: Simu
     assert world.record().objects["T1"] == ("L1", 2.0, 8.0, 0.0)
 
 
+def test_a_prepared_edit_leaves_little_to_do(world: SimulatedBuilding) -> None:
+    run(world, 1.0)
+    edited = world.building.with_element("", Floor("L3", 3, 8.0)).with_element("L3", Wall("W", (0.0, 0.0), (9.0, 0.0)))
+    edited = edited.with_element("L1", Wall("W2", (9.0, 0.0), (9.0, 1.0)))
+    for prepare in world.preparations(edited):
+        prepare()
+        run(world, STEP_S)
+    assert world.floors["L1"].touching(9.0, 0.5, 0.1) == ""
+    assert "L3" not in world.floors
+    world.update(edited)
+    assert world.floors["L3"].touching(5.0, 0.0, 0.1) == ""
+    assert {floor.snapshot.time for floor in world.floors.values()} == {world.time}
+    other = world.building.without(ElementKind.WALL, "L3", "W")
+    list(world.preparations(edited))
+    world.update(other)  # not the one that was prepared
+    assert world.floors["L3"].touching(5.0, 0.0, 0.1) is None
+
+
 def test_objects_of_one_name_on_two_floors_are_two() -> None:
     table = MapObject("T1", BoxShape((0.4, 0.4)), (2.0, 8.0), movable=True)
     world = SimulatedBuilding(tower().with_element("L2", table))

@@ -14,6 +14,7 @@ import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon, box
 
 from robocorba.simulation.physics import STEP_S, Contact, FloorPhysics, Limits
+from robocorba.simulation.static_parts import MAX_CHANGES, static_parts
 
 RADIUS_M = 0.4
 TABLE = shapely.box(-0.5, -0.3, 0.5, 0.3)
@@ -134,6 +135,25 @@ def test_static_obstacles_can_change_while_time_runs() -> None:
     floor.set_obstacles([LineString([(4, -5), (4, 5)])])
     run(floor, 4.0)
     assert floor.state()["A"][0] == pytest.approx(4 - RADIUS_M, abs=0.01)
+
+
+def test_an_edit_changes_only_the_obstacles_that_differ() -> None:
+    walls = [LineString([(x, 0), (x, 1)]) for x in range(1000)]
+    floor = FloorPhysics([*walls, box(0, 5, 1, 6)])
+    edited = static_parts([*walls[1:], box(0, 5, 1, 6), LineString([(-9, 0), (-9, 1)])])
+    changes = list(floor.changes_to(edited))
+    assert [(len(change.removed), len(change.added)) for change in changes] == [(1, 0), (0, 1)]
+    for change in changes:
+        floor.change_obstacles(change)
+    assert list(floor.changes_to(edited)) == []
+    assert floor.touching(0.0, 0.5, 0.1) is None
+    assert floor.touching(-9.0, 0.5, 0.1) == floor.touching(1.0, 0.5, 0.1) == floor.touching(0.5, 5.5, 0.1) == ""
+
+
+def test_large_edits_are_made_in_small_parts() -> None:
+    floor = FloorPhysics()
+    changes = list(floor.changes_to(static_parts(LineString([(x, 0), (x, 1)]) for x in range(2 * MAX_CHANGES + 1))))
+    assert [len(change.added) for change in changes] == [MAX_CHANGES, MAX_CHANGES, 1]
 
 
 def test_static_polygons_are_solid() -> None:

@@ -269,6 +269,30 @@ def test_changes_of_the_future_are_not_there(editor: Any) -> None:
     assert (unavailable.value.asked, unavailable.value.oldest) == (0, 1)
 
 
+def test_elements_and_changes_come_in_pages(editor: Any) -> None:
+    began = editor._get_currentVersion()
+    editor.remove(id_of("L2", wall("paged")), editor.create("L2", wall("paged")))
+    everything, start, records = RoboCorba.MapSelection([], ""), 0, []
+    while True:
+        page = editor.readElements(start, everything, 2)
+        assert (len(page.elements) <= 2, page.readAt) == (True, began + 2)
+        records += page.elements
+        start = page.next
+        if page.isLast:
+            break
+    found = {(str(each.value._d), each.onFloor, each.value._v.name): repr(each.value) for each in records}
+    assert (len(found), found) == (len(records), all_elements(editor))
+    walls = RoboCorba.MapSelection([RoboCorba.WALL_ELEMENT], "L2")
+    page = editor.readChanges(RoboCorba.ChangePosition(began, 0), walls, 1)
+    assert ([str(change.kind) for change in page.changes], page.isLast, page.left) == (["CREATED"], False, 1)
+    page = editor.readChanges(page.next, walls, 0)
+    assert ([str(change.kind) for change in page.changes], page.isLast) == (["REMOVED"], True)
+    assert (page.next.since, page.next.taken, page.left) == (began + 2, 0, 0)
+    with pytest.raises(RoboCorba.VersionUnavailable):
+        editor.readChanges(RoboCorba.ChangePosition(2**64 - 1, 2**32 - 1), everything, 2**32 - 1)
+    assert editor.readElements(2**64 - 1, everything, 2**32 - 1).isLast
+
+
 def test_the_map_goes_out_and_in_as_text(editor: Any) -> None:
     before, began = all_elements(editor), editor._get_currentVersion()
     document = editor.exportMap()

@@ -22,6 +22,7 @@ from robocorba.maps import model
 from robocorba.maps.changes import Change, ChangeKind, ElementKey
 from robocorba.maps.edits import EditRecord, Finding, MapChange
 from robocorba.maps.model import KIND_OF, CabinSide, DoorKind, Element, ElementKind, Shape
+from robocorba.maps.pages import ChangePage, ChangePosition, ElementPage, Selection
 from robocorba.maps.underlays import Underlay
 from robocorba.spatial.pose import XY
 from robocorba.stubs import RoboCorba
@@ -161,6 +162,37 @@ def changes_of(found: Iterable[Any]) -> list[MapChange]:
     return [MapChange(one.changedTo, ChangeKind[str(one.kind)], one.onFloor, element_of(one.value)) for one in found]
 
 
+def selection(part: Selection) -> Any:
+    """A MapSelection."""
+    return RoboCorba.MapSelection([_KIND.to_idl(kind) for kind in part.kinds], part.floor)
+
+
+def selection_of(struct: Any) -> Selection:
+    """The part of the building that a MapSelection names."""
+    return Selection(tuple(dict.fromkeys(map(kind_of, struct.kinds))), struct.onFloor)
+
+
+def position(value: ChangePosition) -> Any:
+    """A ChangePosition."""
+    return RoboCorba.ChangePosition(*value)
+
+
+def position_of(struct: Any) -> ChangePosition:
+    """The position of a ChangePosition."""
+    return ChangePosition(struct.since, struct.taken)
+
+
+def change_page(page: ChangePage) -> Any:
+    """A ChangePage."""
+    return RoboCorba.ChangePage(changes(page.changes), position(page.next), page.is_last, page.left)
+
+
+def element_page(page: ElementPage) -> Any:
+    """An ElementPage."""
+    records = [record(*each) for each in page.elements]
+    return RoboCorba.ElementPage(page.read_at, records, page.next, page.is_last)
+
+
 _EDIT_RECORD = struct_converter(EditRecord, RoboCorba.EditRecord, {"changedTo": "version", "time": "time_s"})
 
 
@@ -213,3 +245,5 @@ register(errors.VersionUnavailable, RoboCorba.VersionUnavailable, "version", "ol
 register_system(errors.SessionEnded, CORBA.OBJECT_NOT_EXIST)
 register(errors.TransactionClosed, RoboCorba.TransactionClosed)
 register(errors.TooManyTransactions, RoboCorba.TooManyTransactions, "limit")
+register_system(errors.ServerBusy, CORBA.TRANSIENT)
+register_system(errors.ReplyTooLarge, CORBA.IMP_LIMIT)

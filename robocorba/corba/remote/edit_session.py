@@ -11,12 +11,13 @@ from omniORB import CORBA
 from robocorba.corba.calls import set_call_timeout
 from robocorba.corba.conversion import maps
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.map_editor import RemoteMap
+from robocorba.corba.remote.map_editor import RemoteMap, changes_after, element_pages
 from robocorba.corba.remote.remote_object import RemoteObject, translated
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.maps import SessionEnded, TransactionClosed
 from robocorba.maps.edits import EditRecord, Finding, MapChange
 from robocorba.maps.model import Building, Element, ElementKind
+from robocorba.maps.pages import Selection
 from robocorba.maps.underlays import Underlay
 from robocorba.stubs import RoboCorba
 
@@ -60,7 +61,11 @@ class RemoteMapEditor:
 
     def elements(self, kind: ElementKind, floor: str = "") -> list[tuple[Element, int]]:
         """All elements of a kind on a floor, with the version that last changed each. Raises UnknownElement."""
-        records = self._editor.call(lambda editor: editor.elements(maps.enumerator_of(kind), floor))
+        part = Selection((kind,), floor)
+        pages = self._editor.call(lambda editor: list(element_pages(editor, part)))
+        records = [record for page in pages for record in page.elements]
+        if not records:
+            records = self._editor.call(lambda editor: editor.elements(maps.enumerator_of(kind), floor))
         return [(maps.element_of(record.value), record.changedAt) for record in records]
 
     def read(self, kind: ElementKind, floor: str, name: str) -> tuple[Element, int]:
@@ -70,7 +75,7 @@ class RemoteMapEditor:
 
     def changes_since(self, version: int) -> list[MapChange]:
         """The changes after `version`, in order. Raises VersionUnavailable."""
-        return maps.changes_of(self._editor.call(lambda editor: editor.changesSince(version)))
+        return self._editor.call(lambda editor: list(changes_after(editor, version)))
 
     def edits_since(self, version: int) -> list[EditRecord]:
         """The edits after `version`, oldest first. Raises VersionUnavailable."""
@@ -132,6 +137,14 @@ class _Reference:
             except (CORBA.OBJECT_NOT_EXIST, CORBA.OBJ_ADAPTER):
                 raise type(self._ended)(str(self._ended)) from None
 
+    def call_long(self, operation: Callable[[Any], Answer]) -> Answer:
+        """`call` of an operation on an edit of any size, which may take as long as one on the whole building."""
+        set_call_timeout(self._reference, LONG_CALL_TIMEOUT_S)
+        try:
+            return self.call(operation)
+        finally:
+            set_call_timeout(self._reference, CALL_TIMEOUT_S)
+
 
 class RemoteEditSession:
     """An author's edits. All methods raise SessionEnded once the session has ended: closed, an hour without a call, or
@@ -175,11 +188,13 @@ class RemoteEditSession:
     def undo(self) -> int:
         """Revert this author's last edit. Raises NothingToUndo, InvalidElement, and EditedByOthers if somebody else has
         changed an element of it since; the next undo takes the edit before it then."""
-        return self._version(lambda session: session.undo())
+        version: int = self._session.call_long(lambda session: session.undo())
+        return version
 
     def redo(self) -> int:
         """Repeat the edit that was undone last. Raises NothingToRedo, InvalidElement, EditedByOthers."""
-        return self._version(lambda session: session.redo())
+        version: int = self._session.call_long(lambda session: session.redo())
+        return version
 
     def close(self) -> None:
         """End the session. Its edits stay. Closing an ended session has no effect."""
@@ -216,7 +231,7 @@ class RemoteTransaction:
 
     def commit(self) -> int:
         """Make all edits as one. Returns the building's version. After an error the transaction is closed."""
-        version: int = self._transaction.call(lambda transaction: transaction.commit())
+        version: int = self._transaction.call_long(lambda transaction: transaction.commit())
         return version
 
     def roll_back(self) -> None:

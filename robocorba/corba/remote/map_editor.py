@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
+from itertools import chain
 from typing import Any, NamedTuple
 
 from omniORB import CORBA
@@ -14,7 +14,17 @@ from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import RemoteObject, translated
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
-from robocorba.maps.model import COLLECTION_OF, KIND_OF, Building, ElementKind, FloorMap, GeometricalMap
+from robocorba.maps.edits import MapChange
+from robocorba.maps.model import Building, ElementKind
+from robocorba.maps.pages import (
+    EVERYTHING,
+    MAX_PAGE,
+    ChangePosition,
+    Selection,
+    building_of,
+    size_of_copy,
+    with_changes_of,
+)
 from robocorba.stubs import RoboCorba
 
 #: Default timeout to resolve the map editor [s]. An editor that compiles for the first time starts slowly; the
@@ -27,63 +37,75 @@ RESOLVE_TIMEOUT_S = 5.0
 FLOOR_RESOLVE_TIMEOUT_S, FLOOR_CALL_TIMEOUT_S = 0.2, 2.0
 #: Element kinds that RemoteMap omits by default: only the path planning agent uses the topological map.
 _TOPOLOGICAL_KINDS = (ElementKind.NODE, ElementKind.EDGE)
-#: Element kinds that are not on one floor.
-_KINDS_OF_ALL_FLOORS = (ElementKind.FLOOR, ElementKind.ELEVATOR)
-#: Kinds of obstacles on a floor, by the names of their collections in the geometrical map.
-_OBSTACLE_KINDS = {"walls": ElementKind.WALL, "objects": ElementKind.OBJECT, "doors": ElementKind.DOOR}
+#: Element kinds of a RemoteFloorMap: those that can be obstacles.
+_FLOOR_KINDS = (ElementKind.FLOOR, ElementKind.ELEVATOR, ElementKind.WALL, ElementKind.OBJECT, ElementKind.DOOR)
+#: Maximum number of attempts to load a building while others replace it.
+MAX_LOADS = 3
 
 
 class RemoteMap:
     """A copy of the geometrical maps and elevators of the building, loaded once and then updated by changes.
 
-    with_topology: also of the topological maps. Raises NotReachable if there is no map editor within `timeout_s`, or if
-    loading fails."""
+    Both are read in pages, so an edit of any size arrives; a read that fails continues where it was. A copy that is far
+    behind is loaded again. with_topology: also of the topological maps. One thread may use it. Raises NotReachable if
+    there is no map editor within `timeout_s`, or if loading fails."""
+
+    building: Building
+    version: int
 
     def __init__(self, orb: Orb, timeout_s: float = LOAD_TIMEOUT_S, with_topology: bool = False) -> None:
-        self._omitted = () if with_topology else _TOPOLOGICAL_KINDS
+        kinds = () if with_topology else tuple(kind for kind in ElementKind if kind not in _TOPOLOGICAL_KINDS)
+        self._part = Selection(kinds)
         self._editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
+        #: Changes that have been read, but not all of their version, and where the next page of them begins.
+        self._pending: list[MapChange] = []
+        self._next = ChangePosition(0)
         self._load()
 
     def follow(self) -> bool:
         """Apply the editor's new changes; whether there were any. Raises NotReachable."""
         before = self.version
         try:
-            if self._editor._get_currentVersion() != before:
-                self._apply_changes()
-        except RoboCorba.VersionUnavailable:
-            self._load()
+            if self._editor._get_currentVersion() != before and not self._apply_changes():
+                self._load()
         except CORBA.SystemException as error:
             raise NotReachable(f"the map editor does not answer ({describe(error)})") from None
         return self.version != before
 
     def _load(self) -> None:
+        """Load the building at least as it is now."""
         try:
-            self.version: int = self._editor._get_currentVersion()
-            name = self._editor._get_buildingName()
-            kinds = [kind for kind in COLLECTION_OF if kind not in self._omitted]
-            floors = {
-                floor: FloorMap.of(element, {kind: _elements(self._editor, kind, floor) for kind in kinds})
-                for floor, element in _elements(self._editor, ElementKind.FLOOR).items()
-            }
-            self.building = Building(name, floors, _elements(self._editor, ElementKind.ELEVATOR))
-            with contextlib.suppress(RoboCorba.VersionUnavailable):
-                self._apply_changes()  # edits during loading
+            for _ in range(MAX_LOADS):
+                pages = element_pages(self._editor, self._part)
+                first = next(pages)
+                version, name = first.readAt, self._editor._get_buildingName()
+                elements = chain(first.elements, chain.from_iterable(page.elements for page in pages))
+                building = building_of(name, ((record.onFloor, maps.element_of(record.value)) for record in elements))
+                self.building, self.version = building, version
+                self._pending, self._next = [], ChangePosition(version)
+                if self._apply_changes(at_any_cost=True):  # edits during loading
+                    return
         except CORBA.Exception as error:
             raise NotReachable(f"the map can't be loaded from the map editor ({describe(error)})") from None
+        raise NotReachable(f"the map was edited faster than it could be loaded, {MAX_LOADS} times")
 
-    def _apply_changes(self) -> None:
-        building, version = self.building, self.version
-        for change in self._editor.changesSince(version):
-            version, element = change.changedTo, maps.element_of(change.value)
-            kind = KIND_OF[type(element)]
-            if kind in self._omitted:
-                continue
-            with contextlib.suppress(KeyError):  # on a floor that was removed later
-                if change.kind == RoboCorba.REMOVED:
-                    building = building.without(kind, change.onFloor, element.name)
-                else:
-                    building = building.with_element(change.onFloor, element)
-        self.building, self.version = building, version
+    def _apply_changes(self, at_any_cost: bool = False) -> bool:
+        """Read the changes up to the current version, then apply them together. Returns False, unless `at_any_cost`, if
+        they are more than the elements of the copy; in any case if they are not kept any more. Load it again then."""
+        part, is_last = maps.selection(self._part), False
+        while not is_last:
+            try:
+                page = self._editor.readChanges(maps.position(self._next), part, 0)
+            except RoboCorba.VersionUnavailable:
+                return False
+            self._pending += maps.changes_of(page.changes)
+            self._next, is_last = maps.position_of(page.next), page.isLast
+            count = len(self._pending) + page.left
+            if count > max(MAX_PAGE, size_of_copy(self.building)) and not at_any_cost:
+                return False
+        self.building, self.version = with_changes_of(self.building, self._pending), self._next.since
+        self._pending = []
+        return True
 
 
 class _CachedFloor(NamedTuple):
@@ -111,7 +133,7 @@ class RemoteFloorMap:
         def current(editor: Any) -> _CachedFloor:
             version = editor._get_currentVersion()  # edits from here on are found by the next call
             if cached is None or cached.floor != floor or (cached.version != version and _has_changed(editor, cached)):
-                return _CachedFloor(floor, version, _load_floor(editor, floor))
+                return _load_floor(editor, floor)
             return _CachedFloor(floor, version, cached.building)
 
         self._cached = found = self._editor.call(current)
@@ -124,36 +146,50 @@ def path_node_positions(orb: Orb, floor: str) -> Iterator[tuple[str, float, floa
     Raises UnknownFloor, NotReachable."""
     editor = orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S)
     with translated("the map editor"):
-        floors = _elements(editor, ElementKind.FLOOR)
-        chosen = floor or next(iter(floors))
+        floors = list(editor.floors())
+        chosen = floor or floors[0]
         if chosen not in floors:
-            raise UnknownFloor("floor", floor, list(floors))
-        nodes = _elements(editor, ElementKind.NODE, chosen)
-    for node in nodes.values():
-        yield chosen, *node.at
+            raise UnknownFloor("floor", floor, floors)
+        pages = list(element_pages(editor, Selection((ElementKind.NODE,), chosen)))
+    for page in pages:
+        for record in page.elements:
+            yield chosen, record.value._v.at.x, record.value._v.at.y
 
 
-def _elements(editor: Any, kind: ElementKind, floor: str = "") -> dict[str, Any]:
-    """Elements of a kind by name; floor: empty for floors and elevators."""
-    records = editor.elements(getattr(RoboCorba, f"{kind.name}_ELEMENT"), floor)
-    return {element.name: element for element in (maps.element_of(record.value) for record in records)}
+def element_pages(editor: Any, part: Selection) -> Iterator[Any]:
+    """The ElementPages of a part of the building."""
+    start, is_last = 0, False
+    while not is_last:
+        page = editor.readElements(start, maps.selection(part), 0)
+        yield page
+        start, is_last = page.next, page.isLast
 
 
-def _load_floor(editor: Any, floor: str) -> Building:
-    floors = _elements(editor, ElementKind.FLOOR)
-    if floor not in floors:
-        raise UnknownFloor("floor", floor, list(floors))
-    obstacles = {collection: _elements(editor, kind, floor) for collection, kind in _OBSTACLE_KINDS.items()}
-    elevators = _elements(editor, ElementKind.ELEVATOR)
-    return Building("", {floor: FloorMap(floors[floor], GeometricalMap(**obstacles))}, elevators)
+def changes_after(editor: Any, version: int) -> Iterator[MapChange]:
+    """The changes after a version, in order. Raises RoboCorba.VersionUnavailable."""
+    position, is_last = RoboCorba.ChangePosition(version, 0), False
+    while not is_last:
+        page = editor.readChanges(position, maps.selection(EVERYTHING), 0)
+        yield from maps.changes_of(page.changes)
+        position, is_last = page.next, page.isLast
+
+
+def _load_floor(editor: Any, floor: str) -> _CachedFloor:
+    """The floor at the current version. Raises UnknownFloor."""
+    pages = list(element_pages(editor, Selection(_FLOOR_KINDS, floor)))
+    records = chain.from_iterable(page.elements for page in pages)
+    building = building_of("", ((record.onFloor, maps.element_of(record.value)) for record in records))
+    if floor not in building.floors:
+        raise UnknownFloor("floor", floor, list(building.floors))
+    this_floor = Building("", {floor: building.floors[floor]}, building.elevators)
+    return _CachedFloor(floor, pages[0].readAt, this_floor)
 
 
 def _has_changed(editor: Any, cached: _CachedFloor) -> bool:
     """Whether an edit since the cached version may concern the floor; edits of other floors do not."""
+    part = maps.selection(Selection(_FLOOR_KINDS, cached.floor))
     try:
-        changes = editor.changesSince(cached.version)
+        page = editor.readChanges(maps.position(ChangePosition(cached.version)), part, 1)
     except RoboCorba.VersionUnavailable:
         return True
-    kinds = [(KIND_OF[type(maps.element_of(change.value))], change.onFloor) for change in changes]
-    obstacles = _OBSTACLE_KINDS.values()
-    return any(kind in _KINDS_OF_ALL_FLOORS or (kind in obstacles and floor == cached.floor) for kind, floor in kinds)
+    return bool(page.changes)

@@ -8,15 +8,24 @@ from typing import Any, Protocol
 
 from robocorba.corba.conversion import maps
 from robocorba.corba.conversion.errors import translating
-from robocorba.errors.maps import InvalidElement, MapFileError
+from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, VersionUnavailable
 from robocorba.maps import native
+from robocorba.maps.long_requests import LongRequests
 from robocorba.maps.map_building_agent import BuildingEditor, EditSession, Transaction
+from robocorba.maps.model import ElementKind
+from robocorba.maps.pages import MAX_PAGE
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
 CLOSED_TRANSACTIONS_KEPT = 100
 #: Maximum number of findings in a reply: each takes about 500 bytes, and a reply is limited to 64 MiB.
 MAX_FINDINGS = 10_000
+#: Maximum number of changes in a reply of changesSince: 2 s of work for the server. readChanges has no such limit.
+MAX_CHANGES = 100_000
+#: Maximum number of elements in a reply: with short names, each takes about 100 bytes of the 64 MiB.
+MAX_ELEMENTS = 500_000
+#: Maximum length of an exported map [bytes]: that of a message, less its header.
+MAX_EXPORT = 64 * 1024 * 1024 - 1024
 
 
 class Activator(Protocol):
@@ -149,6 +158,7 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
         self._transactions = Transactions(activator)
         self._sessions: list[EditSessionServant] = []
         self._opening = threading.Lock()
+        self._long_requests = LongRequests()
 
     def _get_buildingName(self) -> str:
         return self._editor.building.name
@@ -161,8 +171,17 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
 
     @translating
     def elements(self, kind: Any, onFloor: str) -> list[Any]:
-        found = self._editor.elements(maps.kind_of(kind), onFloor)
-        return [maps.record(onFloor, value, changed_in) for value, changed_in in found]
+        kind = maps.kind_of(kind)
+        if self._editor.count(kind, onFloor) <= MAX_PAGE:
+            return self._records(kind, onFloor)
+        with self._long_requests.admitted():
+            return self._records(kind, onFloor)
+
+    def _records(self, kind: ElementKind, floor: str) -> list[Any]:
+        found = self._editor.elements(kind, floor)
+        if len(found) > MAX_ELEMENTS:
+            raise ReplyTooLarge(f"{len(found)} elements don't fit into a message; read them in pages")
+        return [maps.record(floor, value, changed_in) for value, changed_in in found]
 
     @translating
     def read(self, id: Any) -> Any:
@@ -227,7 +246,23 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
 
     @translating
     def changesSince(self, since: int) -> list[Any]:
-        return maps.changes(self._editor.changes_since(since))
+        count = self._editor.count_changes(since)
+        if count > MAX_CHANGES:
+            raise VersionUnavailable(since, self._editor.oldest_within(MAX_CHANGES), self._editor.version)
+        if count <= MAX_PAGE:
+            return maps.changes(self._editor.changes_since(since))
+        with self._long_requests.admitted():
+            return maps.changes(self._editor.changes_since(since))
+
+    @translating
+    def readChanges(self, start: Any, part: Any, limit: int) -> Any:
+        position, selection = maps.position_of(start), maps.selection_of(part)
+        return maps.change_page(self._editor.change_page(position, selection, min(limit or MAX_PAGE, MAX_PAGE)))
+
+    @translating
+    def readElements(self, start: int, part: Any, limit: int) -> Any:
+        selection = maps.selection_of(part)
+        return maps.element_page(self._editor.element_page(start, selection, min(limit or MAX_PAGE, MAX_PAGE)))
 
     @translating
     def buildTopologicalMap(self, onFloor: str, robotRadius: float) -> int:
@@ -247,11 +282,20 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
 
         return maps.findings(floor_findings(self._editor.building, onFloor, robotRadius)[:MAX_FINDINGS])
 
+    @translating
     def exportMap(self) -> str:
-        return native.dumps(self._editor.building)
+        with self._long_requests.admitted():
+            document = native.dumps(self._editor.building)
+        if len(document) > MAX_EXPORT or len(document.encode()) > MAX_EXPORT:
+            raise ReplyTooLarge("the map file does not fit into a message; read the building in pages")
+        return document
 
     @translating
     def importMap(self, document: str, expected: int) -> int:
+        with self._long_requests.admitted():
+            return self._import(document, expected)
+
+    def _import(self, document: str, expected: int) -> int:
         try:
             building = native.loads(document, "document")
         except MapFileError as error:
