@@ -27,6 +27,7 @@ from robocorba.corba.servants.virtual_sensor import RobotSensorServant
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownRobot
 from robocorba.names import ADMINISTRATOR
+from robocorba.private_files import claim_state
 from robocorba.repeating import Repeating
 from robocorba.settings import SimulationSettings
 from robocorba.simulation import omni_database, physics
@@ -134,6 +135,7 @@ def preload() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = SimulationSettings.read(arguments, __doc__ or "")
     state = settings.server.state
+    claim_state(state)
     logs.setup("simulation", state / "logs")
     with (
         SimulationStore(state / "simulation.sqlite") as store,

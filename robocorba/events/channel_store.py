@@ -62,7 +62,7 @@ class ChannelStore(RecordFile):
 
     def first_number(self) -> int:
         """The number of the first event after this start: higher than all earlier ones, even if this file was lost."""
-        with self._guarded():
+        with self._writing():
             last = self._db.execute("SELECT max(second) FROM starts").fetchone()[0]
             second = max(start_second(time.time()), (last or 0) + 1)
             self._db.execute("DELETE FROM starts")
@@ -71,7 +71,7 @@ class ChannelStore(RecordFile):
 
     def next_id(self) -> int:
         """An id that no proxy of this channel had before."""
-        with self._guarded():
+        with self._writing():
             ((id,),) = self._db.execute("UPDATE ids SET next = next + 1 RETURNING next - 1").fetchall()
             return int(id)
 
