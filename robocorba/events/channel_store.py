@@ -59,6 +59,8 @@ class ChannelStore(RecordFile):
         # If an older file was lost, its ids must not be reused: clients still hold them.
         first_id = start_second(time.time()) << ID_BITS
         super().__init__(file, APPLICATION_ID, SCHEMA_VERSION, (*_TABLES, f"INSERT INTO ids VALUES ({first_id})"))
+        with self._writing():  # nor those given after the file was copied, if it was restored since
+            self._db.execute("UPDATE ids SET next = max(next, ?)", (first_id,))
 
     def first_number(self) -> int:
         """The number of the first event after this start: higher than all earlier ones, even if this file was lost."""

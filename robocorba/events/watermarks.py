@@ -67,7 +67,7 @@ class Watermarks:
 
     def _forget(self, slots: list[int], file: Path) -> None:
         try:
-            events = "events of up to %d channels that arrive again are taken for new" % len(slots)
+            events = f"events of up to {len(slots)} channels that arrive again are taken for new"
             set_aside(file, f"{len(slots)} of its entries", events, copy=True)
         except OSError as error:
             _log.warning("%s has damaged entries, which are dropped (%s)", file, error)

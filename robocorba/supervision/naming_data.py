@@ -25,6 +25,7 @@ _CHANGE = re.compile(
     rb"|bind IOR:[0-9a-f]+ .* n(object|context) IOR:[0-9a-f]+",
     re.DOTALL,
 )
+_END = b"\n"
 _log = logging.getLogger(__name__)
 
 
@@ -42,8 +43,8 @@ def mend_naming_data(folder: Path) -> None:
         if kept == content:
             return
         former = intact_part(earlier.read_bytes()) if not kept and earlier.exists() else b""
-        lines = content.count(b"\n") - kept.count(b"\n")
-        set_aside(file, "line %d" % (kept.count(b"\n") + 1), _consequence(lines, kept, former))
+        lines = content.count(_END) - kept.count(_END)
+        set_aside(file, f"line {kept.count(_END) + 1}", _consequence(lines, kept, former))
         if earlier.exists():
             earlier.replace(earlier.with_name(earlier.name + SUFFIX))
         if kept or former:
@@ -89,4 +90,3 @@ def intact_part(content: bytes) -> bytes:
             break
         size += len(line) + 1
     return content[:size]
-
