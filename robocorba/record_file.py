@@ -133,6 +133,12 @@ class RecordFile:
         with self._writing():
             self._db.execute("DELETE FROM records")
 
+    def compact(self) -> None:
+        """Leave nothing in the file of what was deleted."""
+        with self._writing():
+            self._db.execute("VACUUM")
+            self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
         """As `_guarded`, for changes: they must be found after a restart."""

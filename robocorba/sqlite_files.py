@@ -115,7 +115,7 @@ class Place:
 
 
 def copy(connection: sqlite3.Connection, file: Path) -> None:
-    """Write what a connection reads now as one durable file. Leaves none if this fails. Raises OSError, sqlite3.Error."""
+    """Write what a connection reads now to a durable file; none if that fails. Raises OSError, sqlite3.Error."""
     try:
         with closing(sqlite3.connect(file)) as target:
             connection.backup(target)

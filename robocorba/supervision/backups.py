@@ -41,7 +41,11 @@ DATABASES: Mapping[str, int] = {
 }
 _NAMING_DATA = f"omninames/{DATA}"
 #: The other files.
-FILES = (r"channels/[A-Za-z0-9_][A-Za-z0-9_.-]*\.seen", r"ports\.json", r"links\.json", r"map\.origin\.json") + (
+FILES = (
+    r"channels/[A-Za-z0-9_][A-Za-z0-9_.-]*\.seen",
+    r"ports\.json",
+    r"links\.json",
+    r"map\.origin\.json",
     re.escape(_NAMING_DATA),
 )
 #: Maximum size of the list of files [bytes].
