@@ -89,7 +89,15 @@ def test_it_is_the_wheel_that_runs(installed: Path) -> None:
     assert Path(where.strip()).is_relative_to(installed.parent)
 
 
-HOSTILE = ("clients/__init__", "clients/robot", "servers/__init__", "servers/simulation", "robocorba/__init__", "numpy", "msgspec")
+HOSTILE = (
+    "clients/__init__",
+    "clients/robot",
+    "servers/__init__",
+    "servers/simulation",
+    "robocorba/__init__",
+    "numpy",
+    "msgspec",
+)
 
 
 def test_modules_in_the_current_folder_are_not_run(installed: Path, tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ class Orb:
 
     def _shut_down(self) -> None:
         orb = self.__dict__.pop("_orb", None)
-        for adapter in ("_root_adapter", "_named_adapter", "_secret_adapter", "_finder"):
+        for adapter in ("_root_adapter", "_named_adapter", "_secret_adapter"):
             self.__dict__.pop(adapter, None)
         _gate.set()
         try:
@@ -220,8 +220,11 @@ class Orb:
             root.create_servant_retention_policy(PortableServer.RETAIN),
         ]
         self._secret_adapter = root.create_POA(SECRETS, root._get_the_POAManager(), policies)
-        self._finder = _Finder(find)
-        self._secret_adapter.set_servant_manager(self._finder._this())
+        # The finder is an object, too, which is called here, before the others accept calls.
+        finders = root.create_POA("finders", None, [])
+        finders._get_the_POAManager().activate()
+        finder = finders.id_to_reference(finders.activate_object(_Finder(find)))
+        self._secret_adapter.set_servant_manager(finder)
 
     def activate_secret(self, servant: Any, key: str) -> Any:
         """A reference to an object that `find` would find by its secret key, until `deactivate_secret`."""
