@@ -8,6 +8,7 @@ never raises: what a full disk does not hold is lost, and the next line that fit
 
 from __future__ import annotations
 
+import contextlib
 import io
 import logging
 import sys
@@ -116,12 +117,20 @@ class _LogFile(RotatingFileHandler):
         lost, self._lost = self._lost, 0
         if lost:
             text = "%d lines before this one are missing: the disk was full, or the file could not be written"
+            self._end_line()
             attributes = {"levelno": logging.WARNING, "levelname": "WARNING", "msg": text, "args": (lost,)}
             super().emit(logging.makeLogRecord(attributes))
             if self._lost:  # it still is
                 self._lost = lost + 1
                 return
         super().emit(record)
+
+    def _end_line(self) -> None:
+        """End a line of which only a part was written."""
+        with contextlib.suppress(OSError), open(self.baseFilename, "r+b") as file:
+            file.seek(-1, io.SEEK_END)
+            if file.read(1) != b"\n":
+                file.write(b"\n")
 
     def handleError(self, record: logging.LogRecord) -> None:
         if isinstance(sys.exc_info()[1], OSError):

@@ -52,6 +52,7 @@ class RecordFile:
             self._closing = stack.pop_all()
 
     def _open(self) -> None:
+        sqlite_files.check_room(self.file)
         self._db = sqlite3.connect(self.file, isolation_level=None, check_same_thread=False, timeout=LOCK_LIMIT_S)
         with contextlib.ExitStack() as stack:
             stack.callback(self._db.close)

@@ -4,6 +4,7 @@ a file that stays where it is."""
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import sqlite3
@@ -16,6 +17,8 @@ from robocorba.errors.services import AlreadyRunning
 
 #: SQLite keeps the latest transactions, and what processes share, beside the file.
 LOG, SHARED, JOURNAL = "-wal", "-shm", "-journal"
+#: Free space that a database needs to be opened [bytes].
+MIN_ROOM = 256 * 1024
 #: Beginning of a write-ahead log: magic number, format, page size, checkpoint, salts, checksums.
 _LOG_HEADER = struct.Struct(">8I")
 _LOG_MAGIC, _LOG_FORMAT = 0x377F0682, 3007000
@@ -36,6 +39,14 @@ def lock(file: Path) -> int:
         os.close(descriptor)
         raise AlreadyRunning(f"{file} is in use by another process") from None
     return descriptor
+
+
+def check_room(file: Path) -> None:
+    """To be called before a database is opened: SQLite maps what processes share into memory, and where blocks are
+    smaller than 4 KiB, as in a small ext4, a full disk would end this process by SIGBUS. Raises OSError."""
+    found = os.statvfs(file.parent)
+    if (free := found.f_bavail * found.f_frsize) < MIN_ROOM:
+        raise OSError(errno.ENOSPC, f"the disk is full: {free} bytes are free, {MIN_ROOM} are needed to open it")
 
 
 def beside(file: Path, suffix: str) -> Path:

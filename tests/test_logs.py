@@ -71,11 +71,12 @@ def test_a_full_disk_is_survived_and_counted(tmp_path: Path, capfd: pytest.Captu
     for number in range(3):
         log.error("%d", number)
     (tmp_path / "x.log").unlink()
-    (tmp_path / "x.log").touch()
+    (tmp_path / "x.log").write_text("a part of a li")
     log.handlers[0].close()  # opened again by the next line
     for number in range(3, 5):
         log.error("%d", number)
-    lines = (tmp_path / "x.log").read_text().splitlines()
+    part, *lines = (tmp_path / "x.log").read_text().splitlines()
+    assert part == "a part of a li"
     assert [line.partition(" x ")[2].partition(" lines")[0] for line in lines] == ["3", "3", "4"]
     assert capfd.readouterr().err == ""
 

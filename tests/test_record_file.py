@@ -130,3 +130,10 @@ def test_nothing_is_left_of_what_was_deleted(file: Path) -> None:
         store.compact()
         for suffix in SUFFIXES:
             assert b"a secret" not in sqlite_files.beside(file, suffix).read_bytes()
+
+
+def test_without_room_it_is_not_opened(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SQLite would end the process by SIGBUS where blocks are small."""
+    monkeypatch.setattr(sqlite_files, "MIN_ROOM", 2**62)
+    with pytest.raises(ServiceError, match="the disk is full"):
+        opened(file)

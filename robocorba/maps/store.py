@@ -164,6 +164,7 @@ class MapStore:
                 raise
 
     def _open(self) -> None:
+        sqlite_files.check_room(self.path)
         self._writer = _connect(self.path, "rw")
         self._writer.execute("PRAGMA journal_mode = WAL")
         self._writer.execute("PRAGMA synchronous = FULL")
@@ -226,6 +227,7 @@ class MapStore:
     def _check(self) -> None:
         if damage := sqlite_files.log_damage(self.path):
             raise MapFileError(str(self.path), 0, "", _damaged(self.path, damage))
+        sqlite_files.check_room(self.path)
         with closing(_connect(self.path, "rw")) as connection:
             if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
                 raise MapFileError(str(self.path), 0, "", "not a map store of RoboCorba")
