@@ -45,6 +45,7 @@ def restore_advice(file: Path) -> str:
             note = msgspec.json.decode((state / LAST_BACKUP).read_bytes(), type=BackupNote)
             made = datetime.fromtimestamp(note.made).astimezone().isoformat(sep=" ", timespec="seconds")
             if Path(note.file).is_file():
-                return f"restore the backup of {made} with: robocorba restore {shlex.quote(note.file)}"
+                command = shlex.join(("robocorba", "restore", note.file, "--state", str(state)))
+                return f"restore the backup of {made} with: {command}"
             return f"the last backup, of {made}, is no longer at {note.file}; from a copy: robocorba restore FILE"
     return "no backup is known here; with one: robocorba restore FILE; else move it to another folder to begin anew"

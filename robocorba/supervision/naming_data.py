@@ -34,7 +34,9 @@ def mend_naming_data(folder: Path) -> None:
     again; other names are missing if they were bound later. To be called while omniNames does not run. Raises
     ServiceError."""
     file, earlier = folder / DATA, folder / EARLIER
+    new = file.with_suffix(".new")
     try:
+        new.unlink(missing_ok=True)
         if not file.exists():
             _use_earlier(file, earlier)
             return
@@ -44,12 +46,12 @@ def mend_naming_data(folder: Path) -> None:
             return
         former = intact_part(earlier.read_bytes()) if not kept and earlier.exists() else b""
         lines = content.count(_END) - kept.count(_END)
+        if kept or former:
+            _write(new, kept or former)  # first: on a full disk, all stays as it is until there is room
         set_aside(file, f"line {kept.count(_END) + 1}", _consequence(lines, kept, former))
         if earlier.exists():
             earlier.replace(earlier.with_name(earlier.name + SUFFIX))
-        if kept or former:
-            new = file.with_suffix(".new")
-            new.write_bytes(kept or former)
+        if new.exists():
             new.replace(file)
     except OSError as error:
         raise ServiceError(f"can't use {file}: {error.strerror}") from None
@@ -61,11 +63,22 @@ def _use_earlier(file: Path, earlier: Path) -> None:
         return
     former = intact_part(earlier.read_bytes())
     if former:
-        earlier.write_bytes(former)
-        earlier.replace(file)
+        new = file.with_suffix(".new")
+        _write(new, former)
+        new.replace(file)
+        earlier.unlink()
         _log.warning("%s is missing; an earlier state is used, and servers bind their names again", file)
     else:
         set_aside(earlier, "line 1", "the naming service begins anew; servers bind their names again")
+
+
+def _write(file: Path, content: bytes) -> None:
+    """Raises OSError, and leaves nothing then."""
+    try:
+        file.write_bytes(content)
+    except OSError:
+        file.unlink(missing_ok=True)
+        raise
 
 
 def _consequence(lines: int, kept: bytes, former: bytes) -> str:

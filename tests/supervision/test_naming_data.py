@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from robocorba.errors.services import ServiceError
 from robocorba.supervision.naming_data import intact_part, mend_naming_data
 
 HEADER = b"port 2809\npersistent 7670036b0100337f\ncreate 4e616d6553657276696365\n"
@@ -71,3 +72,18 @@ def test_an_earlier_state_alone_is_used_or_set_aside(data: Path, former: bytes, 
     mend_naming_data(data.parent)
     assert not data.with_suffix(".bak").exists()
     assert data.exists() == is_used
+
+
+def test_on_a_full_disk_nothing_is_lost(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    data.write_bytes(LINES[:-5])
+    (data.parent / "omninames.bak").write_bytes(HEADER)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", fail)
+        with pytest.raises(ServiceError, match="No space left"):
+            mend_naming_data(data.parent)
+    assert data.read_bytes() == LINES[:-5]
+    mend_naming_data(data.parent)
+    assert LINES.startswith(data.read_bytes()) and data.read_bytes().startswith(HEADER + b"create")
