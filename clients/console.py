@@ -10,11 +10,13 @@ from robocorba.console.server import Console, serve
 from robocorba.console.settings import ConsoleSettings
 from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
+from robocorba.private_files import claim_state
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     try:
         settings = ConsoleSettings.read(arguments, __doc__ or "")
+        claim_state(settings.common.state)
         logs.setup("console", settings.common.state / "logs")
         with Orb(settings.common.naming) as orb:
             serve(Console(orb, settings), settings)

@@ -37,6 +37,7 @@ from robocorba.missions import carry_planning
 from robocorba.names import MISSIONS, ROBOTS
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
+from robocorba.private_files import claim_state
 from robocorba.processes import RobotProgress
 from robocorba.programs import program
 from robocorba.programs.base_checks import Planner
@@ -106,6 +107,7 @@ def preload() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = RobotSettings.read(arguments, __doc__ or "")
+    claim_state(settings.common.state)
     logs.setup(f"robot_{settings.name}", settings.common.state / "logs")
     raise_process_priority()
     wanted = program.load(settings.program) if settings.program else None

@@ -14,6 +14,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from numba.core import config
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 
 from robocorba.kernel_store import WRITING, lock
@@ -24,6 +25,10 @@ WRITE_LIMIT_S = 5.0
 CLAIM_LIMIT_S = 120.0
 
 _log = logging.getLogger(__name__)
+
+# numba takes settings from a file .numba_config.yaml in the current directory: now, and before each compilation.
+config._config_fname = os.devnull
+config.reload_config()
 
 
 class _Place(_CacheLocator):

@@ -10,6 +10,7 @@ import fcntl
 import functools
 import hashlib
 import json
+import logging
 import os
 import platform
 import shutil
@@ -25,6 +26,7 @@ from typing import Any
 import platformdirs
 
 from robocorba.kernel_digests import DIGITS, KernelSource, kernel_sources, sources_digest
+from robocorba.private_files import exposure, make_folder
 
 #: How kernels are compiled. Division by zero yields inf or NaN, as in numpy: a kernel that can raise costs reference
 #: counting for all arrays in each call.
@@ -42,6 +44,8 @@ WRITING, COMPILING = LOCKS = ("writing.lock", "compiling.lock")
 BASE_S, S_PER_SIZE = 0.15, 2.2e-5
 #: Interval between attempts to lock a file [s].
 _INTERVAL_S = 0.01
+
+_log = logging.getLogger(__name__)
 
 
 class KernelStore:
@@ -144,7 +148,10 @@ def store() -> KernelStore:
 
 
 def cache_folder() -> Path | None:
-    """The folder of all compiled kernels, created if missing; None if no folder is writable."""
+    """The folder of all compiled kernels, created if missing; None if no folder is writable.
+
+    What is in it is run. So a folder in which others could replace something is not used, such as one in the folder of
+    temporary files that another user has created."""
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         folders = [Path(chosen).absolute()]
     else:
@@ -152,7 +159,11 @@ def cache_folder() -> Path | None:
         folders = [root / "kernels" for root in roots]
     for folder in folders:
         with contextlib.suppress(OSError):
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder)
+            folder = folder.resolve()
+            if reason := exposure(folder):
+                _log.warning("compiled kernels are not kept in %s: %s", folder, reason)
+                continue
             with tempfile.TemporaryFile(dir=folder):
                 return folder
     return None

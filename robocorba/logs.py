@@ -2,11 +2,14 @@
 
     2026-03-01T12:00:00.123+01:00 WARNING map_editor the naming service does not answer
 
-Line breaks in messages and tracebacks are escaped. Warnings and errors also go to stderr, without tracebacks.
+Line breaks in messages and tracebacks are escaped. Warnings and errors also go to stderr, without tracebacks. Logging
+never raises: what a full disk does not hold is lost, and the next line that fits is preceded by one with their number.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import logging
 import sys
 import threading
@@ -14,6 +17,7 @@ from datetime import datetime
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import ServiceError
@@ -91,7 +95,7 @@ def one_line(text: str) -> str:
 def _file(name: str, folder: Path) -> logging.Handler:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        handler = RotatingFileHandler(
+        handler = _LogFile(
             folder / f"{name}.log",
             maxBytes=MAX_BYTES,
             backupCount=OLD_FILES,
@@ -102,6 +106,42 @@ def _file(name: str, folder: Path) -> logging.Handler:
         raise ServiceError(f"can't write {folder / name}.log: {error.strerror}") from None
     handler.setFormatter(_FileFormatter(name))
     return handler
+
+
+class _LogFile(RotatingFileHandler):
+    """Counts lines that can't be written."""
+
+    _lost = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        lost, self._lost = self._lost, 0
+        if lost:
+            text = "%d lines before this one are missing: the disk was full, or the file could not be written"
+            self._end_line()
+            attributes = {"levelno": logging.WARNING, "levelname": "WARNING", "msg": text, "args": (lost,)}
+            super().emit(logging.makeLogRecord(attributes))
+            if self._lost:  # it still is
+                self._lost = lost + 1
+                return
+        super().emit(record)
+
+    def _end_line(self) -> None:
+        """End a line of which only a part was written."""
+        with contextlib.suppress(OSError), open(self.baseFilename, "r+b") as file:
+            file.seek(-1, io.SEEK_END)
+            if file.read(1) != b"\n":
+                file.write(b"\n")
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        if isinstance(sys.exc_info()[1], OSError):
+            self._lost += 1
+        else:
+            super().handleError(record)
+
+    def _open(self) -> io.TextIOWrapper:
+        # Without a buffer, which would keep what a full disk refuses and add every further line to it.
+        raw: Any = io.FileIO(self.baseFilename, self.mode)
+        return io.TextIOWrapper(raw, self.encoding, self.errors, write_through=True)
 
 
 class _FileFormatter(logging.Formatter):

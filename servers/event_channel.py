@@ -34,6 +34,7 @@ from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.watermarks import Watermarks
 from robocorba.names import CHANNELS
+from robocorba.private_files import claim_state
 from robocorba.settings import ChannelSettings
 
 
@@ -130,6 +131,7 @@ def preload() -> None:
 def main(arguments: Sequence[str] | None = None, policy: ProxyPolicy | None = None) -> None:
     settings = ChannelSettings.read(arguments, __doc__ or "")
     process, folder = f"events_{check_name(settings.name)}", settings.server.state / "channels"
+    claim_state(settings.server.state)
     logs.setup(process, settings.server.state / "logs")
     peers = [Peer(name, address) for name, address in settings.peers]
     peers += [Peer(name, uri, foreign=True) for name, uri in settings.foreign]

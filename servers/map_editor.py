@@ -12,6 +12,7 @@ from robocorba.initial_building import open_store
 from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
+from robocorba.private_files import claim_state
 from robocorba.settings import ServerSettings
 
 
@@ -22,6 +23,7 @@ def preload() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = ServerSettings.read(arguments, __doc__ or "")
+    claim_state(settings.state)
     logs.setup("map_editor", settings.state / "logs")
     with open_store(settings.state / "map.sqlite", settings.building) as store:
         editor = BuildingEditor(store)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
+import secrets
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from robocorba import logs
 from robocorba.corba.orb import Orb
-from robocorba.corba.reference_file import write_reference
+from robocorba.corba.reference_file import key_in_file, write_reference
 from robocorba.corba.remote.announcer import Announcer
 from robocorba.corba.remote.map_editor import RemoteMap
 from robocorba.corba.remote.mission_leaders import RemoteLeaders
@@ -27,6 +27,7 @@ from robocorba.corba.servants.virtual_sensor import RobotSensorServant
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownRobot
 from robocorba.names import ADMINISTRATOR
+from robocorba.private_files import claim_state
 from robocorba.repeating import Repeating
 from robocorba.settings import SimulationSettings
 from robocorba.simulation import omni_database, physics
@@ -35,6 +36,7 @@ from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.mission_control import LeaderWatch, MissionControl
 from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.monitor import Monitor
+from robocorba.simulation.registry import digest_of
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import SimulationStore
 
@@ -42,6 +44,8 @@ from robocorba.simulation.store import SimulationStore
 MAP_CHECK_INTERVAL_S = 0.25
 #: Interval between checks whether running missions have their leaders [s].
 LEADER_CHECK_INTERVAL_S = 3.0
+#: What the keys of sessions and that of the administrator begin with; a secret follows.
+_SESSION, _ADMINISTRATOR = "sessions/", "administrator/"
 #: Options of the ORB: a small thread pool serves all connections; a thread per robot would starve the simulation.
 THREAD_POOL = {"threadPerConnectionPolicy": "0", "maxServerThreadPoolSize": "8"}
 
@@ -49,7 +53,8 @@ THREAD_POOL = {"threadPerConnectionPolicy": "0", "maxServerThreadPoolSize": "8"}
 class SimulationServer:
     """A simulation and its CORBA objects.
 
-    The reference of a session authorizes its holder to act as the robot: its key is secret, and survives restarts."""
+    The reference of a session authorizes its holder to act as the robot: its key is secret, and survives restarts. Only
+    its digest is stored: after a restart, the first call to a session finds it."""
 
     def __init__(self, orb: Orb, store: SimulationStore, remote_map: RemoteMap, channel: str) -> None:
         self._orb, self._store, self._map = orb, store, remote_map
@@ -65,10 +70,12 @@ class SimulationServer:
 
     def start(self, administrator: Path) -> None:
         """Start the simulation, accept calls, and write the administrator's reference to a file."""
+        self._orb.serve_secrets(self._find)
         for session in self.agent.sessions.values():
-            self._reference_of(session)
+            self._sensor_of(session)
         servant = SimulationAdministratorServant(self.agent)
-        write_reference(self._orb, self._orb.activate(servant, self._store.secret()), administrator)
+        key = _ADMINISTRATOR + self._administrator_secret(administrator)
+        write_reference(self._orb, self._orb.activate_secret(servant, key), administrator)
         self.agent.start()
         self._map_check.start()
         if self._announcer:
@@ -91,14 +98,36 @@ class SimulationServer:
         self._sensors.close()
         self.agent.close()
 
+    def _administrator_secret(self, file: Path) -> str:
+        """The secret in the file, if it is the stored one, else a new one: without the file, nobody knows it."""
+        secret = key_in_file(file, _ADMINISTRATOR)
+        if not secret or digest_of(secret) != self._store.administrator():
+            secret = secrets.token_urlsafe(24)
+            self._store.save_administrator(digest_of(secret))
+        return secret
+
     def _reference_of(self, session: Session) -> Any:
+        return self._orb.activate_secret(self._servant_of(session), _SESSION + session.client.secret)
+
+    def _find(self, key: str) -> Any:
+        """The servant of a restored session when it is called."""
+        secret = key.removeprefix(_SESSION)
+        session = self.agent.sessions.get(digest_of(secret))
+        if session is None or secret == key:
+            return None
+        session.client.secret = secret
+        return self._servant_of(session)
+
+    def _servant_of(self, session: Session) -> RobotSessionServant:
+        return RobotSessionServant(session, self.agent.registry.lease_s, self._sensor_of(session))
+
+    def _sensor_of(self, session: Session) -> Any:
         sensor = RobotSensorServant(functools.partial(self._sensors.find, session.name))
-        sensor_reference = self._orb.activate(sensor, _sensor_key(session))
-        servant = RobotSessionServant(session, self.agent.registry.lease_s, sensor_reference)
-        return self._orb.activate(servant, f"sessions/{session.client.key}")
+        return self._orb.activate(sensor, _sensor_key(session))
 
     def _session_ended(self, session: Session) -> None:
-        self._orb.deactivate_key(f"sessions/{session.client.key}")
+        if session.client.secret:
+            self._orb.deactivate_secret(_SESSION + session.client.secret)
         self._orb.deactivate_key(_sensor_key(session))
 
     def _publish(self, event: SimulationEvent) -> None:
@@ -121,8 +150,8 @@ class SimulationServer:
 
 
 def _sensor_key(session: Session) -> str:
-    """Derived from the session's key without revealing it: a robot may share its sensor."""
-    return f"sensors/{hashlib.sha256(session.client.key.encode()).hexdigest()}"
+    """Derived from the session's secret without revealing it: a robot may share its sensor."""
+    return f"sensors/{digest_of(session.client.key)}"
 
 
 def preload() -> None:
@@ -134,6 +163,7 @@ def preload() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = SimulationSettings.read(arguments, __doc__ or "")
     state = settings.server.state
+    claim_state(state)
     logs.setup("simulation", state / "logs")
     with (
         SimulationStore(state / "simulation.sqlite") as store,

@@ -16,12 +16,14 @@ from robocorba.corba.servants.smartpal_units import (
     MobilityServant,
 )
 from robocorba.kinematics.smartpal import Side
+from robocorba.private_files import claim_state
 from robocorba.settings import SmartPalSettings
 from robocorba.smartpal_stand_in.robot import RealTime, SmartPal
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = SmartPalSettings.read(arguments, __doc__ or "")
+    claim_state(settings.server.state)
     logs.setup("smartpal", settings.server.state / "logs")
     raise_process_priority()
     robot = SmartPal(settings.seed, settings.start)

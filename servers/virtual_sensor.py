@@ -16,6 +16,7 @@ from robocorba.corba.servants.virtual_sensor import VirtualSensorServant
 from robocorba.errors.services import NotReachable
 from robocorba.maps.model import Building, Floor
 from robocorba.names import SENSORS
+from robocorba.private_files import claim_state
 from robocorba.repeating import Repeating
 from robocorba.sensing.floor_follower import FloorFollower
 from robocorba.sensing.reports import Reports
@@ -136,6 +137,7 @@ def preload() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = SensorSettings.read(arguments, __doc__ or "")
+    claim_state(settings.server.state)
     logs.setup(f"sensor_{settings.name}", settings.server.state / "logs")
     with (
         Orb(settings.server.naming, settings.server.endpoint) as orb,

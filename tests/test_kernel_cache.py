@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -104,3 +106,12 @@ def test_who_needs_what_another_one_compiles_loads_it(tmp_path: Path, monkeypatc
     other.release(needed._cache.name)
     waiting.join(60.0)
     assert hits(needed) == 1
+
+
+def test_a_file_in_the_current_folder_sets_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / ".numba_config.yaml").write_text("disable_jit: 1")
+    monkeypatch.chdir(tmp_path)
+    numba.core.config.reload_config()
+    assert not numba.core.config.DISABLE_JIT
+    code = "from robocorba import kernels; import numba; print(numba.core.config.DISABLE_JIT)"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True, timeout=60).strip() == "0"

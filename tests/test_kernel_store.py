@@ -136,6 +136,36 @@ def test_where_the_folder_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert cache_folder() == tmp_path / "user" / "robocorba" / "kernels"
 
 
+def test_a_folder_that_others_can_write_to_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """What is in it is run."""
+    (tmp_path / "shared").mkdir()
+    (tmp_path / "shared").chmod(0o777)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "shared"))
+    assert cache_folder() is None
+    assert f"others can write to {tmp_path / 'shared'}" in caplog.text
+
+
+def test_a_folder_of_somebody_else_among_temporary_files_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    (tmp_path / "file").touch()  # no folder can be created in it
+    monkeypatch.setattr(kernel_store.platformdirs, "user_cache_path", lambda name: tmp_path / "file")
+    monkeypatch.setattr(kernel_store.tempfile, "gettempdir", lambda: str(tmp_path))
+    own = tmp_path / f"robocorba-{os.getuid()}" / "kernels"
+    assert cache_folder() == own and own.parent.stat().st_mode & 0o077 == 0
+    own.parent.chmod(0o777)
+    assert cache_folder() is None
+    own.parent.chmod(0o700)
+    own.rmdir()
+    (tmp_path / "planted").mkdir(mode=0o777)
+    (tmp_path / "planted").chmod(0o777)
+    own.symlink_to(tmp_path / "planted")
+    assert cache_folder() is None
+
+
 def test_a_lock_is_waited_for_only_so_long(tmp_path: Path) -> None:
     with lock(tmp_path / "lock", 1.0), lock(tmp_path / "lock", 0.0):
         pass  # the second one went on without it

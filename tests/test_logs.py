@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -62,3 +63,27 @@ def test_a_folder_that_cant_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ServiceError, match=r"file/x\.log"):
         logs.open_log("x", tmp_path / "file")
+
+
+def test_a_full_disk_is_survived_and_counted(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "x.log").symlink_to("/dev/full")
+    log = logs.open_log("x", tmp_path)
+    for number in range(3):
+        log.error("%d", number)
+    (tmp_path / "x.log").unlink()
+    (tmp_path / "x.log").write_text("a part of a li")
+    log.handlers[0].close()  # opened again by the next line
+    for number in range(3, 5):
+        log.error("%d", number)
+    part, *lines = (tmp_path / "x.log").read_text().splitlines()
+    assert part == "a part of a li"
+    assert [line.partition(" x ")[2].partition(" lines")[0] for line in lines] == ["3", "3", "4"]
+    assert capfd.readouterr().err == ""
+
+
+def test_a_folder_that_is_gone_is_survived(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    log = logs.open_log("x", tmp_path / "logs")
+    log.handlers[0].close()
+    shutil.rmtree(tmp_path / "logs")
+    log.error("nobody reads this")
+    assert capfd.readouterr().err == ""

@@ -89,14 +89,24 @@ def test_it_is_the_wheel_that_runs(installed: Path) -> None:
     assert Path(where.strip()).is_relative_to(installed.parent)
 
 
-HOSTILE = ("clients/__init__", "clients/robot", "servers/__init__", "servers/simulation", "robocorba/__init__", "numpy")
+HOSTILE = (
+    "clients/__init__",
+    "clients/robot",
+    "servers/__init__",
+    "servers/simulation",
+    "robocorba/__init__",
+    "numpy",
+    "msgspec",
+)
 
 
 def test_modules_in_the_current_folder_are_not_run(installed: Path, tmp_path: Path) -> None:
-    """What `robocorba` starts comes from the package, whatever lies where the user happens to be."""
-    for name in HOSTILE:
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / f"{name}.py").write_text("import sys\nsys.exit('a stranger was run')\n")
+    """What `robocorba` starts comes from the package, whatever lies where the user happens to be, or in the state
+    folder."""
+    for folder in (tmp_path, tmp_path / "state"):
+        for name in HOSTILE:
+            (folder / name).parent.mkdir(exist_ok=True, parents=True)
+            (folder / f"{name}.py").write_text("import sys\nsys.exit('a stranger was run')\n")
     robocorba, plain = str(installed / "robocorba"), {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": ""}
     with claimed_ports() as port, Launcher(tmp_path) as launch:
         up = launch(robocorba, "up", "--state", "state", "--naming-port", str(port), **plain)
@@ -104,6 +114,14 @@ def test_modules_in_the_current_folder_are_not_run(installed: Path, tmp_path: Pa
         robot = launch(robocorba, "robot", "A", "--naming", f"127.0.0.1:{port}", "--state", "state", **plain)
         assert robot.stdout is not None and robot.stderr is not None
         assert robot.stdout.readline() == "ready\n", robot.stderr.read()
+
+
+def test_modules_in_the_current_folder_are_not_run_as_a_module_either(installed: Path, tmp_path: Path) -> None:
+    """But for a folder `robocorba`, which Python itself takes for the package."""
+    for name in ("msgspec", "numpy", "typer"):
+        (tmp_path / f"{name}.py").write_text("import sys\nsys.exit('a stranger was run')\n")
+    command = (str(installed / "python"), "-m", "robocorba", "version")
+    assert subprocess.check_output(command, cwd=tmp_path, text=True, timeout=60).strip() == __version__
 
 
 def test_the_servers_run_outside_the_checkout(installed: Path, tmp_path: Path) -> None:

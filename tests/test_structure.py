@@ -34,12 +34,15 @@ DOMAIN = {
 COMMON = {
     "robocorba.__version__",
     "robocorba.backoff",
+    "robocorba.damaged_files",
     "robocorba.kernel_cache",
     "robocorba.kernel_digests",
     "robocorba.kernel_store",
     "robocorba.kernels",
+    "robocorba.private_files",
     "robocorba.record_file",
     "robocorba.repeating",
+    "robocorba.sqlite_files",
 }
 #: What may know the ORB and the classes that omniidl made.
 ORB_LAYER = ("robocorba/corba/", "robocorba/commands/", "robocorba/supervision/", "robocorba/testing/")

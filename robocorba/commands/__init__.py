@@ -16,6 +16,8 @@ from robocorba import __version__
 SUBCOMMANDS = {
     "up": ("up", "up"),
     "status": ("status", "status"),
+    "backup": ("backup", "backup"),
+    "restore": ("backup", "restore"),
     "console": ("console", "console"),
     "path": ("path", "path"),
     "watch": ("watch", "watch"),

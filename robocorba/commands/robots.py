@@ -13,6 +13,7 @@ from robocorba import logs
 from robocorba.commands.options import Naming, State
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
+from robocorba.private_files import claim_state
 from robocorba.settings import Settings
 from robocorba.supervision.robots import STARTING
 
@@ -62,6 +63,7 @@ def robots(
         settings = Settings.read(naming=naming, state=state)
         orders_in = _orders(fleet, {**options, "prefix": prefix, "count": count})
         console = Console()
+        claim_state(settings.state)
         logs.setup("robots", settings.state / "logs", with_stderr=not console.is_terminal)
         compile_with_progress(settings.state / "logs")
         with Orb(settings.naming) as orb:

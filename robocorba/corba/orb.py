@@ -24,12 +24,13 @@ import gc
 import signal
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from queue import SimpleQueue
 from typing import Any
 
 import PortableServer
+import PortableServer__POA
 from omniORB import CORBA, interceptors
 
 from robocorba.corba.calls import describe, set_call_timeout
@@ -38,6 +39,8 @@ from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.settings import Address
 
 CONTEXT = "RoboCorba"
+#: Name of the adapter of objects whose keys are secrets.
+SECRETS = "secrets"
 #: Timeout of every call, unless `Orb` or `resolve` sets another one [s].
 DEFAULT_CALL_TIMEOUT_S = 10.0
 
@@ -75,6 +78,22 @@ def _wait_at_gate() -> None:
 
 
 interceptors.addAssignUpcallThread(_wait_at_gate)
+
+
+class _Finder(PortableServer__POA.ServantActivator):
+    """Finds the servants of objects that are not active."""
+
+    def __init__(self, find: Callable[[str], Any]) -> None:
+        self._find = find
+
+    def incarnate(self, id: bytes, adapter: Any) -> Any:
+        servant = self._find(id.decode(errors="replace"))
+        if servant is None:
+            raise CORBA.OBJECT_NOT_EXIST(0, CORBA.COMPLETED_NO)
+        return servant
+
+    def etherealize(self, id: bytes, adapter: Any, servant: Any, is_cleanup: bool, has_other_ids: bool) -> None:
+        pass
 
 
 class Orb:
@@ -141,7 +160,7 @@ class Orb:
 
     def _shut_down(self) -> None:
         orb = self.__dict__.pop("_orb", None)
-        for adapter in ("_root_adapter", "_named_adapter"):
+        for adapter in ("_root_adapter", "_named_adapter", "_secret_adapter"):
             self.__dict__.pop(adapter, None)
         _gate.set()
         try:
@@ -188,6 +207,34 @@ class Orb:
         """Deactivate the object with a key or a name, if there is one; the name stays bound."""
         with contextlib.suppress(PortableServer.POA.ObjectNotActive):
             self._named_adapter.deactivate_object(key.encode())
+
+    def serve_secrets(self, find: Callable[[str], Any]) -> None:
+        """Serve objects whose keys this process need not know: a key is the right to call, and who stores only its
+        digest gives nothing away. `find` gets the key of a call to an object that is not active, and returns its
+        servant, None if there is none; it must not block. Call it before `serve`."""
+        root = self._root_adapter
+        policies = [
+            root.create_lifespan_policy(PortableServer.PERSISTENT),
+            root.create_id_assignment_policy(PortableServer.USER_ID),
+            root.create_request_processing_policy(PortableServer.USE_SERVANT_MANAGER),
+            root.create_servant_retention_policy(PortableServer.RETAIN),
+        ]
+        self._secret_adapter = root.create_POA(SECRETS, root._get_the_POAManager(), policies)
+        # The finder is an object, too, which is called here, before the others accept calls.
+        finders = root.create_POA("finders", None, [])
+        finders._get_the_POAManager().activate()
+        finder = finders.id_to_reference(finders.activate_object(_Finder(find)))
+        self._secret_adapter.set_servant_manager(finder)
+
+    def activate_secret(self, servant: Any, key: str) -> Any:
+        """A reference to an object that `find` would find by its secret key, until `deactivate_secret`."""
+        with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
+            self._secret_adapter.activate_object_with_id(key.encode(), servant)
+        return self._secret_adapter.id_to_reference(key.encode())
+
+    def deactivate_secret(self, key: str) -> None:
+        with contextlib.suppress(PortableServer.POA.ObjectNotActive):
+            self._secret_adapter.deactivate_object(key.encode())
 
     def is_own(self, reference: Any) -> bool:
         """Whether this process serves the object of a reference under a name or a key."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -20,3 +22,12 @@ def write_reference(orb: Orb, reference: Any, file: Path) -> None:
         new.replace(file)
     except OSError as error:
         raise ServiceError(f"can't write {file}: {error.strerror}") from None
+
+
+def key_in_file(file: Path, prefix: str) -> str:
+    """What follows `prefix` in the key of the reference in a file, 32 letters, digits or - _; empty if none."""
+    with contextlib.suppress(OSError, ValueError):
+        content = bytes.fromhex(file.read_text().removeprefix("IOR:"))
+        found = re.search(re.escape(prefix.encode()) + rb"([A-Za-z0-9_-]{32})", content)
+        return found[1].decode() if found else ""
+    return ""

@@ -59,10 +59,12 @@ class ChannelStore(RecordFile):
         # If an older file was lost, its ids must not be reused: clients still hold them.
         first_id = start_second(time.time()) << ID_BITS
         super().__init__(file, APPLICATION_ID, SCHEMA_VERSION, (*_TABLES, f"INSERT INTO ids VALUES ({first_id})"))
+        with self._writing():  # nor those given after the file was copied, if it was restored since
+            self._db.execute("UPDATE ids SET next = max(next, ?)", (first_id,))
 
     def first_number(self) -> int:
         """The number of the first event after this start: higher than all earlier ones, even if this file was lost."""
-        with self._guarded():
+        with self._writing():
             last = self._db.execute("SELECT max(second) FROM starts").fetchone()[0]
             second = max(start_second(time.time()), (last or 0) + 1)
             self._db.execute("DELETE FROM starts")
@@ -71,7 +73,7 @@ class ChannelStore(RecordFile):
 
     def next_id(self) -> int:
         """An id that no proxy of this channel had before."""
-        with self._guarded():
+        with self._writing():
             ((id,),) = self._db.execute("UPDATE ids SET next = next + 1 RETURNING next - 1").fetchall()
             return int(id)
 

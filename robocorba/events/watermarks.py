@@ -7,6 +7,7 @@ that they survive a kill of the process.
 
 from __future__ import annotations
 
+import logging
 import mmap
 import os
 import struct
@@ -14,6 +15,7 @@ import time
 from pathlib import Path
 from types import TracebackType
 
+from robocorba.damaged_files import set_aside
 from robocorba.errors.services import ServiceError
 from robocorba.events.event_numbers import is_plausible
 
@@ -23,6 +25,8 @@ _NAME = 200
 _ENTRY = struct.Struct(f"<QQ{_NAME}s")
 _NUMBER = struct.Struct("<QQ")
 
+_log = logging.getLogger(__name__)
+
 
 class Watermarks:
     """Guarded by the channel's lock. Raises ServiceError if the file cannot be used."""
@@ -30,7 +34,7 @@ class Watermarks:
     def __init__(self, file: Path) -> None:
         size = MAX_ORIGINS * _ENTRY.size
         try:
-            descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
+            descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o600)
             try:
                 os.posix_fallocate(descriptor, 0, size)  # a hole would end the process by SIGBUS on a full disk
                 self._map = mmap.mmap(descriptor, size)
@@ -42,12 +46,33 @@ class Watermarks:
         self._slots: dict[str, int] = {}
         self._used: dict[str, int] = {}
         self._clock = 0
-        for slot in range(MAX_ORIGINS):
-            number, used, name = _ENTRY.unpack_from(self._map, slot * _ENTRY.size)
-            origin = name.rstrip(b"\0").decode(errors="replace")
-            if origin and is_plausible(number, time.time()):
-                self._last[origin], self._slots[origin], self._used[origin] = number, slot, used
-                self._clock = max(self._clock, used)
+        damaged = [slot for slot in range(MAX_ORIGINS) if not self._read(slot)]
+        if damaged:
+            self._forget(damaged, file)
+
+    def _read(self, slot: int) -> bool:
+        """Read an entry. False if it is damaged."""
+        number, used, name = _ENTRY.unpack_from(self._map, slot * _ENTRY.size)
+        if not number and not used and not name.strip(b"\0"):
+            return True
+        try:
+            origin = name.rstrip(b"\0").decode()
+        except UnicodeDecodeError:
+            return False
+        if not origin or origin in self._slots or not is_plausible(number, time.time()):
+            return False
+        self._last[origin], self._slots[origin], self._used[origin] = number, slot, used
+        self._clock = max(self._clock, used)
+        return True
+
+    def _forget(self, slots: list[int], file: Path) -> None:
+        try:
+            events = f"events of up to {len(slots)} channels that arrive again are taken for new"
+            set_aside(file, f"{len(slots)} of its entries", events, copy=True)
+        except OSError as error:
+            _log.warning("%s has damaged entries, which are dropped (%s)", file, error)
+        for slot in slots:
+            _ENTRY.pack_into(self._map, slot * _ENTRY.size, 0, 0, b"")
 
     def __enter__(self) -> Watermarks:
         return self

@@ -9,12 +9,12 @@ Every failure of the file, a full disk included, raises MapFileError.
 
 from __future__ import annotations
 
-import fcntl
+import logging
 import os
 import sqlite3
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from pathlib import Path
@@ -22,8 +22,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from robocorba import sqlite_files
+from robocorba.damaged_files import restore_advice
 from robocorba.errors.maps import MapFileError, VersionUnavailable
-from robocorba.errors.services import AlreadyRunning
 from robocorba.maps import underlay_table
 from robocorba.maps.changes import Change, ElementKey, elements_of
 from robocorba.maps.edits import EditRecord
@@ -143,6 +144,7 @@ class EditNote(NamedTuple):
 
 
 NO_NOTE = EditNote()
+_log = logging.getLogger(__name__)
 
 
 class MapStore:
@@ -156,21 +158,47 @@ class MapStore:
         with _guarded(self.path):
             if not self.path.exists():
                 raise MapFileError(str(self.path), 0, "", "there is no map store")
-            self._lock = _lock(self.path)
+            self._lock = sqlite_files.lock(self.path)
             try:
                 self._check()
-                self._writer = _connect(self.path, "rw")
-                self._writer.execute("PRAGMA journal_mode = WAL")
-                self._writer.execute("PRAGMA synchronous = FULL")
-                with _transaction(self._writer):
-                    for statement in _ADDED_TABLES:
-                        self._writer.execute(statement)
-                self._reader = _connect(self.path, "ro")
                 self._reading = threading.Lock()
+                self._open()
                 self._journaled = self._writer.execute("SELECT total(size) FROM commits").fetchone()[0]
             except BaseException:
                 os.close(self._lock)
                 raise
+
+    def _open(self) -> None:
+        sqlite_files.check_room(self.path)
+        self._writer = _connect(self.path, "rw")
+        self._writer.execute("PRAGMA journal_mode = WAL")
+        self._writer.execute("PRAGMA synchronous = FULL")
+        with _transaction(self._writer):
+            for statement in _ADDED_TABLES:
+                self._writer.execute(statement)
+        self._reader = _connect(self.path, "ro")
+        #: None while the file has to be opened again.
+        self._place: sqlite_files.Place | None = sqlite_files.Place(self.path)
+
+    def _keep_place(self) -> None:
+        """If somebody has removed the file, write it again: all of it is still here."""
+        if self._place and self._place.is_kept:
+            return
+        with self._reading:
+            if self._place:
+                self._place.write_back(self._writer)
+                self._place = None
+                self._reader.close()
+                _log.warning("%s was removed while it is in use; it is written again", self.path)
+            self._open()  # also if there was no room for it the last time
+
+    @contextmanager
+    def _changing(self) -> Iterator[sqlite3.Connection]:
+        """A durable transaction: found after a restart."""
+        with _guarded(self.path):
+            self._keep_place()
+            with _transaction(self._writer) as writer:
+                yield writer
 
     @classmethod
     def create(cls, path: str | Path, building: Building) -> MapStore:
@@ -180,7 +208,7 @@ class MapStore:
         file = Path(path)
         fresh = Path(f"{file}.new")
         with _guarded(file):
-            lock = _lock(file)
+            lock = sqlite_files.lock(file)
             try:
                 if file.exists():
                     raise MapFileError(str(file), 0, "", "there is such a file already")
@@ -202,6 +230,9 @@ class MapStore:
         return cls(file)
 
     def _check(self) -> None:
+        if damage := sqlite_files.log_damage(self.path):
+            raise MapFileError(str(self.path), 0, "", _damaged(self.path, damage))
+        sqlite_files.check_room(self.path)
         with closing(_connect(self.path, "rw")) as connection:
             if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
                 raise MapFileError(str(self.path), 0, "", "not a map store of RoboCorba")
@@ -211,10 +242,12 @@ class MapStore:
                 raise MapFileError(str(self.path), 0, "", reason)
             found = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             if found != "ok":
-                raise MapFileError(str(self.path), 0, "", f"damaged: {found}")
+                raise MapFileError(str(self.path), 0, "", _damaged(self.path, found))
 
     def close(self) -> None:
         """Close the file. Commits are durable without it."""
+        with suppress(OSError, sqlite3.Error):
+            self._keep_place()
         with self._reading:
             self._reader.close()
         self._writer.close()
@@ -231,7 +264,7 @@ class MapStore:
         with _guarded(self.path):
             row = self._writer.execute("SELECT name, version FROM building").fetchone()
             if row is None:
-                raise MapFileError(str(self.path), 0, "", "damaged: it holds no building")
+                raise MapFileError(str(self.path), 0, "", _damaged(self.path, "it holds no building"))
             versions: dict[ElementKey, int] = {}
             layers: dict[tuple[str, str], dict[str, Any]] = {}
             query = f"SELECT {_ELEMENT_COLUMNS} FROM elements ORDER BY id"
@@ -243,7 +276,8 @@ class MapStore:
         known = {floor.name for floor in floors} | {""}
         lost = next((floor for floor, _ in layers if floor not in known), None)
         if lost is not None:
-            raise MapFileError(str(self.path), 0, "", f"damaged: it has elements on {lost!r}, which is no floor")
+            reason = _damaged(self.path, f"it has elements on {lost!r}, which is no floor")
+            raise MapFileError(str(self.path), 0, "", reason)
         entries = {
             floor.name: FloorMap.of(floor, {kind: layers.get((floor.name, kind.value), {}) for kind in COLLECTION_OF})
             for floor in floors
@@ -264,7 +298,7 @@ class MapStore:
 
         `names` is the building's name before and after. For UNDO and REDO, `source` is the version of the
         commit that they revert or repeat. Drops the oldest commits beyond `limits`. Underlays follow their floors."""
-        with _guarded(self.path), _transaction(self._writer) as writer:
+        with self._changing() as writer:
             current = writer.execute("SELECT version FROM building").fetchone()[0]
             assert version == current + 1, (version, current)
             writer.execute("UPDATE building SET name = ?, version = ?", (names[1], version))
@@ -431,19 +465,8 @@ class MapStore:
 
     def set_underlay(self, floor: str, underlay: Underlay | None) -> None:
         """Set or remove the picture below a floor, durably. Raises InvalidElement if there is no room for it."""
-        with _guarded(self.path), _transaction(self._writer) as writer:
+        with self._changing() as writer:
             underlay_table.write(writer, floor, underlay)
-
-
-def _lock(path: Path) -> int:
-    """Lock the store by a file beside it. The lock ends when the returned descriptor or the process is closed."""
-    descriptor = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(descriptor)
-        raise AlreadyRunning(f"{path} is in use by another process") from None
-    return descriptor
 
 
 def _connect(path: Path, mode: str) -> sqlite3.Connection:
@@ -469,9 +492,14 @@ def _guarded(path: Path) -> Iterator[None]:
     except OSError as error:
         raise MapFileError(str(path), 0, "", error.strerror or str(error)) from None
     except sqlite3.Error as error:
-        raise MapFileError(str(path), 0, "", str(error)) from error
+        reason = _damaged(path, error) if sqlite_files.is_damage(error) else str(error)
+        raise MapFileError(str(path), 0, "", reason) from error
     except (msgspec.DecodeError, KeyError) as error:
-        raise MapFileError(str(path), 0, "", f"damaged: {error}") from error
+        raise MapFileError(str(path), 0, "", _damaged(path, error)) from error
+
+
+def _damaged(path: Path, reason: object) -> str:
+    return f"damaged: {reason}; {restore_advice(path)}"
 
 
 def _fill(connection: sqlite3.Connection, building: Building) -> None:

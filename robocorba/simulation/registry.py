@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 import secrets
@@ -50,13 +51,19 @@ class Description:
                 raise InvalidDescription(name, f"{value} is not {minimum:g} to {maximum:g}")
 
 
+def digest_of(secret: str) -> str:
+    """What is stored of a random secret: it recognises the secret, and does not give it away."""
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
 class RobotClient:
     """A logged-on robot. Thread-safe.
 
-    key: secret that authorizes a caller to act as this robot. since: POSIX time of the log-on [s]."""
+    secret: authorizes a caller to act as this robot; after a restart empty until the first call. key: its digest, all
+    that is stored. since: POSIX time of the log-on [s]."""
 
-    def __init__(self, description: Description, key: str, since: float, now: float) -> None:
-        self.description, self.key, self.since = description, key, since
+    def __init__(self, description: Description, key: str, since: float, now: float, secret: str = "") -> None:
+        self.description, self.key, self.since, self.secret = description, key, since, secret
         self.last_call_at = now
         self.is_logged_off = False
         #: Calls per second, and moving average of the time to answer a call [s].
@@ -112,7 +119,8 @@ class Registry:
     def register(self, description: Description) -> RobotClient:
         """Log a robot on. Raises NameTaken, ServerFull."""
         self.check(description)
-        client = RobotClient(description, secrets.token_urlsafe(24), time.time(), self._clock())
+        secret = secrets.token_urlsafe(24)
+        client = RobotClient(description, digest_of(secret), time.time(), self._clock(), secret)
         self._admit(client)
         return client
 

@@ -5,7 +5,6 @@ Poses are written every 0.1 s, so a kill loses the latest ones; all other record
 
 from __future__ import annotations
 
-import secrets
 import threading
 from pathlib import Path
 
@@ -32,7 +31,7 @@ MAX_DOCUMENTS = 32 * 1024 * 1024
 
 
 class ClientRecord(msgspec.Struct, frozen=True, array_like=True):
-    """A logged-on robot client. key: secret of its session. since: POSIX time of the log-on [s]."""
+    """A logged-on robot client. key: digest of its session's secret. since: POSIX time of the log-on [s]."""
 
     key: str
     since: float
@@ -74,6 +73,7 @@ class SimulationStore(RecordFile):
 
     def __init__(self, file: Path) -> None:
         super().__init__(file, APPLICATION_ID, SCHEMA_VERSION)
+        self._forget_secrets()
         self._writing_missions = threading.Lock()
         self._missions = {mission.name: mission for mission in self.all("mission", Mission)}
 
@@ -101,13 +101,23 @@ class SimulationStore(RecordFile):
     def save_settings(self, settings: AdministratorSettings) -> None:
         self.save("choices", "", settings)
 
-    def secret(self) -> str:
-        """The administrators' secret, created once for each file."""
-        secret = next(iter(self.all("secret", str)), None)
-        if secret is None:
-            secret = secrets.token_urlsafe(24)
-            self.save("secret", "", secret)
-        return secret
+    def administrator(self) -> str:
+        """The digest of the administrators' secret; empty if there is none yet."""
+        return next(iter(self.all("administrator", str)), "")
+
+    def save_administrator(self, digest: str) -> None:
+        self.save("administrator", "", digest)
+
+    def _forget_secrets(self) -> None:
+        """Earlier releases stored secrets themselves: remove all of them. Their references are no longer valid."""
+        if not self.all("secret", str):
+            return
+        for client in self.clients():
+            self.forget_client(client.key)
+        if world := self.world():
+            self.save_world(msgspec.structs.replace(world, keys={}))
+        self.delete("secret", "")
+        self.compact()
 
     # ---- missions ----
 

@@ -53,7 +53,7 @@ class WorldRecord(msgspec.Struct, frozen=True, array_like=True):
     robots: dict[str, RobotRecord]
     objects: dict[str, tuple[str, float, float, float]]
     cabins: dict[str, CabinRecord]
-    #: Session keys of the robots, by name.
+    #: Digests of the secrets of the robots' sessions, by name.
     keys: dict[str, str] = {}
     #: In the order of the requests.
     reservations: list[ReservationRecord] = []

@@ -7,6 +7,8 @@ up.json        the processes that run, replaced atomically at every change
 supervisor.ior the reference of the supervisor, for this user only
 logs/          a file for each process
 omninames/     the bindings of the naming service
+
+The folder and all files are for this user only. What is damaged of them is set aside, and written anew.
 """
 
 from __future__ import annotations
@@ -24,11 +26,17 @@ from typing import TypeVar
 import msgspec
 import psutil
 
+from robocorba.damaged_files import set_aside
 from robocorba.errors.services import AlreadyRunning, PortInUse, ServiceError
+from robocorba.private_files import claim_state
 from robocorba.settings import Address
 from robocorba.supervision.console import CONSOLE
 
 Schema = TypeVar("Schema")
+
+
+class DamagedFile(ServiceError):
+    """A file has another content than `up` writes."""
 
 
 class ProcessRecord(msgspec.Struct):
@@ -84,12 +92,14 @@ class StateFolder:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Lock the folder; create it if it is missing. Raises AlreadyRunning, or ServiceError for an unusable folder.
+        """Lock the folder; create it if it is missing, and make it private. Raises AlreadyRunning, or ServiceError for
+        an unusable folder.
 
         The kernel releases the lock when this process ends, even by SIGKILL."""
+        claim_state(self.path)
         try:
             self.names.mkdir(parents=True, exist_ok=True)
-            lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+            lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o600)
         except OSError as error:
             raise ServiceError(f"can't use the state folder {self.path}: {error.strerror}") from None
         try:
@@ -102,15 +112,19 @@ class StateFolder:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            record = self.read_record()
-            owner = f" (process id {record.pid})" if record and record.is_alive else ""
+            owner = ""
+            with contextlib.suppress(ServiceError):
+                record = self.read_record()
+                owner = f" (process id {record.pid})" if record and record.is_alive else ""
             raise AlreadyRunning(f"another robocorba up{owner} uses the state folder {self.path}") from None
 
     def ports(self, servers: Sequence[str], naming: Address) -> dict[str, int]:
         """The port of each server on the naming service's host: its former port, else the first free one after the
         naming service's, which is stored. Raises PortInUse if a former port is in use."""
         file = self.path / "ports.json"
-        stored = self._read(file, dict[str, int]) or {}
+        stored = self._read_or_set_aside(file, dict[str, int], "servers keep the ports of up.json, or get free ones")
+        if stored is None:
+            stored = self._ports_of_record()
         for server in servers:
             port = stored.get(server)
             if port is None:
@@ -120,6 +134,14 @@ class StateFolder:
         self._write(file, stored)
         return {server: stored[server] for server in servers}
 
+    def _ports_of_record(self) -> dict[str, int]:
+        """The ports of a system that was killed; empty after a normal end."""
+        record = None
+        with contextlib.suppress(ServiceError):
+            record = self.read_record()
+        processes = [] if record is None else [process for process in record.processes if process.names]
+        return {process.name: Address.parse(process.endpoint).port for process in processes if process.endpoint}
+
     def _next_port(self, naming: Address, taken: set[int]) -> int:
         for port in range(naming.port + 1, 65536):
             if port not in taken and is_free(naming.host, port):
@@ -128,7 +150,8 @@ class StateFolder:
 
     def links(self) -> dict[str, list[str]]:
         """The peers with which systems in this folder linked each event channel."""
-        return self._read(self.path / "links.json", dict[str, list[str]]) or {}
+        consequence = "links of sub-networks that no longer exist stay until they are removed"
+        return self._read_or_set_aside(self.path / "links.json", dict[str, list[str]], consequence) or {}
 
     def write_links(self, links: Mapping[str, Sequence[str]]) -> None:
         self._write(self.path / "links.json", links)
@@ -139,6 +162,10 @@ class StateFolder:
     def read_record(self) -> SystemRecord | None:
         """The system that runs here, or ran last; None where none did. Raises ServiceError for a damaged file."""
         return self._read(self.path / "up.json", SystemRecord)
+
+    def set_damaged_record_aside(self) -> None:
+        """For the owner of the lock, before it writes a record of its own."""
+        self._read_or_set_aside(self.path / "up.json", SystemRecord, "it is written anew")
 
     def remove_record(self) -> None:
         (self.path / "up.json").unlink(missing_ok=True)
@@ -151,7 +178,18 @@ class StateFolder:
         except OSError as error:
             raise ServiceError(f"can't read {file}: {error.strerror}") from None
         except msgspec.MsgspecError as error:
-            raise ServiceError(f"{file} is damaged ({error}); remove it") from None
+            raise DamagedFile(f"{file} is damaged ({error}); robocorba up writes it anew") from None
+
+    def _read_or_set_aside(self, file: Path, schema: type[Schema], consequence: str) -> Schema | None:
+        """As `_read`; a damaged file is set aside. For the owner of the lock."""
+        try:
+            return self._read(file, schema)
+        except DamagedFile as error:
+            try:
+                set_aside(file, str(error.__context__), consequence)
+            except OSError as failure:
+                raise ServiceError(f"can't rename {file}, which is damaged: {failure.strerror}") from None
+            return None
 
     def _write(self, file: Path, content: object) -> None:
         """Replace the file atomically. The lock makes this process the only writer."""

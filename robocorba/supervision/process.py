@@ -16,7 +16,7 @@ from typing import Any
 
 from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.services import StartFailed
+from robocorba.errors.services import ServiceError, StartFailed
 from robocorba.supervision.children import kill_session
 from robocorba.supervision.hangs import DEFAULT, HangLimit, watch_for_hang
 from robocorba.supervision.launch import ModuleRun
@@ -44,7 +44,8 @@ class ProcessSpec:
     is_alive: a call to the process alone, in a thread; raises a RoboCorbaError when it does not answer. None: nobody
     asks.
     endpoint: HOST:PORT where it listens, empty if it chooses a port. names: that it binds in the naming service.
-    grace_period_s: time from SIGTERM to SIGKILL."""
+    grace_period_s: time from SIGTERM to SIGKILL. before_start: called before each start; raises ServiceError if the
+    process can't be started now."""
 
     name: str
     command: tuple[str, ...] | ModuleRun
@@ -56,6 +57,7 @@ class ProcessSpec:
     endpoint: str = ""
     names: tuple[str, ...] = ()
     grace_period_s: float = GRACE_PERIOD_S
+    before_start: Callable[[], None] = lambda: None
 
 
 @dataclass
@@ -131,6 +133,10 @@ class Supervised:
             short_runs += 1
 
     async def _start(self) -> tuple[Child, asyncio.Task[None]]:
+        try:
+            self.spec.before_start()
+        except ServiceError as error:
+            raise StartFailed(f"{self.spec.name} can't start: {error}") from None
         pipe = await Pipe.open()
         with pipe.write_end() as output:
             process = await self.starter.start(self.spec.command, self.spec.cwd, output)

@@ -31,6 +31,7 @@ from robocorba.supervision.console import console_spec
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, is_free
 from robocorba.supervision.hangs import DEFAULT, HangLimit
 from robocorba.supervision.launch import ModuleRun
+from robocorba.supervision.naming_data import mend_naming_data
 from robocorba.supervision.output import relay
 from robocorba.supervision.process import ProcessSpec, Supervised
 from robocorba.supervision.robots import Robots, robot_spec
@@ -73,6 +74,7 @@ class System:
                 raise PortInUse(self.naming.host, self.naming.port, "the naming service")
             if self.console and not is_free(self.console.host, self.console.port):
                 raise PortInUse(self.console.host, self.console.port, "the console")
+            self.folder.set_damaged_record_aside()
             try:
                 with _interrupted_by_signals():
                     prepare()
@@ -172,6 +174,7 @@ class System:
             start_limit_s=self.start_limit_s,
             is_alive=orb.check_naming,
             endpoint=str(self.naming),
+            before_start=functools.partial(mend_naming_data, self.folder.names),
         )
 
     def _server(self, server: Server, port: int, orb: Orb) -> ProcessSpec:

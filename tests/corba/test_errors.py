@@ -16,9 +16,10 @@ from robocorba.corba.calls import error_of
 from robocorba.corba.conversion.errors import MAX_TEXT, domain_error, raise_idl, registered, translating
 from robocorba.errors.base import FieldError, RoboCorbaError
 from robocorba.errors.events import UnknownPeer
-from robocorba.errors.maps import InvalidElement, StaleEdit
+from robocorba.errors.maps import InvalidElement, MapFileError, StaleEdit
 from robocorba.errors.paths import Blocker, InvalidRequest, NoPath, UnknownFloor
 from robocorba.errors.robots import RobotLost
+from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import NoRoom, PlaceTaken, ServerFull
 from robocorba.stubs import RoboCorba
 
@@ -71,6 +72,17 @@ def test_several_errors_share_an_exception() -> None:
         raise_idl(RobotLost("no answer"))
     with pytest.raises(RoboCorba.InvalidMission):
         raise_idl(NoRoom("name", "1000 missions are stored already; remove one"))
+
+
+@pytest.mark.parametrize("error", [ServiceError("no room"), MapFileError("map.sqlite", 0, "", "no room")])
+def test_a_store_that_fails_is_a_system_exception_and_logged(
+    error: RoboCorbaError, caplog: pytest.LogCaptureFixture
+) -> None:
+    """No operation declares it: as a user exception it would arrive as UNKNOWN."""
+    with pytest.raises(CORBA.PERSIST_STORE) as raised:
+        raise_idl(error)
+    assert raised.value.completed == CORBA.COMPLETED_NO
+    assert str(error) in caplog.text
 
 
 def test_texts_are_short() -> None:

@@ -138,3 +138,34 @@ def test_an_unreachable_object_is_reported_with_its_naming_service(nowhere: Addr
 def test_names_without_a_part_are_refused(nowhere: Address, name: str) -> None:
     with Orb(nowhere) as orb, pytest.raises(NotReachable, match="can't be a name"):
         orb.resolve(name, RoboCorba.PathPlanner, timeout_s=60.0)
+
+
+def test_an_object_is_found_by_its_secret_key(nowhere: Address) -> None:
+    """Also by a process that does not know the key when it starts."""
+    endpoint, asked, uris = Address("127.0.0.1", free_port()), [], []
+
+    def find(key: str) -> Planner | None:
+        asked.append(key)
+        return Planner(8) if key == "known" else None
+
+    with Orb(nowhere, endpoint) as orb:
+        orb.serve_secrets(find)
+        orb.accept_calls()
+        uris = [orb.uri(orb.activate_secret(Planner(7), key)) for key in ("known", "unknown")]
+        planner = orb.reference(uris[1], RoboCorba.PathPlanner)
+        assert planner._get_mapVersion() == 7 and asked == []
+        orb.deactivate_secret("unknown")
+        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
+            planner._get_mapVersion()
+    asked.clear()
+    with Orb(nowhere, endpoint) as orb:
+        orb.serve_secrets(find)
+        orb.accept_calls()
+        planner, gone = (orb.reference(uri, RoboCorba.PathPlanner) for uri in uris)
+        assert [planner._get_mapVersion() for _ in range(2)] == [8, 8]
+        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
+            gone._get_mapVersion()
+        assert asked == ["known", "unknown"]
+        orb.deactivate_secret("known")
+        orb.deactivate_secret("unknown")
+        assert planner._get_mapVersion() == 8 and asked == ["known", "unknown", "known"]

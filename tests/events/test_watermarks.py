@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import random
 import tempfile
 from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,6 +30,24 @@ def test_a_number_of_the_future_is_forgotten(tmp_path: Path) -> None:
         assert (again.last("lab"), again.last("hall")) == (0, 7)
         again.raise_to("lab", 8)
         assert again.last("lab") == 8
+
+
+def test_damaged_entries_are_set_aside_and_the_others_kept(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    file = tmp_path / "lab.seen"
+    with Watermarks(file) as marks:
+        marks.raise_to("lab", 7)
+        marks.raise_to("hall", 8)
+    former = random.Random(1).randbytes(200) + file.read_bytes()[200:]
+    file.write_bytes(former)
+    with Watermarks(file) as again:
+        assert (again.last("lab"), again.last("hall")) == (0, 8)
+        again.raise_to("yard", 9)
+    assert "lab.seen is damaged (1 of its entries)" in caplog.text
+    assert (tmp_path / "lab.seen.damaged").read_bytes() == former
+    caplog.clear()
+    with Watermarks(file) as third:
+        assert (third.last("hall"), third.last("yard")) == (8, 9)
+    assert caplog.text == ""
 
 
 @settings(max_examples=50, deadline=None)

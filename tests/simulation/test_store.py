@@ -24,7 +24,7 @@ def test_all_records_are_restored(tmp_path: Path) -> None:
     description = robot("A")
     with SimulationStore(tmp_path / "file") as store:
         assert (store.world(), store.clients(), store.settings()) == (None, [], None)
-        secret = store.secret()
+        store.save_administrator("digest")
         store.save_client(ClientRecord.of("key", 12.5, description))
         store.save_client(ClientRecord.of("other", 13.5, robot("B")))
         store.forget_client("other")
@@ -38,7 +38,7 @@ def test_all_records_are_restored(tmp_path: Path) -> None:
         ]
         assert store.settings() == AdministratorSettings(5, 0.0, True)
         assert store.missions() == [Mission("M", 1, b"plan")]
-        assert store.secret() == secret
+        assert store.administrator() == "digest"
         with pytest.raises(AlreadyRunning):
             SimulationStore(tmp_path / "file")
 

@@ -1,9 +1,17 @@
-"""The record of a system in its state folder."""
+"""The files of a system in its state folder."""
 
 from __future__ import annotations
 
+import random
+from pathlib import Path
+
+import pytest
+
+from robocorba.errors.services import AlreadyRunning, ServiceError
+from robocorba.settings import Address
 from robocorba.supervision.console import CONSOLE
-from robocorba.supervision.folder import ProcessRecord, SystemRecord
+from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
+from robocorba.testing.processes import claimed_ports
 
 
 def record(*names: str) -> SystemRecord:
@@ -16,3 +24,59 @@ def record(*names: str) -> SystemRecord:
 def test_the_address_of_the_console() -> None:
     assert record("simulation", CONSOLE, "robot_R1").console_address == "http://127.0.0.1:9002/"
     assert record("simulation", "robot_console").console_address == ""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> StateFolder:
+    return StateFolder(tmp_path / "state")
+
+
+def damage(file: Path) -> bytes:
+    """Overwrite its first 200 bytes."""
+    content = random.Random(1).randbytes(200) + file.read_bytes()[200:]
+    file.write_bytes(content)
+    return content
+
+
+def test_damaged_ports_are_those_of_the_killed_system_else_chosen_again(folder: StateFolder) -> None:
+    with claimed_ports() as port, folder.locked():
+        naming = Address("127.0.0.1", port)
+        given = folder.ports(["a", "b"], naming)
+        content = damage(folder.path / "ports.json")
+        assert folder.ports(["a", "b"], naming) == given
+        assert (folder.path / "ports.json.damaged").read_bytes() == content
+        processes = tuple(
+            ProcessRecord(name, "running", 7, f"127.0.0.1:{given[other]}", ("x",), 0.0, 0)
+            for name, other in (("a", "b"), ("b", "a"))
+        )
+        folder.write_record(SystemRecord(str(naming), 1, 0.0, processes))
+        damage(folder.path / "ports.json")
+        assert folder.ports(["a", "b"], naming) == {"a": given["b"], "b": given["a"]}
+
+
+def test_damaged_links_are_set_aside(folder: StateFolder, caplog: pytest.LogCaptureFixture) -> None:
+    with folder.locked():
+        folder.write_links({"lab": ["hall"]})
+        damage(folder.path / "links.json")
+        assert folder.links() == {}
+    assert "links.json is damaged" in caplog.text and "links.json.damaged" in caplog.text
+
+
+def test_a_damaged_record_is_set_aside_by_its_owner_only(folder: StateFolder) -> None:
+    with folder.locked():
+        folder.write_record(record("simulation"))
+        damage(folder.path / "up.json")
+        with pytest.raises(ServiceError, match="damaged"):
+            folder.read_record()
+        with pytest.raises(AlreadyRunning), folder.locked():
+            pass
+        folder.set_damaged_record_aside()
+        assert folder.read_record() is None
+        assert (folder.path / "up.json.damaged").exists()
+
+
+def test_the_folder_is_private(folder: StateFolder) -> None:
+    with folder.locked():
+        folder.write_links({})
+    for path in (folder.path, *folder.path.iterdir()):
+        assert path.stat().st_mode & 0o077 == 0, path

@@ -59,3 +59,12 @@ def test_a_robot_whose_floor_went_and_that_logged_on_elsewhere_outlives_the_serv
     assert "a" in place.names
     with pytest.raises(CORBA.OBJECT_NOT_EXIST):
         before.state()
+    # The administrator's reference is still valid, too; secrets are nowhere but in its file, and with the robots.
+    place.administrator.setLimit(300)
+    for reference, prefix in ((a, b"sessions/"), (place.administrator, b"administrator/")):
+        known = bytes.fromhex(place.orb.uri(reference).removeprefix("IOR:"))
+        secret = known.partition(prefix)[2][:32]
+        assert len(set(secret)) > 10
+        files = [path for path in place.running.state.rglob("*") if path.is_file()]
+        assert [path.name for path in files if secret in path.read_bytes()] == []
+    assert [path.name for path in files if path.stat().st_mode & 0o077] == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import re
 import signal
 import socket
@@ -115,6 +116,23 @@ def test_servers_bind_again_when_the_naming_service_comes_back_empty(echo_up: St
         file.unlink()
     os.kill(running.pid("omniNames"), signal.SIGKILL)
     assert client.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=6.0)._get_mapVersion() == running.pid("echo")
+
+
+def test_damaged_files_are_made_again(echo_up: Start, client: Orb) -> None:
+    running = echo_up().wait_ready()
+    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
+    running.stop(signal.SIGKILL)
+    damaged = ("ports.json", "up.json", "omninames/omninames.dat")
+    for name in damaged:
+        file = running.state / name
+        file.write_bytes(random.Random(1).randbytes(200) + file.read_bytes()[200:])
+    running = echo_up().wait_ready()
+    assert client.resolve("PathPlanner", RoboCorba.PathPlanner)._get_mapVersion() == running.pid("echo")
+    assert answers(planner) == running.pid("echo")  # at the port of before
+    log = (running.state / "logs" / "up.log").read_text()
+    for name in damaged:
+        assert (running.state / f"{name}.damaged").exists()
+        assert f"{running.state / name} is damaged" in log
 
 
 def test_a_stopped_system_leaves_no_names(echo_up: Start) -> None:

@@ -68,7 +68,10 @@ def raise_idl(error: RoboCorbaError) -> NoReturn:
     if make is None:
         _log.error("%s has no IDL exception: %s", type(error).__name__, error)
         raise CORBA.INTERNAL(0, CORBA.COMPLETED_MAYBE) from error
-    raise _with_short_texts(make(error)) from error
+    exception = make(error)
+    if isinstance(exception, CORBA.PERSIST_STORE):  # which has no text for the caller
+        _log.error("%s", error)
+    raise _with_short_texts(exception) from error
 
 
 def translating(method: Callable[..., Any]) -> Callable[..., Any]:

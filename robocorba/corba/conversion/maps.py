@@ -235,7 +235,8 @@ _register_element_error(errors.EditedByOthers, RoboCorba.EditedByOthers, "author
 register_with(
     errors.MapFileError,
     RoboCorba.InvalidMap,
-    lambda e: RoboCorba.InvalidMap(e.line, e.key, e.reason),
+    # From an operation on the served map, of which only few raise InvalidMap: its store failed, such as on a full disk.
+    lambda e: CORBA.PERSIST_STORE(0, CORBA.COMPLETED_NO),
     lambda e: errors.MapFileError("map", e.line, e.key, e.reason),
 )
 register(errors.StaleVersion, RoboCorba.StaleVersion, "expected", "current")
