@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 from robocorba import logs
@@ -10,6 +9,7 @@ from robocorba.console.server import Console, serve
 from robocorba.console.settings import ConsoleSettings
 from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
+from robocorba.printing import fail
 from robocorba.private_files import claim_state
 
 
@@ -21,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with Orb(settings.common.naming) as orb:
             serve(Console(orb, settings), settings)
     except RoboCorbaError as error:
-        sys.exit(f"robocorba console: {error}")
+        fail(f"robocorba console: {error}")
 
 
 if __name__ == "__main__":

@@ -28,7 +28,6 @@ from typing import Any, NamedTuple
 
 import msgspec
 from omniORB import CORBA
-from rich.console import Console
 
 from robocorba.clients.robot_processes import ReadyProcess, robocorba, servers
 from robocorba.commands.mission import MissionStatus, follow_mission, tables
@@ -52,6 +51,7 @@ from robocorba.missions.report import REPORT_FILE
 from robocorba.missions.world import MovableObject
 from robocorba.names import MISSIONS
 from robocorba.planning.request import PathRequest, Place
+from robocorba.printing import Console, line
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
@@ -138,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     else:
         console.print(f"total {time.monotonic() - began:.0f} s; logs are in {logs}")
         return 0 if is_at_goal else 1
-    print(f"demo: {reason}; logs are in {logs}", file=sys.stderr)
+    line(f"demo: {reason}; logs are in {logs}", err=True)
     return 1
 
 
@@ -256,7 +256,7 @@ def _carry(orb: Orb, goal: Destination, camera: Camera, folder: Path, console: C
                 return now
             if now.phase != printed:
                 printed = now.phase
-                print(f"  {now.seconds:5.1f} s  {printed:<14} {', '.join(now.robots)}", flush=True)
+                line(f"  {now.seconds:5.1f} s  {printed:<14} {', '.join(now.robots)}")
             bar(now.share, printed)
             picture = folder / CARRYING
             if not picture.exists() and goal_error(world.movable(TABLE), goal).off_m < total_m / 2:

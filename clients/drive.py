@@ -17,6 +17,7 @@ from omniORB import CORBA
 from robocorba.corba.calls import error_of
 from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
+from robocorba.printing import fail, line
 from robocorba.settings import Settings
 from robocorba.stubs import RoboCorba
 
@@ -99,9 +100,9 @@ def main(name: str, *places: str) -> None:
         path = planner.getPath(RoboCorba.Point(floor, float(x), float(y)), goal)
         robot = log_on(orb, name, path)
         try:
-            drive(robot, path, lambda text: print(f"{name} {text}", flush=True))
+            drive(robot, path, lambda text: line(f"{name} {text}"))
             at = robot.state().at
-            print(f"{name} has arrived: {at.floor} ({at.x:.2f}, {at.y:.2f})", flush=True)
+            line(f"{name} has arrived: {at.floor} ({at.x:.2f}, {at.y:.2f})")
         finally:
             robot.deregister()
 
@@ -110,4 +111,4 @@ if __name__ == "__main__":
     try:
         main(*sys.argv[1:])
     except (RoboCorbaError, CORBA.UserException, TypeError, ValueError) as error:
-        sys.exit(f"drive: {error_of(error)}")
+        fail(f"drive: {error_of(error)}")

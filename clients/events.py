@@ -8,6 +8,7 @@ from queue import SimpleQueue
 from robocorba.corba.event_client import Event, EventClient
 from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
+from robocorba.printing import fail, line
 from robocorba.settings import Settings
 
 
@@ -19,10 +20,10 @@ def publish(events: EventClient, count: int) -> None:
 def consume(events: EventClient, count: int) -> None:
     arrived: SimpleQueue[Event] = SimpleQueue()
     events.subscribe(arrived.put, "robot.*")
-    print("waiting", flush=True)
+    line("waiting")
     for _ in range(count):
         event = arrived.get()
-        print(event.type, event.source, event.payload)
+        line(f"{event.type} {event.source} {event.payload}")
 
 
 def main(command: str, channel: str, count: str = "10") -> None:
@@ -34,4 +35,4 @@ if __name__ == "__main__":
     try:
         main(*sys.argv[1:])
     except RoboCorbaError as error:
-        sys.exit(f"events: {error}")
+        fail(f"events: {error}")

@@ -4,6 +4,7 @@ import sys
 
 from omniORB import CORBA
 
+from robocorba.printing import fail, line
 from robocorba.stubs import RoboCorba
 
 
@@ -14,10 +15,10 @@ def main(start_floor: str, x1: str, y1: str, goal_floor: str, x2: str, y2: str, 
         start = RoboCorba.Point(start_floor, float(x1), float(y1))
         path = planner.getPath(start, RoboCorba.Point(goal_floor, float(x2), float(y2)))
     except (RoboCorba.NotFree, RoboCorba.NoPath, RoboCorba.UnknownFloor, RoboCorba.InvalidPoint) as refusal:
-        sys.exit(f"no path: {refusal}")
+        fail(f"no path: {refusal}")
     for point in path:
         at = point.position
-        print(f"{point.time:6.1f} s  {at.floor}:{at.x:.2f},{at.y:.2f}  {point.kind} {point.elevator or point.node}")
+        line(f"{point.time:6.1f} s  {at.floor}:{at.x:.2f},{at.y:.2f}  {point.kind} {point.elevator or point.node}")
 
 
 if __name__ == "__main__":

@@ -37,6 +37,7 @@ from robocorba.kinematics import tasks
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.maps.samples import sample_path
+from robocorba.printing import fail, line
 from robocorba.programs import icons
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program, dumps, icons_with_paths
@@ -152,15 +153,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         wrote.append(f"{name}.mp4")
     found_faults = faults(found)
     distance_mm, height_mm = 1000 * found.distance_error_m, 1000 * found.height_error_m
-    print(
+    line(
         f"The taker's gripper was shut after {found.gripped_s:.2f} s, "
         f"the giver's opened after {found.released_s:.2f} s. "
         f"Largest errors in between: hands {distance_mm:.1f} mm from the sheet's ends, "
         f"height difference {height_mm:.1f} mm, misalignment {math.degrees(found.angle_error_rad):.2f} deg."
     )
-    print(f"wrote {', '.join(wrote)} in {folder}")
+    line(f"wrote {', '.join(wrote)} in {folder}")
     for fault in found_faults:
-        print(f"wrong: {fault}")
+        line(f"wrong: {fault}")
     return 1 if found_faults else 0
 
 
@@ -183,9 +184,7 @@ def play(agents: Mapping[str, RemoteAgent], wanted: Mapping[str, Program]) -> li
             moments.append(Moment(time.monotonic() - began, states[GIVER].actor, states[TAKER].actor))
             for name, agent in agents.items():
                 for icon in agent.begun(printed[name]):
-                    print(
-                        f"{since[name] + icon.seconds:6.2f} s  {name}  {_describe(wanted[name], icon.icon)}", flush=True
-                    )
+                    line(f"{since[name] + icon.seconds:6.2f} s  {name}  {_describe(wanted[name], icon.icon)}")
                     printed[name] = icon.number + 1
             if _have_ended(states):
                 return moments
@@ -276,4 +275,4 @@ if __name__ == "__main__":
     try:
         sys.exit(main())
     except (RoboCorbaError, CORBA.Exception) as error:
-        sys.exit(f"hand_over: {error_of(error)}")
+        fail(f"hand_over: {error_of(error)}")

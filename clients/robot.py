@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-import sys
+import secrets
 from collections.abc import Iterable, Sequence
 
 from omniORB import CORBA
@@ -24,7 +24,8 @@ from robocorba.corba.remote.data_pool import PoolFollower, floor_now
 from robocorba.corba.remote.map_editor import path_node_positions
 from robocorba.corba.remote.path_planner import RemotePlanner
 from robocorba.corba.remote.session import RemoteSession
-from robocorba.corba.servants.control_agent import RobotAgentServant
+from robocorba.corba.remote.stop_listener import StopListener
+from robocorba.corba.servants.control_agent import RobotAgentServant, StopTargetServant
 from robocorba.corba.servants.data_pool import DataPoolServant
 from robocorba.data_pool.plans import Plans
 from robocorba.data_pool.start_places import start_places
@@ -37,6 +38,7 @@ from robocorba.missions import carry_planning
 from robocorba.names import MISSIONS, ROBOTS
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
+from robocorba.printing import fail
 from robocorba.private_files import claim_state
 from robocorba.processes import RobotProgress
 from robocorba.programs import program
@@ -150,6 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         context = AdaptorContext(settings.name, session, orb)
         agent = ControlAgent(context, planner, others, check_now, ticks, nearby, prepare, progress.wake)
         stack.callback(agent.close)
+        session.stop_target = orb.activate(StopTargetServant(agent), f"stop/{secrets.token_urlsafe(24)}")
         follower.start()
         agent.start(settings.adaptor, settings.adaptor_arguments)
         stack.callback(postures.start().close)
@@ -160,7 +163,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         path = f"{ROBOTS}/{settings.name}"
         pool = orb.activate(DataPoolServant(follower.pool, plans, follower.postures, attend), f"{path}/pool")
-        orb.serve({path: RobotAgentServant(agent, pool, settings.channel, others)})
+        # One that was logged off must leave the name to another robot that has logged on by it.
+        servants = {path: RobotAgentServant(agent, pool, settings.channel, others)}
+        orb.serve(servants, owns_names=lambda: session.is_logged_on)
+        stack.callback(StopListener(orb, settings.channel, settings.name, agent).start().close)
         others.start(agent, follower.pool)
         if wanted:
             agent.load(wanted)
@@ -175,4 +181,4 @@ if __name__ == "__main__":
     try:
         main()
     except (RoboCorbaError, CORBA.Exception) as error:
-        sys.exit(f"robot: {error_of(error)}")
+        fail(f"robot: {error_of(error)}")

@@ -29,8 +29,12 @@ OLD_FILES = 3
 #: Size of the end of a log file that `last_lines` reads [bytes].
 MAX_TAIL = 512 * 1024
 
-#: All characters that some reader treats as a line break, and the other ASCII control characters.
-_ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), 127, 0x85)} | {0x2028: "\\u2028", 0x2029: "\\u2029"}
+#: All control characters, whatever some reader treats as a line break, the characters that overrule the direction of
+#: text, by which a line could be shown in another order, and surrogates, which can't be written. All but the first 32,
+#: which JSON escapes itself, are escaped in a form that is valid in JSON too.
+_ESCAPES = {code: f"\\x{code:02x}" for code in range(32)}
+_ESCAPES |= {code: f"\\u{code:04x}" for code in (*range(127, 160), *range(0x2028, 0x202F), *range(0x2066, 0x206A))}
+_ESCAPES |= {code: f"\\u{code:04x}" for code in range(0xD800, 0xE000)}
 _ESCAPES |= {ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t"}
 
 

@@ -11,3 +11,11 @@ MISSIONS = "missions"
 ADMINISTRATOR = "administrator.ior"
 #: File in the state folder with the object reference of the supervisor of `robocorba up`.
 SUPERVISOR = "supervisor.ior"
+#: File in the state folder with the port of each server that `robocorba up` starts.
+PORTS = "ports.json"
+#: File in the state folder with the token by which virtual sensor servers register.
+SENSOR_TOKEN = "sensors.token"
+#: File in the state folder with the robots' stop targets, and which robots are held by an emergency stop.
+STOPS = "stops.json"
+#: Type of the event that stops robots: {"robots": [names], "reason": text}; without names all.
+STOP_EVENT = "robot.stop"

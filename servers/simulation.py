@@ -15,28 +15,33 @@ from robocorba.corba.reference_file import key_in_file, write_reference
 from robocorba.corba.remote.announcer import Announcer
 from robocorba.corba.remote.map_editor import RemoteMap
 from robocorba.corba.remote.mission_leaders import RemoteLeaders
+from robocorba.corba.remote.sensor_servers import RegisteredSensors
+from robocorba.corba.remote.stop_target import stop_at
 from robocorba.corba.remote.virtual_sensor import RemoteSensors
 from robocorba.corba.servants.mission_control import MissionControlServant
 from robocorba.corba.servants.omni_database import OmniDatabaseServant
 from robocorba.corba.servants.simulation_server import (
     RobotSessionServant,
+    SensorRegistrationServant,
     SimulationAdministratorServant,
     SimulationServerServant,
 )
 from robocorba.corba.servants.virtual_sensor import RobotSensorServant
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownRobot
-from robocorba.names import ADMINISTRATOR
+from robocorba.names import ADMINISTRATOR, PORTS, SENSOR_TOKEN, STOPS
 from robocorba.private_files import claim_state
 from robocorba.repeating import Repeating
 from robocorba.settings import SimulationSettings
 from robocorba.simulation import omni_database, physics
 from robocorba.simulation.building import SimulationEvent
+from robocorba.simulation.emergency_stops import EmergencyStops
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.mission_control import LeaderWatch, MissionControl
 from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.monitor import Monitor
 from robocorba.simulation.registry import digest_of
+from robocorba.simulation.sensor_admission import SensorAdmission, system_token
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import SimulationStore
 
@@ -56,11 +61,25 @@ class SimulationServer:
     The reference of a session authorizes its holder to act as the robot: its key is secret, and survives restarts. Only
     its digest is stored: after a restart, the first call to a session finds it."""
 
-    def __init__(self, orb: Orb, store: SimulationStore, remote_map: RemoteMap, channel: str) -> None:
+    def __init__(self, orb: Orb, store: SimulationStore, remote_map: RemoteMap, settings: SimulationSettings) -> None:
         self._orb, self._store, self._map = orb, store, remote_map
+        self._state, host, channel = settings.server.state, settings.server.endpoint.host, settings.channel
         self.agent = ManagementAgent(remote_map.building, remote_map.version, store, self._publish, self._session_ended)
         self._announcer = Announcer(orb, channel, self.agent.database) if channel else None
+        self._stops = EmergencyStops(
+            self._state / STOPS,
+            lambda: list(self.agent.sessions.values()),
+            lambda: self.agent.loop.is_paused,
+            lambda target, reason: stop_at(orb, target, reason),
+            self._announcer.announce_stop if self._announcer else lambda robots, reason: None,
+        )
         self._sensors = RemoteSensors(self.agent.load_balance)
+        admission = SensorAdmission(system_token(self._state / SENSOR_TOKEN), self._state / PORTS, host)
+        self._registered_sensors = RegisteredSensors(
+            orb,
+            admission,
+            lambda name, reference: SensorRegistrationServant(self.agent, name, reference, self._sensors.dismiss),
+        )
         self._monitor = Monitor(self.agent, remote_map.building)
         self._map_check = Repeating("map", self._follow_map, MAP_CHECK_INTERVAL_S)
         self._missions, leaders = MissionDirectory(store), RemoteLeaders(orb)
@@ -68,20 +87,26 @@ class SimulationServer:
         self._leader_watch = LeaderWatch(self._missions, leaders, self._is_logged_on)
         self._leader_check = Repeating("leaders", self._leader_watch.check, LEADER_CHECK_INTERVAL_S)
 
-    def start(self, administrator: Path) -> None:
-        """Start the simulation, accept calls, and write the administrator's reference to a file."""
+    def start(self) -> None:
+        """Start the simulation, accept calls, and write the administrator's reference to its file."""
         self._orb.serve_secrets(self._find)
+        self._stops.start()
         for session in self.agent.sessions.values():
             self._sensor_of(session)
-        servant = SimulationAdministratorServant(self.agent)
-        key = _ADMINISTRATOR + self._administrator_secret(administrator)
-        write_reference(self._orb, self._orb.activate_secret(servant, key), administrator)
+        file = self._state / ADMINISTRATOR
+        key = _ADMINISTRATOR + self._administrator_secret(file)
+        administrator = self._orb.activate_secret(SimulationAdministratorServant(self.agent, self._stops), key)
+        write_reference(self._orb, administrator, file)
         self.agent.start()
         self._map_check.start()
         if self._announcer:
             self._announcer.start()
         servant = SimulationServerServant(
-            self.agent, self._reference_of, lambda floor, width: self._monitor.png(floor, width), self._sensors.dismiss
+            self.agent,
+            self._reference_of,
+            lambda floor, width: self._monitor.png(floor, width),
+            self._stops,
+            self._registered_sensors,
         )
         database = OmniDatabaseServant(self.agent.database, self._missions)
         control = MissionControlServant(self._mission_control)
@@ -96,6 +121,7 @@ class SimulationServer:
         if self._announcer:
             self._announcer.close()
         self._sensors.close()
+        self._stops.close()
         self.agent.close()
 
     def _administrator_secret(self, file: Path) -> str:
@@ -119,7 +145,8 @@ class SimulationServer:
         return self._servant_of(session)
 
     def _servant_of(self, session: Session) -> RobotSessionServant:
-        return RobotSessionServant(session, self.agent.registry.lease_s, self._sensor_of(session))
+        lease_s, sensor = self.agent.registry.lease_s, self._sensor_of(session)
+        return RobotSessionServant(session, lease_s, sensor, self._stops, self._orb.uri)
 
     def _sensor_of(self, session: Session) -> Any:
         sensor = RobotSensorServant(functools.partial(self._sensors.find, session.name))
@@ -129,6 +156,7 @@ class SimulationServer:
         if session.client.secret:
             self._orb.deactivate_secret(_SESSION + session.client.secret)
         self._orb.deactivate_key(_sensor_key(session))
+        self._stops.forget(session)
 
     def _publish(self, event: SimulationEvent) -> None:
         if self._announcer:
@@ -168,9 +196,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with (
         SimulationStore(state / "simulation.sqlite") as store,
         Orb(settings.server.naming, settings.server.endpoint, options=THREAD_POOL) as orb,
-        contextlib.closing(SimulationServer(orb, store, RemoteMap(orb), settings.channel)) as server,
+        contextlib.closing(SimulationServer(orb, store, RemoteMap(orb), settings)) as server,
     ):
-        server.start(state / ADMINISTRATOR)
+        server.start()
         orb.run()
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 import time
 from collections.abc import Collection, Sequence
+from pathlib import Path
 from typing import Any
 
 from robocorba import logs
@@ -14,14 +16,16 @@ from robocorba.corba.remote.map_editor import RemoteMap
 from robocorba.corba.remote.simulation_server import RemoteSimulation
 from robocorba.corba.servants.virtual_sensor import VirtualSensorServant
 from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import SensorRefused
 from robocorba.maps.model import Building, Floor
-from robocorba.names import SENSORS
+from robocorba.names import SENSOR_TOKEN, SENSORS
 from robocorba.private_files import claim_state
 from robocorba.repeating import Repeating
 from robocorba.sensing.floor_follower import FloorFollower
 from robocorba.sensing.reports import Reports
 from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.settings import SensorSettings
+from robocorba.simulation.sensor_admission import read_token
 
 #: Interval between updates of the floors on which robots scan [s].
 FOLLOW_INTERVAL_S = 0.03
@@ -34,12 +38,17 @@ SCANS_INTERVAL_S, MIN_SCANS_S, MAX_SCANS_S = 0.05, 0.02, 5.0
 #: Maximum number of robots with a sensor of their own; beyond that the oldest sensors are deactivated.
 MAX_ROBOTS = 10_000
 
+_log = logging.getLogger(__name__)
+
 
 class VirtualSensorServer:
-    """A virtual sensor for all robots, and a CORBA object for each robot that is assigned to this server."""
+    """A virtual sensor for all robots, and a CORBA object for each robot that is assigned to this server.
 
-    def __init__(self, orb: Orb, name: str) -> None:
-        self._orb, self._name, self._path = orb, name, f"{SENSORS}/{name}"
+    token: file with the system's token for sensor servers."""
+
+    def __init__(self, orb: Orb, name: str, token: Path) -> None:
+        self._orb, self._name, self._path, self._token = orb, name, f"{SENSORS}/{name}", token
+        self._is_refused = False
         self._map, self._simulation = RemoteMap(orb), RemoteSimulation(orb)
         self._sensor = VirtualSensor()
         self._sensor.set_map(self._map.building)
@@ -117,14 +126,32 @@ class VirtualSensorServer:
     def _report(self) -> None:
         latest = self._reports.collect()
         with contextlib.suppress(NotReachable):
-            self._simulation.report_sensor(self._name, self._reference, self._reports.load, latest)
+            was_registered = self._simulation.is_registered
+            if not was_registered:
+                self._register()
+            try:
+                self._simulation.report_sensor(self._reports.load, latest)
+            except NotReachable:
+                if not was_registered or self._simulation.is_registered:
+                    raise
+                self._register()  # the simulation server was restarted
+                self._simulation.report_sensor(self._reports.load, latest)
+
+    def _register(self) -> None:
+        try:
+            self._simulation.register_sensor(self._name, self._reference, read_token(self._token))
+            self._is_refused = False
+        except SensorRefused as error:
+            if not self._is_refused:
+                _log.error("%s (looked for in %s)", error, self._token)
+            self._is_refused = True
 
     def _report_scans(self) -> None:
         if time.monotonic() < self._scans_at:
             return
         wanted_s = REPORT_INTERVAL_S
         with contextlib.suppress(NotReachable):
-            wanted_s = self._simulation.report_scans(self._name, self._reports.collect_robot_scans())
+            wanted_s = self._simulation.report_scans(self._reports.collect_robot_scans())
         self._scans_at = time.monotonic() + min(max(wanted_s, MIN_SCANS_S), MAX_SCANS_S) - SCANS_INTERVAL_S / 2
 
 
@@ -141,7 +168,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logs.setup(f"sensor_{settings.name}", settings.server.state / "logs")
     with (
         Orb(settings.server.naming, settings.server.endpoint) as orb,
-        contextlib.closing(VirtualSensorServer(orb, settings.name)) as server,
+        contextlib.closing(VirtualSensorServer(orb, settings.name, settings.server.state / SENSOR_TOKEN)) as server,
     ):
         server.start()
         orb.run()

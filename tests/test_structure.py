@@ -55,6 +55,10 @@ AROUND_SERVANTS = {
 CORBA = {"omniORB", "CosNaming", "CosEventComm", "CosEventChannelAdmin", "CORBA", "PortableServer"}
 #: The package imports none of the programs that are built from it.
 PROGRAMS = {"servers", "clients", "robocorba.servers", "robocorba.clients", "bench", "tests"}
+#: Programs that print foreign text by robocorba.printing; and those that print none, or show OMG's interfaces
+#: without RoboCorba.
+PRINTERS = ("robocorba/commands/", "clients/")
+PRINTING_NOTHING_FOREIGN = ("clients/robot.py", "clients/new_robot.py", "clients/plain_events.py")
 #: Where the environment is read: our variables, and numba's own. Processes of tests inherit theirs.
 ENVIRONMENT_IN = ("robocorba/settings.py", "robocorba/kernel_store.py", "robocorba/testing/")
 
@@ -87,6 +91,16 @@ def faults(path: str, text: str) -> list[str]:
         variables = sorted(word for word in words if re.fullmatch("ROBOCORBA_[A-Z_]+", word))
         found += [f"knows {name}, which robocorba.settings is for" for name in variables]
     return found
+
+
+def prints(text: str) -> list[str]:
+    """How a source prints past robocorba.printing, which escapes foreign text."""
+    tree = ast.parse(text)
+    used = set(imports("clients/x.py", tree)) & {"rich.console.Console", "typer.echo", "rich.print"}
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    names = {ast.unparse(call.func) for call in calls} & {"print", "typer.echo", "typer.secho", "click.echo"}
+    exits = {"sys.exit" for call in calls if ast.unparse(call.func) == "sys.exit" and "f'" in ast.unparse(call)}
+    return sorted(used | names | exits)
 
 
 def imports(path: str, tree: ast.Module) -> Iterator[str]:
@@ -144,6 +158,14 @@ def test_the_rules_speak_of_what_is_there() -> None:
     looked_at = {file.relative_to(ROOT).as_posix() for file in OURS.values()}
     for part in (*(f"robocorba/{name}/" for name in DOMAIN), SERVANTS, *ORB_LAYER, *ENVIRONMENT_IN):
         assert any(path.startswith(part) for path in looked_at), part
+
+
+def test_one_place_escapes_what_programs_print() -> None:
+    printers = {file.relative_to(ROOT).as_posix(): file for file in sources("robocorba", "clients").values()}
+    found = {path: prints(file.read_text()) for path, file in printers.items() if path.startswith(PRINTERS)}
+    assert {path for path, past in found.items() if past} == set(PRINTING_NOTHING_FOREIGN)
+    assert prints("from rich.console import Console\nprint(1)") == ["print", "rich.console.Console"]
+    assert prints("sys.exit(f'{name} fails')") == ["sys.exit"]
 
 
 @pytest.mark.parametrize("file", OURS.values(), ids=lambda file: file.relative_to(ROOT).as_posix())

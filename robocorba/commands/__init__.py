@@ -11,6 +11,7 @@ from importlib import import_module
 import typer
 
 from robocorba import __version__
+from robocorba.printing import echo
 
 #: Module and attribute of each subcommand; an `app` has further subcommands.
 SUBCOMMANDS = {
@@ -64,7 +65,7 @@ def command(names: Iterable[str] = SUBCOMMANDS) -> typer.Typer:
     @app.command()
     def version() -> None:
         """Print the version."""
-        typer.echo(__version__)
+        echo(__version__)
 
     return app
 

@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from robocorba.kernel_store import store
+from robocorba.printing import Console
 from robocorba.supervision.compilation import CompilationProgress, compile_kernels
 
 TITLE = "compiling kernels, once on this machine"

@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from omniORB import CORBA
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -16,6 +15,7 @@ from robocorba.corba.orb import Orb
 from robocorba.corba.plain import plain
 from robocorba.errors.services import NotReachable
 from robocorba.names import CHANNELS
+from robocorba.printing import Console, line
 from robocorba.stubs import RoboCorba
 
 #: Timeout for each channel [s].
@@ -53,11 +53,11 @@ def show(states: dict[str, StateOrProblem]) -> None:
         if console.is_terminal:
             _show(console, name, state)
         elif isinstance(state, str):
-            print(name, "problem", state, sep="\t")
+            line(name, "problem", state)
         else:
             for kind, _, rows in _tables(state):
                 for row in rows:
-                    print(name, kind, *row, sep="\t")
+                    line(name, kind, *row)
 
 
 def _query(orb: Orb, name: str) -> StateOrProblem:

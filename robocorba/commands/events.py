@@ -23,6 +23,7 @@ from robocorba.errors.events import InvalidEvent
 from robocorba.errors.services import NotReachable
 from robocorba.events.queue import QueuePolicy
 from robocorba.names import CHANNELS
+from robocorba.printing import echo
 from robocorba.stubs import RoboCorba
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def stats(
             raise NotReachable(f"no event channel is bound in the naming service at {orb.naming}")
         states = event_stats.query(orb, names)
     if json:
-        print(json_format.dumps({name: event_stats.as_json(state) for name, state in states.items()}, indent=2))
+        echo(json_format.dumps({name: event_stats.as_json(state) for name, state in states.items()}, indent=2))
     else:
         event_stats.show(states)
     if any(isinstance(state, str) for state in states.values()):
@@ -87,7 +88,7 @@ def tail(
             contextlib.closing(_received(client, channel, (type, source))) as events,
         ):
             for number, event in enumerate(events, 1):
-                print(json_line(event) if json else text_line(event), flush=True)
+                echo(json_line(event) if json else text_line(event))
                 if number == count:
                     return
     except KeyboardInterrupt:
@@ -216,7 +217,7 @@ def _received(client: EventClient, channel: str, pattern: tuple[str, str]) -> Ge
         ended.set()
         with contextlib.suppress(CORBA.SystemException):
             if discarded := subscription.proxy.state().events.discarded:
-                typer.echo(f"{discarded} events were discarded: they arrived faster than they could be shown", err=True)
+                echo(f"{discarded} events were discarded: they arrived faster than they could be shown", err=True)
         subscription.end()
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
 from robocorba.logs import one_line
+from robocorba.printing import Console, echo, line
 from robocorba.supervision.fleet import Row, View
 
 HEADER = ("robot", "floor", "does", "program or mission", "restarts", "note")
@@ -43,10 +44,10 @@ class LinesView(View):
             cells = cells_of(row)
             if self._shown.get(row.name) != cells:
                 self._shown[row.name] = cells
-                print(*cells, sep="\t", flush=True)
+                line(*cells)
 
     def started(self) -> None:
-        print("ready", flush=True)
+        echo("ready")
 
     def end(self, robots: int, running: int) -> None:
         pass

@@ -14,6 +14,8 @@ import msgspec
 import typer
 
 from robocorba.commands.reporting import reporting
+from robocorba.logs import one_line
+from robocorba.printing import echo, line
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 if TYPE_CHECKING:
@@ -90,7 +92,7 @@ def import_(
                 building = _with_topological_map(building, name, radius)
         _print_warnings(checking.blocked(building))
         native.save(building, output)
-        typer.echo(f"wrote {output}: {_summary(building)}")
+        echo(f"wrote {output}: {_summary(building)}")
 
 
 @app.command()
@@ -109,7 +111,7 @@ def export(
         exported = write_map(building, output, format.value, resolution_m=resolution, image=image)
         _print_losses("export", exported.losses)
         for written in exported.files:
-            typer.echo(f"wrote {written}")
+            echo(f"wrote {written}")
 
 
 @app.command()
@@ -125,10 +127,10 @@ def show(
     with reporting("map show", OSError):
         building = _read(file).building
         if floor and floor not in building.floors:
-            raise typer.BadParameter(f"there is no floor {floor!r}; there are {', '.join(building.floors)}")
+            raise typer.BadParameter(f"there is no floor {floor!r}; there are {one_line(', '.join(building.floors))}")
         drawn = draw_floor(building, floor, width_px=width) if floor else draw_building(building, width_px=width)
         drawn.save(picture)
-        typer.echo(f"wrote {picture}: {_summary(building)}")
+        echo(f"wrote {picture}: {_summary(building)}")
 
 
 @app.command()
@@ -150,14 +152,14 @@ def check(
         building = imported.building
         for name, elevator in building.elevators.items():
             if len(elevator.floors()) < 2:
-                typer.echo(f"note: elevator {name!r} serves only {', '.join(elevator.floors())}")
+                line(f"note: elevator {name!r} serves only {', '.join(elevator.floors())}")
         for name, entry in building.floors.items():
             if not entry.topological.edges:
                 missing = "edges" if entry.topological.nodes else "nodes and edges"
-                typer.echo(f"note: floor {name!r} has no {missing}; `robocorba map import --topology` generates them")
+                line(f"note: floor {name!r} has no {missing}; `robocorba map import --topology` generates them")
         warnings = _print_warnings(findings(building, radius))
         counted = f", {warnings} warning{'s' * (warnings > 1)}" if warnings else ""
-        typer.echo(f"{file} is valid{counted}: {_summary(building)}")
+        echo(f"{file} is valid{counted}: {_summary(building)}")
 
 
 def _with_topological_map(building: Building, floor: str, radius_m: float) -> Building:
@@ -168,12 +170,12 @@ def _with_topological_map(building: Building, floor: str, radius_m: float) -> Bu
     entry = building.floors[floor]
     nodes, edges = entry.topological.nodes, entry.topological.edges
     if edges:
-        typer.echo(f"{floor}: topological map kept, it has {len(edges)} edges")
+        line(f"{floor}: topological map kept, it has {len(edges)} edges")
         return building
     generated = topological_map(building, floor, radius_m, tuple(nodes.values()))
     connected = {name for edge in generated.edges.values() for name in (edge.a, edge.b)}
     unreachable = [name for name in nodes if name not in connected]
-    typer.echo(
+    echo(
         f"{floor}: added {len(generated.nodes) - len(nodes)} nodes and {len(generated.edges)} edges"
         + (f", connected {len(nodes) - len(unreachable)} of {len(nodes)} nodes" if nodes else "")
         + (f"; unreachable for a robot of radius {radius_m:g} m: {listed(unreachable)}" if unreachable else "")
@@ -187,8 +189,8 @@ def _print_warnings(found: Iterable[MapFinding]) -> int:
     from robocorba.maps.checking import summaries
 
     lines = summaries(found)
-    for line in lines:
-        typer.echo(f"warning: {line}")
+    for text in lines:
+        line(f"warning: {text}")
     return len(lines)
 
 
@@ -202,7 +204,7 @@ def _read(file: str, unknown: UnknownCells = UnknownCells.BLOCKED, specks: Speck
 
 def _print_losses(direction: str, losses: tuple[str, ...]) -> None:
     for loss in losses:
-        typer.echo(f"{direction}: {loss}")
+        line(f"{direction}: {loss}")
 
 
 def _summary(building: Building) -> str:

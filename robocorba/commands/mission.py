@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -23,6 +22,7 @@ from robocorba.errors.paths import InvalidRequest
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import UnknownMission
 from robocorba.names import MISSIONS
+from robocorba.printing import Console, echo, line
 from robocorba.settings import Settings
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def move_table(
         agent = RemoteAgent(orb, leader)
         name = RemoteMissionControl(orb).start(leader, icon)
         result, reason, seconds = _print_progress(agent, RemotePool.of_robot(orb, leader), stop, name)
-    typer.echo(f"{result}\t{seconds:.1f} s\t{reason}".rstrip())
+    line(result, f"{seconds:.1f} s", *filter(None, [reason]))
     if result != "done":
         raise typer.Exit(1)
 
@@ -82,7 +82,7 @@ def list_missions(naming: Naming = None, as_json: Json = False) -> None:
     with connected("mission", naming) as orb:
         states = sorted(RemoteMissionControl(orb).missions_since(0), key=lambda state: state.content.begun)
     if as_json:
-        typer.echo(json.dumps([_as_json(state) for state in states], indent=1))
+        echo(json.dumps([_as_json(state) for state in states], indent=1))
         return
     table = Table()
     for head in ("mission", "task", "leader", "began", "took", "phase", "result"):
@@ -110,7 +110,7 @@ def status(name: MissionName = "", leader: LeaderOption = "", naming: Naming = N
             return
         state = RemoteMissionControl(orb).mission(name)
     if as_json:
-        typer.echo(json.dumps(_as_json(state), indent=1))
+        echo(json.dumps(_as_json(state), indent=1))
         return
     content = state.content
     phases = Table("phase", "from [s]", "duration [s]", "waited for", title_justify="left")
@@ -121,9 +121,9 @@ def status(name: MissionName = "", leader: LeaderOption = "", naming: Naming = N
     Console().print(phases)
     robots = ", ".join(f"{member.robot} ({member.role})" for member in content.members)
     count = f"{len(content.phases)} of {content.phases_in_all} phases have begun; " if content.phases_in_all else ""
-    typer.echo(f"{count}led by {content.leader}; robots: {robots or 'not yet known'}")
+    line(f"{count}led by {content.leader}; robots: {robots or 'not yet known'}")
     if content.reason:
-        typer.echo(content.reason)
+        line(content.reason)
 
 
 @app.command()
@@ -172,8 +172,8 @@ def report(
         for table in tables(content):
             Console().print(table)
         if content["reason"]:
-            typer.echo(content["reason"])
-        typer.echo(f"wrote {written}")
+            line(content["reason"])
+        echo(f"wrote {written}")
 
 
 def _is_by_name(name: str, leader: str) -> bool:
@@ -213,7 +213,7 @@ def _print_plan(orb: Orb, leader: str) -> None:
 
     stored = _latest(RemotePool.of_robot(orb, leader, 3.0))
     if stored is None:
-        typer.echo(f"{leader} has led no mission")
+        echo(f"{leader} has led no mission")
         return
     plan = stored.plan
     table = Table(title=f"{plan.mission}: {plan.kind} {plan.thing}, {stored.phase}")
@@ -304,7 +304,7 @@ def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: StopSignal, name
                 return now.result, now.reason, now.seconds
             if now.phase != printed:
                 printed = now.phase
-                typer.echo(f"{printed}\t{', '.join(now.robots)}\t{now.seconds:.1f} s")
+                line(printed, ", ".join(now.robots), f"{now.seconds:.1f} s")
             bar(now.share, printed)
             if stop.is_requested and not is_ending:
                 with contextlib.suppress(UnknownMission):  # it has just ended, or is about to begin

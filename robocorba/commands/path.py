@@ -10,7 +10,6 @@ from pathlib import Path as File
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -27,6 +26,7 @@ from robocorba.planning.request import (
     Place,
     RouteMode,
 )
+from robocorba.printing import Console, echo
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
 
@@ -85,7 +85,7 @@ def path(
 
             editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
             draw(native.loads(editor.exportMap(), "the served map"), found[0], picture)
-            typer.echo(f"drew {picture}")
+            echo(f"drew {picture}")
 
 
 def parse_place(text: str, which: str) -> Place:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 import typer
-from rich.console import Console
 from rich.text import Text
 from rich.tree import Tree
 
@@ -21,6 +20,7 @@ from robocorba.commands.path import parse_place
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
 from robocorba.errors.robots import InvalidProgram
+from robocorba.printing import Console, echo, line
 from robocorba.settings import Settings
 
 if TYPE_CHECKING:
@@ -64,12 +64,12 @@ def check(
         with _planner(building, naming) as planner:
             report = check_program(program, InverseKinematics(), planner, Start(place, heading))
         for note in report.notes:
-            typer.echo(f"note: {note}")
+            line(f"note: {note}")
         for finding in report.findings:
-            typer.echo(f"{file}: {finding}", err=True)
+            line(f"{file}: {finding}", err=True)
         if not report.is_valid:
             raise typer.Exit(1)
-        typer.echo(f"{file} is valid: {sum(1 for _ in icons_with_paths(program))} icons")
+        echo(f"{file} is valid: {sum(1 for _ in icons_with_paths(program))} icons")
 
 
 @app.command()
@@ -84,7 +84,7 @@ def schema() -> None:
     """Print the JSON schema of programs, for editors that validate while typing."""
     from robocorba.programs.program import schema as found
 
-    typer.echo(json.dumps(found(), indent=2))
+    echo(json.dumps(found(), indent=2))
 
 
 def read(command: str, file: File) -> Program:
@@ -96,9 +96,9 @@ def read(command: str, file: File) -> Program:
             return loads(typer.get_binary_stream("stdin").read(MAX_BYTES + 1))
         return load(file)
     except OSError as error:
-        typer.echo(f"robocorba program {command}: {file}: {error.strerror or error}", err=True)
+        echo(f"robocorba program {command}: {file}: {error.strerror or error}", err=True)
     except InvalidProgram as error:
-        typer.echo(f"{file}: {error}", err=True)
+        line(f"{file}: {error}", err=True)
     raise typer.Exit(1)
 
 

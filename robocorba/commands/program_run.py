@@ -13,13 +13,13 @@ from pathlib import Path as File
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from robocorba.commands.options import Naming, connected
 from robocorba.commands.program import app, read
 from robocorba.commands.waiting import Outage, StopSignal
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
+from robocorba.printing import Console, line
 
 if TYPE_CHECKING:
     from robocorba.control.agent import AgentState
@@ -53,9 +53,7 @@ def run(
                 Console(stderr=True).print(KEYS, style="dim")
             ended = _follow(agent, stop, keys)
     report = ended.program
-    typer.echo(
-        f"{report.result.name.lower()}\t{report.icons_done} icons\t{report.seconds:.1f} s\t{report.reason}".rstrip()
-    )
+    _print(report.result.name.lower(), f"{report.icons_done} icons", f"{report.seconds:.1f} s", report.reason)
     if report.result.name != "DONE":
         raise typer.Exit(1)
 
@@ -91,7 +89,7 @@ def _follow(agent: RemoteAgent, stop: StopSignal, keys: int | None) -> AgentStat
 
 
 def _print(*fields: str) -> None:
-    typer.echo("\t".join(fields).rstrip())
+    line(*fields[: 1 + max((place for place, each in enumerate(fields) if each), default=0)])
 
 
 def _handle_keys(agent: RemoteAgent, keys: int) -> None:

@@ -13,6 +13,7 @@ from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outag
 from robocorba.corba.remote.omni_database import RemoteFloors
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
+from robocorba.printing import echo
 from robocorba.simulation.recording import Recorder
 from robocorba.stubs import RoboCorba
 
@@ -43,7 +44,7 @@ def record(
             with recorder:
                 record_changes(RemoteFloors(orb, floors), recorder, seconds, stop)
         finally:
-            typer.echo(f"wrote {file}: {recorder.count} updates, {recorder.size} bytes")
+            echo(f"wrote {file}: {recorder.count} updates, {recorder.size} bytes")
 
 
 def record_changes(

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.live import Live
 
 from robocorba.commands.reporting import reporting
@@ -18,6 +17,7 @@ from robocorba.commands.simulation_tables import SimulationTables, as_tables, el
 from robocorba.commands.waiting import StopSignal, progress
 from robocorba.commands.watch import SHOW_INTERVAL_S
 from robocorba.errors.simulation import InvalidRecording
+from robocorba.printing import Console, echo
 from robocorba.settings import InvalidSetting
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.floor_update import FloorView
@@ -81,7 +81,7 @@ def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None
             note = f"{at_s:.1f} s of {recording.duration_s:.1f} s"
             live.update(as_tables(recorded_tables(views), note, "bold"), refresh=True)
     if not recording.is_complete:
-        typer.echo("the recording ends here: its recorder was killed, or is still recording")
+        echo("the recording ends here: its recorder was killed, or is still recording")
 
 
 def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px: int) -> None:
@@ -91,7 +91,7 @@ def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px
         file.write_bytes(picture)
     except OSError as error:
         raise InvalidSetting("--png", str(file), error.strerror or str(error)) from None
-    typer.echo(f"drew {file}")
+    echo(f"drew {file}")
 
 
 def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, width_px: int) -> None:
@@ -110,7 +110,7 @@ def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, w
             bar(at_s, f"{video.count} pictures")
             if stop.wait(0.0):
                 break
-    typer.echo(f"wrote {file}: {video.count / fps:.1f} s, {video.count} pictures of {video.size[0]} x {video.size[1]}")
+    echo(f"wrote {file}: {video.count / fps:.1f} s, {video.count} pictures of {video.size[0]} x {video.size[1]}")
 
 
 def painting(recording: Recording, width_px: int) -> Draw:

@@ -10,6 +10,7 @@ from omniORB import CORBA
 
 from robocorba.corba.calls import error_of
 from robocorba.errors.base import RoboCorbaError
+from robocorba.printing import line
 
 
 @contextlib.contextmanager
@@ -19,5 +20,5 @@ def reporting(command: str, *errors: type[Exception]) -> Iterator[None]:
     try:
         yield
     except caught as error:
-        typer.echo(f"robocorba {command}: {error_of(error)}", err=True)
+        line(f"robocorba {command}: {error_of(error)}", err=True)
         raise typer.Exit(1) from None

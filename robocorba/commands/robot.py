@@ -7,7 +7,10 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, connected
+from robocorba.commands.options import Naming, State, connected
+from robocorba.corba.orb import Orb
+from robocorba.printing import line
+from robocorba.settings import Settings
 from robocorba.supervision.launch import module_command
 
 
@@ -25,20 +28,44 @@ def stop(
     all_robots: Annotated[bool, typer.Option("--all", help="Stop all robots.")] = False,
     reset: Annotated[bool, typer.Option("--reset", help="Restart the robot after a stop.")] = False,
     naming: Naming = None,
+    state: State = None,
 ) -> None:
-    """Emergency stop: a robot stops as soon as possible, and does not move until `--reset`."""
+    """Emergency stop: a robot stops as soon as possible, and does not move until `--reset`.
+
+    It prints `stands` for a robot only if the simulation server, or the robot itself by its secret reference, shows
+    that it does; exit code 0 if all do, else 1. With the state folder of the system it needs no naming service."""
     if bool(name) == all_robots:
         raise typer.BadParameter("name a robot, or give --all")
+    names = [] if all_robots else [name]
+    with connected("stop", naming) as orb:
+        is_fine = _reset(orb, names) if reset else _stop(orb, names, Settings.read(naming=naming, state=state))
+    if not is_fine:
+        raise typer.Exit(1)
+
+
+def _stop(orb: Orb, names: list[str], settings: Settings) -> bool:
+    """Stop robots, without names all; whether all are shown to stand."""
+    from robocorba.corba.remote.emergency_stop import stop_robots
+    from robocorba.supervision.stop_addresses import stop_addresses
+
+    verdicts = stop_robots(orb, names, stop_addresses(settings.state, settings.naming))
+    for verdict in verdicts:
+        if verdict.stands:
+            line(verdict.robot, "stands", verdict.text)
+        else:
+            line(verdict.robot, verdict.text, err=True)
+    # A name that anybody may have bound is no robot.
+    return all(verdict.stands or not (verdict.is_known or names) for verdict in verdicts)
+
+
+def _reset(orb: Orb, names: list[str]) -> bool:
     from robocorba.corba.remote.control_agent import RemoteAgent, order_all, robots
 
-    with connected("stop", naming) as orb:
-        names = robots(orb) if all_robots else [name]
-        is_failed = False
-        for each, problem in order_all(orb, names, RemoteAgent.reset_stop if reset else RemoteAgent.stop):
-            typer.echo(f"{each}\t{problem or ('may move again' if reset else 'stopped')}", err=bool(problem))
-            is_failed |= bool(problem)
-    if is_failed:
-        raise typer.Exit(1)
+    is_fine = True
+    for name, problem in order_all(orb, names or robots(orb), RemoteAgent.reset_stop):
+        line(name, problem or "may move again", err=bool(problem))
+        is_fine &= not problem
+    return is_fine
 
 
 def switch(
@@ -53,4 +80,4 @@ def switch(
     with connected("switch", naming) as orb:
         agent = RemoteAgent(orb, name)
         agent.switch(adaptor, arguments or [])
-        typer.echo(f"{name}\t{adaptor}")
+        line(name, adaptor)

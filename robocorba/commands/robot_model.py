@@ -10,6 +10,7 @@ import typer
 
 from robocorba.commands.reporting import reporting
 from robocorba.errors.base import RoboCorbaError
+from robocorba.printing import echo
 
 app = typer.Typer(help="Export the robot's model for other programs.", no_args_is_help=True)
 
@@ -35,4 +36,4 @@ def urdf(
             file.write_text(text, encoding="utf-8")
         except OSError as error:
             raise RoboCorbaError(f"can't write {file}: {error.strerror}") from None
-        typer.echo(f"{file}\t{len(text)} bytes")
+        echo(f"{file}\t{len(text)} bytes")

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from robocorba import logs
 from robocorba.commands.options import Naming, State
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
+from robocorba.printing import Console
 from robocorba.private_files import claim_state
 from robocorba.settings import Settings
 from robocorba.supervision.robots import STARTING

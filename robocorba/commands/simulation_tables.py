@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-from rich.console import Console, Group
+from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
@@ -16,6 +16,7 @@ from robocorba.commands.waiting import RETRY_TIMEOUT_S
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.omni_database import CALL_TIMEOUT_S, RemoteFloors
 from robocorba.corba.remote.remote_object import RemoteObject
+from robocorba.printing import Console, line
 from robocorba.spatial.floor_update import BodyKind, FloorView
 from robocorba.stubs import RoboCorba
 
@@ -215,7 +216,7 @@ def show(tables: SimulationTables) -> None:
         return
     for kind, _, rows in filled_tables(tables):
         for row in rows:
-            print(kind, *row, sep="\t", flush=True)
+            line(kind, *row)
 
 
 def as_tables(tables: SimulationTables, note: str = "", style: str = "bold red") -> Group:

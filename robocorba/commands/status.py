@@ -9,13 +9,13 @@ from typing import Any
 import msgspec
 import psutil
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from robocorba.commands.options import Json, State
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import CONTEXT, Orb
 from robocorba.errors.services import NotReachable
+from robocorba.printing import Console, echo, line
 from robocorba.settings import Address, Settings
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
 from robocorba.supervision.servers import probe_of
@@ -67,13 +67,13 @@ def status(
             "hang_limit_s": alive.hang_limit_s if alive else None,
             "processes": processes,
         }
-        print(msgspec.json.format(msgspec.json.encode(answer), indent=2).decode())
+        echo(msgspec.json.format(msgspec.json.encode(answer), indent=2).decode())
     elif alive is None:
-        print(f"nothing runs in {settings.state}")
+        echo(f"nothing runs in {settings.state}")
     else:
         _print(processes)
         limit_s = alive.hang_limit_s
-        print(f"a server without an answer for {limit_s:g} s is restarted" if limit_s else "servers may hang")
+        echo(f"a server without an answer for {limit_s:g} s is restarted" if limit_s else "servers may hang")
     if not processes or not all(process.is_healthy for process in processes):
         raise typer.Exit(1)
 
@@ -149,4 +149,4 @@ def _print(processes: list[ProcessStatus]) -> None:
         console.print(table)
     else:
         for row in rows:
-            print(*row, sep="\t")
+            line(*row)

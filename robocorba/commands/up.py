@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from robocorba.commands.compiling import compile_with_progress
@@ -16,6 +15,7 @@ from robocorba.commands.options import State
 from robocorba.commands.reporting import reporting
 from robocorba.console.settings import DEFAULT_PORT, check_installed
 from robocorba.corba.naming import corbaname
+from robocorba.printing import Console, echo, line
 from robocorba.settings import DEFAULT_HOST, Address, InvalidSetting, Settings
 from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import StateFolder, SystemRecord
@@ -117,8 +117,8 @@ def run(system: System) -> None:
             console.print(_table(record))
         else:
             for cells in _rows(record):
-                print(*cells, sep="\t")
-        print("ready", flush=True)
+                line(*cells)
+        echo("ready")
 
     try:
         system.run(ready, prepare)

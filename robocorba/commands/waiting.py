@@ -8,10 +8,10 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robocorba.errors.services import NotReachable
+from robocorba.printing import Console
 
 #: Timeout to resolve a server at the start, and in each retry after it was lost [s].
 RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S = 3.0, 0.5

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.live import Live
 
 from robocorba.commands.options import Naming, connected
@@ -25,6 +24,7 @@ from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outag
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.services import NotReachable
+from robocorba.printing import Console, echo, line
 from robocorba.settings import InvalidSetting
 
 #: Interval between updates of the tables in a terminal [s].
@@ -57,7 +57,7 @@ def watch(
         simulation = RunningSimulation(orb, floors)
         tables = simulation.read(RESOLVE_TIMEOUT_S)
         if json:
-            print(as_json(tables))
+            echo(as_json(tables))
         elif once:
             show(tables)
         elif Console().is_terminal:
@@ -88,11 +88,11 @@ def print_tables(simulation: RunningSimulation, tables: SimulationTables, stop: 
             outage.note_answer()
         except NotReachable as error:
             if not outage.is_active:
-                typer.echo(f"robocorba watch: {error}; waiting", err=True)
+                line(f"robocorba watch: {error}; waiting", err=True)
             outage.note_failure(error)
             continue
         show(tables)
-        print(flush=True)
+        echo()
 
 
 class Camera:
@@ -139,4 +139,4 @@ def film(camera: Camera, file: Path, seconds: float, fps: int, stop: StopSignal)
                 bar(passed_s, note or f"{video.count} pictures")
     finally:
         width, height = video.size
-        typer.echo(f"wrote {file}: {video.count / fps:.1f} s, {video.count} pictures of {width} x {height}")
+        echo(f"wrote {file}: {video.count / fps:.1f} s, {video.count} pictures of {width} x {height}")

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, get_type_hints
 
 from robocorba.console.arguments import InvalidArguments, checked
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent, order_all, robots
+from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.corba.remote.emergency_stop import StopAddresses, stop_robots
+from robocorba.errors.services import NotReachable
+from robocorba.supervision.stop_addresses import stop_addresses
 
 #: Timeout for finding a robot [s].
 RESOLVE_TIMEOUT_S = 1.0
@@ -18,8 +22,8 @@ Operation = Callable[..., Any]
 class Operations:
     """Operations by name: public methods of this class and of the parts that pages add."""
 
-    def __init__(self, orb: Orb) -> None:
-        self._orb = orb
+    def __init__(self, orb: Orb, state: Path | None = None) -> None:
+        self._orb, self._state = orb, state
         self._known: dict[str, Operation] = {}
         self.add(self)
 
@@ -46,13 +50,18 @@ class Operations:
     # ---- robots ----
 
     def stop_all(self) -> dict[str, str]:
-        """Emergency stop of all robots, at the same time; robots that did not confirm, with the reason."""
-        answers = order_all(self._orb, robots(self._orb), RemoteAgent.stop)
-        return {name: problem for name, problem in answers if problem}
+        """Emergency stop of all robots, at the same time; robots that are not shown to stand, with the reason."""
+        verdicts = stop_robots(self._orb, (), self._addresses())
+        return {verdict.robot: verdict.text for verdict in verdicts if not verdict.stands and verdict.is_known}
 
     def stop(self, robot: str) -> None:
         """Emergency stop of a robot."""
-        self._agent(robot).stop()
+        for verdict in stop_robots(self._orb, (robot,), self._addresses()):
+            if not verdict.stands:
+                raise NotReachable(f"{robot}: {verdict.text}")
+
+    def _addresses(self) -> StopAddresses:
+        return stop_addresses(self._state, self._orb.naming) if self._state else StopAddresses()
 
     def reset_stop(self, robot: str) -> None:
         """Let a stopped robot move again."""

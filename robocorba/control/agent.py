@@ -31,6 +31,7 @@ from robocorba.programs.base_checks import Planner
 from robocorba.programs.program import Program
 from robocorba.programs.report import CheckReport
 from robocorba.repeating import Repeating
+from robocorba.simulation.emergency_stops import StopAnswer
 from robocorba.simulation.registry import Pose
 from robocorba.spatial.frames import into, turned
 from robocorba.spatial.grids import Floats
@@ -283,7 +284,17 @@ class ControlAgent:
             self._refuse_while_running("restart")
             if self._controller is None:
                 raise IllegalOrder("restart", "was never started")
+            if self._controller.stopped:
+                self.session.reset_stop()
             self._controller.reset_stop()
+
+    @property
+    def stop_answer(self) -> StopAnswer:
+        """Whether the robot is stopped, and whether its adaptor has confirmed that."""
+        controller = self._controller
+        if controller is None:
+            return StopAnswer(True, True, "was never started")
+        return StopAnswer(bool(controller.stopped), controller.is_stop_confirmed, controller.stopped)
 
     def cap_speed(self, speed: float) -> None:
         """Limit the base's speed [m/s]. Raises InvalidChoice."""
@@ -355,11 +366,13 @@ class ControlAgent:
         self.session.log_on()
         self.session.state()
         self._is_virtual = made.is_in_building
+        self.session.announce_body(made.is_in_building)
         controller = HighController(
             *(made, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED),
             *(self._follow, self._record, self._log_on),
             rests=lambda: not self._is_running,
             on_stop=self._changed,
+            on_held=self.stop,
         )
         if self._cap is not None:
             controller.speed_cap = self._cap

@@ -17,7 +17,7 @@ import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.realtime import use_realtime_scheduling
-from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
+from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotHeld, RobotLost
 from robocorba.motion.motion import Motion, MotionCommand
 from robocorba.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
 from robocorba.spatial.frames import turned
@@ -61,7 +61,8 @@ class HighController:
 
     Callbacks: on_state after each read, may raise RobotLost; on_command after each write, with the state that was read
     before it; before_start before each start of the adaptor, may raise RobotError; on_stop after each change of
-    `stopped`, must not block. The control loop's thread calls the first two."""
+    `stopped`, must not block; on_held, with the reason, when an emergency stop holds the robot, by default
+    `emergency_stop`. The control loop's thread calls the first two and the last."""
 
     def __init__(
         self,
@@ -76,10 +77,11 @@ class HighController:
         hang_limit_s: float = HANG_LIMIT_S,
         rests: Callable[[], bool] = lambda: False,
         on_stop: Callable[[], None] = lambda: None,
+        on_held: Callable[[str], None] | None = None,
     ) -> None:
         self._adaptor, self._limits, self._on_state, self._on_command = adaptor, limits, on_state, on_command
         self._before_start, self._hang_limit_s = before_start, hang_limit_s
-        self._rests, self._on_stop = rests, on_stop
+        self._rests, self._on_stop, self._on_held = rests, on_stop, on_held or self.emergency_stop
         self._lower, self._upper, self._speed = lower, upper, speed
         self.speed_cap = min(SPEED_CAP, limits.speed)
         self.argv: Sequence[str] = ()
@@ -100,6 +102,8 @@ class HighController:
         self.is_paused = False
         #: Why the robot was stopped, or empty.
         self.stopped = ""
+        #: Whether the adaptor has confirmed that the robot behind it was stopped.
+        self.is_stop_confirmed = False
         #: Whether it was stopped because it was lost; then the controller restarts it once it answers.
         self._is_lost = False
         #: The last state; replaced, never changed.
@@ -223,7 +227,7 @@ class HighController:
             self._targets = state.joints.copy()
             self.state = state
             self._read_at = self._ticked_at = time.monotonic()
-            self.stopped, self._is_lost = "", False
+            self.stopped, self._is_lost, self.is_stop_confirmed = "", False, False
         self._woken.set()
         self._on_stop()
 
@@ -264,6 +268,8 @@ class HighController:
             command = self._command(state)
             self._adaptor.write(command)
             self._on_command(state, command)
+        except RobotHeld as error:
+            self._on_held(str(error))
         except AdaptorFailed as error:
             self._fail(str(error), isinstance(error, RobotLost))
         except Exception as error:  # a bug in an adaptor must not leave the robot driving
@@ -296,8 +302,10 @@ class HighController:
 
     def _stop_adaptor(self) -> None:
         try:
-            self._adaptor.stop()
+            if self._adaptor.stop():  # else it was stopped before, or is being stopped
+                self.is_stop_confirmed = True
         except RobotError as error:
+            self.is_stop_confirmed = False
             _log.warning("the robot did not confirm the stop: %s", error)
 
     def _reconnect(self) -> None:

@@ -50,7 +50,14 @@ class BuildingSession(Protocol):
         """The present state."""
 
     def command(self, velocity: Velocity, valid_s: float) -> None:
-        """Move at a velocity for `valid_s` of simulated time. Raises InvalidCommand."""
+        """Move at a velocity for `valid_s` of simulated time. Raises InvalidCommand; RobotHeld while an emergency stop
+        at the server holds the robot."""
+
+    def announce_body(self, is_robot: bool) -> None:
+        """Tell the server whether the robot is its body in the building, or the body follows an actual robot."""
+
+    def reset_stop(self) -> None:
+        """End an emergency stop at the server, if there is one."""
 
     def brake(self) -> None:
         """Stop as hard as the wheels hold."""

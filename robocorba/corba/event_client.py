@@ -60,10 +60,12 @@ class EventClient:
     """A connection to channel `channel`. source: the source of the events that it pushes; if it is not empty, also the
     name of a permanent proxy, by which the channel knows this supplier again.
 
-    Raises NotReachable if the channel is not found within `timeout_s`."""
+    Raises NotReachable if the channel is not found within `timeout_s`. channel_at: its reference, if it is known."""
 
-    def __init__(self, orb: Orb, channel: str, source: str = "", timeout_s: float = 10.0) -> None:
-        self.channel = orb.resolve(f"{CHANNELS}/{channel}", RoboCorba.EventChannel, timeout_s)
+    def __init__(
+        self, orb: Orb, channel: str, source: str = "", timeout_s: float = 10.0, channel_at: Any = None
+    ) -> None:
+        self.channel = channel_at or orb.resolve(f"{CHANNELS}/{channel}", RoboCorba.EventChannel, timeout_s)
         self.source = self._proxy_name = source
         self._orb = orb
         self._proxy: Any = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -14,11 +15,15 @@ from omniORB import CORBA
 
 from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe, set_call_timeout
+from robocorba.corba.ior import address_of
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 
-#: Interval at which a server checks that its names are still bound [s].
-BINDING_CHECK_INTERVAL_S = 2.0
+#: Interval at which a process checks that its names are still bound to its objects [s]. With the calls of a check, a
+#: stolen name is taken back within 2 s.
+BINDING_CHECK_INTERVAL_S = 1.5
+#: Interval between two log lines about the same stolen name [s].
+THEFT_LOG_INTERVAL_S = 60.0
 #: Timeout of a single call to the naming service, and of a call that probes an object [s].
 PROBE_TIMEOUT_S = 1.0
 #: Pauses between attempts to resolve or bind names.
@@ -30,13 +35,20 @@ _log = logging.getLogger(__name__)
 
 
 class NamingService:
-    """The naming service at `address`. connect: converts a URI to a reference without a call.
+    """The naming service at `address`. connect: converts a URI to a reference without a call; uri: the reverse.
 
     context: the naming context that names are relative to, parts separated by slashes; empty for the root.
     with_kinds: names may have kinds, as Mobility.Unit; otherwise a dot is part of a name, such as a robot's."""
 
-    def __init__(self, connect: Callable[[str], Any], address: Address, context: str, with_kinds: bool = False) -> None:
-        self._connect, self.address = connect, address
+    def __init__(
+        self,
+        connect: Callable[[str], Any],
+        address: Address,
+        context: str,
+        with_kinds: bool = False,
+        uri: Callable[[Any], str] = lambda reference: "",
+    ) -> None:
+        self._connect, self.address, self._uri = connect, address, uri
         self._context, self._with_kinds = context, with_kinds
 
     def path(self, name: str) -> str:
@@ -115,13 +127,25 @@ class NamingService:
                     continue
             root.rebind(path, reference)
 
-    def is_unbound(self, name: str) -> bool:
-        """Whether a name is not bound. Raises CORBA.SystemException."""
+    def bound(self, name: str) -> Any:
+        """The reference that is bound to a name; None if it is unbound. Raises CORBA.SystemException."""
         try:
-            self._root().resolve(self._components(name))
-        except CosNaming.NamingContext.NotFound:
-            return True
-        return False
+            return self._root().resolve(self._components(name))
+        except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
+            return None
+
+    def take_back(self, name: str, reference: Any) -> None:
+        """Bind a name again which is bound to something else, even to a naming context. Raises CORBA.SystemException,
+        NotFound."""
+        try:
+            self.bind(name, reference)
+        except CosNaming.NamingContext.NotFound:  # it is bound as a context
+            self._root().unbind(self._components(name))
+            self.bind(name, reference)
+
+    def address_bound(self, reference: Any) -> str:
+        """The address of a reference's server, for display."""
+        return str(address_of(self._uri(reference)) or "an unknown address")
 
     def unbind(self, name: str, reference: Any) -> None:
         """Unbind a name, if it is bound to this object. Raises CORBA.SystemException."""
@@ -182,17 +206,24 @@ class NamingService:
 
 
 class BoundNames:
-    """Binds the names of a server in the background until `close`, again after a naming service has lost them."""
+    """Binds the names of a process in the background until `close`, again after a naming service has lost them or
+    another process has bound them."""
 
     def __init__(self, names: NamingService) -> None:
         self._names = names
         self._served: dict[str, Any] = {}
+        self._owns_names: Callable[[], bool] = lambda: True
+        self._bound: set[str] = set()
+        #: Number of thefts of a path since its last log line, and the time of that line [s].
+        self._thefts: dict[str, tuple[int, float]] = {}
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
 
-    def start(self, served: dict[str, Any]) -> None:
-        """Begin to bind names to these objects; returns immediately."""
-        self._served = served
+    def start(self, served: dict[str, Any], owns_names: Callable[[], bool] = lambda: True) -> None:
+        """Begin to bind names to these objects; returns immediately.
+
+        owns_names: whether the names belong to this process now, and are taken back from others; must not block."""
+        self._served, self._owns_names = served, owns_names
         self._thread = threading.Thread(target=self._run, name="bindings", daemon=True)
         self._thread.start()
 
@@ -208,16 +239,12 @@ class BoundNames:
             self._unbind(self._served)
 
     def _run(self) -> None:
-        """Bind all names at start; later only lost ones, so that two servers do not overwrite each other's."""
-        bound: set[str] = set()
+        """Bind all names at start; later those that were lost or stolen."""
         failures = 0
         while True:
             try:
                 for name, reference in list(self._served.items()):
-                    if name not in bound or self._names.is_unbound(name):
-                        self._names.bind(name, reference)
-                        bound.add(name)
-                        _log.info("bound %s at %s", self._names.path(name), self._names.address)
+                    self._check(name, reference)
                 failures = 0
             except (CORBA.Exception, CosNaming.NamingContext.NotFound) as error:
                 failures += 1
@@ -225,6 +252,26 @@ class BoundNames:
                     _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(error))
             if self._closing.wait(BACKOFF.pause_s(failures) or BINDING_CHECK_INTERVAL_S):
                 return
+
+    def _check(self, name: str, reference: Any) -> None:
+        found = self._names.bound(name) if name in self._bound else None
+        if found is None:
+            self._names.take_back(name, reference)
+            self._bound.add(name)
+            _log.info("bound %s at %s", self._names.path(name), self._names.address)
+        elif not found._is_equivalent(reference) and self._owns_names():
+            self._names.take_back(name, reference)
+            self._note_theft(self._names.path(name), self._names.address_bound(found))
+
+    def _note_theft(self, path: str, other: str) -> None:
+        """Log who had bound a name, at most once in THEFT_LOG_INTERVAL_S."""
+        count, logged_at = self._thefts.get(path, (0, -math.inf))
+        now = time.monotonic()
+        if now - logged_at >= THEFT_LOG_INTERVAL_S:
+            more = f"; {count} times more in the last minute" if count else ""
+            _log.warning("took back the name %s: an object at %s was bound to it%s", path, other, more)
+            count, logged_at = -1, now
+        self._thefts[path] = count + 1, logged_at
 
     def _unbind(self, served: dict[str, Any]) -> None:
         try:

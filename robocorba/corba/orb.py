@@ -120,7 +120,7 @@ class Orb:
         options: Mapping[str, str] | None = None,
     ) -> None:
         self.naming, self.endpoint = naming, endpoint
-        self._names = NamingService(self._connect, naming, context, with_kinds)
+        self._names = NamingService(self._connect, naming, context, with_kinds, self.uri)
         self._bound_names = BoundNames(self._names)
         self._options = {
             **OPTIONS,
@@ -173,16 +173,17 @@ class Orb:
 
     # ---- serving ----
 
-    def serve(self, servants: Mapping[str, Any]) -> None:
+    def serve(self, servants: Mapping[str, Any], owns_names: Callable[[], bool] = lambda: True) -> None:
         """Activate servants under their names and keep these bound until the `with` ends.
 
         Returns immediately; binding continues in the background while the naming service is away. Calls are accepted
         when all servants are active: clients that kept a reference over a restart wait, and never get
-        OBJECT_NOT_EXIST. Call it once. Names may have several parts, such as EventChannels/hall."""
+        OBJECT_NOT_EXIST. Call it once. Names may have several parts, such as EventChannels/hall. While `owns_names`,
+        which must not block, they are taken back from other processes that bind them."""
         self._install_signal_handlers()
         served = {name: self.activate(servant, name) for name, servant in servants.items()}
         self.accept_calls()
-        self._bound_names.start(served)
+        self._bound_names.start(served, owns_names)
 
     def activate(self, servant: Any, key: str = "") -> Any:
         """A reference to an object that lives until `deactivate`, or with a key `deactivate_key`, at most as long as

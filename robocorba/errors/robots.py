@@ -104,5 +104,9 @@ class UnitFailed(AdaptorFailed):
         super().__init__(f"{unit}: {reason} ({code})")
 
 
+class RobotHeld(AdaptorFailed):
+    """An emergency stop at the simulation server holds the robot."""
+
+
 class RobotLost(AdaptorFailed):
     """The robot does not answer any more; it can be restarted once it does."""

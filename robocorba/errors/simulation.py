@@ -170,3 +170,11 @@ class NoRide(SimulationError):
     def __init__(self, robot: str, elevator: str) -> None:
         self.robot, self.elevator = robot, elevator
         super().__init__(f"{elevator} has no ride for {robot} in this phase")
+
+
+class SensorRefused(SimulationError):
+    """The virtual sensor server `name` has not proved that it belongs to this system."""
+
+    def __init__(self, name: str, reason: str) -> None:
+        self.name, self.reason = name, reason
+        super().__init__(f"virtual sensor server {name[:80]!r} is refused: {reason}")

@@ -50,6 +50,8 @@ PAYLOAD_KG = 4.0
 MAX_GRIP_DISTANCE_M = 0.05
 #: Maximum validity of a velocity command [s].
 MAX_VALID_S = 5.0
+#: Field of the InvalidCommand for a robot that is held by an emergency stop.
+STOPPED = "stopped"
 #: Maximum number of joints in a reported posture.
 MAX_JOINTS = 64
 #: Bounds of the coordinates [m] and the heading [rad] of a pose at which a body is placed.
@@ -60,7 +62,8 @@ class SimulatedRobot:
     """A robot in the building. Its methods and `holding` are thread-safe."""
 
     __slots__ = (
-        *("_held", "_last", "body", "collisions", "description", "floor", "number", "physics", "posture", "touched"),
+        *("_held", "_last", "body", "collisions", "description", "floor", "number", "physics", "posture"),
+        *("stop_reason", "touched"),
     )
 
     def __init__(self, description: Description, number: int, floor: str, physics: FloorPhysics) -> None:
@@ -70,6 +73,8 @@ class SimulatedRobot:
         self.collisions = 0
         #: Name of the robot or object of the last collision; empty for a static obstacle.
         self.touched = ""
+        #: Why an emergency stop holds the robot; empty if none does.
+        self.stop_reason = ""
         #: The posture that the robot reported last; None before the first one.
         self.posture: Posture | None = None
         self._last, self._held = RobotMotion(physics.time, description.pose, (0.0, 0.0, 0.0)), ""
@@ -86,11 +91,24 @@ class SimulatedRobot:
             raise InvalidCommand("wanted", f"({ahead}, {left}, {turn}) is not a velocity")
         if not 0.0 <= valid_s <= MAX_VALID_S:
             raise InvalidCommand("validFor", f"{valid_s} is not 0 to {MAX_VALID_S:g} s")
+        if self.stop_reason:
+            raise InvalidCommand(STOPPED, self.stop_reason)
         self.physics.command(self.body, ahead, left, turn, valid_s)
+        if self.stop_reason:  # the robot was stopped meanwhile, perhaps before this command
+            self.physics.brake(self.body)
 
     def brake(self) -> None:
         """Stop as fast as ground friction allows, until the next command."""
         self.physics.brake(self.body)
+
+    def emergency_stop(self, reason: str) -> None:
+        """Stop as `brake`, and refuse commands until `reset_stop`."""
+        self.stop_reason = self.stop_reason or reason or "emergency stop"
+        self.physics.brake(self.body)
+
+    def reset_stop(self) -> None:
+        """Accept commands again."""
+        self.stop_reason = ""
 
     def report_posture(self, joints: Sequence[float]) -> None:
         """Keep the robot's joint angles [rad] for readers; no effect on the simulation. Raises InvalidCommand."""

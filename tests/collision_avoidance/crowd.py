@@ -165,6 +165,12 @@ class InStep:
     def brake(self) -> None:
         self._robot.brake()
 
+    def announce_body(self, is_robot: bool) -> None:
+        pass
+
+    def reset_stop(self) -> None:
+        self._robot.reset_stop()
+
     def scan(self, *_: Any) -> Any:
         raise NotImplementedError
 

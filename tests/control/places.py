@@ -21,8 +21,8 @@ from robocorba.control.runner import ReceivedEvent
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
 from robocorba.control.simulated_adaptor import SimulatedAdaptor
-from robocorba.errors.robots import MotionFailed, RobotLost
-from robocorba.errors.simulation import SessionExpired
+from robocorba.errors.robots import MotionFailed, RobotHeld, RobotLost
+from robocorba.errors.simulation import InvalidCommand, SessionExpired
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.maps.polygons import FloorArea
@@ -31,6 +31,7 @@ from robocorba.motion.robot_state import Velocity
 from robocorba.planning.planner import PathPlanner
 from robocorba.programs.icons import Icon
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
+from robocorba.simulation.building import STOPPED
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.registry import Description, Pose
 from robocorba.simulation.reservations import Reservation
@@ -127,10 +128,19 @@ class InProcessSession:
         return self._latest
 
     def command(self, velocity: Velocity, valid_s: float) -> None:
-        self._answer().command(*velocity, valid_s)
+        try:
+            self._answer().command(*velocity, valid_s)
+        except InvalidCommand as error:
+            raise RobotHeld(error.reason) if error.field == STOPPED else error from None
 
     def brake(self) -> None:
         self._answer().brake()
+
+    def announce_body(self, is_robot: bool) -> None:
+        self._answer().heartbeat()
+
+    def reset_stop(self) -> None:
+        self._answer().robot.reset_stop()
 
     def scan(self, at: Pose, mount: Mount, spec: ScanSpec) -> Floats:
         self._answer()

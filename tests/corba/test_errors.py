@@ -28,7 +28,7 @@ LOCAL = {
     *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed"),
     *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide"),
     *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed", "MissionFailed"),
-    *("NotDelivered", "Unconfirmed", "Refused", "ClientGone"),
+    *("NotDelivered", "Unconfirmed", "Refused", "ClientGone", "RobotHeld"),
 }
 
 

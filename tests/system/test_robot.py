@@ -142,7 +142,7 @@ def test_an_emergency_stop_by_the_command(start: Start, system_orb: Orb, robocor
     moving(agent)
     process = robocorba("stop", "--all")
     out, _ = process.communicate(timeout=PATIENCE_S)
-    assert "E\tstopped" in out.splitlines()
+    assert "E\tstands" in ["\t".join(row.split("\t")[:2]) for row in out.splitlines()]
     state = ended(agent)
     assert (state.condition, state.reason, state.program.result) == (
         AgentCondition.STOPPED,

@@ -16,6 +16,7 @@ from robocorba.corba.conversion.structs import Converter, struct_converter
 from robocorba.errors import simulation as errors
 from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.elevator import RidePhase, RideStatus
+from robocorba.simulation.emergency_stops import StopAnswer, StopState
 from robocorba.simulation.load_balance import Load, SensorServer
 from robocorba.simulation.management_agent import ServerState
 from robocorba.simulation.registry import Description, RobotClient
@@ -178,6 +179,18 @@ def sensor_state(sensor: SensorServer) -> Any:
     return RoboCorba.SensorState(sensor.name, load(sensor.load), len(sensor.robots))
 
 
+def stop_state(state: StopState) -> Any:
+    return RoboCorba.StopState(*state)
+
+
+def stop_state_of(struct: Any) -> StopState:
+    return StopState(struct.robot, struct.held, struct.stands, struct.speed, struct.confirmed, struct.waitsFor)
+
+
+def stop_answer_of(struct: Any) -> StopAnswer:
+    return StopAnswer(struct.stopped, struct.confirmed, struct.reason)
+
+
 register_with(
     errors.PlaceTaken,
     RoboCorba.PlaceTaken,
@@ -203,5 +216,6 @@ register_with(
 )
 register(errors.StaleMission, RoboCorba.StaleMission, "name", "expected", "current")
 register(errors.UnknownMission, RoboCorba.UnknownMission, "name")
+register(errors.SensorRefused, RoboCorba.SensorRefused, "name", "reason")
 register_system(errors.SessionExpired, CORBA.OBJECT_NOT_EXIST)
 register_system(errors.SimulationBusy, CORBA.TRANSIENT)

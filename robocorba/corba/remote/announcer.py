@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections import deque
+from collections.abc import Sequence
 from typing import Any
 
 from robocorba.corba.event_client import EventClient
@@ -12,6 +13,7 @@ from robocorba.corba.orb import Orb
 from robocorba.errors.events import EventError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
+from robocorba.names import STOP_EVENT
 from robocorba.repeating import Repeating
 from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.omni_database import OmniDatabase
@@ -38,6 +40,7 @@ class Announcer:
         self._client: EventClient | None = None
         self._versions: dict[str, int] = {}
         self._waiting: deque[SimulationEvent] = deque(maxlen=MAX_WAITING)
+        self._stops: deque[dict[str, Any]] = deque(maxlen=MAX_WAITING)
         self._repeating = Repeating("announcer", self._publish, PUBLISH_INTERVAL_S)
         self._is_failing = False
 
@@ -48,6 +51,11 @@ class Announcer:
         """Queue an event for the next publication; does not block."""
         self._waiting.append(event)
 
+    def announce_stop(self, robots: Sequence[str], reason: str) -> None:
+        """Publish an emergency stop of these robots, without names of all, as soon as possible; does not block."""
+        self._stops.append({"robots": list(robots), "reason": reason})
+        self._repeating.wake()
+
     def close(self) -> None:
         self._repeating.close()
         if self._client:
@@ -56,11 +64,14 @@ class Announcer:
     def _publish(self) -> None:
         events = [self._waiting.popleft() for _ in range(len(self._waiting))]
         updates = [update for floor in self._database.floors if (update := self._changes(floor))]
-        if not events and not updates:
+        stops = [self._stops.popleft() for _ in range(len(self._stops))]
+        if not (events or updates or stops):
             return
         try:
             if self._client is None:
                 self._client = EventClient(self._orb, self._channel, SOURCE, RESOLVE_TIMEOUT_S)
+            if stops:
+                self._push(SOURCE, STOP_EVENT, stops)
             for update in updates:
                 self._push(update.floor, "floor.changed", [as_map(update)])
             for kind in {event.kind for event in events}:

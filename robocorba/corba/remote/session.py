@@ -19,13 +19,14 @@ from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import translated
-from robocorba.errors.robots import RobotLost
+from robocorba.errors.robots import RobotHeld, RobotLost
 from robocorba.errors.services import NotReachable
-from robocorba.errors.simulation import PlaceTaken
+from robocorba.errors.simulation import InvalidCommand, PlaceTaken
 from robocorba.maps.polygons import FloorArea
 from robocorba.motion.robot_state import Velocity
 from robocorba.sensing.virtual_sensor import Mount, ScanSpec
-from robocorba.simulation.registry import Description, Pose
+from robocorba.simulation.building import STOPPED
+from robocorba.simulation.registry import LEASE_S, Description, Pose
 from robocorba.simulation.reservations import Reservation
 from robocorba.spatial.grids import Floats
 from robocorba.stubs import RoboCorba
@@ -60,6 +61,9 @@ class RemoteSession:
         self._lock = threading.Lock()
         self._references: _References | None = None
         self._latest: SessionState | None = None
+        #: Reference of the robot's StopTarget; None for none. It is reported to the server with each session.
+        self.stop_target: Any = None
+        self._is_body = True
         self._answered_at = -math.inf
 
     @property
@@ -67,6 +71,11 @@ class RemoteSession:
         if self._latest is None:
             raise RobotLost(f"{self.about.name} is not logged on")
         return self._latest
+
+    @property
+    def is_logged_on(self) -> bool:
+        """Whether the server has answered a call within the lease, so that the robot's name can be nobody else's."""
+        return self._references is not None and time.monotonic() - self._answered_at < LEASE_S
 
     def log_on(self, at: Pose | None = None) -> None:
         """Raises RobotLost, SimulationError, UnknownFloor."""
@@ -95,7 +104,19 @@ class RemoteSession:
             self._call(lambda to: to.slow_session.heartbeat())
 
     def command(self, velocity: Velocity, valid_s: float) -> None:
-        self._call(lambda to: to.session.command(RoboCorba.Velocity(*velocity), valid_s))
+        try:
+            self._call(lambda to: to.session.command(RoboCorba.Velocity(*velocity), valid_s))
+        except InvalidCommand as error:
+            if error.field == STOPPED:
+                raise RobotHeld(error.reason) from None
+            raise
+
+    def announce_body(self, is_robot: bool) -> None:
+        self._is_body = is_robot
+        self._call(lambda to: self._report_stop_target(to.slow_session))
+
+    def reset_stop(self) -> None:
+        self._call(lambda to: _known(to.slow_session.resetStop))
 
     def brake(self) -> None:
         self._call(lambda to: to.session.brake())
@@ -137,6 +158,10 @@ class RemoteSession:
 
     # ---- implementation ----
 
+    def _report_stop_target(self, session: Any) -> None:
+        if self.stop_target is not None:
+            _known(lambda: session.reportStopTarget(self.stop_target, self._is_body))
+
     @staticmethod
     def _is_alive(session: Any) -> bool:
         """Whether the session still exists at the server, which restores sessions when it restarts within the lease."""
@@ -172,6 +197,7 @@ class RemoteSession:
             slow_session = self._orb.reference(uri, RoboCorba.RobotSession, CHANGE_TIMEOUT_S)
             try:
                 sensor = slow_session._get_sensor()
+                self._report_stop_target(slow_session)
             except CORBA.SystemException:
                 with contextlib.suppress(CORBA.Exception):  # else the robot's name is taken until the lease expires
                     slow_session.deregister()
@@ -193,6 +219,12 @@ class RemoteSession:
             raise (domain_error(error) or error) from None
         except CORBA.SystemException as error:
             raise _lost(error) from None
+
+
+def _known(operation: Callable[[], None]) -> None:
+    """Call an operation that servers of earlier versions don't have; these ignore it."""
+    with contextlib.suppress(CORBA.BAD_OPERATION):
+        operation()
 
 
 def _lost(error: CORBA.SystemException) -> RobotLost:

@@ -13,7 +13,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.programs import program
 from robocorba.programs.report import report_of
 from robocorba.simulation.store import MAX_MISSION_NAME
-from robocorba.stubs import RoboCorba__POA
+from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 
 class Missions(Protocol):
@@ -24,6 +24,21 @@ class Missions(Protocol):
 
     def abort_mission(self, mission: str) -> None:
         """Abort the mission if the robot leads it at present. Raises UnknownMission."""
+
+
+class StopTargetServant(RoboCorba__POA.StopTarget):
+    """RoboCorba::StopTarget of a robot."""
+
+    def __init__(self, agent: ControlAgent) -> None:
+        self._agent = agent
+
+    def stop(self, reason: str) -> Any:
+        if not self._agent.stop_answer.is_stopped:
+            self._agent.stop(reason or "emergency stop")
+        return self._get_answer()
+
+    def _get_answer(self) -> Any:
+        return RoboCorba.StopAnswer(*self._agent.stop_answer)
 
 
 class RobotAgentServant(RoboCorba__POA.RobotAgent):

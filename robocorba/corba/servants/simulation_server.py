@@ -5,10 +5,14 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
+
+from omniORB import CORBA
 
 from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.conversion.errors import translating
+from robocorba.errors.simulation import SensorRefused
+from robocorba.simulation.emergency_stops import EmergencyStops
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.session import Session
 from robocorba.stubs import RoboCorba__POA
@@ -17,17 +21,18 @@ from robocorba.stubs import RoboCorba__POA
 class SimulationServerServant(RoboCorba__POA.SimulationServer):
     """RoboCorba::SimulationServer.
 
-    reference_of: activates a session's servant. render: renders a floor as PNG. dismiss: dismisses a robot at the
-    sensor server of the given reference; must not block."""
+    reference_of: activates a session's servant. render: renders a floor as PNG. sensors: admits sensor servers."""
 
     def __init__(
         self,
         agent: ManagementAgent,
         reference_of: Callable[[Session], Any],
         render: Callable[[str, int], bytes],
-        dismiss: Callable[[Any, str], None],
+        stops: EmergencyStops,
+        sensors: SensorServers,
     ) -> None:
-        self._agent, self._reference_of, self._render, self._dismiss = agent, reference_of, render, dismiss
+        self._agent, self._reference_of, self._render = agent, reference_of, render
+        self._stops, self._sensors = stops, sensors
 
     @translating
     def registerRobot(self, about: Any) -> Any:
@@ -53,12 +58,48 @@ class SimulationServerServant(RoboCorba__POA.SimulationServer):
         return self._render(floor, width)
 
     def reportSensor(self, name: str, reference: Any, load: Any, latest: list[Any]) -> None:
-        load = simulation.load_of(load)
-        self._agent.record_scans(scans.last_scan_of(struct) for struct in latest)
-        for robot, previous in self._agent.load_balance.report(name, reference, load):
-            self._dismiss(previous, robot)
+        self._earlier_version(name).report(load, latest)
 
     def reportScans(self, name: str, latest: list[Any]) -> float:
+        return self._earlier_version(name).reportScans(latest)
+
+    @translating
+    def registerSensor(self, name: str, reference: Any, proof: str) -> Any:
+        return self._sensors.register(name, reference, proof)
+
+    def stopRobots(self, robots: list[str], reason: str) -> list[Any]:
+        return [simulation.stop_state(state) for state in self._stops.stop(robots, reason)]
+
+    def _earlier_version(self, name: str) -> SensorRegistrationServant:
+        try:
+            return self._sensors.earlier_version(name)
+        except SensorRefused:
+            raise CORBA.NO_PERMISSION(0, CORBA.COMPLETED_NO) from None
+
+
+class SensorServers(Protocol):
+    """Admits virtual sensor servers."""
+
+    def register(self, name: str, reference: Any, proof: str) -> Any:
+        """A reference to the registration of a server. Raises SensorRefused."""
+
+    def earlier_version(self, name: str) -> SensorRegistrationServant:
+        """The registration of a server that has no token. Raises SensorRefused."""
+
+
+class SensorRegistrationServant(RoboCorba__POA.SensorRegistration):
+    """RoboCorba::SensorRegistration of the server `name` at `reference`. dismiss: dismisses a robot at the sensor
+    server of the given reference; must not block."""
+
+    def __init__(self, agent: ManagementAgent, name: str, reference: Any, dismiss: Callable[[Any, str], None]) -> None:
+        self._agent, self._name, self._reference, self._dismiss = agent, name, reference, dismiss
+
+    def report(self, load: Any, latest: list[Any]) -> None:
+        self._agent.record_scans(scans.last_scan_of(struct) for struct in latest)
+        for robot, previous in self._agent.load_balance.report(self._name, self._reference, simulation.load_of(load)):
+            self._dismiss(previous, robot)
+
+    def reportScans(self, latest: list[Any]) -> float:
         return self._agent.record_robot_scans([scans.robot_scan_of(struct) for struct in latest])
 
 
@@ -78,10 +119,12 @@ def _measured(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class RobotSessionServant(RoboCorba__POA.RobotSession):
-    """RoboCorba::RobotSession. sensor: reference of the robot's virtual sensor."""
+    """RoboCorba::RobotSession. sensor: reference of the robot's virtual sensor. uri: of a reference."""
 
-    def __init__(self, session: Session, lease_s: float, sensor: Any) -> None:
-        self.session, self._lease_s, self._sensor = session, lease_s, sensor
+    def __init__(
+        self, session: Session, lease_s: float, sensor: Any, stops: EmergencyStops, uri: Callable[[Any], str]
+    ) -> None:
+        self.session, self._lease_s, self._sensor, self._stops, self._uri = session, lease_s, sensor, stops, uri
 
     @_measured
     def _get_name(self) -> str:
@@ -160,12 +203,22 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
     def deregister(self) -> None:
         self.session.deregister()
 
+    @_measured
+    def reportStopTarget(self, target: Any, standsWithBody: bool) -> None:
+        self.session.heartbeat()
+        self._stops.report_target(self.session, self._uri(target) if target is not None else "", standsWithBody)
+
+    @_measured
+    def resetStop(self) -> None:
+        self.session.heartbeat()
+        self._stops.reset(self.session)
+
 
 class SimulationAdministratorServant(RoboCorba__POA.SimulationAdministrator):
     """RoboCorba::SimulationAdministrator."""
 
-    def __init__(self, agent: ManagementAgent) -> None:
-        self._agent = agent
+    def __init__(self, agent: ManagementAgent, stops: EmergencyStops) -> None:
+        self._agent, self._stops = agent, stops
 
     @translating
     def setLimit(self, robots: int) -> None:
@@ -174,6 +227,10 @@ class SimulationAdministratorServant(RoboCorba__POA.SimulationAdministrator):
     @translating
     def evict(self, robot: str) -> None:
         self._agent.evict(robot)
+
+    @translating
+    def resetStop(self, robot: str) -> None:
+        self._stops.reset_robot(robot)
 
     @translating
     def setPace(self, pace: float) -> None:

@@ -1,0 +1,181 @@
+"""Emergency stop of robots by every way there is, for operators; and what shows that they stand.
+
+The names of robots and servers can be bound by every client, so what answers to a name proves nothing. The simulation
+server at the address in the state folder shows how the bodies move, and stop targets, whose references are secret,
+speak for their robots. The naming service is not needed for either. Without a state folder, as on another machine, the
+simulation server is found by its name."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from robocorba.corba.conversion import simulation
+from robocorba.corba.event_client import EventClient
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.control_agent import RemoteAgent, order_all, robots
+from robocorba.corba.remote.remote_object import translated
+from robocorba.corba.remote.stop_target import stop_at
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.services import NotReachable
+from robocorba.names import CHANNELS, STOP_EVENT
+from robocorba.simulation.emergency_stops import StopAnswer, StopRecord, StopState
+from robocorba.stubs import RoboCorba
+
+REASON = "emergency stop"
+#: In place of a name: robots that only the simulation server knows.
+OTHERS = "*"
+#: Time limit of a stop, and of the other ways once the simulation server shows that all stand [s].
+LIMIT_S, OTHERS_S = 6.0, 1.0
+#: Timeout of a call to the simulation server [s]; pauses between calls while robots brake, and after a failure [s].
+SERVER_TIMEOUT_S, POLL_S, RETRY_S = 1.5, 0.05, 0.2
+#: Expiry of the event [s]: a late one must not stop a robot that was reset.
+EXPIRY_S = 2.0
+#: Number of stop targets that are called at a time.
+CALLERS = 32
+#: Timeout for the names in the naming service [s].
+NAMES_S = 1.0
+
+
+@dataclass(frozen=True)
+class StopAddresses:
+    """What the state folder knows. server: HOST:PORT of the simulation server, empty if unknown. channels: HOST:PORT of
+    event channels by name. targets: of robots by name."""
+
+    server: str = ""
+    channels: Mapping[str, str] = field(default_factory=dict)
+    targets: Mapping[str, StopRecord] = field(default_factory=dict)
+
+
+class Verdict(NamedTuple):
+    """stands: whether it is shown that the robot stands. text: by what, or why not. is_known: False if only a name is
+    known, and the simulation server, which answers, has no such robot."""
+
+    robot: str
+    stands: bool
+    text: str
+    is_known: bool = True
+
+
+def stop_robots(orb: Orb, names: Sequence[str], addresses: StopAddresses, reason: str = REASON) -> list[Verdict]:
+    """Stop robots, without names all; returns after LIMIT_S at the latest. Does not raise.
+
+    Without names and while the simulation server does not answer, a verdict about OTHERS says so."""
+    return _Stop(orb, names, addresses, reason).run()
+
+
+class _Stop:
+    def __init__(self, orb: Orb, names: Sequence[str], addresses: StopAddresses, reason: str) -> None:
+        self._orb, self._names, self._addresses, self._reason = orb, tuple(names), addresses, reason
+        self._deadline = time.monotonic() + LIMIT_S
+        #: What the simulation server shows; `_has_answered`: its last call succeeded, else `_problem` is the reason.
+        self._shown: dict[str, StopState] = {}
+        self._has_answered, self._problem = False, "the simulation server did not answer"
+        self._answers: dict[str, StopAnswer] = {}
+        #: The problem of each bound name that was called; empty if what is bound to it confirmed the stop.
+        self._bound: dict[str, str] = {}
+
+    def run(self) -> list[Verdict]:
+        server = self._start(self._by_server)
+        others = [self._start(way) for way in (self._by_targets, self._by_names, self._by_events)]
+        server.join(self._left_s)
+        if self._has_answered and all(state.stands for state in self._shown.values()):
+            self._deadline = min(self._deadline, time.monotonic() + OTHERS_S)
+        for other in others:
+            other.join(self._left_s)
+        names = self._names or sorted({*self._shown, *self._answers, *self._bound, *self._unanswered()})
+        verdicts = [self._verdict(name) for name in names]
+        if not self._names and not self._has_answered:
+            verdicts.append(Verdict(OTHERS, False, f"other robots may move: {self._problem}"))
+        return verdicts
+
+    @property
+    def _left_s(self) -> float:
+        return max(0.0, self._deadline - time.monotonic())
+
+    def _unanswered(self) -> Sequence[str]:
+        """Robots with a stop target that can't be compared with those that the server knows."""
+        return () if self._has_answered else tuple(self._addresses.targets)
+
+    def _verdict(self, name: str) -> Verdict:
+        state, answer = self._shown.get(name), self._answers.get(name)
+        if state is not None and state.stands:
+            return Verdict(name, True, "the robot confirms it" if state.is_confirmed else "its body stands")
+        if state is not None:
+            return Verdict(name, False, f"is not shown to stand: {state.waits_for}")
+        if answer is not None and answer.is_stopped and answer.is_confirmed:
+            return Verdict(name, True, "the robot confirms it")
+        problem = self._bound.get(name, f"did not answer within {LIMIT_S:g} s")
+        what = problem or "what is bound to its name says that it has stopped, which proves nothing"
+        if self._has_answered:
+            return Verdict(name, False, f"{what}; it is not logged on", name in self._addresses.targets)
+        return Verdict(name, False, f"{what}; {self._problem}")
+
+    @staticmethod
+    def _start(way: Callable[[], None]) -> threading.Thread:
+        thread = threading.Thread(target=way, name=way.__name__, daemon=True)
+        thread.start()
+        return thread
+
+    # ---- the ways ----
+
+    def _by_server(self) -> None:
+        server: Any = None
+        while self._left_s:
+            try:
+                server = server or self._server()
+                with translated("the simulation server"):
+                    states = [simulation.stop_state_of(state) for state in server.stopRobots(self._names, self._reason)]
+            except RoboCorbaError as error:
+                self._has_answered, self._problem, server = False, str(error), None
+                time.sleep(RETRY_S)
+                continue
+            self._shown, self._has_answered = {state.robot: state for state in states}, True
+            if all(state.stands for state in states):
+                return
+            time.sleep(POLL_S)
+
+    def _server(self) -> Any:
+        if address := self._addresses.server:
+            uri = f"corbaloc:iiop:1.2@{address}/SimulationServer"
+            return self._orb.reference(uri, RoboCorba.SimulationServer, SERVER_TIMEOUT_S)
+        return self._orb.resolve("SimulationServer", RoboCorba.SimulationServer, NAMES_S, SERVER_TIMEOUT_S)
+
+    def _by_targets(self) -> None:
+        def stop(name: str, record: StopRecord) -> None:
+            with contextlib.suppress(NotReachable):
+                self._answers[name] = stop_at(self._orb, record.target, self._reason)
+
+        targets = self._addresses.targets
+        with ThreadPoolExecutor(CALLERS) as callers:
+            for name in self._names or targets:
+                if name in targets and targets[name].target:
+                    callers.submit(stop, name, targets[name])
+
+    def _by_names(self) -> None:
+        with contextlib.suppress(NotReachable):
+            names = self._names or robots(self._orb)
+            for name, problem in order_all(self._orb, names, RemoteAgent.stop):
+                self._bound[name] = problem
+
+    def _by_events(self) -> None:
+        payload = {"robots": list(self._names), "reason": self._reason}
+        for name, address in self._channels().items():
+            with contextlib.suppress(RoboCorbaError):
+                uri = f"corbaloc:iiop:1.2@{address}/{CHANNELS}/{name}"
+                found = self._orb.reference(uri, RoboCorba.EventChannel, NAMES_S) if address else None
+                with contextlib.closing(EventClient(self._orb, name, timeout_s=NAMES_S, channel_at=found)) as client:
+                    client.push(STOP_EVENT, payload, expiry_s=EXPIRY_S, retry_s=0.0)
+
+    def _channels(self) -> Mapping[str, str]:
+        """Addresses of the channels by name; empty for those that are found by their name."""
+        if self._addresses.channels:
+            return self._addresses.channels
+        with contextlib.suppress(NotReachable):
+            return dict.fromkeys(self._orb.names(CHANNELS, NAMES_S), "")
+        return {}

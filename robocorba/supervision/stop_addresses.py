@@ -1,0 +1,30 @@
+"""Where the running system of a state folder stops robots, without its naming service."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robocorba.corba.orb import CONTEXT
+from robocorba.corba.remote.emergency_stop import StopAddresses
+from robocorba.errors.services import ServiceError
+from robocorba.names import CHANNELS, STOPS
+from robocorba.settings import Address
+from robocorba.simulation.emergency_stops import read_records
+from robocorba.supervision.folder import StateFolder
+
+
+def stop_addresses(state: Path, naming: Address) -> StopAddresses:
+    """From the state folder, if the system that runs there has this naming service; else nothing is known."""
+    try:
+        record = StateFolder(state).read_record()
+    except ServiceError:
+        return StopAddresses()
+    if record is None or record.naming != str(naming) or not record.is_alive:
+        return StopAddresses()
+    places = {
+        name.removeprefix(f"{CONTEXT}/"): process.endpoint for process in record.processes for name in process.names
+    }
+    channels = {
+        name.removeprefix(f"{CHANNELS}/"): place for name, place in places.items() if name.startswith(f"{CHANNELS}/")
+    }
+    return StopAddresses(places.get("SimulationServer", ""), channels, read_records(state / STOPS))

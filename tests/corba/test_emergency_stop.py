@@ -1,0 +1,106 @@
+"""What shows that a robot stands, when only some of the ways to stop it work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import pytest
+from omniORB import CORBA
+
+from robocorba.corba.remote import emergency_stop as module
+from robocorba.corba.remote.emergency_stop import OTHERS, StopAddresses, Verdict, stop_robots
+from robocorba.errors.services import NotReachable
+from robocorba.simulation.emergency_stops import StopAnswer, StopRecord
+from robocorba.stubs import RoboCorba
+
+
+class World:
+    """An ORB, and what answers behind it. states: of the simulation server, None while it does not answer."""
+
+    def __init__(self) -> None:
+        self.states: list[Any] | None = None
+        self.targets: dict[str, StopAnswer] = {}
+        self.bound: dict[str, str] = {}
+        self.asked: list[tuple[str, Sequence[str]]] = []
+
+    def reference(self, uri: str, interface: Any, timeout_s: float) -> World:
+        if interface is not RoboCorba.SimulationServer:
+            raise NotReachable("no channel")
+        self.asked.append((uri, ()))
+        return self
+
+    def resolve(self, name: str, *arguments: Any) -> World:
+        raise NotReachable(f"{name}: the naming service hangs")
+
+    def names(self, path: str, timeout_s: float = 1.0) -> list[str]:
+        raise NotReachable("the naming service hangs")
+
+    def stopRobots(self, robots: Sequence[str], reason: str) -> list[Any]:
+        if self.states is None:
+            raise CORBA.TIMEOUT()
+        return [state for state in self.states if not robots or state.robot in robots]
+
+
+@pytest.fixture
+def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+    world = World()
+
+    def stop_at(orb: Any, target: str, reason: str) -> StopAnswer:
+        if target not in world.targets:
+            raise NotReachable("gone")
+        return world.targets[target]
+
+    def order_all(orb: Any, names: Sequence[str], order: Callable[..., None]) -> Iterator[tuple[str, str]]:
+        yield from ((name, world.bound.get(name, "is not bound")) for name in names)
+
+    def robots(orb: Any) -> list[str]:
+        return list(world.bound)
+
+    monkeypatch.setattr(module, "LIMIT_S", 0.3)
+    monkeypatch.setattr(module, "stop_at", stop_at)
+    monkeypatch.setattr(module, "order_all", order_all)
+    monkeypatch.setattr(module, "robots", robots)
+    yield world
+
+
+def stop(world: World, *names: str, targets: Sequence[str] = ()) -> list[Verdict]:
+    known = {name: StopRecord("r", name) for name in targets}
+    return stop_robots(world, names, StopAddresses("h:1", {}, known))  # type: ignore[arg-type]
+
+
+def state(robot: str, waits_for: str = "", is_confirmed: bool = True) -> Any:
+    return RoboCorba.StopState(robot, True, not waits_for, 0.0, is_confirmed, waits_for)
+
+
+def test_the_simulation_server_at_its_own_address_shows_it_without_names(world: World) -> None:
+    world.states = [state("A"), state("B", is_confirmed=False)]
+    assert stop(world) == [Verdict("A", True, "the robot confirms it"), Verdict("B", True, "its body stands")]
+    assert world.asked[0][0] == "corbaloc:iiop:1.2@h:1/SimulationServer"
+
+
+def test_a_robot_that_still_moves_does_not_stand_whatever_it_says(world: World) -> None:
+    world.states, world.targets, world.bound = [state("A", "it brakes")], {"A": StopAnswer(True, True)}, {"A": ""}
+    assert stop(world, "A", targets="A") == [Verdict("A", False, "is not shown to stand: it brakes")]
+
+
+def test_what_is_bound_to_a_name_proves_nothing(world: World) -> None:
+    world.bound = {"A": ""}
+    (verdict,) = stop(world, "A")
+    assert not verdict.stands and "proves nothing; the simulation server does not answer" in verdict.text
+    world.states = []
+    (verdict,) = stop(world)
+    assert (verdict.stands, verdict.is_known) == (False, False)
+    assert verdict.text.endswith("proves nothing; it is not logged on")
+
+
+def test_without_the_server_a_robot_speaks_for_itself_and_others_are_doubtful(world: World) -> None:
+    world.targets = {"A": StopAnswer(True, True), "B": StopAnswer(True, False)}
+    found = {verdict.robot: verdict.stands for verdict in stop(world, targets="ABC")}
+    assert found == {"A": True, "B": False, "C": False, OTHERS: False}
+    assert [verdict.stands for verdict in stop(world, "A", targets="ABC")] == [True]
+
+
+def test_without_any_way_nothing_is_claimed(world: World) -> None:
+    (verdict,) = stop(world)
+    assert verdict.robot == OTHERS and not verdict.stands

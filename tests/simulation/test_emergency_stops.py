@@ -1,0 +1,148 @@
+"""Emergency stops at the simulation server: bodies are held, robots are called, and both outlive a restart."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from robocorba.errors.simulation import InvalidCommand, UnknownRobot
+from robocorba.simulation.building import STOPPED
+from robocorba.simulation.emergency_stops import EmergencyStops, StopAnswer, read_records
+from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.simulation.physics import STEP_S
+from robocorba.simulation.store import SimulationStore
+from robocorba.testing.processes import eventually
+from tests.simulation.places import robot, tower
+
+PATIENCE_S = 30.0
+CONFIRMED = StopAnswer(True, True, "emergency stop")
+
+
+class Scene:
+    """A simulation whose time a test steps. calls: of stop targets; answers: of these, CONFIRMED by default."""
+
+    def __init__(self, folder: Path) -> None:
+        self.file = folder / "stops.json"
+        self._closing = contextlib.ExitStack()
+        self.agent = ManagementAgent(
+            tower(), 7, self._closing.enter_context(SimulationStore(folder / "simulation.sqlite"))
+        )
+        self.calls: list[tuple[str, str]] = []
+        self.published: list[tuple[Sequence[str], str]] = []
+        self.answers: dict[str, StopAnswer] = {}
+        self.is_paused = False
+        self.stops = EmergencyStops(
+            self.file,
+            lambda: list(self.agent.sessions.values()),
+            lambda: self.is_paused,
+            self._call,
+            lambda robots, reason: self.published.append((robots, reason)),
+        )
+
+    def _call(self, target: str, reason: str) -> StopAnswer:
+        self.calls.append((target, reason))
+        if target == "hangs":
+            raise TimeoutError("TIMEOUT")
+        return self.answers.get(target, CONFIRMED)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / STEP_S)):
+            self.agent.step()
+
+    def close(self) -> None:
+        self.stops.close()
+        self._closing.close()
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Iterator[Scene]:
+    with contextlib.closing(Scene(tmp_path)) as scene:
+        yield scene
+
+
+def test_a_stopped_robot_brakes_and_refuses_commands_until_it_is_reset(scene: Scene) -> None:
+    session = scene.agent.register(robot("A"))
+    session.command(0.5, 0.0, 0.0, 5.0)
+    scene.run(1.0)
+    (state,) = scene.stops.stop(["A", "nobody"], "fire")
+    assert (state.robot, state.is_held, state.stands) == ("A", True, False)
+    assert state.waits_for.startswith("it brakes, 0.5")
+    with pytest.raises(InvalidCommand, match="fire") as refused:
+        session.command(0.5, 0.0, 0.0, 5.0)
+    assert refused.value.field == STOPPED
+    scene.run(0.3)
+    (state,) = scene.stops.stop([], "again")
+    assert state.stands and state.speed < 0.01
+    assert scene.published == [(["A"], "fire")]
+    scene.stops.reset(session)
+    session.command(0.5, 0.0, 0.0, 5.0)
+    scene.run(0.5)
+    assert session.state().velocity[0] > 0.3
+
+
+def test_an_actual_robot_stands_only_when_it_confirms_that(scene: Scene) -> None:
+    session = scene.agent.register(robot("A"))
+    scene.answers["unit"] = StopAnswer(True, False, "a motor does not answer")
+    scene.stops.report_target(session, "unit", False)
+    (state,) = scene.stops.stop([], "")
+    assert (state.stands, state.waits_for) == (False, "the actual robot has not confirmed the stop")
+    eventually(lambda: scene.calls, PATIENCE_S)
+    scene.answers.clear()
+
+    def stands() -> bool:
+        (state,) = scene.stops.stop([], "")
+        return state.stands and state.is_confirmed
+
+    eventually(stands, PATIENCE_S)
+
+
+def test_a_robot_that_hangs_holds_up_no_other(scene: Scene) -> None:
+    for name, x in (("A", 5.0), ("B", 7.0)):
+        scene.stops.report_target(scene.agent.register(robot(name, x=x)), "hangs" if name == "A" else "b", True)
+    scene.stops.stop([], "")
+
+    def confirmed() -> dict[str, bool]:
+        return {state.robot: state.is_confirmed for state in scene.stops.stop([], "")}
+
+    eventually(lambda: confirmed() == {"A": False, "B": True}, PATIENCE_S)
+
+
+def test_while_time_is_paused_nothing_moves(scene: Scene) -> None:
+    session = scene.agent.register(robot("A"))
+    session.command(0.5, 0.0, 0.0, 5.0)
+    scene.run(1.0)
+    scene.is_paused = True
+    assert [state.stands for state in scene.stops.stop(["A"], "")] == [True]
+
+
+def test_robots_are_held_over_a_restart(scene: Scene, tmp_path: Path) -> None:
+    scene.stops.start()
+    session = scene.agent.register(robot("A"))
+    scene.stops.report_target(session, "unit", True)
+    scene.stops.stop(["A"], "fire")
+    eventually(lambda: "A" in read_records(scene.file) and read_records(scene.file)["A"].held == "fire", PATIENCE_S)
+    assert scene.file.stat().st_mode & 0o077 == 0
+    scene.close()
+    with contextlib.closing(Scene(tmp_path)) as restarted:
+        restarted.stops.start()
+        (session,) = restarted.agent.sessions.values()
+        with pytest.raises(InvalidCommand, match="fire"):
+            session.command(0.5, 0.0, 0.0, 5.0)
+        restarted.stops.stop(["A"], "")
+        eventually(lambda: restarted.calls == [("unit", "fire")], PATIENCE_S)
+
+
+def test_another_robot_of_the_name_is_not_held(scene: Scene) -> None:
+    session = scene.agent.register(robot("A"))
+    scene.stops.report_target(session, "unit", True)
+    scene.stops.stop(["A"], "fire")
+    session.deregister()
+    scene.stops.forget(session)
+    session = scene.agent.register(robot("A"))
+    session.command(0.5, 0.0, 0.0, 5.0)
+    assert not scene.stops.state(session).is_held
+    with pytest.raises(UnknownRobot):
+        scene.stops.reset_robot("nobody")

@@ -1,0 +1,173 @@
+"""An emergency stop while names are stolen and the naming service hangs; and sensor servers that don't belong."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import CosNaming
+import pytest
+from omniORB import CORBA
+
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.programs.program import dumps
+from robocorba.simulation.sensor_admission import proof_of, read_token
+from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, hang
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+PATIENCE_S = 60.0
+LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.0, 60.0).program()
+EVIL = "\x1b]0;evil\x07\n\tB\tstands"
+
+
+class FalseRobot(RoboCorba__POA.RobotAgent):
+    """Confirms everything."""
+
+    def _get_name(self) -> str:
+        return "A"
+
+    def stop(self) -> None:
+        pass
+
+
+class FalseServer(RoboCorba__POA.SimulationServer):
+    """Says that all stand."""
+
+    def stopRobots(self, robots: list[str], reason: str) -> list[Any]:
+        return [RoboCorba.StopState("A", True, True, 0.0, True, "")]
+
+
+@contextlib.contextmanager
+def thief(orb: Orb) -> Iterator[None]:
+    """Binds false objects to the names of the robot A and of the simulation server, again and again."""
+    root = orb.reference(f"corbaloc:iiop:1.2@{orb.naming}/NameService", CosNaming.NamingContext)
+    false = {"Robots/A": orb.activate(FalseRobot()), "SimulationServer": orb.activate(FalseServer())}
+    false[f"Robots/{EVIL}"] = false["Robots/A"]
+    closing, has_bound = threading.Event(), threading.Event()
+
+    def steal() -> None:
+        while not closing.is_set():
+            for name, reference in false.items():
+                path = [CosNaming.NameComponent(part, "") for part in f"RoboCorba/{name}".split("/")]
+                with contextlib.suppress(CORBA.SystemException):
+                    root.rebind(path, reference)
+            has_bound.set()
+            closing.wait(0.02)
+
+    thread = threading.Thread(target=steal)
+    thread.start()
+    try:
+        assert has_bound.wait(PATIENCE_S)
+        yield
+    finally:
+        closing.set()
+        thread.join()
+
+
+@pytest.fixture
+def robot(system: Running, tmp_path: Path) -> Iterator[Path]:
+    """The robot A; its state folder."""
+    with Launcher(tmp_path) as launch:
+        naming = {"ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(tmp_path / "state")}
+        process = launch(ROBOCORBA, "robot", "A", "--floor", "L1", "--at", "3,5,0", "--channel", "main", **naming)
+        assert process.stdout is not None and process.stdout.readline() == "ready\n"
+        yield tmp_path / "state"
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture
+def robocorba(system: Running, tmp_path: Path) -> Iterator[Callable[..., tuple[int, str]]]:
+    """Runs `robocorba`, and returns its exit code and what it has printed."""
+    with Launcher(tmp_path) as launch:
+
+        def run(*arguments: str) -> tuple[int, str]:
+            naming = {"ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(system.state)}
+            process: subprocess.Popen[str] = launch(ROBOCORBA, *arguments, **naming)
+            out, err = process.communicate(timeout=PATIENCE_S)
+            return process.returncode, out + err
+
+        yield run
+
+
+def speed(server: Any) -> float:
+    """Of the robot A, by the simulation server itself."""
+    (state,) = server.stopRobots(["A"], "look")
+    return float(state.speed)
+
+
+def drive(orb: Orb) -> RemoteAgent:
+    agent = RemoteAgent(orb, "A", PATIENCE_S)
+    agent.load(dumps(LONG))
+    agent.run()
+    eventually(lambda: agent.state().actor.velocity[0] > 0.15, PATIENCE_S, "moving")
+    return agent
+
+
+def test_a_stop_does_not_depend_on_names(
+    system: Running, system_orb: Orb, robot: Path, robocorba: Callable[..., tuple[int, str]]
+) -> None:
+    endpoint = next(process.endpoint for process in system.record().processes if process.name == "simulation")
+    server = system_orb.reference(f"corbaloc:iiop:1.2@{endpoint}/SimulationServer", RoboCorba.SimulationServer, 5.0)
+    agent = drive(system_orb)
+    own = agent._agent
+    with thief(system_orb):
+        code, printed = robocorba("stop", "--all")
+        assert speed(server) < 0.01
+        assert code == 0
+        assert "A\tstands\tthe robot confirms it" in printed.splitlines()
+        assert "\x1b" not in printed and "\nB\tstands" not in printed
+        assert "evil" in printed
+        assert agent.state().condition.name == "STOPPED"
+
+    def is_back() -> bool:
+        bound = system_orb._names.bound("Robots/A"), system_orb._names.bound("SimulationServer")
+        return bool(bound[0]._is_equivalent(own) and bound[1]._is_equivalent(server))
+
+    eventually(is_back, PATIENCE_S, "names taken back")
+    assert "took back the name RoboCorba/Robots/A" in (robot / "logs" / "robot_A.log").read_text()
+    assert "took back the name RoboCorba/SimulationServer" in (system.state / "logs" / "simulation.log").read_text()
+
+    assert robocorba("stop", "A", "--reset")[0] == 0
+    agent = drive(system_orb)
+    naming = system.pid("omniNames")
+    hang(naming)
+    try:
+        code, printed = robocorba("stop", "A")
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(naming, signal.SIGCONT)
+    assert (code, printed.splitlines()) == (0, ["A\tstands\tthe robot confirms it"])
+    assert speed(server) < 0.01
+
+
+def test_a_false_sensor_server_gets_no_robots(system: Running, system_orb: Orb) -> None:
+    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    true = system_orb.resolve("VirtualSensors/s1", RoboCorba.VirtualSensor)
+    load = RoboCorba.SensorLoad(0.0, 0.0, 0.0, 0)
+    for name in ("false", "s1"):
+        with pytest.raises(CORBA.NO_PERMISSION):
+            server.reportSensor(name, true, load, [])
+        with pytest.raises(CORBA.NO_PERMISSION):
+            server.reportScans(name, [])
+        with pytest.raises(RoboCorba.SensorRefused, match="token"):
+            server.registerSensor(name, true, "guessed")
+    # A proof that was overheard is good for the reference only that it was made for.
+    token = read_token(system.state / "sensors.token")
+    with pytest.raises(RoboCorba.SensorRefused):
+        server.registerSensor("false", system_orb.resolve("MapEditor", CORBA.Object), proof_of(token, "false", "other"))
+    assert [sensor.name for sensor in server.sensors()] == ["s1"]
+    assert (system.state / "sensors.token").stat().st_mode & 0o077 == 0
+    registered = server.registerSensor("more", true, proof_of(token, "more", system_orb.uri(true)))
+    registered.report(load, [])
+    assert [sensor.name for sensor in server.sensors()] == ["more", "s1"]
