@@ -11,3 +11,5 @@ MISSIONS = "missions"
 ADMINISTRATOR = "administrator.ior"
 #: File in the state folder with the object reference of the supervisor of `robocorba up`.
 SUPERVISOR = "supervisor.ior"
+#: Subfolder of the state folder with the files of the roles of a guarded system.
+ACCESS = "access"

@@ -13,6 +13,7 @@ from robocorba import logs
 from robocorba.commands.options import Naming, State
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
+from robocorba.roles import Role
 from robocorba.settings import Settings
 from robocorba.supervision.robots import STARTING
 
@@ -58,7 +59,7 @@ def robots(
     if fleet and options:
         raise typer.BadParameter(f"--{next(iter(options))} is for robots of --count; a file has its own")
     with reporting("robots"):
-        settings = Settings.read(naming=naming, state=state)
+        settings = Settings.read(naming=naming, state=state, role=Role.ROBOT)
         orders_in = _orders(fleet, {**options, "prefix": prefix, "count": count})
         console = Console()
         logs.setup("robots", settings.state / "logs", with_stderr=not console.is_terminal)

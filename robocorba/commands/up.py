@@ -22,7 +22,7 @@ from robocorba.supervision.folder import StateFolder, SystemRecord
 from robocorba.supervision.hangs import HangLimit
 from robocorba.supervision.servers import servers
 from robocorba.supervision.subnets import parse_subnets, remove_former_links
-from robocorba.supervision.system import NAMING_SERVICE, System
+from robocorba.supervision.system import NAMING_SERVICES, System
 
 
 def up(
@@ -61,6 +61,10 @@ def up(
     spare_stopped: Annotated[
         bool, typer.Option("--spare-stopped", help="Not while a debugger or SIGSTOP holds the server.")
     ] = False,
+    guarded: Annotated[
+        bool,
+        typer.Option("--guarded", help="Without one of the files in access/ of the state folder, clients only observe."),
+    ] = False,
     console: Annotated[bool, typer.Option("--console", help="Also serve the operator's console to browsers.")] = False,
     console_port: Annotated[
         int, typer.Option(metavar="N", min=0, max=65535, help="Port of the console on 127.0.0.1; 0: any free one.")
@@ -88,6 +92,7 @@ def up(
             start_limit_s=start_limit,
             console=_console_address(console_port) if console else None,
             hang_limit=HangLimit(hang_limit, spare_stopped),
+            is_guarded=guarded,
         )
         run(system)
 
@@ -130,7 +135,7 @@ def _rows(record: SystemRecord) -> list[tuple[str, str, str]]:
     naming = Address.parse(record.naming)
     rows = []
     for process in record.processes:
-        names = ("",) if process.name == NAMING_SERVICE else process.names
+        names = ("",) if process.name in NAMING_SERVICES else process.names
         objects = [corbaname(naming, name) for name in names]
         if process.name == CONSOLE:
             objects.append(record.console_address)

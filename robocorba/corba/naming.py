@@ -15,7 +15,7 @@ from omniORB import CORBA
 from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.errors.services import NotReachable
-from robocorba.settings import Address
+from robocorba.settings import Address, RoleNaming
 
 #: Interval at which a server checks that its names are still bound [s].
 BINDING_CHECK_INTERVAL_S = 2.0
@@ -38,6 +38,7 @@ class NamingService:
     def __init__(self, connect: Callable[[str], Any], address: Address, context: str, with_kinds: bool = False) -> None:
         self._connect, self.address = connect, address
         self._context, self._with_kinds = context, with_kinds
+        self.root_uri = f"corbaloc:iiop:1.2@{address}/{address.key if isinstance(address, RoleNaming) else 'NameService'}"
 
     def path(self, name: str) -> str:
         """The path of a name from the root context."""
@@ -115,8 +116,8 @@ class NamingService:
                     continue
             root.rebind(path, reference)
 
-    def is_unbound(self, name: str) -> bool:
-        """Whether a name is not bound. Raises CORBA.SystemException."""
+    def is_lapsing(self, name: str) -> bool:
+        """Whether a name is not bound, or has to be bound again to stay so. Raises CORBA.SystemException."""
         try:
             self._root().resolve(self._components(name))
         except CosNaming.NamingContext.NotFound:
@@ -151,7 +152,7 @@ class NamingService:
         return [_component(part, self._with_kinds) for part in self.path(name).split("/")]
 
     def _root(self, timeout_s: float = PROBE_TIMEOUT_S) -> Any:
-        root = self._connect(f"corbaloc:iiop:1.2@{self.address}/NameService")
+        root = self._connect(self.root_uri)
         context = root._unchecked_narrow(CosNaming.NamingContext)
         set_call_timeout(context, timeout_s)
         return context
@@ -208,16 +209,20 @@ class BoundNames:
             self._unbind(self._served)
 
     def _run(self) -> None:
-        """Bind all names at start; later only lost ones, so that two servers do not overwrite each other's."""
+        """Bind all names at start; later only lapsing ones, so that two servers do not overwrite each other's."""
         bound: set[str] = set()
         failures = 0
         while True:
             try:
                 for name, reference in list(self._served.items()):
-                    if name not in bound or self._names.is_unbound(name):
+                    is_renewal = name in bound
+                    if not is_renewal or self._names.is_lapsing(name):
                         self._names.bind(name, reference)
                         bound.add(name)
-                        _log.info("bound %s at %s", self._names.path(name), self._names.address)
+                        _log.log(
+                            logging.DEBUG if is_renewal else logging.INFO,
+                            *("bound %s at %s", self._names.path(name), self._names.address),
+                        )
                 failures = 0
             except (CORBA.Exception, CosNaming.NamingContext.NotFound) as error:
                 failures += 1

@@ -21,6 +21,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import gc
+import secrets
 import signal
 import sys
 import threading
@@ -33,9 +34,11 @@ import PortableServer
 from omniORB import CORBA, interceptors
 
 from robocorba.corba.calls import describe, set_call_timeout
+from robocorba.corba.guard import Guard, guarded
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
-from robocorba.settings import Address
+from robocorba.roles import Role
+from robocorba.settings import Address, RoleNaming
 
 CONTEXT = "RoboCorba"
 #: Timeout of every call, unless `Orb` or `resolve` sets another one [s].
@@ -80,7 +83,8 @@ interceptors.addAssignUpcallThread(_wait_at_gate)
 class Orb:
     """The ORB of this process, alive inside a `with`; at most one at a time.
 
-    naming: address of the naming service.
+    naming: address of the naming service. As a role of a guarded system (RoleNaming) this ORB guards what it serves,
+        see robocorba.corba.guard.
     endpoint: address of a server, fixed so that references survive restarts. Without one, an ORB that activates
         objects listens on a free port: on loopback if the naming service does, else on all interfaces.
     context: the naming context that names are relative to, parts separated by slashes; empty for the root.
@@ -102,12 +106,19 @@ class Orb:
     ) -> None:
         self.naming, self.endpoint = naming, endpoint
         self._names = NamingService(self._connect, naming, context, with_kinds)
+        self._guard: Guard | None = None
+        if isinstance(naming, RoleNaming):
+            # Servers have one secret, so that their references stay valid.
+            self._guard = Guard(naming.key.encode() if naming.role is Role.SERVER else b"")
+            from robocorba.corba.role_names import RoleNames  # loads stubs, which other processes need not
+
+            self._names = RoleNames(self._connect, naming, context, with_kinds, self._guard)
         self._bound_names = BoundNames(self._names)
         self._options = {
             **OPTIONS,
             # By default a call to a peer that hangs or was switched off never returns.
             "clientCallTimeOutPeriod": str(round(call_timeout_s * 1000)),
-            "InitRef": f"NameService=corbaloc:iiop:1.2@{naming}/NameService",
+            "InitRef": f"NameService={self._names.root_uri}",
             "endPoint": f"giop:tcp:{endpoint}"
             if endpoint
             else f"giop:tcp:{naming.host if naming.is_loopback else ''}:",
@@ -161,7 +172,7 @@ class Orb:
         when all servants are active: clients that kept a reference over a restart wait, and never get
         OBJECT_NOT_EXIST. Call it once. Names may have several parts, such as EventChannels/hall."""
         self._install_signal_handlers()
-        served = {name: self.activate(servant, name) for name, servant in servants.items()}
+        served = {name: self._activate_named(servant, name) for name, servant in servants.items()}
         self.accept_calls()
         self._bound_names.start(served)
 
@@ -171,14 +182,33 @@ class Orb:
 
         With a `key`, which must differ from all served names, the reference is valid again whenever a process has
         activated an object with the same key at the same endpoint. Objects whose references others may have kept must
-        be activated before `serve`. Activating a servant under its key again has no effect."""
+        be activated before `serve`. Activating a servant under its key again has no effect.
+
+        In a guarded system the reference is for servers, and for those that they give it to: its key can't be guessed.
+        """
         if key:
-            with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
-                self._named_adapter.activate_object_with_id(key.encode(), servant)
-            return self._named_adapter.id_to_reference(key.encode())
+            return self._activate_with_key(servant, self._guard.key(key) if self._guard else key)
         if self.endpoint is None:
             self.accept_calls()
-        return self._root_adapter.id_to_reference(self._root_adapter.activate_object(servant))
+        if self._guard:
+            id = secrets.token_bytes(16)
+            self._root_adapter.activate_object_with_id(id, servant)
+        else:
+            id = self._root_adapter.activate_object(servant)
+        return self._root_adapter.id_to_reference(id)
+
+    def _activate_named(self, servant: Any, name: str) -> Any:
+        """The reference of a served object; guarded, that for each role."""
+        if self._guard is None:
+            return self._activate_with_key(servant, name)
+        return {
+            role: self._activate_with_key(guarded(servant, role), self._guard.key(name, role)) for role in Role
+        }
+
+    def _activate_with_key(self, servant: Any, key: str) -> Any:
+        with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
+            self._named_adapter.activate_object_with_id(key.encode(), servant)
+        return self._named_adapter.id_to_reference(key.encode())
 
     def deactivate(self, servant: Any) -> None:
         """Deactivate a servant without a key; calls in progress are finished, later ones get OBJECT_NOT_EXIST."""
@@ -186,8 +216,9 @@ class Orb:
 
     def deactivate_key(self, key: str) -> None:
         """Deactivate the object with a key or a name, if there is one; the name stays bound."""
-        with contextlib.suppress(PortableServer.POA.ObjectNotActive):
-            self._named_adapter.deactivate_object(key.encode())
+        for each in self._guard.keys(key) if self._guard else [key]:
+            with contextlib.suppress(PortableServer.POA.ObjectNotActive):
+                self._named_adapter.deactivate_object(each.encode())
 
     def is_own(self, reference: Any) -> bool:
         """Whether this process serves the object of a reference under a name or a key."""
@@ -260,8 +291,12 @@ class Orb:
 
     @cached_property
     def _root_adapter(self) -> Any:
-        """For objects without a name: TRANSIENT, unique ids."""
-        return self._resolve_adapter("RootPOA")
+        """For objects without a name: TRANSIENT, unique ids; guarded, ids that can't be guessed."""
+        root = self._resolve_adapter("RootPOA")
+        if self._guard is None:
+            return root
+        policies = [root.create_id_assignment_policy(PortableServer.USER_ID)]
+        return root.create_POA("guarded", root._get_the_POAManager(), policies)
 
     def _resolve_adapter(self, which: str) -> Any:
         try:
