@@ -26,7 +26,8 @@ def translated(what: str, failure: type[RoboCorbaError] = NotReachable) -> Itera
     except CORBA.UserException as error:
         raise (domain_error(error) or error) from None
     except CORBA.NO_PERMISSION:
-        raise NotPermitted(what) from None
+        refused = NotPermitted(what)
+        raise (refused if isinstance(refused, failure) else failure(str(refused))) from None
     except CORBA.SystemException as error:
         raise failure(f"{what} does not answer ({describe(error)})") from None
 
