@@ -1,7 +1,7 @@
 """Who may call which operation in a guarded system (`robocorba up --guarded`).
 
-The only place that knows: `robocorba.corba.guard` asks it once for each object and role. An operation that is not listed
-is for servers only; a test checks that all operations of the IDL are listed.
+The only place that knows: `robocorba.corba.guard` asks it once for each object and role. An operation that is not
+listed is for servers only; a test checks that all operations of the IDL are listed.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ PUBLISHERS: Roles = ROBOTS | OPERATORS
 ADMINISTRATORS: Roles = frozenset({Role.ADMINISTRATOR, Role.SERVER})
 SERVERS: Roles = frozenset({Role.SERVER})
 
-#: Interfaces of objects without a name. Their reference is the right to call all of their operations, and who may have it
-#: is decided by the operation that hands it out, such as registerRobot or openSession.
+#: Interfaces of objects without a name. Their reference is the right to call all of their operations, and the operation
+#: that returns it, such as registerRobot or openSession, decides who may have it.
 BY_REFERENCE = frozenset(
     {
         *("DataPool", "EditSession", "Transaction", "RobotSession", "SimulationAdministrator", "Supervisor"),
-        *("EventConsumer", "EventGateway", "GatewayFeed", "NameRegistry"),
+        *("CallbackRoute", "EventConsumer", "EventGateway", "GatewayFeed", "NameRegistry"),
         *("EventProxyPullSupplier", "EventProxyPushConsumer", "EventProxyPushSupplier"),
         *("SmartPalFaults",),  # of the stand-in, in the robot's own naming service
     }
@@ -53,7 +53,10 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
     "MapEditor": _rules(
         (EVERYBODY, "_get_buildingName _get_currentVersion floors elements read changesSince editsSince"),
         (EVERYBODY, "check checkFloor exportMap getUnderlay"),
-        (OPERATORS, "create change remove rename undo redo begin openSession importMap setUnderlay buildTopologicalMap"),
+        (
+            OPERATORS,
+            "create change remove rename undo redo begin openSession importMap setUnderlay buildTopologicalMap",
+        ),
     ),
     "OmniDatabase": _rules(
         (EVERYBODY, "floors getFloor floorChanges lastScans scansSince postures reservations elevators missions"),
@@ -74,7 +77,10 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         (OPERATORS, "start abort"),
     ),
     "RobotAgent": _rules(
-        (EVERYBODY, "_get_name _get_state _get_program _get_channel _get_pool _get_path _get_mission iconsFrom adaptors"),
+        (
+            EVERYBODY,
+            "_get_name _get_state _get_program _get_channel _get_pool _get_path _get_mission iconsFrom adaptors",
+        ),
         (OPERATORS, "checkProgram loadProgram run pause resume step abort stop resetStop"),
         (OPERATORS, "startMission abortMission switchAdaptor setSpeedCap"),
     ),
@@ -83,7 +89,7 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         (ROBOTS, "start stop write"),
     ),
     "EventChannel": _rules(
-        (EVERYBODY, "_get_name state peers subscribe for_consumers"),
+        (EVERYBODY, "_get_name state peers subscribe for_consumers routeBack"),
         (PUBLISHERS, "supply for_suppliers"),
         (OPERATORS, "unsubscribe"),
         (ADMINISTRATORS, "addPeer removePeer destroy"),

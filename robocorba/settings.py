@@ -109,7 +109,9 @@ class RoleNaming(Address):
             text = file.read_text().strip()
         except (OSError, UnicodeDecodeError) as error:
             raise InvalidSetting(setting, str(file), getattr(error, "strerror", "") or "not a text") from None
-        match = re.fullmatch(rf"corbaloc:iiop:1\.2@([^/]+)/(NameService|{ACCESS}/([a-z]+)/[0-9a-f]{{64}})", text, re.ASCII)
+        match = re.fullmatch(
+            rf"corbaloc:iiop:1\.2@([^/]+)/(NameService|{ACCESS}/([a-z]+)/[0-9a-f]{{64}})", text, re.ASCII
+        )
         roles = {role.name.lower(): role for role in Role}
         if match is None or (match[3] or "observer") not in roles:
             raise InvalidSetting(setting, str(file), "not a file of a role in a guarded system")
@@ -198,12 +200,14 @@ class ChannelSettings:
     """Settings of an event channel's server: those of every server, the channel's name, and the channels to link with.
 
     peers: (name, address); the address is empty if the peer is bound in the naming service, else HOST:PORT or a URI.
-    foreign: (name, URI) of channels that support only CosEventChannelAdmin."""
+    foreign: (name, URI) of channels that support only CosEventChannelAdmin. accepts_callbacks: whether it calls
+    consumers that want it over their own connections."""
 
     server: ServerSettings
     name: str
     peers: tuple[tuple[str, str], ...]
     foreign: tuple[tuple[str, str], ...]
+    accepts_callbacks: bool = False
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ChannelSettings:
@@ -226,13 +230,14 @@ class ChannelSettings:
             metavar="NAME=URI",
             help="a channel that supports only CosEventChannelAdmin, such as omniEvents'; repeatable",
         )
+        parser.add_argument("--bidirectional", action="store_true", help="call consumers over their own connections")
         given = parser.parse_args(arguments)
         peers = tuple((name, address) for name, _, address in (text.partition("=") for text in given.peer))
         foreign = tuple((name, uri) for name, _, uri in (text.partition("=") for text in given.foreign))
         for name, uri in foreign:
             if not uri:
                 raise InvalidSetting("--foreign", name, "not of the form NAME=URI")
-        return cls(ServerSettings.from_arguments(given), given.name, peers, foreign)
+        return cls(ServerSettings.from_arguments(given), given.name, peers, foreign, given.bidirectional)
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,19 @@ from robocorba.stubs import RoboCorba__POA
 
 #: What changes nothing and serves nobody else: by the first words of an operation's name.
 READS = ("_get_", "get", "find", "floor", "element", "read", "check", "export", "default", "scan", "state", "client")
-READS += ("sensor", "render", "mission", "report", "peers", "icons", "adaptors", "reservations", "elevators", "postures")
-READS += ("lastScans", "laser", "proximity", "changesSince", "editsSince", "subscribe", "for_consumers")
+READS += (
+    "sensor",
+    "render",
+    "mission",
+    "report",
+    "peers",
+    "icons",
+    "adaptors",
+    "reservations",
+    "elevators",
+    "postures",
+)
+READS += ("lastScans", "laser", "proximity", "changesSince", "editsSince", "subscribe", "for_consumers", "routeBack")
 
 
 def interfaces() -> dict[str, Any]:

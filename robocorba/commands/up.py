@@ -63,7 +63,15 @@ def up(
     ] = False,
     guarded: Annotated[
         bool,
-        typer.Option("--guarded", help="Without one of the files in access/ of the state folder, clients only observe."),
+        typer.Option(
+            "--guarded", help="Without one of the files in access/ of the state folder, clients only observe."
+        ),
+    ] = False,
+    bidirectional: Annotated[
+        bool,
+        typer.Option(
+            "--bidirectional", help="Event channels call consumers behind NAT over the consumers' connections."
+        ),
     ] = False,
     console: Annotated[bool, typer.Option("--console", help="Also serve the operator's console to browsers.")] = False,
     console_port: Annotated[
@@ -86,7 +94,7 @@ def up(
         system = System(
             folder=folder,
             naming=naming,
-            servers=servers(names, sensors),
+            servers=servers(names, sensors, bidirectional),
             before_ready=functools.partial(remove_former_links, folder, names),
             building=building.absolute() if building else None,
             start_limit_s=start_limit,

@@ -2,8 +2,8 @@
 
 A named object has a reference for each role. That of observers has the object's name as its key, so everybody can make
 it; the others have keys that can't be guessed. The object behind each refuses the operations that
-`robocorba.roles` does not give to the role, with NO_PERMISSION. What is allowed is the servant's own method: a guard costs
-a call nothing.
+`robocorba.roles` does not give to the role, with NO_PERMISSION. What is allowed is the servant's own method: a guard
+costs a call nothing.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ from queue import SimpleQueue
 from typing import Any
 
 import PortableServer
-from omniORB import CORBA, interceptors
+from omniORB import CORBA, BiDirPolicy, interceptors
 
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.guard import Guard, guarded
@@ -60,6 +60,15 @@ OPTIONS: dict[str, str] = {
     "inConScanPeriod": "300",
     # Timeout of a call that arrives while a process starts [ms]; by default it waits without limit.
     "poaHoldRequestTimeout": "5000",
+}
+
+#: Options of a client that lets servers call its objects over the connections that it has opened (bidirectional GIOP),
+#: for clients behind NAT; and those of a server that does so.
+OFFER_CALLBACKS = {"offerBiDirectionalGIOP": "1", "clientTransportRule": "* bidir,tcp"}
+ACCEPT_CALLBACKS = {
+    "acceptBiDirectionalGIOP": "1",
+    "serverTransportRule": "* tcp,bidir",
+    "clientTransportRule": "* bidir,tcp",
 }
 
 #: A process that has not ended this long after `run` returned prints the stacks of its threads and exits [s].
@@ -201,9 +210,7 @@ class Orb:
         """The reference of a served object; guarded, that for each role."""
         if self._guard is None:
             return self._activate_with_key(servant, name)
-        return {
-            role: self._activate_with_key(guarded(servant, role), self._guard.key(name, role)) for role in Role
-        }
+        return {role: self._activate_with_key(guarded(servant, role), self._guard.key(name, role)) for role in Role}
 
     def _activate_with_key(self, servant: Any, key: str) -> Any:
         with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
@@ -293,10 +300,16 @@ class Orb:
     def _root_adapter(self) -> Any:
         """For objects without a name: TRANSIENT, unique ids; guarded, ids that can't be guessed."""
         root = self._resolve_adapter("RootPOA")
-        if self._guard is None:
-            return root
-        policies = [root.create_id_assignment_policy(PortableServer.USER_ID)]
-        return root.create_POA("guarded", root._get_the_POAManager(), policies)
+        policies = [root.create_id_assignment_policy(PortableServer.USER_ID)] if self._guard else []
+        if self._options.keys() & {"offerBiDirectionalGIOP", "acceptBiDirectionalGIOP"}:
+            kind, both = BiDirPolicy.BIDIRECTIONAL_POLICY_TYPE, BiDirPolicy.BOTH
+            policies.append(self._orb.create_policy(kind, both))
+        return root.create_POA("objects", root._get_the_POAManager(), policies) if policies else root
+
+    @property
+    def offers_callbacks(self) -> bool:
+        """Whether servers may call objects of this process over its own connections (OFFER_CALLBACKS)."""
+        return "offerBiDirectionalGIOP" in self._options
 
     def _resolve_adapter(self, which: str) -> Any:
         try:

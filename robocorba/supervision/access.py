@@ -59,7 +59,9 @@ class Access:
         except OSError as error:
             raise ServiceError(f"can't read {file}: {error.strerror}") from None
         except msgspec.MsgspecError as error:
-            raise ServiceError(f"{file} is damaged ({error}); remove it, and hand out the new files of {ACCESS}/") from None
+            raise ServiceError(
+                f"{file} is damaged ({error}); remove it, and hand out the new files of {ACCESS}/"
+            ) from None
         return cls(state, keys)
 
     def key(self, role: Role) -> str:

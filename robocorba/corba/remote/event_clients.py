@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import struct
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +23,8 @@ from robocorba.stubs import RoboCorba
 
 #: Timeout of the call that notifies a client of its disconnection [s].
 DISCONNECT_TIMEOUT_S = 1.0
+#: Timeout of a call to a consumer that wants to be called over its own connection [s], and their maximum number.
+KEEP_TIMEOUT_S, MAX_KEPT = 1.0, 1000
 
 _log = logging.getLogger(__name__)
 #: Errors of an object that does not exist, or has another type.
@@ -151,6 +155,9 @@ class RemoteClients:
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
+        self._lock = threading.Lock()
+        #: By their URI; while a reference is here, omniORB knows the connection that leads to it.
+        self._kept: dict[str, Any] = {}
 
     def of(self, kind: ProxyKind, reference: Any) -> Any:
         """The client of a proxy of this kind; None for nil. Raises OwnProxy."""
@@ -169,6 +176,18 @@ class RemoteClients:
             ProxyKind.PULL_SUPPLIER.value: RemotePullConsumer,
         }
         return makers[kind](self._orb, reference)
+
+    def keep(self, reference: Any) -> None:
+        """Call this consumer over the connection by which its reference came, until it is not kept any more."""
+        uri = self._orb.uri(reference)
+        with self._lock:
+            self._kept.pop(uri, None)
+            self._kept[uri] = reference
+            for oldest in list(self._kept)[: len(self._kept) - MAX_KEPT]:
+                del self._kept[oldest]
+        set_call_timeout(reference, KEEP_TIMEOUT_S)
+        with contextlib.suppress(CORBA.SystemException):
+            reference._non_existent()  # from now on all references to its address use the connection
 
     def event_consumer(self, reference: Any) -> RemoteEventConsumer:
         """A consumer that takes batches."""
