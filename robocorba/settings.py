@@ -82,6 +82,11 @@ class Address:
             return self.host == "localhost"
 
     @property
+    def scheme(self) -> str:
+        """How URIs name the transport of what is there."""
+        return "iiop"
+
+    @property
     def setting(self) -> str:
         """The text from which another process reads the same."""
         return str(self)
@@ -92,11 +97,16 @@ class RoleNaming(Address):
     """The naming service of a guarded system, as a role sees it.
 
     key: the object key of the role's naming context, which is the right to the role; observers need none. file: from
-    which it was read."""
+    which it was read. protocol: iiop, or ssliop for TLS."""
 
     key: str = field(repr=False)
     role: Role
     file: Path
+    protocol: str = "iiop"
+
+    @property
+    def scheme(self) -> str:
+        return self.protocol
 
     @property
     def setting(self) -> str:
@@ -110,13 +120,13 @@ class RoleNaming(Address):
         except (OSError, UnicodeDecodeError) as error:
             raise InvalidSetting(setting, str(file), getattr(error, "strerror", "") or "not a text") from None
         match = re.fullmatch(
-            rf"corbaloc:iiop:1\.2@([^/]+)/(NameService|{ACCESS}/([a-z]+)/[0-9a-f]{{64}})", text, re.ASCII
+            rf"corbaloc:(iiop|ssliop):1\.2@([^/]+)/(NameService|{ACCESS}/([a-z]+)/[0-9a-f]{{64}})", text, re.ASCII
         )
         roles = {role.name.lower(): role for role in Role}
-        if match is None or (match[3] or "observer") not in roles:
+        if match is None or (match[4] or "observer") not in roles:
             raise InvalidSetting(setting, str(file), "not a file of a role in a guarded system")
-        address = Address.parse(match[1], setting)
-        return cls(address.host, address.port, match[2], roles[match[3] or "observer"], file.absolute())
+        address = Address.parse(match[2], setting)
+        return cls(address.host, address.port, match[3], roles[match[4] or "observer"], file.absolute(), match[1])
 
 
 def role_file(state: Path, role: Role) -> Path:

@@ -71,7 +71,7 @@ class NamesServer:
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = ServerSettings.read(arguments, __doc__ or "")
     logs.setup("names", settings.state / "logs")
-    with Orb(settings.endpoint, settings.endpoint) as orb:
+    with Orb(settings.naming, settings.endpoint, guards=False) as orb:
         NamesServer(orb, Access.read(settings.state))
         orb.accept_calls()
         orb.run()

@@ -16,6 +16,7 @@ from robocorba.commands.options import State
 from robocorba.commands.reporting import reporting
 from robocorba.console.settings import DEFAULT_PORT, check_installed
 from robocorba.corba.naming import corbaname
+from robocorba.corba.tls import load_transport
 from robocorba.settings import DEFAULT_HOST, Address, InvalidSetting, Settings
 from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import StateFolder, SystemRecord
@@ -67,6 +68,13 @@ def up(
             "--guarded", help="Without one of the files in access/ of the state folder, clients only observe."
         ),
     ] = False,
+    tls: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="As --guarded, and by TLS only: the authorities are in DIR/ca.pem, our certificate in DIR/tls.pem.",
+        ),
+    ] = None,
     bidirectional: Annotated[
         bool,
         typer.Option(
@@ -90,6 +98,8 @@ def up(
         )
         if building is not None and not building.is_file():
             raise InvalidSetting("--building", str(building), "there is no such file")
+        if tls is not None:
+            load_transport()
         folder, names = StateFolder(settings.state), parse_subnets(subnets)
         system = System(
             folder=folder,
@@ -100,7 +110,8 @@ def up(
             start_limit_s=start_limit,
             console=_console_address(console_port) if console else None,
             hang_limit=HangLimit(hang_limit, spare_stopped),
-            is_guarded=guarded,
+            is_guarded=guarded or tls is not None,
+            certificates=tls,
         )
         run(system)
 

@@ -38,9 +38,8 @@ class NamingService:
     def __init__(self, connect: Callable[[str], Any], address: Address, context: str, with_kinds: bool = False) -> None:
         self._connect, self.address = connect, address
         self._context, self._with_kinds = context, with_kinds
-        self.root_uri = (
-            f"corbaloc:iiop:1.2@{address}/{address.key if isinstance(address, RoleNaming) else 'NameService'}"
-        )
+        key = address.key if isinstance(address, RoleNaming) else "NameService"
+        self.root_uri = f"corbaloc:{address.scheme}:1.2@{address}/{key}"
 
     def path(self, name: str) -> str:
         """The path of a name from the root context."""

@@ -33,6 +33,7 @@ from typing import Any
 import PortableServer
 from omniORB import CORBA, BiDirPolicy, interceptors
 
+from robocorba.corba import tls
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.guard import Guard, guarded
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
@@ -93,7 +94,7 @@ class Orb:
     """The ORB of this process, alive inside a `with`; at most one at a time.
 
     naming: address of the naming service. As a role of a guarded system (RoleNaming) this ORB guards what it serves,
-        see robocorba.corba.guard.
+        see robocorba.corba.guard, unless `guards` is False, and uses TLS if that system does.
     endpoint: address of a server, fixed so that references survive restarts. Without one, an ORB that activates
         objects listens on a free port: on loopback if the naming service does, else on all interfaces.
     context: the naming context that names are relative to, parts separated by slashes; empty for the root.
@@ -112,11 +113,12 @@ class Orb:
         with_kinds: bool = False,
         call_timeout_s: float = DEFAULT_CALL_TIMEOUT_S,
         options: Mapping[str, str] | None = None,
+        guards: bool = True,
     ) -> None:
         self.naming, self.endpoint = naming, endpoint
         self._names = NamingService(self._connect, naming, context, with_kinds)
         self._guard: Guard | None = None
-        if isinstance(naming, RoleNaming):
+        if isinstance(naming, RoleNaming) and guards:
             # Servers have one secret, so that their references stay valid.
             self._guard = Guard(naming.key.encode() if naming.role is Role.SERVER else b"")
             from robocorba.corba.role_names import RoleNames  # loads stubs, which other processes need not
@@ -133,6 +135,9 @@ class Orb:
             else f"giop:tcp:{naming.host if naming.is_loopback else ''}:",
             **(options or {}),
         }
+        if naming.scheme == "ssliop":
+            assert isinstance(naming, RoleNaming)
+            self._options |= tls.options(naming.file.parent, self._options)
         # Unlike an Event, its put() is safe in a signal handler that interrupts its get().
         self._stop: SimpleQueue[None] = SimpleQueue()
         #: The previous handlers of signals, to be restored at the end.
@@ -238,6 +243,10 @@ class Orb:
     def uri(self, reference: Any) -> str:
         """The stringified form of a reference, which `reference` converts back in any process."""
         return str(self._orb.object_to_string(reference))
+
+    def uri_at(self, address: Address | str, key: str) -> str:
+        """The URI of an object at HOST:PORT of this system, by the key that observers know."""
+        return f"corbaloc:{self.naming.scheme}:1.2@{address}/{key}"
 
     def reference(self, uri: str, interface: Any, call_timeout_s: float | None = None) -> Any:
         """The object at an IOR, corbaloc or corbaname, cast to `interface` unchecked. Only a corbaname makes a call.

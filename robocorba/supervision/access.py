@@ -2,6 +2,7 @@
 
     access/keys.json           the keys of the roles, kept so that the files stay valid
     access/observer.ior ...    a URI for each role: who can read the file may do what the role may
+    access/ca.pem, tls.pem     with TLS: the authorities, and the certificate of this user
 
 Only this user may read them. The files are there while the folder's last `up` was a guarded one.
 """
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import msgspec
 
+from robocorba.corba.tls import AUTHORITIES, OWN
 from robocorba.errors.services import ServiceError
 from robocorba.names import ACCESS
 from robocorba.roles import Role
@@ -32,8 +34,10 @@ class Access:
     keys: dict[str, str]
 
     @classmethod
-    def create(cls, state: Path, address: Address) -> Access:
-        """Write the files for a naming service at `address`, with new keys if there are none. Raises ServiceError."""
+    def create(cls, state: Path, address: Address, certificates: Path | None = None) -> Access:
+        """Write the files for a naming service at `address`, with new keys if there are none.
+
+        certificates: a folder with the authorities and our certificate, for TLS. Raises ServiceError."""
         folder = state / ACCESS
         try:
             folder.mkdir(mode=0o700, exist_ok=True)
@@ -43,9 +47,12 @@ class Access:
                 _write(file, msgspec.json.encode({role.name.lower(): secrets.token_hex(32) for role in Role}).decode())
             access = cls.read(state)
             for role in Role:
-                _write(role_file(state, role), f"corbaloc:iiop:1.2@{address}/{access.key(role)}\n")
+                scheme = "ssliop" if certificates else "iiop"
+                _write(role_file(state, role), f"corbaloc:{scheme}:1.2@{address}/{access.key(role)}\n")
+            for name in (AUTHORITIES, OWN) if certificates else ():
+                _write(folder / name, (certificates / name).read_text())
         except OSError as error:
-            raise ServiceError(f"can't write {error.filename or folder}: {error.strerror}") from None
+            raise ServiceError(f"can't use {error.filename or folder}: {error.strerror}") from None
         return access
 
     @classmethod

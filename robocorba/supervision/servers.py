@@ -30,8 +30,7 @@ class Probe:
 
     def call_at(self, orb: Orb, endpoint: str, name: str, timeout_s: float = 1.0) -> float:
         """The same without the naming service: call the object at HOST:PORT."""
-        uri = f"corbaloc:iiop:1.2@{endpoint}/{name}"
-        return self._call(orb.reference(uri, self.interface, call_timeout_s=timeout_s), name)
+        return self._call(orb.reference(orb.uri_at(endpoint, name), self.interface, call_timeout_s=timeout_s), name)
 
     def _call(self, reference: Any, name: str) -> float:
         began = time.perf_counter()

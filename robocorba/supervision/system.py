@@ -56,7 +56,8 @@ class System:
     before_ready: called in a thread once every server has answered, before the system is ready.
     building: absolute path passed to the servers, or None. start_limit_s: time limit for each process to
     answer its first call. hang_limit: when one that does not answer any more is restarted. console: where the
-    operator's console listens, None for no console. is_guarded: roles decide who may do what, see robocorba.roles."""
+    operator's console listens, None for no console. is_guarded: roles decide who may do what, see robocorba.roles.
+    certificates: a folder with ca.pem and tls.pem, for a guarded system that uses TLS; None for no TLS."""
 
     folder: StateFolder
     naming: Address
@@ -67,6 +68,7 @@ class System:
     console: Address | None = None
     hang_limit: HangLimit = DEFAULT
     is_guarded: bool = False
+    certificates: Path | None = None
 
     def run(self, ready: Callable[[SystemRecord], None], prepare: Callable[[], object] = lambda: None) -> None:
         """Run until SIGINT, SIGTERM or SIGHUP; calls `prepare` before anything is started, and `ready` once every
@@ -86,7 +88,7 @@ class System:
                 return
             ports = self.folder.ports([server.name for server in self.servers], self.naming)
             if self.is_guarded:
-                Access.create(self.folder.path, self.naming)
+                Access.create(self.folder.path, self.naming, self.certificates)
             else:
                 remove_access(self.folder.path)
             try:
@@ -177,7 +179,8 @@ class System:
 
     def _guarded_naming_service(self, orb: Orb) -> ProcessSpec:
         name, endpoint = GUARDED_NAMING_SERVICE, str(self.naming)
-        arguments = ("--state", str(self.folder.path), "--endpoint", endpoint, "--naming", endpoint)
+        naming = self._naming(Role.SERVER).setting
+        arguments = ("--state", str(self.folder.path), "--endpoint", endpoint, "--naming", naming)
         return ProcessSpec(
             *(name, ModuleRun("robocorba.servers.names", arguments), self.folder.path, orb.check_naming),
             functools.partial(relay, name),
