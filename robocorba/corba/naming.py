@@ -104,6 +104,10 @@ class NamingService:
         except CORBA.SystemException as error:
             raise self._unanswered(error) from None
 
+    def root(self) -> Any:
+        """The root context, with a timeout of PROBE_TIMEOUT_S for each call."""
+        return self._root()
+
     def bind(self, name: str, reference: Any) -> None:
         """Bind a name to an object, also if it is bound already. Raises CORBA.SystemException, NotFound."""
         root, path = self._root(), self._components(name)
@@ -117,8 +121,8 @@ class NamingService:
                     continue
             root.rebind(path, reference)
 
-    def is_lapsing(self, name: str) -> bool:
-        """Whether a name is not bound, or has to be bound again to stay so. Raises CORBA.SystemException."""
+    def is_unbound(self, name: str) -> bool:
+        """Whether a name is not bound. Raises CORBA.SystemException."""
         try:
             self._root().resolve(self._components(name))
         except CosNaming.NamingContext.NotFound:
@@ -210,20 +214,16 @@ class BoundNames:
             self._unbind(self._served)
 
     def _run(self) -> None:
-        """Bind all names at start; later only lapsing ones, so that two servers do not overwrite each other's."""
+        """Bind all names at start; later only lost ones, so that two servers do not overwrite each other's."""
         bound: set[str] = set()
         failures = 0
         while True:
             try:
                 for name, reference in list(self._served.items()):
-                    is_renewal = name in bound
-                    if not is_renewal or self._names.is_lapsing(name):
+                    if name not in bound or self._names.is_unbound(name):
                         self._names.bind(name, reference)
                         bound.add(name)
-                        _log.log(
-                            logging.DEBUG if is_renewal else logging.INFO,
-                            *("bound %s at %s", self._names.path(name), self._names.address),
-                        )
+                        _log.info("bound %s at %s", self._names.path(name), self._names.address)
                 failures = 0
             except (CORBA.Exception, CosNaming.NamingContext.NotFound) as error:
                 failures += 1

@@ -117,14 +117,14 @@ class Orb:
     ) -> None:
         self.naming, self.endpoint = naming, endpoint
         self._names = NamingService(self._connect, naming, context, with_kinds)
+        self._bound_names: Any = BoundNames(self._names)
         self._guard: Guard | None = None
         if isinstance(naming, RoleNaming) and guards:
+            from robocorba.corba.role_names import HeldNames  # loads stubs, which other processes need not
+
             # Servers have one secret, so that their references stay valid.
             self._guard = Guard(naming.key.encode() if naming.role is Role.SERVER else b"")
-            from robocorba.corba.role_names import RoleNames  # loads stubs, which other processes need not
-
-            self._names = RoleNames(self._connect, naming, context, with_kinds, self._guard)
-        self._bound_names = BoundNames(self._names)
+            self._bound_names = HeldNames(self._names, self._guard)
         self._options = {
             **OPTIONS,
             # By default a call to a peer that hangs or was switched off never returns.
@@ -166,7 +166,7 @@ class Orb:
 
     def _shut_down(self) -> None:
         orb = self.__dict__.pop("_orb", None)
-        for adapter in ("_root_adapter", "_named_adapter"):
+        for adapter in ("_root_adapter", "_object_adapter", "_named_adapter"):
             self.__dict__.pop(adapter, None)
         _gate.set()
         try:
@@ -206,10 +206,10 @@ class Orb:
             self.accept_calls()
         if self._guard:
             id = secrets.token_bytes(16)
-            self._root_adapter.activate_object_with_id(id, servant)
+            self._object_adapter.activate_object_with_id(id, servant)
         else:
-            id = self._root_adapter.activate_object(servant)
-        return self._root_adapter.id_to_reference(id)
+            id = self._object_adapter.activate_object(servant)
+        return self._object_adapter.id_to_reference(id)
 
     def _activate_named(self, servant: Any, name: str) -> Any:
         """The reference of a served object; guarded, that for each role."""
@@ -224,7 +224,7 @@ class Orb:
 
     def deactivate(self, servant: Any) -> None:
         """Deactivate a servant without a key; calls in progress are finished, later ones get OBJECT_NOT_EXIST."""
-        self._root_adapter.deactivate_object(self._root_adapter.servant_to_id(servant))
+        self._object_adapter.deactivate_object(self._object_adapter.servant_to_id(servant))
 
     def deactivate_key(self, key: str) -> None:
         """Deactivate the object with a key or a name, if there is one; the name stays bound."""
@@ -307,8 +307,13 @@ class Orb:
 
     @cached_property
     def _root_adapter(self) -> Any:
-        """For objects without a name: TRANSIENT, unique ids; guarded, ids that can't be guessed."""
-        root = self._resolve_adapter("RootPOA")
+        """For objects without a name: TRANSIENT, unique ids."""
+        return self._resolve_adapter("RootPOA")
+
+    @cached_property
+    def _object_adapter(self) -> Any:
+        """The same; guarded, with ids that can't be guessed; for calls over the connections of clients where wanted."""
+        root = self._root_adapter
         policies = [root.create_id_assignment_policy(PortableServer.USER_ID)] if self._guard else []
         if self._options.keys() & {"offerBiDirectionalGIOP", "acceptBiDirectionalGIOP"}:
             kind, both = BiDirPolicy.BIDIRECTIONAL_POLICY_TYPE, BiDirPolicy.BOTH

@@ -1,46 +1,87 @@
-"""The naming service of a guarded system, as a role sees it: names are read as everywhere, and bound by a registry."""
+"""The names that a process of a guarded system holds: announced to the registry of its role."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import logging
+import threading
+from collections.abc import Mapping
 from typing import Any
 
 import CosNaming
+from omniORB import CORBA
 
-from robocorba.corba.calls import set_call_timeout
+from robocorba.backoff import Backoff
+from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion.names import role_references
 from robocorba.corba.guard import Guard
 from robocorba.corba.naming import PROBE_TIMEOUT_S, NamingService
 from robocorba.roles import Role
-from robocorba.settings import RoleNaming
 from robocorba.stubs import RoboCorba
 
+#: Interval between announcements of a name [s]: three within the time that a robot holds its name.
+ANNOUNCEMENT_INTERVAL_S = 2.0
+#: Pauses between attempts to announce names.
+BACKOFF = Backoff(0.02, 0.25)
 
-class RoleNames(NamingService):
-    """guard: has the secrets by which this process holds its names. The references of a name are those of each role."""
+_log = logging.getLogger(__name__)
 
-    def __init__(
-        self, connect: Callable[[str], Any], naming: RoleNaming, context: str, with_kinds: bool, guard: Guard
-    ) -> None:
-        super().__init__(connect, naming, context, with_kinds)
-        self._guard, self._role = guard, naming.role
 
-    def bind(self, name: str, reference: Mapping[Role, Any]) -> None:
-        path = self.path(name)
-        self._registry().announce(path, role_references(reference), self._guard.proof(path))
+class HeldNames:
+    """Announces names in the background until `close`. guard: has the secrets by which this process holds its names."""
 
-    def is_lapsing(self, name: str) -> bool:
-        return self._role is not Role.SERVER or super().is_lapsing(name)
+    def __init__(self, names: NamingService, guard: Guard) -> None:
+        self._names, self._guard = names, guard
+        self._served: dict[str, Mapping[Role, Any]] = {}
+        self._thread: threading.Thread | None = None
+        self._closing = threading.Event()
 
-    def unbind(self, name: str, reference: Mapping[Role, Any]) -> None:
+    def start(self, served: dict[str, Mapping[Role, Any]]) -> None:
+        """Begin to announce names with the references of each role; returns immediately."""
+        self._served = served
+        self._thread = threading.Thread(target=self._run, name="bindings", daemon=True)
+        self._thread.start()
+
+    def withdraw(self, name: str) -> None:
+        """Unbind one of them."""
+        del self._served[name]
+        self._unbind([name])
+
+    def close(self) -> None:
+        """Unbind all names, except those that somebody else has bound since."""
+        self._closing.set()
+        if self._thread:
+            self._thread.join()
+            self._unbind(list(self._served))
+
+    def _run(self) -> None:
+        bound: set[str] = set()
+        failures = 0
+        while True:
+            try:
+                for name, references in list(self._served.items()):
+                    path = self._names.path(name)
+                    self._registry().announce(path, role_references(references), self._guard.proof(path))
+                    if name not in bound:
+                        bound.add(name)
+                        _log.info("bound %s at %s", path, self._names.address)
+                failures = 0
+            except CORBA.Exception as error:
+                failures += 1
+                if failures == 1:
+                    _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(error))
+            if self._closing.wait(BACKOFF.pause_s(failures) or ANNOUNCEMENT_INTERVAL_S):
+                return
+
+    def _unbind(self, names: list[str]) -> None:
         try:
-            if self._root().resolve(self._components(name))._is_equivalent(reference[self._role]):
-                self._registry().withdraw(self.path(name), self._guard.proof(self.path(name)))
-        except (CosNaming.NamingContext.NotFound, RoboCorba.NameHeld):
-            pass
+            for name in names:
+                path = self._names.path(name)
+                self._registry().withdraw(path, self._guard.proof(path))
+        except CORBA.Exception as error:
+            _log.warning("cannot unbind names at %s (%s)", self._names.address, describe(error))
 
     def _registry(self) -> Any:
-        found = self._root().resolve([CosNaming.NameComponent("NameRegistry", "")])
+        found = self._names.root().resolve([CosNaming.NameComponent("NameRegistry", "")])
         registry = found._unchecked_narrow(RoboCorba.NameRegistry)
         set_call_timeout(registry, PROBE_TIMEOUT_S)
         return registry

@@ -40,7 +40,7 @@ class NotPermitted(NotReachable):
         self.what = what
         super().__init__(
             f"{what} refuses this call: your role in this guarded system does not include it; take another one by "
-            "--naming FILE or ROBOCORBA_NAMING, such as access/operator.ior of the state folder"
+            "--naming FILE or ROBOCORBA_NAMING, such as access/operator.ior (robots: robot.ior) of the state folder"
         )
 
 
