@@ -154,6 +154,9 @@ class Orb:
             self._orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)
             if self.endpoint:
                 _ = self._named_adapter  # listens from here on, so that a port in use is detected now; callers wait
+            if self.offers_callbacks:
+                _ = self._object_adapter  # omniORB makes no call that offers callbacks before it is there
+                self.accept_calls()  # the threads that wait at the gate also read the answers to calls
         except BaseException:
             self._shut_down()
             raise
