@@ -37,5 +37,6 @@ def options(folder: Path, others: Mapping[str, str]) -> dict[str, str]:
         option: others.get(option, "* tcp").replace("tcp", "ssl")
         for option in ("clientTransportRule", "serverTransportRule")
     }
-    files = {"sslCAFile": str(folder / AUTHORITIES), "sslKeyFile": str(folder / OWN)}
+    # omniORB loads a key only if there is a password, also one that is not encrypted.
+    files = {"sslCAFile": str(folder / AUTHORITIES), "sslKeyFile": str(folder / OWN), "sslKeyPassword": "none"}
     return {**files, "sslVerifyMode": "peer,fail", **rules, "endPoint": others["endPoint"].replace("tcp", "ssl", 1)}
