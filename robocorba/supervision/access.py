@@ -49,8 +49,9 @@ class Access:
             for role in Role:
                 scheme = "ssliop" if certificates else "iiop"
                 _write(role_file(state, role), f"corbaloc:{scheme}:1.2@{address}/{access.key(role)}\n")
-            for name in (AUTHORITIES, OWN) if certificates else ():
-                _write(folder / name, (certificates / name).read_text())
+            if certificates:
+                for name in (AUTHORITIES, OWN):
+                    _write(folder / name, (certificates / name).read_text())
         except OSError as error:
             raise ServiceError(f"can't use {error.filename or folder}: {error.strerror}") from None
         return access
