@@ -19,3 +19,5 @@ SENSOR_TOKEN = "sensors.token"
 STOPS = "stops.json"
 #: Type of the event that stops robots: {"robots": [names], "reason": text}; without names all.
 STOP_EVENT = "robot.stop"
+#: Subfolder of the state folder with the files of the roles of a guarded system.
+ACCESS = "access"

@@ -4,7 +4,7 @@ Arguments override the environment, which overrides the defaults.
 
 | variable | meaning | default |
 |---|---|---|
-| ROBOCORBA_NAMING | the naming service as HOST:PORT | 127.0.0.1:2809 |
+| ROBOCORBA_NAMING | the naming service as HOST:PORT; of a guarded system also the file of a role | 127.0.0.1:2809 |
 | ROBOCORBA_STATE | the folder for stores, maps, logs and mission reports | ~/.local/state/robocorba |
 """
 
@@ -17,12 +17,14 @@ import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import platformdirs
 
 from robocorba.errors.services import ServiceError
+from robocorba.names import ACCESS
+from robocorba.roles import Role
 from robocorba.spatial.pose import Pose
 
 DEFAULT_HOST = "127.0.0.1"
@@ -79,6 +81,58 @@ class Address:
         except ValueError:
             return self.host == "localhost"
 
+    @property
+    def scheme(self) -> str:
+        """How URIs name the transport of what is there."""
+        return "iiop"
+
+    @property
+    def setting(self) -> str:
+        """The text from which another process reads the same."""
+        return str(self)
+
+
+@dataclass(frozen=True)
+class RoleNaming(Address):
+    """The naming service of a guarded system, as a role sees it.
+
+    key: the object key of the role's naming context, which is the right to the role; observers need none. file: from
+    which it was read. protocol: iiop, or ssliop for TLS."""
+
+    key: str = field(repr=False)
+    role: Role
+    file: Path
+    protocol: str = "iiop"
+
+    @property
+    def scheme(self) -> str:
+        return self.protocol
+
+    @property
+    def setting(self) -> str:
+        return str(self.file)
+
+    @classmethod
+    def read(cls, file: Path, setting: str = "--naming") -> RoleNaming:
+        """From a file that `robocorba up --guarded` wrote. Raises InvalidSetting."""
+        try:
+            text = file.read_text().strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise InvalidSetting(setting, str(file), getattr(error, "strerror", "") or "not a text") from None
+        match = re.fullmatch(
+            rf"corbaloc:(iiop|ssliop):1\.2@([^/]+)/(NameService|{ACCESS}/([a-z]+)/[0-9a-f]{{64}})", text, re.ASCII
+        )
+        roles = {role.name.lower(): role for role in Role}
+        if match is None or (match[4] or "observer") not in roles:
+            raise InvalidSetting(setting, str(file), "not a file of a role in a guarded system")
+        address = Address.parse(match[2], setting)
+        return cls(address.host, address.port, match[3], roles[match[4] or "observer"], file.absolute(), match[1])
+
+
+def role_file(state: Path, role: Role) -> Path:
+    """The file of a role in a state folder; there while the system is guarded."""
+    return state / ACCESS / f"{role.name.lower()}.ior"
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -93,14 +147,24 @@ class Settings:
         naming: str | None = None,
         state: Path | None = None,
         environment: Mapping[str, str] = os.environ,
+        role: Role = Role.OPERATOR,
     ) -> Settings:
-        """Settings from arguments, environment and defaults. Raises InvalidSetting."""
-        address = naming or environment.get("ROBOCORBA_NAMING") or f"{DEFAULT_HOST}:{DEFAULT_NAMING_PORT}"
+        """Settings from arguments, environment and defaults. Raises InvalidSetting.
+
+        role: what this process is in a guarded system, if nothing says where its naming service is."""
+        address = naming or environment.get("ROBOCORBA_NAMING") or ""
         folder = state or environment.get("ROBOCORBA_STATE") or platformdirs.user_state_dir("robocorba", False)
-        return cls(
-            naming=Address.parse(address, "--naming" if naming else "ROBOCORBA_NAMING"),
-            state=_folder(Path(folder), "--state" if state else "ROBOCORBA_STATE"),
-        )
+        checked = _folder(Path(folder), "--state" if state else "ROBOCORBA_STATE")
+        return cls(_naming(address, "--naming" if naming else "ROBOCORBA_NAMING", role_file(checked, role)), checked)
+
+
+def _naming(address: str, setting: str, default: Path) -> Address:
+    """From HOST:PORT or a file; without a text from the default file, if there is one that this user may read."""
+    if "/" in address or address.endswith(".ior"):
+        return RoleNaming.read(Path(address), setting)
+    if not address and os.access(default, os.R_OK):
+        return RoleNaming.read(default, "the state folder")
+    return Address.parse(address or f"{DEFAULT_HOST}:{DEFAULT_NAMING_PORT}", setting)
 
 
 @dataclass(frozen=True)
@@ -125,14 +189,14 @@ class ServerSettings:
         parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
         parser.add_argument("--endpoint", required=True, metavar="HOST:PORT", help="where to listen")
-        parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
+        parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
         parser.add_argument("--building", type=Path, metavar="FILE", help="the map to serve")
         return parser
 
     @classmethod
     def from_arguments(cls, given: argparse.Namespace) -> ServerSettings:
         """The settings from parsed arguments. Raises InvalidSetting."""
-        common = Settings.read(given.naming, given.state)
+        common = Settings.read(given.naming, given.state, role=Role.SERVER)
         return cls(
             state=common.state,
             endpoint=Address.parse(given.endpoint, "--endpoint"),
@@ -146,12 +210,14 @@ class ChannelSettings:
     """Settings of an event channel's server: those of every server, the channel's name, and the channels to link with.
 
     peers: (name, address); the address is empty if the peer is bound in the naming service, else HOST:PORT or a URI.
-    foreign: (name, URI) of channels that support only CosEventChannelAdmin."""
+    foreign: (name, URI) of channels that support only CosEventChannelAdmin. accepts_callbacks: whether it calls
+    consumers that want it over their own connections."""
 
     server: ServerSettings
     name: str
     peers: tuple[tuple[str, str], ...]
     foreign: tuple[tuple[str, str], ...]
+    accepts_callbacks: bool = False
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ChannelSettings:
@@ -174,13 +240,14 @@ class ChannelSettings:
             metavar="NAME=URI",
             help="a channel that supports only CosEventChannelAdmin, such as omniEvents'; repeatable",
         )
+        parser.add_argument("--bidirectional", action="store_true", help="call consumers over their own connections")
         given = parser.parse_args(arguments)
         peers = tuple((name, address) for name, _, address in (text.partition("=") for text in given.peer))
         foreign = tuple((name, uri) for name, _, uri in (text.partition("=") for text in given.foreign))
         for name, uri in foreign:
             if not uri:
                 raise InvalidSetting("--foreign", name, "not of the form NAME=URI")
-        return cls(ServerSettings.from_arguments(given), given.name, peers, foreign)
+        return cls(ServerSettings.from_arguments(given), given.name, peers, foreign, given.bidirectional)
 
 
 @dataclass(frozen=True)
@@ -269,11 +336,11 @@ class RobotSettings:
         )
         parser.add_argument("--progress", action="store_true", help="print a line when what it does changes")
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
-        parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
+        parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
         given = parser.parse_args(given_arguments)
         return cls(
-            Settings.read(given.naming, given.state),
+            Settings.read(given.naming, given.state, role=Role.ROBOT),
             given.name,
             Address.parse(given.endpoint, "--endpoint") if given.endpoint else None,
             given.adaptor,

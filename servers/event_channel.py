@@ -9,11 +9,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from robocorba import logs
-from robocorba.corba.orb import Orb
+from robocorba.corba.orb import ACCEPT_CALLBACKS, Orb
 from robocorba.corba.remote.event_clients import RemoteClients
 from robocorba.corba.remote.event_gateway import PeerJoiner, RemoteGateway
 from robocorba.corba.remote.foreign_channel import ForeignChannel
-from robocorba.corba.servants.event_channel import ConsumerAdminServant, EventChannelServant, SupplierAdminServant
+from robocorba.corba.servants.event_channel import (
+    CallbackRouteServant,
+    ConsumerAdminServant,
+    EventChannelServant,
+    SupplierAdminServant,
+)
 from robocorba.corba.servants.event_gateway import EventGatewayServant, GatewayFeedServant
 from robocorba.corba.servants.event_proxies import (
     PullConsumerServant,
@@ -57,6 +62,7 @@ class ChannelServer:
         self.supplier_admin = self._activate(SupplierAdminServant(self.proxies, self), "suppliers")
         self.feed = self._activate(GatewayFeedServant(self.links), "feed")
         gateway = self._activate(EventGatewayServant(self.links), "gateway")
+        self.callback_route: Any = None
         self._joiner = PeerJoiner(orb, name, reference, gateway)
 
     def start(self, peers: Sequence[Peer]) -> None:
@@ -67,6 +73,10 @@ class ChannelServer:
         for peer in peers:
             self.links.add(peer)
         self._orb.serve({self.path: self.servant})
+
+    def accept_callbacks(self) -> None:
+        """Call consumers that want it over their own connections; the ORB needs ACCEPT_CALLBACKS."""
+        self.callback_route = self._orb.activate(CallbackRouteServant(self.clients.keep))
 
     # ---- for the servants ----
 
@@ -138,9 +148,14 @@ def main(arguments: Sequence[str] | None = None, policy: ProxyPolicy | None = No
     with (
         ChannelStore(folder / f"{settings.name}.sqlite") as store,
         Watermarks(folder / f"{settings.name}.seen") as watermarks,
-        Orb(settings.server.naming, settings.server.endpoint) as orb,
+        Orb(
+            *(settings.server.naming, settings.server.endpoint),
+            options=ACCEPT_CALLBACKS if settings.accepts_callbacks else None,
+        ) as orb,
     ):
         server = ChannelServer(settings.name, orb, store, watermarks, policy or ProxyPolicy())
+        if settings.accepts_callbacks:
+            server.accept_callbacks()
         with contextlib.closing(server.links), contextlib.closing(server.proxies):
             server.start(peers)
             orb.run()

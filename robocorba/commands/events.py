@@ -18,7 +18,7 @@ from omniORB import CORBA
 
 from robocorba.commands import event_stats
 from robocorba.commands.options import Json, Naming, connected
-from robocorba.corba.orb import Orb
+from robocorba.corba.orb import OFFER_CALLBACKS, Orb
 from robocorba.errors.events import InvalidEvent
 from robocorba.errors.services import NotReachable
 from robocorba.events.queue import QueuePolicy
@@ -77,13 +77,16 @@ def tail(
     source: Annotated[str, typer.Option(metavar="S", help="Only these sources; * and ? are wildcards.")] = "*",
     count: Annotated[int, typer.Option(metavar="N", min=0, help="End after N events; 0: never.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="Print a JSON object per line.")] = False,
+    behind_nat: Annotated[
+        bool, typer.Option("--behind-nat", help="Receive over the connection that this command opens.")
+    ] = False,
     naming: Naming = None,
 ) -> None:
     """Print events as they arrive, one per line, until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with (
-            connected("events tail", naming) as orb,
+            connected("events tail", naming, OFFER_CALLBACKS if behind_nat else None) as orb,
             _event_client(orb, channel) as client,
             contextlib.closing(_received(client, channel, (type, source))) as events,
         ):

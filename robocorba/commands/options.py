@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +21,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @contextlib.contextmanager
-def connected(command: str, naming: str | None) -> Iterator[Orb]:
+def connected(command: str, naming: str | None, options: Mapping[str, str] | None = None) -> Iterator[Orb]:
     """This command's ORB; errors are reported as by `reporting`."""
-    with reporting(command), Orb(Settings.read(naming=naming).naming) as orb:
+    with reporting(command), Orb(Settings.read(naming=naming).naming, options=options) as orb:
         yield orb

@@ -14,6 +14,7 @@ from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
 from robocorba.printing import Console
 from robocorba.private_files import claim_state
+from robocorba.roles import Role
 from robocorba.settings import Settings
 from robocorba.supervision.robots import STARTING
 
@@ -60,7 +61,7 @@ def robots(
     if fleet and options:
         raise typer.BadParameter(f"--{next(iter(options))} is for robots of --count; a file has its own")
     with reporting("robots"):
-        settings = Settings.read(naming=naming, state=state)
+        settings = Settings.read(naming=naming, state=state, role=Role.ROBOT)
         orders_in = _orders(fleet, {**options, "prefix": prefix, "count": count})
         console = Console()
         claim_state(settings.state)

@@ -19,7 +19,7 @@ from robocorba.printing import Console, echo, line
 from robocorba.settings import Address, Settings
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
 from robocorba.supervision.servers import probe_of
-from robocorba.supervision.system import NAMING_SERVICE
+from robocorba.supervision.system import NAMING_SERVICES
 
 #: Timeout for each object [s].
 TIMEOUT_S = 2.0
@@ -84,7 +84,7 @@ def check_objects(record: SystemRecord) -> list[ProcessStatus]:
         pairs = [
             (process, name)
             for process in record.processes
-            for name in (("",) if process.name == NAMING_SERVICE else process.names)
+            for name in (("",) if process.name in NAMING_SERVICES else process.names)
         ]
         with ThreadPoolExecutor(len(pairs) or 1) as threads:
             answers = list(threads.map(lambda pair: _check(orb, pair[1]), pairs))

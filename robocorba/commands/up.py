@@ -15,6 +15,7 @@ from robocorba.commands.options import State
 from robocorba.commands.reporting import reporting
 from robocorba.console.settings import DEFAULT_PORT, check_installed
 from robocorba.corba.naming import corbaname
+from robocorba.corba.tls import load_transport
 from robocorba.printing import Console, echo, line
 from robocorba.settings import DEFAULT_HOST, Address, InvalidSetting, Settings
 from robocorba.supervision.console import CONSOLE
@@ -22,7 +23,7 @@ from robocorba.supervision.folder import StateFolder, SystemRecord
 from robocorba.supervision.hangs import HangLimit
 from robocorba.supervision.servers import servers
 from robocorba.supervision.subnets import parse_subnets, remove_former_links
-from robocorba.supervision.system import NAMING_SERVICE, System
+from robocorba.supervision.system import NAMING_SERVICES, System
 
 
 def up(
@@ -61,6 +62,25 @@ def up(
     spare_stopped: Annotated[
         bool, typer.Option("--spare-stopped", help="Not while a debugger or SIGSTOP holds the server.")
     ] = False,
+    guarded: Annotated[
+        bool,
+        typer.Option(
+            "--guarded", help="Without one of the files in access/ of the state folder, clients only observe."
+        ),
+    ] = False,
+    tls: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="As --guarded, and by TLS only: the authorities are in DIR/ca.pem, our certificate in DIR/tls.pem.",
+        ),
+    ] = None,
+    bidirectional: Annotated[
+        bool,
+        typer.Option(
+            "--bidirectional", help="Event channels call consumers behind NAT over the consumers' connections."
+        ),
+    ] = False,
     console: Annotated[bool, typer.Option("--console", help="Also serve the operator's console to browsers.")] = False,
     console_port: Annotated[
         int, typer.Option(metavar="N", min=0, max=65535, help="Port of the console on 127.0.0.1; 0: any free one.")
@@ -78,16 +98,20 @@ def up(
         )
         if building is not None and not building.is_file():
             raise InvalidSetting("--building", str(building), "there is no such file")
+        if tls is not None:
+            load_transport()
         folder, names = StateFolder(settings.state), parse_subnets(subnets)
         system = System(
             folder=folder,
             naming=naming,
-            servers=servers(names, sensors),
+            servers=servers(names, sensors, bidirectional),
             before_ready=functools.partial(remove_former_links, folder, names),
             building=building.absolute() if building else None,
             start_limit_s=start_limit,
             console=_console_address(console_port) if console else None,
             hang_limit=HangLimit(hang_limit, spare_stopped),
+            is_guarded=guarded or tls is not None,
+            certificates=tls,
         )
         run(system)
 
@@ -130,7 +154,7 @@ def _rows(record: SystemRecord) -> list[tuple[str, str, str]]:
     naming = Address.parse(record.naming)
     rows = []
     for process in record.processes:
-        names = ("",) if process.name == NAMING_SERVICE else process.names
+        names = ("",) if process.name in NAMING_SERVICES else process.names
         objects = [corbaname(naming, name) for name in names]
         if process.name == CONSOLE:
             objects.append(record.console_address)

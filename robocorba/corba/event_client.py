@@ -30,10 +30,14 @@ from robocorba.errors.services import NotReachable
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import Subscription, checked
 from robocorba.names import CHANNELS
+from robocorba.repeating import Repeating
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: Default time for which a push is retried while the channel is not reachable [s].
 RETRY_S = 10.0
+#: Interval at which a client behind NAT renews the route of the channel's calls [s]; short enough for any NAT, and for
+#: a restarted channel to find its consumers before it disconnects them.
+ROUTE_INTERVAL_S = 5.0
 #: Pauses between the attempts of a push.
 BACKOFF = Backoff(0.02, 0.25)
 #: Pauses between checks whether a peer forwards the events of a subscription.
@@ -60,7 +64,9 @@ class EventClient:
     """A connection to channel `channel`. source: the source of the events that it pushes; if it is not empty, also the
     name of a permanent proxy, by which the channel knows this supplier again.
 
-    Raises NotReachable if the channel is not found within `timeout_s`. channel_at: its reference, if it is known."""
+    channel_at: its reference, if it is known. With an ORB of the options OFFER_CALLBACKS the channel calls this process
+    over the connection that it has opened, so that it may be behind NAT or a firewall. Raises NotReachable if the
+    channel is not found within `timeout_s`."""
 
     def __init__(
         self, orb: Orb, channel: str, source: str = "", timeout_s: float = 10.0, channel_at: Any = None
@@ -70,6 +76,8 @@ class EventClient:
         self._orb = orb
         self._proxy: Any = None
         self._subscriptions: list[EventSubscription] = []
+        #: Renews the route of the channel's calls, for a client behind NAT.
+        self._route: Repeating | None = None
 
     def __enter__(self) -> EventClient:
         return self
@@ -132,6 +140,8 @@ class EventClient:
 
     def close(self) -> None:
         """End all subscriptions; durable ones collect events for the next process."""
+        if self._route:
+            self._route.close()
         for subscription in self._subscriptions[:]:
             subscription.end()
         if self._proxy and not self._proxy_name:  # a named proxy is permanent, and possibly shared
@@ -153,13 +163,35 @@ class EventClient:
         reference = self._orb.activate(consumer)
         policy = events.policy(queue or QueuePolicy())
         try:
+            self._keep_route(reference)
             proxy = self.channel.subscribe(name, reference, events.subscription(clauses), policy)
-        except CORBA.Exception as error:
+        except (CORBA.Exception, NotReachable) as error:
             self._orb.deactivate(consumer)
-            raise _translated(error) from None
-        subscription = EventSubscription(self, self._orb, consumer, proxy)
+            raise (error if isinstance(error, NotReachable) else _translated(error)) from None
+        subscription = EventSubscription(self, self._orb, consumer, proxy, reference)
         self._subscriptions.append(subscription)
+        if self._orb.offers_callbacks and self._route is None:
+            self._route = Repeating("route", self._keep_routes, ROUTE_INTERVAL_S).start()
         return subscription
+
+    def _keep_routes(self) -> None:
+        """Renew the routes of all subscriptions."""
+        try:
+            for subscription in self._subscriptions[:]:
+                self._keep_route(subscription.consumer_reference)
+        except (CORBA.Exception, NotReachable) as error:  # the channel is away; the next time it may be back
+            _log.info("could not renew the route of the channel's calls (%s)", describe(error))
+
+    def _keep_route(self, consumer: Any) -> None:
+        """Let the channel call a consumer over this client's connection, if the ORB offers that."""
+        if not self._orb.offers_callbacks:
+            return
+        route = self.channel.routeBack()
+        if route is None:
+            raise NotReachable(
+                "the channel calls no consumers behind NAT: start it with `robocorba up --bidirectional`"
+            )
+        route.keep(consumer)
 
     def _header(self, type: str, priority: int, expiry_s: float) -> Any:
         return RoboCorba.EventHeader(type, self.source, "", 0, time.time(), priority, expiry_s, RoboCorba.MSGPACK)
@@ -192,8 +224,10 @@ def _push(operation: Callable[[], None]) -> None:
 class EventSubscription:
     """A consumer of this process, connected to its channel by `proxy`."""
 
-    def __init__(self, client: EventClient, orb: Orb, consumer: _EventConsumerServant, proxy: Any) -> None:
-        self.proxy = proxy
+    def __init__(
+        self, client: EventClient, orb: Orb, consumer: _EventConsumerServant, proxy: Any, consumer_reference: Any
+    ) -> None:
+        self.proxy, self.consumer_reference = proxy, consumer_reference
         self._client, self._orb, self._consumer = client, orb, consumer
 
     def change(self, *patterns: str | tuple[str, str]) -> None:

@@ -17,7 +17,7 @@ from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.ior import address_of
 from robocorba.errors.services import NotReachable
-from robocorba.settings import Address
+from robocorba.settings import Address, RoleNaming
 
 #: Interval at which a process checks that its names are still bound to its objects [s]. With the calls of a check, a
 #: stolen name is taken back within 2 s.
@@ -50,6 +50,8 @@ class NamingService:
     ) -> None:
         self._connect, self.address, self._uri = connect, address, uri
         self._context, self._with_kinds = context, with_kinds
+        key = address.key if isinstance(address, RoleNaming) else "NameService"
+        self.root_uri = f"corbaloc:{address.scheme}:1.2@{address}/{key}"
 
     def path(self, name: str) -> str:
         """The path of a name from the root context."""
@@ -114,6 +116,10 @@ class NamingService:
         except CORBA.SystemException as error:
             raise self._unanswered(error) from None
 
+    def root(self) -> Any:
+        """The root context, with a timeout of PROBE_TIMEOUT_S for each call."""
+        return self._root()
+
     def bind(self, name: str, reference: Any) -> None:
         """Bind a name to an object, also if it is bound already. Raises CORBA.SystemException, NotFound."""
         root, path = self._root(), self._components(name)
@@ -175,7 +181,7 @@ class NamingService:
         return [_component(part, self._with_kinds) for part in self.path(name).split("/")]
 
     def _root(self, timeout_s: float = PROBE_TIMEOUT_S) -> Any:
-        root = self._connect(f"corbaloc:iiop:1.2@{self.address}/NameService")
+        root = self._connect(self.root_uri)
         context = root._unchecked_narrow(CosNaming.NamingContext)
         set_call_timeout(context, timeout_s)
         return context

@@ -21,6 +21,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import gc
+import secrets
 import signal
 import sys
 import threading
@@ -31,12 +32,15 @@ from typing import Any
 
 import PortableServer
 import PortableServer__POA
-from omniORB import CORBA, interceptors
+from omniORB import CORBA, BiDirPolicy, interceptors
 
+from robocorba.corba import tls
 from robocorba.corba.calls import describe, set_call_timeout
+from robocorba.corba.guard import Guard, guarded
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
-from robocorba.settings import Address
+from robocorba.roles import Role
+from robocorba.settings import Address, RoleNaming
 
 CONTEXT = "RoboCorba"
 #: Name of the adapter of objects whose keys are secrets.
@@ -60,6 +64,15 @@ OPTIONS: dict[str, str] = {
     "inConScanPeriod": "300",
     # Timeout of a call that arrives while a process starts [ms]; by default it waits without limit.
     "poaHoldRequestTimeout": "5000",
+}
+
+#: Options of a client that lets servers call its objects over the connections that it has opened (bidirectional GIOP),
+#: for clients behind NAT; and those of a server that does so.
+OFFER_CALLBACKS = {"offerBiDirectionalGIOP": "1", "clientTransportRule": "* bidir,tcp"}
+ACCEPT_CALLBACKS = {
+    "acceptBiDirectionalGIOP": "1",
+    "serverTransportRule": "* tcp,bidir",
+    "clientTransportRule": "* bidir,tcp",
 }
 
 #: A process that has not ended this long after `run` returned prints the stacks of its threads and exits [s].
@@ -99,7 +112,8 @@ class _Finder(PortableServer__POA.ServantActivator):
 class Orb:
     """The ORB of this process, alive inside a `with`; at most one at a time.
 
-    naming: address of the naming service.
+    naming: address of the naming service. As a role of a guarded system (RoleNaming) this ORB guards what it serves,
+        see robocorba.corba.guard, unless `guards` is False, and uses TLS if that system does.
     endpoint: address of a server, fixed so that references survive restarts. Without one, an ORB that activates
         objects listens on a free port: on loopback if the naming service does, else on all interfaces.
     context: the naming context that names are relative to, parts separated by slashes; empty for the root.
@@ -118,20 +132,31 @@ class Orb:
         with_kinds: bool = False,
         call_timeout_s: float = DEFAULT_CALL_TIMEOUT_S,
         options: Mapping[str, str] | None = None,
+        guards: bool = True,
     ) -> None:
         self.naming, self.endpoint = naming, endpoint
         self._names = NamingService(self._connect, naming, context, with_kinds, self.uri)
-        self._bound_names = BoundNames(self._names)
+        self._bound_names: Any = BoundNames(self._names)
+        self._guard: Guard | None = None
+        if isinstance(naming, RoleNaming) and guards:
+            from robocorba.corba.role_names import HeldNames  # loads stubs, which other processes need not
+
+            # Servers have one secret, so that their references stay valid.
+            self._guard = Guard(naming.key.encode() if naming.role is Role.SERVER else b"")
+            self._bound_names = HeldNames(self._names, self._guard)
         self._options = {
             **OPTIONS,
             # By default a call to a peer that hangs or was switched off never returns.
             "clientCallTimeOutPeriod": str(round(call_timeout_s * 1000)),
-            "InitRef": f"NameService=corbaloc:iiop:1.2@{naming}/NameService",
+            "InitRef": f"NameService={self._names.root_uri}",
             "endPoint": f"giop:tcp:{endpoint}"
             if endpoint
             else f"giop:tcp:{naming.host if naming.is_loopback else ''}:",
             **(options or {}),
         }
+        if naming.scheme == "ssliop":
+            assert isinstance(naming, RoleNaming)
+            self._options |= tls.options(naming.file.parent, self._options)
         # Unlike an Event, its put() is safe in a signal handler that interrupts its get().
         self._stop: SimpleQueue[None] = SimpleQueue()
         #: The previous handlers of signals, to be restored at the end.
@@ -148,6 +173,9 @@ class Orb:
             self._orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)
             if self.endpoint:
                 _ = self._named_adapter  # listens from here on, so that a port in use is detected now; callers wait
+            if self.offers_callbacks:
+                _ = self._object_adapter  # omniORB makes no call that offers callbacks before it is there
+                self.accept_calls()  # the threads that wait at the gate also read the answers to calls
         except BaseException:
             self._shut_down()
             raise
@@ -160,7 +188,7 @@ class Orb:
 
     def _shut_down(self) -> None:
         orb = self.__dict__.pop("_orb", None)
-        for adapter in ("_root_adapter", "_named_adapter", "_secret_adapter"):
+        for adapter in ("_root_adapter", "_object_adapter", "_named_adapter", "_secret_adapter"):
             self.__dict__.pop(adapter, None)
         _gate.set()
         try:
@@ -181,7 +209,7 @@ class Orb:
         OBJECT_NOT_EXIST. Call it once. Names may have several parts, such as EventChannels/hall. While `owns_names`,
         which must not block, they are taken back from other processes that bind them."""
         self._install_signal_handlers()
-        served = {name: self.activate(servant, name) for name, servant in servants.items()}
+        served = {name: self._activate_named(servant, name) for name, servant in servants.items()}
         self.accept_calls()
         self._bound_names.start(served, owns_names)
 
@@ -191,23 +219,41 @@ class Orb:
 
         With a `key`, which must differ from all served names, the reference is valid again whenever a process has
         activated an object with the same key at the same endpoint. Objects whose references others may have kept must
-        be activated before `serve`. Activating a servant under its key again has no effect."""
+        be activated before `serve`. Activating a servant under its key again has no effect.
+
+        In a guarded system the reference is for servers, and for those that they give it to: its key can't be guessed.
+        """
         if key:
-            with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
-                self._named_adapter.activate_object_with_id(key.encode(), servant)
-            return self._named_adapter.id_to_reference(key.encode())
+            return self._activate_with_key(servant, self._guard.key(key) if self._guard else key)
         if self.endpoint is None:
             self.accept_calls()
-        return self._root_adapter.id_to_reference(self._root_adapter.activate_object(servant))
+        if self._guard:
+            id = secrets.token_bytes(16)
+            self._object_adapter.activate_object_with_id(id, servant)
+        else:
+            id = self._object_adapter.activate_object(servant)
+        return self._object_adapter.id_to_reference(id)
+
+    def _activate_named(self, servant: Any, name: str) -> Any:
+        """The reference of a served object; guarded, that for each role."""
+        if self._guard is None:
+            return self._activate_with_key(servant, name)
+        return {role: self._activate_with_key(guarded(servant, role), self._guard.key(name, role)) for role in Role}
+
+    def _activate_with_key(self, servant: Any, key: str) -> Any:
+        with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
+            self._named_adapter.activate_object_with_id(key.encode(), servant)
+        return self._named_adapter.id_to_reference(key.encode())
 
     def deactivate(self, servant: Any) -> None:
         """Deactivate a servant without a key; calls in progress are finished, later ones get OBJECT_NOT_EXIST."""
-        self._root_adapter.deactivate_object(self._root_adapter.servant_to_id(servant))
+        self._object_adapter.deactivate_object(self._object_adapter.servant_to_id(servant))
 
     def deactivate_key(self, key: str) -> None:
         """Deactivate the object with a key or a name, if there is one; the name stays bound."""
-        with contextlib.suppress(PortableServer.POA.ObjectNotActive):
-            self._named_adapter.deactivate_object(key.encode())
+        for each in self._guard.keys(key) if self._guard else [key]:
+            with contextlib.suppress(PortableServer.POA.ObjectNotActive):
+                self._named_adapter.deactivate_object(each.encode())
 
     def serve_secrets(self, find: Callable[[str], Any]) -> None:
         """Serve objects whose keys this process need not know: a key is the right to call, and who stores only its
@@ -248,6 +294,10 @@ class Orb:
     def uri(self, reference: Any) -> str:
         """The stringified form of a reference, which `reference` converts back in any process."""
         return str(self._orb.object_to_string(reference))
+
+    def uri_at(self, address: Address | str, key: str) -> str:
+        """The URI of an object at HOST:PORT of this system, by the key that observers know."""
+        return f"corbaloc:{self.naming.scheme}:1.2@{address}/{key}"
 
     def reference(self, uri: str, interface: Any, call_timeout_s: float | None = None) -> Any:
         """The object at an IOR, corbaloc or corbaname, cast to `interface` unchecked. Only a corbaname makes a call.
@@ -310,6 +360,21 @@ class Orb:
     def _root_adapter(self) -> Any:
         """For objects without a name: TRANSIENT, unique ids."""
         return self._resolve_adapter("RootPOA")
+
+    @cached_property
+    def _object_adapter(self) -> Any:
+        """The same; guarded, with ids that can't be guessed; for calls over the connections of clients where wanted."""
+        root = self._root_adapter
+        policies = [root.create_id_assignment_policy(PortableServer.USER_ID)] if self._guard else []
+        if self._options.keys() & {"offerBiDirectionalGIOP", "acceptBiDirectionalGIOP"}:
+            kind, both = BiDirPolicy.BIDIRECTIONAL_POLICY_TYPE, BiDirPolicy.BOTH
+            policies.append(self._orb.create_policy(kind, both))
+        return root.create_POA("objects", root._get_the_POAManager(), policies) if policies else root
+
+    @property
+    def offers_callbacks(self) -> bool:
+        """Whether servers may call objects of this process over its own connections (OFFER_CALLBACKS)."""
+        return "offerBiDirectionalGIOP" in self._options
 
     def _resolve_adapter(self, which: str) -> Any:
         try:

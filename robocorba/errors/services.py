@@ -33,6 +33,33 @@ class NotReachable(ServiceError):
     """A name could not be resolved, or its object did not answer, in time."""
 
 
+class NotPermitted(NotReachable):
+    """`what` refuses a call: the caller's role does not include it."""
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+        super().__init__(
+            f"{what} refuses this call: your role in this guarded system does not include it; take another one by "
+            "--naming FILE or ROBOCORBA_NAMING, such as access/operator.ior (robots: robot.ior) of the state folder"
+        )
+
+
+class NameHeld(ServiceError):
+    """Somebody else holds the name `name`."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        super().__init__(f"somebody else holds the name {name[:200]!r}")
+
+
+class InvalidBinding(ServiceError):
+    """`name` can't be bound."""
+
+    def __init__(self, name: str, reason: str) -> None:
+        self.name, self.reason = name, reason
+        super().__init__(f"{name[:200]!r} can't be bound: {reason}")
+
+
 class ProcessExists(ServiceError):
     """The system runs a robot called `name` already."""
 

@@ -15,7 +15,7 @@ CONSOLE = "console"
 
 def console_spec(address: Address, state: Path, naming: Address, start_limit_s: float) -> ProcessSpec:
     """The console at a loopback address, with the rights of the administrator and to start robots."""
-    options = ["--host", address.host, "--port", str(address.port), "--naming", str(naming), "--state", str(state)]
+    options = ["--host", address.host, "--port", str(address.port), "--naming", naming.setting, "--state", str(state)]
     options += ["--administrator", str(state / ADMINISTRATOR), "--supervisor", str(state / SUPERVISOR)]
     command = ModuleRun("robocorba.clients.console", tuple(options))
     output = ReadyLine(CONSOLE, ignored="http")

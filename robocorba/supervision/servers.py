@@ -30,8 +30,7 @@ class Probe:
 
     def call_at(self, orb: Orb, endpoint: str, name: str, timeout_s: float = 1.0) -> float:
         """The same without the naming service: call the object at HOST:PORT."""
-        uri = f"corbaloc:iiop:1.2@{endpoint}/{name}"
-        return self._call(orb.reference(uri, self.interface, call_timeout_s=timeout_s), name)
+        return self._call(orb.reference(orb.uri_at(endpoint, name), self.interface, call_timeout_s=timeout_s), name)
 
     def _call(self, reference: Any, name: str) -> float:
         began = time.perf_counter()
@@ -69,15 +68,16 @@ _ROBOT = Probe(RoboCorba.RobotAgent, lambda agent: agent._get_state())
 _CHANNEL = Probe(RoboCorba.EventChannel, lambda channel: channel._get_name())
 
 
-def servers(subnets: Sequence[str], sensors: int) -> list[Server]:
+def servers(subnets: Sequence[str], sensors: int, bidirectional: bool = False) -> list[Server]:
     """The servers of a system with these sub-networks, whose channels are all linked, and `sensors` sensor servers.
 
-    The simulation server publishes its events at the first channel."""
+    The simulation server publishes its events at the first channel. bidirectional: channels call consumers that want it
+    over the connections that these have opened."""
     return [
         Server("map_editor", "robocorba.servers.map_editor", _MAP_EDITOR),
         Server("simulation", "robocorba.servers.simulation", _SIMULATION, ("--channel", subnets[0])),
         *(_sensor(f"s{number}") for number in range(1, sensors + 1)),
-        *(_channel(name, subnets) for name in subnets),
+        *(_channel(name, subnets, bidirectional) for name in subnets),
     ]
 
 
@@ -93,8 +93,8 @@ def _sensor(name: str) -> Server:
     )
 
 
-def _channel(name: str, subnets: Sequence[str]) -> Server:
+def _channel(name: str, subnets: Sequence[str], bidirectional: bool) -> Server:
     peers = [argument for peer in subnets if peer != name for argument in ("--peer", peer)]
     objects = {f"{CHANNELS}/{name}": _CHANNEL}
-    arguments = ("--name", name, *peers)
+    arguments = ("--name", name, *peers, *(["--bidirectional"] if bidirectional else []))
     return Server(f"events_{name}", "robocorba.servers.event_channel", objects, arguments, starts_first=True)

@@ -26,7 +26,9 @@ from robocorba.corba.servants.supervisor import SupervisorServant
 from robocorba.errors.services import PortInUse, ServiceError
 from robocorba.names import SUPERVISOR
 from robocorba.processes import RobotOrder
+from robocorba.roles import Role
 from robocorba.settings import Address
+from robocorba.supervision.access import Access, remove_access
 from robocorba.supervision.console import console_spec
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, is_free
 from robocorba.supervision.hangs import DEFAULT, HangLimit
@@ -40,6 +42,9 @@ from robocorba.supervision.starter import Starter
 from robocorba.supervision.supervisor import Supervisor
 
 NAMING_SERVICE = "omniNames"
+#: Naming services: that of a guarded system is a server of ours.
+GUARDED_NAMING_SERVICE = "names"
+NAMING_SERVICES = (NAMING_SERVICE, GUARDED_NAMING_SERVICE)
 #: Signals that stop the system.
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _log = logging.getLogger(__name__)
@@ -52,7 +57,8 @@ class System:
     before_ready: called in a thread once every server has answered, before the system is ready.
     building: absolute path passed to the servers, or None. start_limit_s: time limit for each process to
     answer its first call. hang_limit: when one that does not answer any more is restarted. console: where the
-    operator's console listens, None for no console."""
+    operator's console listens, None for no console. is_guarded: roles decide who may do what, see robocorba.roles.
+    certificates: a folder with ca.pem and tls.pem, for a guarded system that uses TLS; None for no TLS."""
 
     folder: StateFolder
     naming: Address
@@ -62,6 +68,8 @@ class System:
     start_limit_s: float = 60.0
     console: Address | None = None
     hang_limit: HangLimit = DEFAULT
+    is_guarded: bool = False
+    certificates: Path | None = None
 
     def run(self, ready: Callable[[SystemRecord], None], prepare: Callable[[], object] = lambda: None) -> None:
         """Run until SIGINT, SIGTERM or SIGHUP; calls `prepare` before anything is started, and `ready` once every
@@ -81,8 +89,12 @@ class System:
             except KeyboardInterrupt:
                 return
             ports = self.folder.ports([server.name for server in self.servers], self.naming)
+            if self.is_guarded:
+                Access.create(self.folder.path, self.naming, self.certificates)
+            else:
+                remove_access(self.folder.path)
             try:
-                with Orb(self.naming) as orb:
+                with Orb(self._naming(Role.SERVER)) as orb:
                     asyncio.run(self._run(orb, ports, ready))
             finally:
                 self.folder.remove_record()
@@ -107,7 +119,8 @@ class System:
                 _log.error("%s", error)
 
         starter = Starter()
-        names = Supervised(self._naming_service(orb), starter, self.hang_limit, changed)
+        service = self._guarded_naming_service(orb) if self.is_guarded else self._naming_service(orb)
+        names = Supervised(service, starter, self.hang_limit, changed)
         servers = [
             Supervised(self._server(server, ports[server.name], orb), starter, self.hang_limit, changed)
             for server in self.servers
@@ -157,10 +170,26 @@ class System:
         write_reference(orb, reference, self.folder.path / SUPERVISOR)
 
     def _console(self, address: Address) -> ProcessSpec:
-        return console_spec(address, self.folder.path, self.naming, self.start_limit_s)
+        return console_spec(address, self.folder.path, self._naming(Role.OPERATOR), self.start_limit_s)
 
     def _robot(self, order: RobotOrder) -> ProcessSpec:
-        return robot_spec(order, self.folder.path, self.naming, self.start_limit_s)
+        return robot_spec(order, self.folder.path, self._naming(Role.ROBOT), self.start_limit_s)
+
+    def _naming(self, role: Role) -> Address:
+        """The naming service, as processes of a role see it."""
+        return Access.read(self.folder.path).naming(role) if self.is_guarded else self.naming
+
+    def _guarded_naming_service(self, orb: Orb) -> ProcessSpec:
+        name, endpoint = GUARDED_NAMING_SERVICE, str(self.naming)
+        naming = self._naming(Role.SERVER).setting
+        arguments = ("--state", str(self.folder.path), "--endpoint", endpoint, "--naming", naming)
+        return ProcessSpec(
+            *(name, ModuleRun("robocorba.servers.names", arguments), self.folder.path, orb.check_naming),
+            functools.partial(relay, name),
+            start_limit_s=self.start_limit_s,
+            is_alive=orb.check_naming,
+            endpoint=endpoint,
+        )
 
     def _naming_service(self, orb: Orb) -> ProcessSpec:
         command = naming_service_command(self.naming, self.folder.names)
@@ -179,7 +208,8 @@ class System:
 
     def _server(self, server: Server, port: int, orb: Orb) -> ProcessSpec:
         endpoint = str(Address(self.naming.host, port))
-        arguments = ["--state", str(self.folder.path), "--endpoint", endpoint, "--naming", str(self.naming)]
+        naming = self._naming(Role.SERVER).setting
+        arguments = ["--state", str(self.folder.path), "--endpoint", endpoint, "--naming", naming]
         arguments += server.arguments
         if self.building:
             arguments += ["--building", str(self.building)]

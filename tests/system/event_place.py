@@ -46,12 +46,12 @@ class Place:
         self._offsets: dict[str, int] = {}
         launch(*naming_service_command(Address("127.0.0.1", port), launch.folder))
 
-    def start(self, name: str, server: str = "robocorba.servers.event_channel") -> Popen[str]:
-        """Start channel `name`, or start it again; waits until it answers."""
+    def start(self, name: str, server: str = "robocorba.servers.event_channel", *more: str) -> Popen[str]:
+        """Start channel `name`, or start it again, with more arguments; waits until it answers."""
         offset = self._offsets.setdefault(name, len(self._offsets) + 1)
         addresses = ("--endpoint", f"127.0.0.1:{self.port + offset}", "--naming", f"127.0.0.1:{self.port}")
         command = (*module_command(server), "--state", str(self.launch.folder / "state"), *addresses)
-        process = self.launch(*command, "--name", name)
+        process = self.launch(*command, "--name", name, *more)
         eventually(lambda: process.poll() is not None or self._answers(name), 30, f"channel {name}")
         assert process.poll() is None, process.communicate()[1]
         return process

@@ -14,12 +14,12 @@ from typing import Any, NoReturn
 from omniORB import CORBA
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.services import NotReachable, ServiceError
+from robocorba.errors.services import NotPermitted, NotReachable, ServiceError
 
 #: Maximum length of each text in an IDL exception [characters]; it may quote input of any length.
 MAX_TEXT = 500
 #: The modules that register errors.
-SUBJECTS = ("events", "maps", "missions", "paths", "plans", "robot", "scans", "simulation", "supervisor")
+SUBJECTS = ("events", "maps", "missions", "names", "paths", "plans", "robot", "scans", "simulation", "supervisor")
 
 _log = logging.getLogger(__name__)
 _to_idl: dict[type[Exception], Callable[[Any], Exception]] = {}
@@ -115,3 +115,5 @@ def _with_short_texts(exception: Any) -> Any:
 register_system(ServiceError, CORBA.PERSIST_STORE)
 # What the servant's process calls itself does not answer now.
 register_system(NotReachable, CORBA.TRANSIENT)
+# Its caller's role does not include an operation, or that of the servant's process does not.
+register_system(NotPermitted, CORBA.NO_PERMISSION)

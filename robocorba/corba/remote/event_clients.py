@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Sequence
+import threading
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import CosEventComm
@@ -21,6 +22,11 @@ from robocorba.stubs import RoboCorba
 
 #: Timeout of the call that notifies a client of its disconnection [s].
 DISCONNECT_TIMEOUT_S = 1.0
+#: Maximum number of consumers that are called over their own connections; a further one replaces the oldest.
+MAX_ROUTES = 1000
+#: HOST:PORT and object key.
+Identity = tuple[str, bytes]
+_NO_ROUTES: Mapping[Identity, Any] = {}
 
 _log = logging.getLogger(__name__)
 #: Errors of an object that does not exist, or has another type.
@@ -41,17 +47,24 @@ def delivery_failure(error: CORBA.Exception) -> EventError:
 
 
 class _RemoteClient:
-    """Base of all clients. disconnect_operation: the operation that notifies the client of its disconnection."""
+    """Base of all clients. disconnect_operation: the operation that notifies the client of its disconnection.
 
-    def __init__(self, orb: Orb, uri: str, interface: Any, disconnect_operation: str) -> None:
-        self.reference = uri
-        self.address = address_of(uri)
+    routes: by `identity_of`, references to clients that are called over the connections that they have opened."""
+
+    def __init__(
+        self, orb: Orb, uri: str, interface: Any, disconnect_operation: str, routes: Mapping[Identity, Any] = _NO_ROUTES
+    ) -> None:
+        self.reference, self._interface, self._routes, self._route = uri, interface, routes, None
+        self.address, self._identity = address_of(uri), identity_of(uri)
         self._remote = orb.reference(uri, interface)
         self._limit_s = 0.0
         self._disconnect_operation = disconnect_operation
 
     def _set_limit(self, limit_s: float) -> None:
         """Set the timeout of calls. Each instance has its own reference, and one thread at a time calls it."""
+        route = self._routes.get(self._identity) if self._routes else None
+        if route is not None and route is not self._route:
+            self._route, self._remote, self._limit_s = route, route._unchecked_narrow(self._interface), 0.0
         if limit_s != self._limit_s:
             set_call_timeout(self._remote, limit_s)
             self._limit_s = limit_s
@@ -69,8 +82,14 @@ class RemotePushConsumer(_RemoteClient):
 
     takes_batches = False
 
-    def __init__(self, orb: Orb, uri: str, interface: Any = CosEventComm.PushConsumer) -> None:
-        super().__init__(orb, uri, interface, "disconnect_push_consumer")
+    def __init__(
+        self,
+        orb: Orb,
+        uri: str,
+        routes: Mapping[Identity, Any] = _NO_ROUTES,
+        interface: Any = CosEventComm.PushConsumer,
+    ) -> None:
+        super().__init__(orb, uri, interface, "disconnect_push_consumer", routes)
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         self._set_limit(limit_s)
@@ -99,8 +118,8 @@ class RemoteEventConsumer(RemotePushConsumer):
 
     takes_batches = True
 
-    def __init__(self, orb: Orb, uri: str) -> None:
-        super().__init__(orb, uri, RoboCorba.EventConsumer)
+    def __init__(self, orb: Orb, uri: str, routes: Mapping[Identity, Any] = _NO_ROUTES) -> None:
+        super().__init__(orb, uri, routes, RoboCorba.EventConsumer)
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         self._set_limit(limit_s)
@@ -151,6 +170,9 @@ class RemoteClients:
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
+        self._lock = threading.Lock()
+        #: By their identity. A reference leads over the connection by which it came; one made from its URI does not.
+        self._routes: dict[Identity, Any] = {}
 
     def of(self, kind: ProxyKind, reference: Any) -> Any:
         """The client of a proxy of this kind; None for nil. Raises OwnProxy."""
@@ -162,7 +184,7 @@ class RemoteClients:
     def find(self, kind: str, reference: str) -> Any:
         if kind == ProxyKind.PUSH_SUPPLIER.value:
             takes_batches = _type_id(reference) == RoboCorba.EventConsumer._NP_RepositoryId
-            return (RemoteEventConsumer if takes_batches else RemotePushConsumer)(self._orb, reference)
+            return (RemoteEventConsumer if takes_batches else RemotePushConsumer)(self._orb, reference, self._routes)
         makers = {
             ProxyKind.PUSH_CONSUMER.value: RemotePushSupplier,
             ProxyKind.PULL_CONSUMER.value: RemotePullSupplier,
@@ -170,9 +192,18 @@ class RemoteClients:
         }
         return makers[kind](self._orb, reference)
 
+    def keep(self, reference: Any) -> None:
+        """Call this consumer over the connection by which its reference came."""
+        identity = identity_of(self._orb.uri(reference))
+        with self._lock:
+            self._routes.pop(identity, None)
+            self._routes[identity] = reference
+            for oldest in list(self._routes)[: max(0, len(self._routes) - MAX_ROUTES)]:
+                del self._routes[oldest]
+
     def event_consumer(self, reference: Any) -> RemoteEventConsumer:
         """A consumer that takes batches."""
-        return RemoteEventConsumer(self._orb, self._orb.uri(reference))
+        return RemoteEventConsumer(self._orb, self._orb.uri(reference), self._routes)
 
 
 def _type_id(ior: str) -> str:
@@ -185,6 +216,13 @@ def _type_id(ior: str) -> str:
 
 def address_of(ior: str) -> str:
     """HOST:PORT in the first IIOP profile of an IOR; empty if there is none."""
+    return identity_of(ior)[0]
+
+
+def identity_of(ior: str) -> tuple[str, bytes]:
+    """HOST:PORT and object key in the first IIOP profile of an IOR; empty if there is none.
+
+    omniORB marks the IORs of objects that are called over their own connections, so the same object has several."""
     try:
         data = bytes.fromhex(ior.removeprefix("IOR:"))
         order = "<" if data[0] else ">"
@@ -192,13 +230,18 @@ def address_of(ior: str) -> str:
         at = (at + 3) & ~3
         count, tag, length = struct.unpack_from(f"{order}III", data, at)
         if not count or tag != 0:  # not TAG_INTERNET_IOP
-            return ""
+            return "", b""
         profile = data[at + 12 : at + 12 + length]
+        order = "<" if profile[0] else ">"
         host, end = _cdr_string(profile, 4)
-        (port,) = struct.unpack_from(("<" if profile[0] else ">") + "H", profile, (end + 1) & ~1)
+        at = (end + 1) & ~1
+        (port,) = struct.unpack_from(f"{order}H", profile, at)
+        at = (at + 5) & ~3
+        (length,) = struct.unpack_from(f"{order}I", profile, at)
+        key = profile[at + 4 : at + 4 + length]
     except (ValueError, struct.error, IndexError):
-        return ""
-    return f"{host}:{port}"
+        return "", b""
+    return f"{host}:{port}", key
 
 
 def _cdr_string(data: bytes, at: int) -> tuple[str, int]:

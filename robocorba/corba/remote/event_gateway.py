@@ -108,7 +108,7 @@ class PeerJoiner:
                 name, RoboCorba.EventChannel, timeout_s=RESOLVE_TIMEOUT_S, call_timeout_s=CALL_TIMEOUT_S
             )
         try:
-            uri = f"corbaloc:iiop:1.2@{Address.parse(record.address)}/{name}"
+            uri = self._orb.uri_at(Address.parse(record.address), name)
         except InvalidSetting:
             uri = record.address
         return self._orb.reference(uri, RoboCorba.EventChannel)

@@ -13,7 +13,7 @@ from robocorba.corba.calls import describe
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.services import NotReachable
+from robocorba.errors.services import NotPermitted, NotReachable
 
 Answer = TypeVar("Answer")
 
@@ -25,6 +25,9 @@ def translated(what: str, failure: type[RoboCorbaError] = NotReachable) -> Itera
         yield
     except CORBA.UserException as error:
         raise (domain_error(error) or error) from None
+    except CORBA.NO_PERMISSION:
+        refused = NotPermitted(what)
+        raise (refused if isinstance(refused, failure) else failure(str(refused))) from None
     except CORBA.SystemException as error:
         raise failure(f"{what} does not answer ({describe(error)})") from None
 

@@ -25,6 +25,8 @@ class ChannelObjects(Protocol):
     consumer_admin: Any
     supplier_admin: Any
     feed: Any
+    #: The route by which consumers behind NAT are called, None if there is none.
+    callback_route: Any
 
     def of(self, proxy: Proxy) -> Any:
         """The reference of a proxy's object, which is activated on the first call."""
@@ -114,6 +116,21 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
             raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
         session, position = self._links.join(consuming, self._objects.uri(itself), self._objects.gateway(gateway))
         return events.feed_terms(self._objects.feed, session, position)
+
+    def routeBack(self) -> Any:
+        return self._objects.callback_route
+
+
+class CallbackRouteServant(RoboCorba__POA.CallbackRoute):
+    """RoboCorba::CallbackRoute. keep: called with each consumer."""
+
+    def __init__(self, keep: Callable[[Any], None]) -> None:
+        self._keep = keep
+
+    def keep(self, consumer: Any) -> None:
+        if consumer is None:
+            raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+        self._keep(consumer)
 
 
 class _Admin:

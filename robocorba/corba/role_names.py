@@ -1,0 +1,88 @@
+"""The names that a process of a guarded system holds: announced to the registry of its role."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import CosNaming
+from omniORB import CORBA
+
+from robocorba.backoff import Backoff
+from robocorba.corba.calls import describe, set_call_timeout
+from robocorba.corba.conversion.names import role_references
+from robocorba.corba.guard import Guard
+from robocorba.corba.naming import PROBE_TIMEOUT_S, NamingService
+from robocorba.roles import Role
+from robocorba.stubs import RoboCorba
+
+#: Interval between announcements of a name [s]: three within the time that a robot holds its name.
+ANNOUNCEMENT_INTERVAL_S = 2.0
+#: Pauses between attempts to announce names.
+BACKOFF = Backoff(0.02, 0.25)
+
+_log = logging.getLogger(__name__)
+
+
+class HeldNames:
+    """Announces names in the background until `close`. guard: has the secrets by which this process holds its names."""
+
+    def __init__(self, names: NamingService, guard: Guard) -> None:
+        self._names, self._guard = names, guard
+        self._served: dict[str, Mapping[Role, Any]] = {}
+        self._owns_names: Callable[[], bool] = lambda: True
+        self._thread: threading.Thread | None = None
+        self._closing = threading.Event()
+
+    def start(self, served: dict[str, Mapping[Role, Any]], owns_names: Callable[[], bool]) -> None:
+        """Begin to announce names with the references of each role, while `owns_names`; returns immediately."""
+        self._served, self._owns_names = served, owns_names
+        self._thread = threading.Thread(target=self._run, name="bindings", daemon=True)
+        self._thread.start()
+
+    def withdraw(self, name: str) -> None:
+        """Unbind one of them."""
+        del self._served[name]
+        self._unbind([name])
+
+    def close(self) -> None:
+        """Unbind all names, except those that somebody else has bound since."""
+        self._closing.set()
+        if self._thread:
+            self._thread.join()
+            self._unbind(list(self._served))
+
+    def _run(self) -> None:
+        bound: set[str] = set()
+        failures = 0
+        while True:
+            try:
+                for name, references in list(self._served.items()) if self._owns_names() else []:
+                    path = self._names.path(name)
+                    self._registry().announce(path, role_references(references), self._guard.proof(path))
+                    if name not in bound:
+                        bound.add(name)
+                        _log.info("bound %s at %s", path, self._names.address)
+                failures = 0
+            except CORBA.Exception as error:
+                failures += 1
+                if failures == 1:
+                    _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(error))
+            if self._closing.wait(BACKOFF.pause_s(failures) or ANNOUNCEMENT_INTERVAL_S):
+                return
+
+    def _unbind(self, names: list[str]) -> None:
+        try:
+            for name in names:
+                path = self._names.path(name)
+                self._registry().withdraw(path, self._guard.proof(path))
+        except CORBA.Exception as error:
+            _log.warning("cannot unbind names at %s (%s)", self._names.address, describe(error))
+
+    def _registry(self) -> Any:
+        found = self._names.root().resolve([CosNaming.NameComponent("NameRegistry", "")])
+        registry = found._unchecked_narrow(RoboCorba.NameRegistry)
+        set_call_timeout(registry, PROBE_TIMEOUT_S)
+        return registry

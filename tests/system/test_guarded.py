@@ -1,0 +1,199 @@
+"""A guarded system, attacked as observer and as robot."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import CosNaming
+import omniORB
+import pytest
+from omniORB import CORBA, tcInternal
+
+from robocorba.control.agent import AgentCondition
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.errors.services import NotPermitted
+from robocorba.maps import native
+from robocorba.roles import NAMED, RULES, Role, may_call
+from robocorba.settings import role_file
+from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.testing.buildings import two_floors
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, drain, eventually, real_system
+
+pytestmark = [pytest.mark.system]
+
+OBJECTS = {
+    **{name: name for name in ("MapEditor", "PathPlanner", "SimulationServer", "OmniDatabase", "MissionControl")},
+    **{"VirtualSensors/s1": "VirtualSensor", "EventChannels/main": "EventChannel", "Robots/A": "RobotAgent"},
+}
+ATTACKERS = (Role.OBSERVER, Role.ROBOT)
+SECRET = "a secret of the attacker"
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """A guarded system with a robot A."""
+    folder = tmp_path_factory.mktemp("guarded")
+    native.save(two_floors(), folder / "two-floors.yaml")
+    with claimed_ports() as port, Launcher(folder) as launch:
+        running = real_system(launch, folder / "state", port, "--building", "two-floors.yaml", "--guarded").wait_ready()
+        drain(running.process)
+        robot = launch(ROBOCORBA, "robot", "A", "--channel", "main", "--state", str(running.state))
+        assert robot.stdout is not None
+        assert robot.stdout.readline() == "ready\n"
+        yield running
+        robot.send_signal(signal.SIGTERM)
+        robot.communicate(timeout=40.0)
+        assert running.stop() == 0
+
+
+@pytest.fixture(scope="module")
+def orb(guarded: Running) -> Iterator[Orb]:
+    """An ORB that knows the address of the naming service only, as an observer's."""
+    with Orb(guarded.naming) as orb:
+        eventually(lambda: "A" in orb.names("Robots"), 20.0, "the robot's name")
+        yield orb
+
+
+def names_of(orb: Orb, guarded: Running, role: Role) -> Any:
+    return orb.reference(role_file(guarded.state, role).read_text().strip(), CosNaming.NamingContextExt, 10.0)
+
+
+def found(orb: Orb, guarded: Running, role: Role, name: str) -> Any:
+    return names_of(orb, guarded, role).resolve_str(f"RoboCorba/{name}")
+
+
+def any_value(descriptor: Any) -> Any:
+    """A value of a type that the stubs describe."""
+    kind, *parts = descriptor if isinstance(descriptor, tuple) else (descriptor,)
+    if isinstance(descriptor, list):  # a type that is used before its definition
+        return any_value(descriptor[0])
+    if isinstance(kind, str):
+        return any_value(omniORB.typeMapping[parts[0][0] if isinstance(parts[0], list) else parts[0]])
+    if kind == tcInternal.tv_struct:
+        return parts[0](*map(any_value, parts[4::2]))
+    if kind == tcInternal.tv_union:
+        label, _, member = parts[5][0]
+        return parts[0](label, any_value(member))
+    if kind == tcInternal.tv_enum:
+        return parts[2][0]
+    if kind == tcInternal.tv_alias:
+        return any_value(parts[2])
+    if kind == tcInternal.tv_sequence:
+        return b"" if parts[0] == tcInternal.tv_octet else []
+    simple = {tcInternal.tv_string: "", tcInternal.tv_objref: None, tcInternal.tv_boolean: False}
+    return simple.get(kind, 0.0 if kind in (tcInternal.tv_float, tcInternal.tv_double) else 0)
+
+
+def call(reference: Any, interface: str, operation: str) -> None:
+    given = getattr(RoboCorba__POA, interface)._omni_op_d[operation][0]
+    getattr(reference._narrow(getattr(RoboCorba, interface)), operation)(*map(any_value, given))
+
+
+@pytest.mark.parametrize("role", ATTACKERS)
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_role_calls_what_it_may_and_nothing_else(orb: Orb, guarded: Running, role: Role, name: str) -> None:
+    interface, answers = OBJECTS[name], {}
+    reference = found(orb, guarded, role, name)
+    for operation in RULES[interface]:
+        try:
+            call(reference, interface, operation)
+            answers[operation] = True
+        except CORBA.NO_PERMISSION:
+            answers[operation] = False
+        except CORBA.Exception:
+            answers[operation] = True  # it has looked at what it was given
+    assert answers == {operation: may_call(role, interface, operation) for operation in RULES[interface]}
+
+
+@pytest.mark.parametrize("role", ATTACKERS)
+def test_names_are_read_only(orb: Orb, guarded: Running, role: Role) -> None:
+    agent = found(orb, guarded, Role.OBSERVER, "Robots/A")
+    root = names_of(orb, guarded, role)
+    robots = root.resolve_str("RoboCorba/Robots")._narrow(CosNaming.NamingContext)
+    name = [CosNaming.NameComponent("A", "")]
+    for context in (root, robots):
+        for attack in (
+            lambda context=context: context.rebind(name, agent),
+            lambda context=context: context.bind(name, agent),
+            lambda context=context: context.unbind(name),
+            lambda context=context: context.rebind_context(name, root),
+            lambda context=context: context.bind_context(name, root),
+            lambda context=context: context.bind_new_context(name),
+            context.new_context,
+            context.destroy,
+        ):
+            with pytest.raises(CORBA.NO_PERMISSION):
+                attack()
+    assert found(orb, guarded, Role.OBSERVER, "Robots/A")._is_equivalent(agent)
+
+
+def test_a_robot_takes_no_other_name(orb: Orb, guarded: Running) -> None:
+    theirs = found(orb, guarded, Role.OBSERVER, "Robots/A")
+    with pytest.raises(CosNaming.NamingContext.NotFound):
+        names_of(orb, guarded, Role.OBSERVER).resolve_str("NameRegistry")
+    registry = names_of(orb, guarded, Role.ROBOT).resolve_str("NameRegistry")._narrow(RoboCorba.NameRegistry)
+    fake = [RoboCorba.RoleReference(RoboCorba.OPERATOR_ROLE, theirs)]
+    with pytest.raises(RoboCorba.NameHeld):
+        registry.announce("RoboCorba/Robots/A", fake, SECRET)
+    with pytest.raises(RoboCorba.NameHeld):
+        registry.withdraw("RoboCorba/Robots/A", SECRET)
+    for name in ("RoboCorba/SimulationServer", "RoboCorba/VirtualSensors/s2", "RoboCorba/Robots/A/pool", "x"):
+        with pytest.raises(RoboCorba.InvalidBinding):
+            registry.announce(name, fake, SECRET)
+    registry.announce("RoboCorba/Robots/free", fake, SECRET)  # its own name
+    registry.withdraw("RoboCorba/Robots/free", SECRET)
+
+
+def test_keys_cannot_be_guessed(orb: Orb, guarded: Running) -> None:
+    endpoint = next(process.endpoint for process in guarded.record().processes if process.name == "events_main")
+    for key in ("consumers", "suppliers", "feed", "gateway", "proxies/0", "proxies/1", "proxies/2"):
+        uri = f"corbaloc:iiop:1.2@{endpoint}/EventChannels/main/{key}"
+        assert orb.reference(uri, CosNaming.NamingContext, 5.0)._non_existent()
+
+
+def test_only_operators_name_a_subscription_that_others_may_have_made(orb: Orb, guarded: Running) -> None:
+    assert not NAMED["EventChannel", "subscribe"] & set(ATTACKERS)
+    for role in ATTACKERS:
+        channel = found(orb, guarded, role, "EventChannels/main")._narrow(RoboCorba.EventChannel)
+        policy = RoboCorba.QueuePolicy(10, RoboCorba.DISCARD_OLDEST, 0.0)
+        with pytest.raises(CORBA.NO_PERMISSION):
+            channel.subscribe("theirs", None, [], policy)
+        with pytest.raises(CORBA.BAD_PARAM):
+            channel.subscribe("", None, [], policy)
+
+
+def test_an_operator_edits_and_stops(orb: Orb, guarded: Running, tmp_path: Path) -> None:
+    with pytest.raises(NotPermitted, match="--naming"):
+        RemoteAgent(orb, "A").stop()
+    operator = str(role_file(guarded.state, Role.OPERATOR))
+    with Launcher(tmp_path) as launch:
+        said = launch(ROBOCORBA, "stop", "A", ROBOCORBA_NAMING=str(guarded.naming)).communicate(timeout=30.0)
+        assert "access/operator.ior" in said[1]
+        assert RemoteAgent(orb, "A").state().condition is not AgentCondition.STOPPED
+        process = launch(ROBOCORBA, "stop", "A", "--naming", operator)
+        assert process.communicate(timeout=30.0)[1] == ""
+        assert process.returncode == 0
+    editor = found(orb, guarded, Role.OPERATOR, "MapEditor")._narrow(RoboCorba.MapEditor)
+    with pytest.raises(CORBA.NO_PERMISSION):
+        found(orb, guarded, Role.ROBOT, "MapEditor")._narrow(RoboCorba.MapEditor).begin()
+    editor.begin().rollBack()
+
+
+def test_the_files_are_for_this_user_only(guarded: Running) -> None:
+    folder = guarded.state / "access"
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert {file.stat().st_mode & 0o777 for file in folder.iterdir()} == {0o600}
+
+
+def test_names_return_after_a_kill_of_their_server(orb: Orb, guarded: Running) -> None:
+    before = guarded.pid("names")
+    os.kill(before, signal.SIGKILL)
+    eventually(lambda: guarded.pid("names") not in (0, before), 20.0, "started again")
+    planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=20.0)
+    assert planner._get_mapVersion() >= 0
+    eventually(lambda: "A" in orb.names("Robots", 20.0), 20.0, "the robot's name")
