@@ -1,0 +1,141 @@
+"""The connections that clients have to this process: how many there may be, and which one ends when there are too many.
+
+Each connection takes a descriptor and a thread. A process without a free descriptor can accept no connection and open
+no file, so the connection that has been idle for longest ends before that. Robots call twice a second at least, so
+theirs stay; a client that calls again connects again."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import resource
+import socket
+import struct
+import time
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from robocorba.repeating import Repeating
+
+#: Soft limit of descriptors that a process asks for; the hard limit may be lower.
+DESCRIPTORS = 16_384
+#: Maximum number of descriptors in use: more connections, each with a thread, would need gigabytes.
+MAX_IN_USE = 4096
+#: Share of the limit that stays free where the limit is low, for files and for connections within CHECK_INTERVAL_S.
+FREE_SHARE = 0.25
+#: Interval between checks [s].
+CHECK_INTERVAL_S = 1.0
+#: Time after which a connection that has never got an answer ends first [s].
+UNANSWERED_S = 5.0
+#: Minimum interval between log entries [s].
+LOG_INTERVAL_S = 10.0
+#: Where the kernel lists the descriptors of this process. Other systems than Linux have no limit of ours.
+_LISTING = "/proc/self/fd"
+#: GIOP 1.0, CloseConnection: requests without an answer were not executed.
+_CLOSE_CONNECTION = b"GIOP\1\0\1\5\0\0\0\0"
+#: Of struct tcp_info: time since data arrived [ms], and answered bytes that the client has acknowledged.
+_LAST_DATA_RECEIVED, _BYTES_ACKNOWLEDGED = struct.Struct("52xI"), struct.Struct("120xQ")
+_TCP_INFO_BYTES = 232
+
+_log = logging.getLogger(__name__)
+
+
+def raise_descriptor_limit(wanted: int = DESCRIPTORS) -> int:
+    """Raise the soft limit of descriptors as far as the hard limit allows, never lower it; return it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY:
+        return wanted
+    raised = max(soft, wanted if hard == resource.RLIM_INFINITY else min(wanted, hard))
+    if raised > soft:
+        with contextlib.suppress(ValueError, OSError):  # a container may forbid it
+            resource.setrlimit(resource.RLIMIT_NOFILE, (raised, hard))
+            soft = raised
+    return soft
+
+
+class Connection(NamedTuple):
+    """A connection that a client has opened. idle_s: since data arrived. is_answered: it has got an answer before."""
+
+    descriptor: int
+    idle_s: float
+    is_answered: bool
+
+    @property
+    def order(self) -> tuple[bool, float]:
+        """Connections end in this order."""
+        return self.is_answered or self.idle_s < UNANSWERED_S, -self.idle_s
+
+
+class ConnectionLimit:
+    """Keeps the number of descriptors of this process below `limit`; None: what the operating system allows, less a
+    reserve."""
+
+    def __init__(self, limit: int | None = None) -> None:
+        self._limit = limit or min(MAX_IN_USE, round(raise_descriptor_limit() * (1 - FREE_SHARE)))
+        self._repeating = Repeating("connections", self.check, CHECK_INTERVAL_S)
+        self._ended, self._logged_at = 0, -LOG_INTERVAL_S
+
+    def start(self) -> ConnectionLimit:
+        if os.path.isdir(_LISTING):
+            self._repeating.start()
+        return self
+
+    def close(self) -> None:
+        self._repeating.close()
+
+    def check(self) -> None:
+        """End connections if there are too many."""
+        if (excess := len(os.listdir(_LISTING)) - self._limit) > 0:
+            for connection in sorted(_connections(), key=lambda each: each.order)[: excess + self._limit // 100]:
+                self._ended += _end(connection.descriptor)
+        if self._ended and time.monotonic() >= self._logged_at + LOG_INTERVAL_S:
+            _log.warning(
+                "ended %d connections, the longest idle ones: more than %d descriptors are in use",
+                self._ended,
+                self._limit,
+            )
+            self._ended, self._logged_at = 0, time.monotonic()
+
+
+def _connections() -> Iterator[Connection]:
+    """The connections at ports on which this process listens."""
+    found, ports = [], set()
+    for name in os.listdir(_LISTING):
+        with contextlib.suppress(OSError), _duplicate(int(name)) as duplicate:
+            if duplicate.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                ports.add(duplicate.getsockname()[1])
+            else:
+                duplicate.getpeername()
+                info = duplicate.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
+                idle_s = _LAST_DATA_RECEIVED.unpack_from(info)[0] / 1000
+                is_answered = _BYTES_ACKNOWLEDGED.unpack_from(info)[0] > 1  # the handshake may count as one
+                found.append((duplicate.getsockname()[1], Connection(int(name), idle_s, is_answered)))
+    yield from (connection for port, connection in found if port in ports)
+
+
+def _end(descriptor: int) -> bool:
+    """End a connection; the thread that serves it closes its descriptor."""
+    with contextlib.suppress(OSError), _duplicate(descriptor) as duplicate:
+        with contextlib.suppress(OSError):
+            duplicate.send(_CLOSE_CONNECTION, socket.MSG_DONTWAIT)
+        duplicate.shutdown(socket.SHUT_RDWR)
+        return True
+    return False
+
+
+@contextlib.contextmanager
+def _duplicate(descriptor: int) -> Iterator[socket.socket]:
+    """A socket of its own for the connection of a descriptor. Raises OSError if that is no TCP socket."""
+    copy = os.dup(descriptor)
+    try:
+        duplicate = socket.socket(fileno=copy)
+    except OSError:
+        os.close(copy)
+        raise
+    try:
+        if duplicate.family not in (socket.AF_INET, socket.AF_INET6) or duplicate.type != socket.SOCK_STREAM:
+            raise OSError("not a TCP socket")
+        yield duplicate
+    finally:
+        duplicate.close()
