@@ -34,8 +34,8 @@ LOG_INTERVAL_S = 10.0
 _LISTING = "/proc/self/fd"
 #: GIOP 1.0, CloseConnection: requests without an answer were not executed.
 _CLOSE_CONNECTION = b"GIOP\1\0\1\5\0\0\0\0"
-#: Of struct tcp_info: time since data arrived [ms], and answered bytes that the client has acknowledged.
-_LAST_DATA_RECEIVED, _BYTES_ACKNOWLEDGED = struct.Struct("52xI"), struct.Struct("120xQ")
+#: Of struct tcp_info: time since data arrived [ms], and the number of segments with data that were sent.
+_LAST_DATA_RECEIVED, _SEGMENTS_SENT = struct.Struct("52xI"), struct.Struct("156xI")
 _TCP_INFO_BYTES = 232
 
 _log = logging.getLogger(__name__)
@@ -109,7 +109,7 @@ def _connections() -> Iterator[Connection]:
                 duplicate.getpeername()
                 info = duplicate.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
                 idle_s = _LAST_DATA_RECEIVED.unpack_from(info)[0] / 1000
-                is_answered = _BYTES_ACKNOWLEDGED.unpack_from(info)[0] > 1  # the handshake may count as one
+                is_answered = _SEGMENTS_SENT.unpack_from(info)[0] > 0
                 found.append((duplicate.getsockname()[1], Connection(int(name), idle_s, is_answered)))
     yield from (connection for port, connection in found if port in ports)
 

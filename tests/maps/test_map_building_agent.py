@@ -377,10 +377,10 @@ def test_forgotten_transactions_stop_nobody(store: MapStore) -> None:
 
 def test_a_large_forgotten_transaction_leaves_room_for_others(store: MapStore) -> None:
     clock = Clock(0.0)
-    editor = BuildingEditor(store, MapLimits(pending_size=2), clock)
+    editor = BuildingEditor(store, MapLimits(pending_size=1), clock)
     forgotten, other = editor.begin(), editor.begin()
     forgotten.create(L1, wall("a"))
-    with pytest.raises(InvalidElement, match="open transactions would hold more than 2"):
+    with pytest.raises(InvalidElement, match="open transactions would hold more than 1"):
         other.create(L1, wall("b"))
     clock.now = 11.0
     other.create(L1, wall("b"))
