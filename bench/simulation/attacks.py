@@ -22,7 +22,7 @@ from bench.common.harness import progress, run
 from robocorba.corba.calls import describe
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
-from robocorba.testing.attacks import callers, stalled_connections
+from robocorba.testing.attacks import greedy_clients, stalled_connections
 from robocorba.testing.report import at_most, distribution, summarize
 from robocorba.testing.simulation import NO_MOUNT, Place, simulation
 
@@ -64,8 +64,8 @@ def attack(place: Place, stalled: int, pictures: int, readers: int) -> contextli
     for process in place.running.record().processes:
         if process.endpoint:
             stack.enter_context(stalled_connections(Address.parse(process.endpoint), stalled))
-    stack.enter_context(callers(lambda: place.server.renderFloor("L1", 4096), pictures))
-    stack.enter_context(callers(lambda: place.database.getFloor("L1"), readers))
+    stack.enter_context(greedy_clients(place.launch, place.running.naming, "pictures", pictures))
+    stack.enter_context(greedy_clients(place.launch, place.running.naming, "readings", readers))
     return stack
 
 

@@ -37,6 +37,8 @@ _CLOSE_CONNECTION = b"GIOP\1\0\1\5\0\0\0\0"
 #: Of struct tcp_info: time since data arrived [ms], and the number of segments with data that were sent.
 _LAST_DATA_RECEIVED, _SEGMENTS_SENT = struct.Struct("52xI"), struct.Struct("156xI")
 _TCP_INFO_BYTES = 232
+#: State of a connection that neither end has closed: the first byte of struct tcp_info.
+_ESTABLISHED = 1
 
 _log = logging.getLogger(__name__)
 
@@ -106,8 +108,9 @@ def _connections() -> Iterator[Connection]:
             if duplicate.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
                 ports.add(duplicate.getsockname()[1])
             else:
-                duplicate.getpeername()
                 info = duplicate.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
+                if info[0] != _ESTABLISHED:  # such as one that was ended a moment ago
+                    continue
                 idle_s = _LAST_DATA_RECEIVED.unpack_from(info)[0] / 1000
                 is_answered = _SEGMENTS_SENT.unpack_from(info)[0] > 0
                 found.append((duplicate.getsockname()[1], Connection(int(name), idle_s, is_answered)))

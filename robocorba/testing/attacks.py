@@ -1,4 +1,6 @@
-"""Clients that do what no client should, for tests and benches: nobody else may be harmed."""
+"""Clients that do what no client should, for tests and benches: nobody else may be harmed.
+
+python -m robocorba.testing.attacks NAMING pictures|readings COUNT: COUNT clients repeat calls until stdin ends."""
 
 from __future__ import annotations
 
@@ -6,12 +8,16 @@ import contextlib
 import itertools
 import socket
 import struct
+import sys
 import threading
 from collections.abc import Callable, Iterator
 
 from omniORB import CORBA
 
+from robocorba.corba.orb import Orb
 from robocorba.settings import Address
+from robocorba.stubs import RoboCorba
+from robocorba.testing.processes import Launcher
 
 #: The beginning of a GIOP 1.2 request with 100 bytes.
 _HEADER = b"GIOP\1\2\1\0" + struct.pack("<I", 100)
@@ -32,21 +38,42 @@ def stalled_connections(server: Address, count: int) -> Iterator[list[socket.soc
 
 
 @contextlib.contextmanager
-def callers(call: Callable[[], object], count: int) -> Iterator[None]:
-    """Threads that each repeat a call without a pause, whatever it answers."""
-    ending = threading.Event()
-
-    def repeat() -> None:
-        while not ending.is_set():
-            with contextlib.suppress(CORBA.Exception):
-                call()
-
-    threads = [threading.Thread(target=repeat, name="caller", daemon=True) for _ in range(count)]
-    for thread in threads:
-        thread.start()
+def greedy_clients(launch: Launcher, naming: Address, calls: str, count: int) -> Iterator[None]:
+    """A process whose `count` threads repeat calls without a pause: `pictures` or `readings`."""
+    if not count:
+        yield
+        return
+    process = launch(sys.executable, "-m", __name__, str(naming), calls, str(count))
+    assert process.stdout is not None and process.stdin is not None
+    assert process.stdout.readline() == "ready\n"
     try:
         yield
     finally:
+        process.stdin.close()
+        process.wait()
+
+
+def main(naming: str, calls: str, count: str) -> None:
+    with Orb(Address.parse(naming)) as orb:
+        server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+        database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
+        call = {"pictures": lambda: server.renderFloor("L1", 4096), "readings": lambda: database.getFloor("L1")}[calls]
+        ending = threading.Event()
+        threads = [threading.Thread(target=_repeat, args=(call, ending), daemon=True) for _ in range(int(count))]
+        for thread in threads:
+            thread.start()
+        print("ready", flush=True)
+        sys.stdin.read()
         ending.set()
         for thread in threads:
             thread.join()
+
+
+def _repeat(call: Callable[[], object], ending: threading.Event) -> None:
+    while not ending.is_set():
+        with contextlib.suppress(CORBA.Exception):
+            call()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

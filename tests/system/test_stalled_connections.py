@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
-from robocorba.testing.attacks import callers, stalled_connections
+from robocorba.testing.attacks import greedy_clients, stalled_connections
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import Place, simulation
 
@@ -59,5 +58,5 @@ def test_stalled_connections_harm_nobody(place: Place) -> None:
 
 
 def test_pictures_harm_nobody(place: Place) -> None:
-    with callers(lambda: place.server.renderFloor("L1", 4096), 10):
+    with greedy_clients(place.launch, place.running.naming, "pictures", 10):
         check_a_robot_and_a_client(place)
