@@ -1,6 +1,6 @@
 """Clients that do what no client should, for tests and benches: nobody else may be harmed.
 
-python -m robocorba.testing.attacks NAMING pictures|readings COUNT: COUNT clients repeat calls until stdin ends."""
+python -m robocorba.testing.attacks NAMING pictures|readings COUNT: COUNT clients repeat calls until a line on stdin."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ def greedy_clients(launch: Launcher, naming: Address, calls: str, count: int) ->
     try:
         yield
     finally:
-        process.stdin.close()
+        process.stdin.write("end\n")
+        process.stdin.flush()
         process.wait()
 
 
@@ -63,7 +64,7 @@ def main(naming: str, calls: str, count: str) -> None:
         for thread in threads:
             thread.start()
         print("ready", flush=True)
-        sys.stdin.read()
+        sys.stdin.readline()
         ending.set()
         for thread in threads:
             thread.join()
