@@ -46,8 +46,8 @@ MAP_CHECK_INTERVAL_S = 0.25
 #: Interval between checks whether running missions have their leaders [s].
 LEADER_CHECK_INTERVAL_S = 3.0
 #: Calls without a session that run at the same time, by what they do; further ones wait, so that sessions and the
-#: simulation get the interpreter within milliseconds. Logging on and writing wait for the disk, missions for leaders, so
-#: they don't delay the reading ones. Drawing takes up to a second of processor time.
+#: simulation get the interpreter within milliseconds. Logging on and writing wait for the disk, missions for leaders:
+#: they don't delay reading. Drawing takes up to a second of processor time.
 READING, LOGGING_ON, WRITING, MISSIONS, DRAWING = 4, 4, 4, 8, 1
 #: Waiting pictures. Few, because a picture is drawn even if its caller has given up.
 MAX_WAITING_PICTURES = 8

@@ -14,16 +14,17 @@ import socket
 import struct
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 from robocorba.repeating import Repeating
 
 #: Soft limit of descriptors that a process asks for; the hard limit may be lower.
 DESCRIPTORS = 16_384
-#: Maximum number of descriptors in use: more connections, each with a thread, would need gigabytes.
-MAX_IN_USE = 4096
-#: Share of the limit that stays free where the limit is low, for files and for connections within CHECK_INTERVAL_S.
-FREE_SHARE = 0.25
+#: Maximum number of connections: more of them, each with a thread, would need gigabytes.
+MAX_CONNECTIONS = 4096
+#: Share of the descriptors that stays free, for files and for connections within CHECK_INTERVAL_S.
+FREE_SHARE = 0.125
 #: Interval between checks [s].
 CHECK_INTERVAL_S = 1.0
 #: Time after which a connection that has never got an answer ends first [s].
@@ -31,7 +32,7 @@ UNANSWERED_S = 5.0
 #: Minimum interval between log entries [s].
 LOG_INTERVAL_S = 10.0
 #: Where the kernel lists the descriptors of this process. Other systems than Linux have no limit of ours.
-_LISTING = "/proc/self/fd"
+_LISTING = Path("/proc/self/fd")
 #: GIOP 1.0, CloseConnection: requests without an answer were not executed.
 _CLOSE_CONNECTION = b"GIOP\1\0\1\5\0\0\0\0"
 #: Of struct tcp_info: time since data arrived [ms], and the number of segments with data that were sent.
@@ -70,16 +71,17 @@ class Connection(NamedTuple):
 
 
 class ConnectionLimit:
-    """Keeps the number of descriptors of this process below `limit`; None: what the operating system allows, less a
-    reserve."""
+    """Keeps this process below `connections` that clients have opened, and below `descriptors` in use; None: what the
+    operating system allows, less a reserve."""
 
-    def __init__(self, limit: int | None = None) -> None:
-        self._limit = limit or min(MAX_IN_USE, round(raise_descriptor_limit() * (1 - FREE_SHARE)))
+    def __init__(self, descriptors: int | None = None, connections: int = MAX_CONNECTIONS) -> None:
+        self._descriptors = descriptors or round(raise_descriptor_limit() * (1 - FREE_SHARE))
+        self._connections = connections
         self._repeating = Repeating("connections", self.check, CHECK_INTERVAL_S)
         self._ended, self._logged_at = 0, -LOG_INTERVAL_S
 
     def start(self) -> ConnectionLimit:
-        if os.path.isdir(_LISTING):
+        if _LISTING.is_dir():
             self._repeating.start()
         return self
 
@@ -88,23 +90,28 @@ class ConnectionLimit:
 
     def check(self) -> None:
         """End connections if there are too many."""
-        if (excess := len(os.listdir(_LISTING)) - self._limit) > 0:
-            for connection in sorted(_connections(), key=lambda each: each.order)[: excess + self._limit // 100]:
-                self._ended += _end(connection.descriptor)
+        used = in_use()
+        if used > min(self._descriptors, self._connections):
+            found = sorted(_connections(), key=lambda each: each.order)
+            excess = max(used - self._descriptors, len(found) - self._connections)
+            if excess > 0:  # a few more, so that not each new connection ends another one
+                self._ended += sum(_end(each.descriptor) for each in found[: excess + len(found) // 100])
         if self._ended and time.monotonic() >= self._logged_at + LOG_INTERVAL_S:
-            _log.warning(
-                "ended %d connections, the longest idle ones: more than %d descriptors are in use",
-                self._ended,
-                self._limit,
-            )
+            reason = "%d connections have ended, the longest idle ones: there were more than %d, or %d descriptors"
+            _log.warning(reason, self._ended, self._connections, self._descriptors)
             self._ended, self._logged_at = 0, time.monotonic()
+
+
+def in_use() -> int:
+    """Number of descriptors in use."""
+    return sum(1 for _ in _LISTING.iterdir())
 
 
 def _connections() -> Iterator[Connection]:
     """The connections at ports on which this process listens."""
     found, ports = [], set()
-    for name in os.listdir(_LISTING):
-        with contextlib.suppress(OSError), _duplicate(int(name)) as duplicate:
+    for path in list(_LISTING.iterdir()):
+        with contextlib.suppress(OSError), _duplicate(descriptor := int(path.name)) as duplicate:
             if duplicate.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
                 ports.add(duplicate.getsockname()[1])
             else:
@@ -113,7 +120,7 @@ def _connections() -> Iterator[Connection]:
                     continue
                 idle_s = _LAST_DATA_RECEIVED.unpack_from(info)[0] / 1000
                 is_answered = _SEGMENTS_SENT.unpack_from(info)[0] > 0
-                found.append((duplicate.getsockname()[1], Connection(int(name), idle_s, is_answered)))
+                found.append((duplicate.getsockname()[1], Connection(descriptor, idle_s, is_answered)))
     yield from (connection for port, connection in found if port in ports)
 
 

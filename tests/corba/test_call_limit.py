@@ -85,7 +85,7 @@ def test_a_call_does_not_wait_for_good(planner: Planner, pool: ThreadPoolExecuto
 
 
 def test_a_call_that_fails_leaves_its_place(planner: Planner, orb: Orb) -> None:
-    CallLimit(at_once=1, waiting=0).apply(planner)
+    CallLimit(at_once=1, waiting=0).apply(planner, "defaultRequest")
     reference = reference_of(planner, orb)
     for _ in range(3):
         with pytest.raises(CORBA.NO_IMPLEMENT):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import resource
 import socket
 import time
@@ -59,7 +58,7 @@ def has_ended(client: socket.socket) -> bool:
 
 
 def check(excess: int) -> None:
-    ConnectionLimit(len(os.listdir("/proc/self/fd")) - excess).check()
+    ConnectionLimit(connections.in_use() - excess).check()
 
 
 def test_nothing_ends_below_the_limit(server: Server) -> None:
@@ -80,6 +79,12 @@ def test_the_longest_idle_connection_ends(server: Server, monkeypatch: pytest.Mo
     assert (has_ended(stalled), has_ended(idle), has_ended(robot)) == (True, False, False)
     check(2)
     assert (has_ended(idle), has_ended(robot)) == (True, True)
+
+
+def test_the_number_of_connections_is_limited(server: Server) -> None:
+    clients = [server.client() for _ in range(3)]
+    ConnectionLimit(connections=2).check()
+    assert sum(has_ended(client) for client in clients) == 1
 
 
 def test_a_connection_that_this_process_has_opened_stays(server: Server) -> None:
