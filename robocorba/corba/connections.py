@@ -109,7 +109,8 @@ def in_use() -> int:
 
 def _connections() -> Iterator[Connection]:
     """The connections at ports on which this process listens."""
-    found, ports = [], set()
+    found: list[tuple[int, Connection]] = []
+    ports: set[int] = set()
     for path in list(_LISTING.iterdir()):
         with contextlib.suppress(OSError), _duplicate(descriptor := int(path.name)) as duplicate:
             if duplicate.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):

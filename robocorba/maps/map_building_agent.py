@@ -214,7 +214,8 @@ class BuildingEditor:
         Raises TooManyTransactions."""
         with self._lock:
             self._expire()
-            limits, by_client = self._limits, defaultdict(list)
+            limits = self._limits
+            by_client: defaultdict[AuthorHistory | None, list[Transaction]] = defaultdict(list)
             for each in self._open:
                 by_client[each._by].append(each)
             if len(by_client[by]) >= limits.client_transactions:
