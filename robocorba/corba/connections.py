@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 import resource
 import socket
 import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,6 +26,8 @@ MAX_CONNECTIONS = 4096
 FREE_SHARE = 0.125
 #: Interval between checks [s].
 CHECK_INTERVAL_S = 1.0
+#: The same after some have ended: others may wait to be accepted, and take their places [s].
+BUSY_INTERVAL_S = 0.1
 #: Time after which a connection that has never got an answer ends first [s].
 UNANSWERED_S = 5.0
 #: Minimum interval between log entries [s].
@@ -77,7 +78,8 @@ class ConnectionLimit:
     def __init__(self, descriptors: int | None = None, connections: int = MAX_CONNECTIONS) -> None:
         self._descriptors = descriptors or round(raise_descriptor_limit() * (1 - FREE_SHARE))
         self._connections = connections
-        self._repeating = Repeating("connections", self.check, CHECK_INTERVAL_S)
+        self._repeating = Repeating("connections", self.check, lambda: self._interval_s)
+        self._interval_s = CHECK_INTERVAL_S
         self._ended, self._logged_at = 0, -LOG_INTERVAL_S
 
     def start(self) -> ConnectionLimit:
@@ -90,12 +92,13 @@ class ConnectionLimit:
 
     def check(self) -> None:
         """End connections if there are too many."""
-        used = in_use()
+        used, self._interval_s = in_use(), CHECK_INTERVAL_S
         if used > min(self._descriptors, self._connections):
             found = sorted(_connections(), key=lambda each: each.order)
             excess = max(used - self._descriptors, len(found) - self._connections)
             if excess > 0:  # a few more, so that not each new connection ends another one
-                self._ended += sum(_end(each.descriptor) for each in found[: excess + len(found) // 100])
+                self._ended += sum(_end(each.descriptor) for each in found[: excess + len(found) // 20])
+                self._interval_s = BUSY_INTERVAL_S
         if self._ended and time.monotonic() >= self._logged_at + LOG_INTERVAL_S:
             reason = "%d connections have ended, the longest idle ones: there were more than %d, or %d descriptors"
             _log.warning(reason, self._ended, self._connections, self._descriptors)
@@ -104,49 +107,52 @@ class ConnectionLimit:
 
 def in_use() -> int:
     """Number of descriptors in use."""
-    return sum(1 for _ in _LISTING.iterdir())
+    return len(_descriptors())
+
+
+def _descriptors() -> Sequence[int]:
+    """The descriptors in use; all that may be in use if none is free, since the list itself takes one."""
+    try:
+        return [int(path.name) for path in _LISTING.iterdir()]
+    except OSError:
+        return range(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
 
 
 def _connections() -> Iterator[Connection]:
     """The connections at ports on which this process listens."""
     found: list[tuple[int, Connection]] = []
     ports: set[int] = set()
-    for path in list(_LISTING.iterdir()):
-        with contextlib.suppress(OSError), _duplicate(descriptor := int(path.name)) as duplicate:
-            if duplicate.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
-                ports.add(duplicate.getsockname()[1])
+    for descriptor in _descriptors():
+        with contextlib.suppress(OSError), _borrowed(descriptor) as connection:
+            if connection.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                ports.add(connection.getsockname()[1])
             else:
-                info = duplicate.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
+                info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
                 if info[0] != _ESTABLISHED:  # such as one that was ended a moment ago
                     continue
                 idle_s = _LAST_DATA_RECEIVED.unpack_from(info)[0] / 1000
                 is_answered = _SEGMENTS_SENT.unpack_from(info)[0] > 0
-                found.append((duplicate.getsockname()[1], Connection(descriptor, idle_s, is_answered)))
-    yield from (connection for port, connection in found if port in ports)
+                found.append((connection.getsockname()[1], Connection(descriptor, idle_s, is_answered)))
+    yield from (each for port, each in found if port in ports)
 
 
 def _end(descriptor: int) -> bool:
     """End a connection; the thread that serves it closes its descriptor."""
-    with contextlib.suppress(OSError), _duplicate(descriptor) as duplicate:
+    with contextlib.suppress(OSError), _borrowed(descriptor) as connection:
         with contextlib.suppress(OSError):
-            duplicate.send(_CLOSE_CONNECTION, socket.MSG_DONTWAIT)
-        duplicate.shutdown(socket.SHUT_RDWR)
+            connection.send(_CLOSE_CONNECTION, socket.MSG_DONTWAIT)
+        connection.shutdown(socket.SHUT_RDWR)
         return True
     return False
 
 
 @contextlib.contextmanager
-def _duplicate(descriptor: int) -> Iterator[socket.socket]:
-    """A socket of its own for the connection of a descriptor. Raises OSError if that is no TCP socket."""
-    copy = os.dup(descriptor)
+def _borrowed(descriptor: int) -> Iterator[socket.socket]:
+    """The socket of a descriptor, which stays open. Needs no further descriptor. Raises OSError if it is not TCP."""
+    borrowed = socket.socket(fileno=descriptor)
     try:
-        duplicate = socket.socket(fileno=copy)
-    except OSError:
-        os.close(copy)
-        raise
-    try:
-        if duplicate.family not in (socket.AF_INET, socket.AF_INET6) or duplicate.type != socket.SOCK_STREAM:
+        if borrowed.family not in (socket.AF_INET, socket.AF_INET6) or borrowed.type != socket.SOCK_STREAM:
             raise OSError("not a TCP socket")
-        yield duplicate
+        yield borrowed
     finally:
-        duplicate.close()
+        borrowed.detach()
