@@ -225,17 +225,18 @@ def test_a_transaction_is_refused_where_another_editor_was_faster(editor: Any) -
 
 def test_at_most_64_transactions_are_open(editor: Any) -> None:
     """Those without a session are 32 at most, so that a session has room."""
-    session = editor.openSession("Ada")
+    ada, bob = editor.openSession("Ada"), editor.openSession("Bob")
     for _ in range(3):  # those that ended leave room for as many again
         opened = []
-        for client, limit in ((editor, 32), (session, 32), (editor.openSession("Bob"), 64)):
+        for client, limit in ((editor, 32), (ada, 32), (bob, 64)):
             opened += [client.begin() for _ in range(32 if limit == 32 else 0)]
             with pytest.raises(RoboCorba.TooManyTransactions) as refused:
                 client.begin()
             assert refused.value.limit == limit
         for transaction in opened:
             transaction.rollBack()
-    session.close()
+    ada.close()
+    bob.close()
 
 
 def test_undo_goes_back_to_the_beginning_and_redo_forward_again(editor: Any) -> None:
