@@ -11,7 +11,7 @@ from pathlib import Path
 BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
     "events": ("network", "channel", "chaos"),
-    "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
+    "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos", "attacks"),
     "robots": ("kinematics", "virtual_and_actual", "control", "stops", "fleet"),
     "missions": ("carry", "network", "many", "chaos"),
     "console": ("viewers", "returns"),

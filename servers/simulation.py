@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import functools
 import secrets
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from robocorba import logs
+from robocorba.corba.call_limit import CallLimit
 from robocorba.corba.orb import Orb
 from robocorba.corba.reference_file import key_in_file, write_reference
 from robocorba.corba.remote.announcer import Announcer
@@ -40,7 +42,7 @@ from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.mission_control import LeaderWatch, MissionControl
 from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.monitor import Monitor
-from robocorba.simulation.registry import digest_of
+from robocorba.simulation.registry import RobotClient, digest_of
 from robocorba.simulation.sensor_admission import SensorAdmission, system_token
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import SimulationStore
@@ -51,8 +53,14 @@ MAP_CHECK_INTERVAL_S = 0.25
 LEADER_CHECK_INTERVAL_S = 3.0
 #: What the keys of sessions and that of the administrator begin with; a secret follows.
 _SESSION, _ADMINISTRATOR = "sessions/", "administrator/"
-#: Options of the ORB: a small thread pool serves all connections; a thread per robot would starve the simulation.
-THREAD_POOL = {"threadPerConnectionPolicy": "0", "maxServerThreadPoolSize": "8"}
+#: Calls without a session that run at the same time, by what they do; further ones wait, so that sessions and the
+#: simulation get the interpreter within milliseconds. Logging on and writing wait for the disk, missions for leaders:
+#: they don't delay reading. Drawing takes up to a second of processor time.
+READING, LOGGING_ON, WRITING, MISSIONS, DRAWING = 4, 4, 4, 8, 1
+#: Waiting pictures. Few, because a picture is drawn even if its caller has given up.
+MAX_WAITING_PICTURES = 8
+#: Operations of the Omni database that write.
+MISSION_WRITES = ("putMission", "removeMission")
 
 
 class SimulationServer:
@@ -92,7 +100,7 @@ class SimulationServer:
         self._orb.serve_secrets(self._find)
         self._stops.start()
         for session in self.agent.sessions.values():
-            self._sensor_of(session)
+            self._sensor_object(session)
         file = self._state / ADMINISTRATOR
         key = _ADMINISTRATOR + self._administrator_secret(file)
         administrator = self._orb.activate_secret(SimulationAdministratorServant(self.agent, self._stops), key)
@@ -110,6 +118,13 @@ class SimulationServer:
         )
         database = OmniDatabaseServant(self.agent.database, self._missions)
         control = MissionControlServant(self._mission_control)
+        reading, drawing = CallLimit(READING), CallLimit(DRAWING, MAX_WAITING_PICTURES)
+        reading.apply(servant, "_get_state", "clients", "sensors")
+        CallLimit(LOGGING_ON).apply(servant, "registerRobot")
+        drawing.apply(servant, "renderFloor")
+        reading.apply(database, *(name for name in database._omni_op_d if name not in MISSION_WRITES))
+        CallLimit(WRITING).apply(database, *MISSION_WRITES)
+        CallLimit(MISSIONS).apply(control)
         self._orb.serve({"SimulationServer": servant, "OmniDatabase": database, "MissionControl": control})
         self.agent.begin_leases()
         self._leader_check.start()
@@ -145,12 +160,20 @@ class SimulationServer:
         return self._servant_of(session)
 
     def _servant_of(self, session: Session) -> RobotSessionServant:
-        lease_s, sensor = self.agent.registry.lease_s, self._sensor_of(session)
+        lease_s, sensor = self.agent.registry.lease_s, self._sensor_object(session)
         return RobotSessionServant(session, lease_s, sensor, self._stops, self._orb.uri)
 
-    def _sensor_of(self, session: Session) -> Any:
-        sensor = RobotSensorServant(functools.partial(self._sensors.find, session.name))
+    def _sensor_object(self, session: Session) -> Any:
+        sensor = RobotSensorServant(functools.partial(self._sensor_of, session.client))
         return self._orb.activate(sensor, _sensor_key(session))
+
+    def _sensor_of(self, client: RobotClient) -> Any:
+        """Wait for a sensor server if there is none; the robot keeps its lease meanwhile. Raises CORBA.TRANSIENT."""
+        client.begin_call()
+        try:
+            return self._sensors.find(client.name)
+        finally:
+            client.end_call(time.monotonic())
 
     def _session_ended(self, session: Session) -> None:
         if session.client.secret:
@@ -195,7 +218,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logs.setup("simulation", state / "logs")
     with (
         SimulationStore(state / "simulation.sqlite") as store,
-        Orb(settings.server.naming, settings.server.endpoint, options=THREAD_POOL) as orb,
+        Orb(settings.server.naming, settings.server.endpoint) as orb,
         contextlib.closing(SimulationServer(orb, store, RemoteMap(orb), settings)) as server,
     ):
         server.start()

@@ -36,6 +36,7 @@ from omniORB import CORBA, BiDirPolicy, interceptors
 
 from robocorba.corba import tls
 from robocorba.corba.calls import describe, set_call_timeout
+from robocorba.corba.connections import ConnectionLimit
 from robocorba.corba.guard import Guard, guarded
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
@@ -61,7 +62,13 @@ OPTIONS: dict[str, str] = {
     # The client closes idle connections well before the server does, so that a call never races with a close by the
     # server.
     "outConScanPeriod": "60",
-    "inConScanPeriod": "300",
+    "inConScanPeriod": "180",
+    # A request of which only a part arrives, or a reply that the client doesn't read, ends its connection [ms]. The
+    # first 8 KiB of a request are exempt: a stalled beginning holds its connection and its thread until
+    # inConScanPeriod, so connections must have threads of their own (omniORB's default, threadPerConnectionPolicy 1).
+    "serverCallTimeOutPeriod": "20000",
+    # omniORB's default of 100 would let each connection start 100 threads. omniORB's own clients need one.
+    "maxServerThreadPerConnection": "16",
     # Timeout of a call that arrives while a process starts [ms]; by default it waits without limit.
     "poaHoldRequestTimeout": "5000",
 }
@@ -144,6 +151,7 @@ class Orb:
             # Servers have one secret, so that their references stay valid.
             self._guard = Guard(naming.key.encode() if naming.role is Role.SERVER else b"")
             self._bound_names = HeldNames(self._names, self._guard)
+        self._connections = ConnectionLimit()
         self._options = {
             **OPTIONS,
             # By default a call to a peer that hangs or was switched off never returns.
@@ -173,6 +181,7 @@ class Orb:
             self._orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)
             if self.endpoint:
                 _ = self._named_adapter  # listens from here on, so that a port in use is detected now; callers wait
+            self._connections.start()
             if self.offers_callbacks:
                 _ = self._object_adapter  # omniORB makes no call that offers callbacks before it is there
                 self.accept_calls()  # the threads that wait at the gate also read the answers to calls
@@ -184,6 +193,7 @@ class Orb:
     def __exit__(self, *raised: object) -> None:
         self._restore_signal_handlers()
         self._bound_names.close()
+        self._connections.close()
         self._shut_down()
 
     def _shut_down(self) -> None:

@@ -15,8 +15,10 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, MutableSequence, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, MutableSequence, Sequence
 from itertools import islice
+from typing import TypeVar
 
 import msgspec
 
@@ -60,6 +62,7 @@ _log = logging.getLogger(__name__)
 
 #: Called within each edit with the new building, its version and the changes, in order of versions.
 Listener = Callable[[Building, int, Sequence[Change]], None]
+Used = TypeVar("Used", "Transaction", "EditSession")
 
 
 class BuildingEditor:
@@ -168,8 +171,9 @@ class BuildingEditor:
         check_author(author)
         with self._lock:
             self._expire()
-            if len(self._sessions) >= self._limits.sessions:
-                raise TooManyTransactions(self._limits.sessions)
+            limits = self._limits
+            if len(self._sessions) >= limits.sessions:
+                self._sessions.discard(self._forgotten(self._sessions, limits.sessions, limits.forgotten_session_s))
             session = EditSession(self, author, self._clock())
             self._sessions.add(session)
             return session
@@ -210,11 +214,20 @@ class BuildingEditor:
             return edits[-1].summary if edits else ""
 
     def begin(self, by: AuthorHistory | None = None) -> Transaction:
-        """Open a transaction. Raises TooManyTransactions."""
+        """Open a transaction, in place of one that its client has forgotten if there are too many.
+
+        Raises TooManyTransactions."""
         with self._lock:
             self._expire()
-            if len(self._open) >= self._limits.transactions:
-                raise TooManyTransactions(self._limits.transactions)
+            limits = self._limits
+            by_client: defaultdict[AuthorHistory | None, list[Transaction]] = defaultdict(list)
+            for each in self._open:
+                by_client[each._by].append(each)
+            if len(by_client[by]) >= limits.client_transactions:
+                self._drop(self._forgotten(by_client[by], limits.client_transactions, limits.forgotten_s))
+            elif len(self._open) >= limits.transactions:
+                most = max(by_client.values(), key=len)
+                self._drop(self._forgotten(most, limits.transactions, limits.forgotten_s))
             transaction = Transaction(self, self._clock(), by)
             self._open.add(transaction)
             return transaction
@@ -439,6 +452,31 @@ class BuildingEditor:
         oldest = now - self._limits.session_timeout_s
         self._sessions -= {each for each in self._sessions if each._used_at < oldest}
 
+    def _idle_s(self, used: Transaction | EditSession) -> float:
+        return self._clock() - used._used_at
+
+    def _forgotten(self, group: Collection[Used], limit: int, after_s: float) -> Used:
+        """The member of a full group that has been idle for longest. Requires the lock.
+
+        Raises TooManyTransactions if that is shorter than `after_s`."""
+        longest = max(group, key=self._idle_s)
+        if self._idle_s(longest) < after_s:
+            raise TooManyTransactions(limit)
+        return longest
+
+    def _make_room(self, transaction: Transaction, size: int) -> bool:
+        """Roll back forgotten transactions of others, the largest first, until `size` fits. Requires the lock."""
+        while size + sum(other._draft.size for other in self._open) > self._limits.pending_size:
+            forgotten = [
+                other
+                for other in self._open
+                if other is not transaction and other._draft.size and self._idle_s(other) >= self._limits.forgotten_s
+            ]
+            if not forgotten:
+                return False
+            self._drop(max(forgotten, key=lambda other: other._draft.size))
+        return True
+
     def _drop(self, transaction: Transaction) -> Draft:
         """Close a transaction and take its draft, since a caller may keep the closed transaction. Requires the lock."""
         self._open.discard(transaction)
@@ -450,7 +488,7 @@ class BuildingEditor:
     ) -> None:
         with self._lock:
             self._use(transaction)
-            if added and size_of(added) + sum(other._draft.size for other in self._open) > self._limits.pending_size:
+            if added and not self._make_room(transaction, size_of(added)):
                 reason = f"open transactions would hold more than {self._limits.pending_size} elements and points"
                 raise InvalidElement(*key_of("", added).words, reason)
             operation(transaction._draft, self._state)

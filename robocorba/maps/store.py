@@ -85,8 +85,10 @@ class MapLimits:
     commits: kept for undo and for the list of changes. journal_changes: changed elements in them, over all commits.
     building_size, pending_size: of the building, and of all open transactions together (see size_of); they bound
     memory. replacement_size: of what one replacement of the building may bring, so that it ends while its client still
-    waits. transactions, sessions: open at the same time. transaction_timeout_s: after which an idle one is rolled back;
-    session_timeout_s: after which an idle session ends."""
+    waits. transactions, sessions: open at the same time. client_transactions: of one session, and of all clients
+    without a session together. transaction_timeout_s: after which an idle one is rolled back; session_timeout_s: after
+    which an idle session ends. forgotten_s, forgotten_session_s: after which an idle one ends if another client needs
+    its place."""
 
     commits: int = 10_000
     journal_changes: int = 1_000_000
@@ -94,9 +96,12 @@ class MapLimits:
     pending_size: int = 500_000
     replacement_size: int = 500_000
     transactions: int = 64
+    client_transactions: int = 32
     transaction_timeout_s: float = 300.0
     sessions: int = 64
     session_timeout_s: float = 3600.0
+    forgotten_s: float = 10.0
+    forgotten_session_s: float = 300.0
 
 
 DEFAULT_LIMITS = MapLimits()

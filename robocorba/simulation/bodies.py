@@ -31,15 +31,18 @@ class Bodies:
     def __init__(self, space: pymunk.Space) -> None:
         self._space = space
         self._first, self._second = ffi.new("cpBody *[1]"), ffi.new("cpBody *[1]")
+        # One of each for good: pymunk never frees the arrays of a Buffer.
+        self._ids, self._reading, self._writing = Buffer(), _Batch(_STATE), _Batch(_VELOCITIES)
 
     def rebuild(self) -> list[int]:
         """Allocate zeroed rows for the current bodies; return the ids of the bodies, row by row."""
-        buffer = Buffer()
-        get_space_bodies(self._space, BodyFields.BODY_ID, buffer)
-        ids: list[int] = np.frombuffer(buffer.int_buf(), np.uintp).tolist()
+        self._ids.clear()
+        get_space_bodies(self._space, BodyFields.BODY_ID, self._ids)
+        ids: list[int] = np.frombuffer(self._ids.int_buf(), np.uintp).tolist()
         # One spare row, since pymunk reallocates before the last row is full.
         state, self.velocities = np.zeros((len(ids) + 1, 6)), np.zeros((len(ids), 3))
-        self._reading, self._writing = _Batch(_STATE, state), _Batch(_VELOCITIES, self.velocities)
+        self._reading.use(state)
+        self._writing.use(self.velocities)
         self.state = state[:-1]
         return ids
 
@@ -50,9 +53,9 @@ class Bodies:
 
     def has_contacts(self) -> bool:
         """Whether bodies touch, or have touched so lately that Chipmunk remembers it."""
-        buffer = Buffer()
-        get_space_arbiters(self._space, ArbiterFields.BODY_A_ID, buffer)
-        return len(buffer.int_buf()) > 0
+        self._ids.clear()
+        get_space_arbiters(self._space, ArbiterFields.BODY_A_ID, self._ids)
+        return len(self._ids.int_buf()) > 0
 
     def read(self) -> None:
         """Copy the state of all bodies to `state`."""
@@ -66,13 +69,16 @@ class Bodies:
 class _Batch:
     """Buffer of Chipmunk's batch functions: the given fields of one body after another, row by row."""
 
-    def __init__(self, fields: BodyFields, rows: Floats) -> None:
+    def __init__(self, fields: BodyFields) -> None:
         self._buffer = Buffer()
-        self._buffer.set_float_buf(rows)
         self._floats = self._buffer._float_arr
         self._data = ffi.new("pmBatchedData *")
         self._data.fields = fields.value
         self._data.floatArray, self._data.intArray = self._floats, self._buffer._int_arr
+
+    def use(self, rows: Floats) -> None:
+        """Use other rows from now on."""
+        self._buffer.set_float_buf(rows)
 
     def each(self, space: pymunk.Space, function: ffi.CData) -> None:
         self._floats.num = 0

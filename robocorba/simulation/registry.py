@@ -6,6 +6,7 @@ import hashlib
 import math
 import re
 import secrets
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -69,6 +70,7 @@ class RobotClient:
         #: Calls per second, and moving average of the time to answer a call [s].
         self.call_rate = self.latency_s = 0.0
         self._calls, self._counted_at = 0, now
+        self._in_progress, self._lock = 0, threading.Lock()
 
     @property
     def name(self) -> str:
@@ -80,6 +82,22 @@ class RobotClient:
             raise SessionExpired()
         self.last_call_at = now
         self._calls += 1
+
+    @property
+    def is_calling(self) -> bool:
+        """Whether a call of the robot is in progress."""
+        return self._in_progress > 0
+
+    def begin_call(self) -> None:
+        """A call of the robot begins; the lease does not expire until `end_call`."""
+        with self._lock:
+            self._in_progress += 1
+
+    def end_call(self, now: float) -> None:
+        """A call ends, and the lease begins anew."""
+        with self._lock:
+            self.last_call_at = max(self.last_call_at, now)
+            self._in_progress -= 1
 
     def record_latency(self, seconds: float) -> None:
         """Record the time that a call took."""
@@ -144,11 +162,13 @@ class Registry:
         return self._by_name[name]
 
     def expired(self) -> list[RobotClient]:
-        """Clients whose lease has expired. Updates the call rates of all clients."""
+        """Clients whose lease has expired, unless a call is in progress. Updates the call rates of all clients."""
         now = self._clock()
         for client in self.clients:
             client.update_call_rate(now)
-        return [client for client in self.clients if client.last_call_at < now - self.lease_s]
+        silent_since = now - self.lease_s
+        # In this order: the end of a call sets the time before it is no longer in progress.
+        return [client for client in self.clients if not client.is_calling and client.last_call_at < silent_since]
 
     def _admit(self, client: RobotClient) -> None:
         self._by_key[client.key] = self._by_name[client.name] = client

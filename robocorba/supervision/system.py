@@ -259,7 +259,9 @@ def naming_service_command(naming: Address, data: Path) -> tuple[str, ...]:
     """The command of a naming service at `naming`, with its bindings in the folder `data`. Raises ServiceError."""
     # With -nohostname the data stay readable after the machine is renamed.
     options = ("-start", str(naming.port), "-always", "-nohostname", "-datadir", str(data))
-    return (find_omninames(), *options, "-ORBendPoint", f"giop:tcp:{naming}")
+    # A request of which only a part arrives ends its connection after this time [ms]; see robocorba.corba.orb.
+    limits = ("-ORBserverCallTimeOutPeriod", "20000", "-ORBmaxServerThreadPerConnection", "16")
+    return (find_omninames(), *options, *limits, "-ORBendPoint", f"giop:tcp:{naming}")
 
 
 def find_omninames() -> str:

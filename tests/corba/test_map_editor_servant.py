@@ -65,7 +65,7 @@ def editor(tmp_path: Path, clock: Clock, orb: CountingOrb) -> Iterator[MapEditor
 
 def test_abandoned_transactions_time_out(editor: MapEditorServant, clock: Clock, orb: CountingOrb) -> None:
     for _ in range(5):
-        left = [editor.begin() for _ in range(64)]
+        left = [editor.begin() for _ in range(32)]
         with pytest.raises(RoboCorba.TooManyTransactions):
             editor.begin()
         left[-1].create("L2", wall("never"))

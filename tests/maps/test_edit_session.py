@@ -231,6 +231,16 @@ def test_sessions_end(store: MapStore) -> None:
     editor.open_session("Bob")
 
 
+def test_a_forgotten_session_leaves_its_place(store: MapStore) -> None:
+    clock = Clock(0.0)
+    editor = BuildingEditor(store, MapLimits(sessions=2), clock)
+    forgotten, used = editor.open_session("Ada"), editor.open_session("Ada")
+    clock.now = 301.0
+    assert used.undoable == ""
+    assert editor.open_session("Bob").is_open
+    assert (forgotten.is_open, used.is_open) == (False, True)
+
+
 @pytest.mark.parametrize("author", ["", "x" * 61, "a\nb"])
 def test_an_author_has_a_sensible_name(editor: BuildingEditor, author: str) -> None:
     with pytest.raises(InvalidElement, match="the author's name"):

@@ -357,6 +357,38 @@ def test_transactions_are_bounded_and_time_out(store: MapStore) -> None:
         third.roll_back()
 
 
+def test_forgotten_transactions_stop_nobody(store: MapStore) -> None:
+    clock = Clock(0.0)
+    editor = BuildingEditor(store, MapLimits(transactions=4, client_transactions=3), clock)
+    ada, bob = editor.open_session("Ada"), editor.open_session("Bob")
+    forgotten = [editor.begin() for _ in range(3)]
+    with pytest.raises(TooManyTransactions, match="3 transactions"):
+        editor.begin()
+    of_ada = ada.begin()
+    with pytest.raises(TooManyTransactions, match="4 transactions"):
+        bob.begin()
+    clock.now = 11.0
+    forgotten[1].create(L1, wall("in use"))
+    bob.begin()  # in the place of one of those who have most
+    assert [each.is_open for each in (*forgotten, of_ada)].count(False) == 1
+    assert of_ada.is_open
+    assert forgotten[1].is_open
+
+
+def test_a_large_forgotten_transaction_leaves_room_for_others(store: MapStore) -> None:
+    clock = Clock(0.0)
+    editor = BuildingEditor(store, MapLimits(pending_size=1), clock)
+    forgotten, other = editor.begin(), editor.begin()
+    forgotten.create(L1, wall("a"))
+    with pytest.raises(InvalidElement, match="open transactions would hold more than 1"):
+        other.create(L1, wall("b"))
+    clock.now = 11.0
+    other.create(L1, wall("b"))
+    assert other.commit() == 2
+    with pytest.raises(TransactionClosed):
+        forgotten.commit()
+
+
 def test_memory_is_bounded(store: MapStore, building: Building) -> None:
     size = sum(1 for _ in elements_of(building)) + 4 + 4 + 2 + 1
     editor = BuildingEditor(store, MapLimits(building_size=size + 5, pending_size=5))

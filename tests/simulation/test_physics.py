@@ -9,10 +9,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pymunk.batch
 import pytest
 import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon, box
 
+from robocorba.simulation import bodies
 from robocorba.simulation.physics import STEP_S, Contact, FloorPhysics, Limits
 from robocorba.simulation.static_parts import MAX_CHANGES, static_parts
 
@@ -113,6 +115,26 @@ def test_the_other_robots_keep_their_commands_after_a_removal() -> None:
     assert speeds == pytest.approx({"R0": 0.1, "R1": 0.0, "R2": 0.3, "R3": 0.4, "R4": 0.5}, abs=1e-9)
     with pytest.raises(KeyError):
         robot(floor, "R1", 0.0, 0.0)
+
+
+def test_robots_that_have_left_leave_no_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """pymunk never frees the arrays of a buffer."""
+    made: list[object] = []
+
+    class Buffer(pymunk.batch.Buffer):
+        def __init__(self) -> None:
+            super().__init__()
+            made.append(self)
+
+    monkeypatch.setattr(bodies, "Buffer", Buffer)
+    floor = FloorPhysics()
+    before = len(made)
+    for _ in range(50):
+        robot(floor, "R", 1.0, 1.0)
+        floor.step()
+        floor.remove("R")
+        floor.step()
+    assert len(made) == before
 
 
 def test_the_last_command_before_a_step_counts() -> None:

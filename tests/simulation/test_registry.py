@@ -55,6 +55,21 @@ def test_a_name_and_a_slot_are_taken_until_the_log_off(registry: Registry, clock
         registry.register(robot("E"))
 
 
+def test_a_call_in_progress_keeps_the_lease(registry: Registry, clock: Clock) -> None:
+    client = registry.register(robot("A"))
+    client.begin_call()
+    clock.now += 5.0
+    assert registry.expired() == []
+    client.begin_call()
+    client.end_call(clock.now)
+    clock.now += 5.0
+    assert registry.expired() == []
+    client.end_call(clock.now)
+    assert registry.expired() == []
+    clock.now += 2.1
+    assert registry.expired() == [client]
+
+
 def test_a_robot_that_does_not_call_is_found(registry: Registry, clock: Clock) -> None:
     alive, dead = registry.register(robot("A")), registry.register(robot("B"))
     for _ in range(5):

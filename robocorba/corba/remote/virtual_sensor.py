@@ -17,7 +17,7 @@ from robocorba.simulation.load_balance import LoadBalance
 ASSIGN_TIMEOUT_S = 5.0
 #: Pauses between attempts to assign a sensor server.
 POLLING = Backoff(0.05, 0.05)
-#: Maximum number of calls that wait at the same time; each occupies one of the server's few threads.
+#: Maximum number of calls that wait at the same time; each looks for a server 20 times a second.
 MAX_WAITING = 4
 #: Timeout of a call to a sensor server [s].
 CALL_TIMEOUT_S = 1.0

@@ -104,16 +104,18 @@ class SensorRegistrationServant(RoboCorba__POA.SensorRegistration):
 
 
 def _measured(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a method of a session: translate errors, and record its latency."""
+    """Decorate a method of a session: translate errors, record its latency, and keep the lease while it runs."""
     translated = translating(method)
 
     @functools.wraps(method)
     def call(self: RobotSessionServant, *arguments: Any) -> Any:
-        began = time.perf_counter()
+        began, client = time.perf_counter(), self.session.client
+        client.begin_call()
         try:
             return translated(self, *arguments)
         finally:
-            self.session.client.record_latency(time.perf_counter() - began)
+            client.end_call(time.monotonic())
+            client.record_latency(time.perf_counter() - began)
 
     return call
 

@@ -1,0 +1,158 @@
+"""The connections that clients have to this process: how many there may be, and which one ends when there are too many.
+
+Each connection takes a descriptor and a thread. A process without a free descriptor can accept no connection and open
+no file, so the connection that has been idle for longest ends before that. Robots call twice a second at least, so
+theirs stay; a client that calls again connects again."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import resource
+import socket
+import struct
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from robocorba.repeating import Repeating
+
+#: Soft limit of descriptors that a process asks for; the hard limit may be lower.
+DESCRIPTORS = 16_384
+#: Maximum number of connections: more of them, each with a thread, would need gigabytes.
+MAX_CONNECTIONS = 4096
+#: Share of the descriptors that stays free, for files and for connections within CHECK_INTERVAL_S.
+FREE_SHARE = 0.125
+#: Interval between checks [s].
+CHECK_INTERVAL_S = 1.0
+#: The same after some have ended: others may wait to be accepted, and take their places [s].
+BUSY_INTERVAL_S = 0.1
+#: Time after which a connection that has never got an answer ends first [s].
+UNANSWERED_S = 5.0
+#: Minimum interval between log entries [s].
+LOG_INTERVAL_S = 10.0
+#: Where the kernel lists the descriptors of this process. Other systems than Linux have no limit of ours.
+_LISTING = Path("/proc/self/fd")
+#: GIOP 1.0, CloseConnection: requests without an answer were not executed.
+_CLOSE_CONNECTION = b"GIOP\1\0\1\5\0\0\0\0"
+#: Of struct tcp_info: time since data arrived [ms], and the number of segments with data that were sent.
+_LAST_DATA_RECEIVED, _SEGMENTS_SENT = struct.Struct("52xI"), struct.Struct("156xI")
+_TCP_INFO_BYTES = 232
+#: State of a connection that neither end has closed: the first byte of struct tcp_info.
+_ESTABLISHED = 1
+
+_log = logging.getLogger(__name__)
+
+
+def raise_descriptor_limit(wanted: int = DESCRIPTORS) -> int:
+    """Raise the soft limit of descriptors as far as the hard limit allows, never lower it; return it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY:
+        return wanted
+    raised = max(soft, wanted if hard == resource.RLIM_INFINITY else min(wanted, hard))
+    if raised > soft:
+        with contextlib.suppress(ValueError, OSError):  # a container may forbid it
+            resource.setrlimit(resource.RLIMIT_NOFILE, (raised, hard))
+            soft = raised
+    return soft
+
+
+class Connection(NamedTuple):
+    """A connection that a client has opened. idle_s: since data arrived. is_answered: it has got an answer before."""
+
+    descriptor: int
+    idle_s: float
+    is_answered: bool
+
+    @property
+    def order(self) -> tuple[bool, float]:
+        """Connections end in this order."""
+        return self.is_answered or self.idle_s < UNANSWERED_S, -self.idle_s
+
+
+class ConnectionLimit:
+    """Keeps this process below `connections` that clients have opened, and below `descriptors` in use; None: what the
+    operating system allows, less a reserve."""
+
+    def __init__(self, descriptors: int | None = None, connections: int = MAX_CONNECTIONS) -> None:
+        self._descriptors = descriptors or round(raise_descriptor_limit() * (1 - FREE_SHARE))
+        self._connections = connections
+        self._repeating = Repeating("connections", self.check, lambda: self._interval_s)
+        self._interval_s = CHECK_INTERVAL_S
+        self._ended, self._logged_at = 0, -LOG_INTERVAL_S
+
+    def start(self) -> ConnectionLimit:
+        if _LISTING.is_dir():
+            self._repeating.start()
+        return self
+
+    def close(self) -> None:
+        self._repeating.close()
+
+    def check(self) -> None:
+        """End connections if there are too many."""
+        used, self._interval_s = in_use(), CHECK_INTERVAL_S
+        if used > min(self._descriptors, self._connections):
+            found = sorted(_connections(), key=lambda each: each.order)
+            excess = max(used - self._descriptors, len(found) - self._connections)
+            if excess > 0:  # a few more, so that not each new connection ends another one
+                self._ended += sum(_end(each.descriptor) for each in found[: excess + len(found) // 20])
+                self._interval_s = BUSY_INTERVAL_S
+        if self._ended and time.monotonic() >= self._logged_at + LOG_INTERVAL_S:
+            reason = "%d connections have ended, the longest idle ones: there were more than %d, or %d descriptors"
+            _log.warning(reason, self._ended, self._connections, self._descriptors)
+            self._ended, self._logged_at = 0, time.monotonic()
+
+
+def in_use() -> int:
+    """Number of descriptors in use."""
+    return len(_descriptors())
+
+
+def _descriptors() -> Sequence[int]:
+    """The descriptors in use; all that may be in use if none is free, since the list itself takes one."""
+    try:
+        return [int(path.name) for path in _LISTING.iterdir()]
+    except OSError:
+        return range(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
+
+
+def _connections() -> Iterator[Connection]:
+    """The connections at ports on which this process listens."""
+    found: list[tuple[int, Connection]] = []
+    ports: set[int] = set()
+    for descriptor in _descriptors():
+        with contextlib.suppress(OSError), _borrowed(descriptor) as connection:
+            if connection.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                ports.add(connection.getsockname()[1])
+            else:
+                info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
+                if info[0] != _ESTABLISHED:  # such as one that was ended a moment ago
+                    continue
+                idle_s = _LAST_DATA_RECEIVED.unpack_from(info)[0] / 1000
+                is_answered = _SEGMENTS_SENT.unpack_from(info)[0] > 0
+                found.append((connection.getsockname()[1], Connection(descriptor, idle_s, is_answered)))
+    yield from (each for port, each in found if port in ports)
+
+
+def _end(descriptor: int) -> bool:
+    """End a connection; the thread that serves it closes its descriptor."""
+    with contextlib.suppress(OSError), _borrowed(descriptor) as connection:
+        with contextlib.suppress(OSError):
+            connection.send(_CLOSE_CONNECTION, socket.MSG_DONTWAIT)
+        connection.shutdown(socket.SHUT_RDWR)
+        return True
+    return False
+
+
+@contextlib.contextmanager
+def _borrowed(descriptor: int) -> Iterator[socket.socket]:
+    """The socket of a descriptor, which stays open. Needs no further descriptor. Raises OSError if it is not TCP."""
+    borrowed = socket.socket(fileno=descriptor)
+    try:
+        if borrowed.family not in (socket.AF_INET, socket.AF_INET6) or borrowed.type != socket.SOCK_STREAM:
+            raise OSError("not a TCP socket")
+        yield borrowed
+    finally:
+        borrowed.detach()

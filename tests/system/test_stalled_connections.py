@@ -1,0 +1,62 @@
+"""Clients that stall or ask for much, beside a robot and other clients."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import pytest
+
+from robocorba.settings import Address
+from robocorba.stubs import RoboCorba
+from robocorba.testing.attacks import greedy_clients, stalled_connections
+from robocorba.testing.processes import eventually
+from robocorba.testing.simulation import Place, simulation
+
+pytestmark = pytest.mark.system
+
+#: More than a server has threads in any pool.
+STALLED = 40
+#: Simulated time that passes during an attack [s]; the lease of a robot is 2 s.
+ATTACK_S = 3.0
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    with simulation(tmp_path_factory.mktemp("attacked"), sensors=1) as place:
+        yield place
+
+
+def check_a_robot_and_a_client(place: Place) -> None:
+    """A robot stays logged on, and every server answers a client, while time passes."""
+    session = place.log_on("R", 6.0, 6.0)
+    began = session.state().time
+    planner = place.orb.resolve("PathPlanner", RoboCorba.PathPlanner)
+    channel = place.orb.resolve("EventChannels/main", RoboCorba.EventChannel)
+    sensor = session._get_sensor()
+
+    def has_passed() -> bool:
+        assert (channel._get_name(), planner._get_mapVersion() > 0) == ("main", True)
+        assert place.editor._get_currentVersion() > 0
+        assert sensor.laser().rays > 0
+        assert place.server._get_state().robots == 1
+        place.orb.check_naming()
+        return bool(session.state().time > began + ATTACK_S)
+
+    eventually(has_passed, 60.0, "the simulated time")
+    assert place.names == {"R"}
+    place.let_go()
+
+
+def test_stalled_connections_harm_nobody(place: Place) -> None:
+    with contextlib.ExitStack() as attack:
+        endpoints = [process.endpoint for process in place.running.record().processes if process.endpoint]
+        assert len(endpoints) == 5  # naming service, map editor, simulation, sensor and channel
+        for endpoint in endpoints:
+            attack.enter_context(stalled_connections(Address.parse(endpoint), STALLED))
+        check_a_robot_and_a_client(place)
+
+
+def test_pictures_harm_nobody(place: Place) -> None:
+    with greedy_clients(place.launch, place.running.naming, "pictures", 10):
+        check_a_robot_and_a_client(place)
