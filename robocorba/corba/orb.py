@@ -34,6 +34,7 @@ from omniORB import CORBA, interceptors
 
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
+from robocorba.corba.texts import refuse_unreadable_texts
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.settings import Address
 
@@ -171,7 +172,9 @@ class Orb:
 
         With a `key`, which must differ from all served names, the reference is valid again whenever a process has
         activated an object with the same key at the same endpoint. Objects whose references others may have kept must
-        be activated before `serve`. Activating a servant under its key again has no effect."""
+        be activated before `serve`. Activating a servant under its key again has no effect. Texts of callers that are
+        not UTF-8 are refused."""
+        refuse_unreadable_texts(type(servant))
         if key:
             with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
                 self._named_adapter.activate_object_with_id(key.encode(), servant)

@@ -96,6 +96,8 @@ def batch_of_any(value: Any) -> EventBatch:
         type_name = _BASIC[typecode.kind()]
     if type_name == _EVENT_ID:
         return batch_of_event(value._v)
+    if isinstance(value._v, str) and "\0" in value._v:  # it could not be sent
+        raise InvalidEvent("payload", "is a text with NUL")
     return EventBatch(_native_header(type_name), [0.0], [value])
 
 

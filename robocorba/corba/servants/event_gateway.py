@@ -17,6 +17,9 @@ _log = logging.getLogger(__name__)
 class EventGatewayServant(RoboCorba__POA.EventGateway):
     """RoboCorba::EventGateway: receives events from the feeds of peers."""
 
+    #: Headers are checked once for many events.
+    checks_texts_itself = frozenset({"forward"})
+
     def __init__(self, links: Links) -> None:
         self._links = links
 
