@@ -32,6 +32,7 @@ from typing import Any
 import PortableServer
 from omniORB import CORBA, interceptors
 
+from robocorba.corba.bounded_any import read_bounded_anys
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
 from robocorba.corba.texts import refuse_unreadable_texts
@@ -173,7 +174,8 @@ class Orb:
         With a `key`, which must differ from all served names, the reference is valid again whenever a process has
         activated an object with the same key at the same endpoint. Objects whose references others may have kept must
         be activated before `serve`. Activating a servant under its key again has no effect. Texts of callers that are
-        not UTF-8 are refused."""
+        not UTF-8 and anys that are nested too deep are refused."""
+        read_bounded_anys(type(servant))
         refuse_unreadable_texts(type(servant))
         if key:
             with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):

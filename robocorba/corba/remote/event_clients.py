@@ -10,6 +10,7 @@ from typing import Any
 import CosEventComm
 from omniORB import CORBA
 
+from robocorba.corba.bounded_any import ANY
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
 from robocorba.corba.orb import Orb
@@ -21,6 +22,9 @@ from robocorba.stubs import RoboCorba
 
 #: Timeout of the call that notifies a client of its disconnection [s].
 DISCONNECT_TIMEOUT_S = 1.0
+
+#: try_pull, whose event is read as a bounded any.
+_TRY_PULL = ((), (ANY, *CosEventComm.PullSupplier._d_try_pull[1][1:]), CosEventComm.PullSupplier._d_try_pull[2])
 
 _log = logging.getLogger(__name__)
 #: Errors of an object that does not exist, or has another type.
@@ -122,7 +126,7 @@ class RemotePullSupplier(_RemoteClient):
     def try_pull(self, limit_s: float) -> EventBatch | None:
         self._set_limit(limit_s)
         try:
-            value, has_event = self._remote.try_pull()
+            value, has_event = self._remote._obj.invoke("try_pull", _TRY_PULL, ())
         except CORBA.Exception as error:
             raise delivery_failure(error) from None
         try:

@@ -6,3 +6,5 @@
     calls.py       calls of one operation, and what came of them
     targets.py     objects of a running system, with examples of arguments
 """
+
+import omniORB  # noqa: F401  without it, CosEventComm and CosEventChannelAdmin can't be imported
