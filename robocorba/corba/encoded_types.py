@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from typing import NamedTuple
 
 from omniORB import tcInternal as tc
 
@@ -51,17 +52,25 @@ def check_fixed(digits: int, scale: int) -> None:
         raise IllFormed(f"fixed<{digits}, {scale}>")
 
 
+class _Type(NamedTuple):
+    """What is known of a type; of the original for an alias. size: the least one of its values [bytes]. members: of an
+    enumeration."""
+
+    kind: int
+    size: int
+    members: int = 0
+
+
 class _Reader:
     """Reads one type with those in it. Offsets count from the beginning of the outermost one."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self._at, self._end = data, 0, len(data)
         self._order, self._base = "<", 0
-        #: Kind and least size of each type, by its offset.
-        self._types: dict[int, tuple[int, int]] = {}
+        #: By offset.
+        self._types: dict[int, _Type] = {}
 
-    def typecode(self, depth: int) -> tuple[int, int]:
-        """Read a type; its kind, that of the original for an alias, and the least size of its values [bytes]."""
+    def typecode(self, depth: int) -> _Type:
         if depth > MAX_DEPTH:
             raise IllFormed(f"nested more than {MAX_DEPTH} deep")
         kind = self._number("I")
@@ -71,83 +80,93 @@ class _Reader:
             if target not in self._types:
                 raise IllFormed("a reference to no type before it")
             return self._types[target]
-        self._types[begin] = kind, 1  # where it refers to itself
-        if kind in _SIMPLE:
-            found = kind, _SIMPLE[kind]
-        elif kind in (tc.tv_string, tc.tv_wstring):
-            self._number("I")
-            found = kind, 4
-        elif kind == tc.tv_fixed:
-            digits, scale = self._number("H"), self._number("h")
-            check_fixed(digits, scale)
-            found = kind, 1
-        else:
-            found = self._encapsulated(kind, depth)
-        self._types[begin] = found
+        self._types[begin] = _Type(kind, 1)  # where it refers to itself
+        self._types[begin] = found = self._with_parameters(kind, depth)
         return found
 
-    def _encapsulated(self, kind: int, depth: int) -> tuple[int, int]:
+    def _with_parameters(self, kind: int, depth: int) -> _Type:
+        if kind in _SIMPLE:
+            return _Type(kind, _SIMPLE[kind])
+        if kind in (tc.tv_string, tc.tv_wstring):
+            self._number("I")
+            return _Type(kind, 4)
+        if kind == tc.tv_fixed:
+            check_fixed(self._number("H"), self._number("h"))
+            return _Type(kind, 1)
         size = self._number("I")
-        outer = self._end, self._order, self._base
-        end = self._at + size
         if not 0 < size <= self._end - self._at:
             raise IllFormed("longer than the type around")
+        outer, end = (self._end, self._order, self._base), self._at + size
         self._end, self._base = end, self._at
-        self._order = {0: ">", 1: "<"}.get(self._number("B"), "") or self._refuse_order()
-        found = self._parameters(kind, depth)
+        order = self._number("B")
+        if order not in (0, 1):
+            raise IllFormed("neither big-endian nor little-endian")
+        self._order = "><"[order]
+        found = self._encapsulated(kind, depth + 1)
         self._end, self._order, self._base = outer
         self._at = end
         return found
 
-    def _parameters(self, kind: int, depth: int) -> tuple[int, int]:
+    def _encapsulated(self, kind: int, depth: int) -> _Type:
         if kind in (tc.tv_sequence, tc.tv_array):
-            _, size = self.typecode(depth + 1)
-            count = self._number("I")
+            size, count = self.typecode(depth).size, self._number("I")
             if not size and (kind == tc.tv_sequence or count > MAX_EMPTY):
                 raise IllFormed("many elements that take no bytes")
-            return kind, 4 if kind == tc.tv_sequence else size * count
+            return _Type(kind, 4 if kind == tc.tv_sequence else size * count)
         self._text()
         self._text()
         if kind in _NAMED_ONLY:
-            return kind, 4
-        if kind in (tc.tv_alias, tc.tv_value_box):
-            original, size = self.typecode(depth + 1)
-            return (original, size) if kind == tc.tv_alias else (kind, 4)
+            return _Type(kind, 4)
+        if kind == tc.tv_alias:
+            return self.typecode(depth)
+        if kind == tc.tv_value_box:
+            self.typecode(depth)
+            return _Type(kind, 4)
         if kind in (tc.tv_struct, tc.tv_except):
-            return kind, sum(self._member(depth) for _ in range(self._count()))
+            return _Type(kind, sum(self._member(depth) for _ in range(self._count())))
         if kind == tc.tv_enum:
-            for _ in range(self._count()):
+            count = self._count()
+            for _ in range(count):
                 self._text()
-            return kind, 4
+            return _Type(kind, 4, count)
         if kind == tc.tv_union:
-            return kind, self._union(depth)
+            return _Type(kind, self._union(depth))
         if kind == tc.tv_value:
-            self._number("h")
-            if self.typecode(depth + 1)[0] not in (tc.tv_null, tc.tv_value):
-                raise IllFormed("a valuetype whose base is none")
-            for _ in range(self._count()):
-                self._member(depth)
-                self._number("h")
-            return kind, 4
+            self._valuetype(depth)
+            return _Type(kind, 4)
         raise IllFormed(f"there is no kind {kind}")
 
     def _member(self, depth: int) -> int:
         """The least size of a member [bytes]."""
         self._text()
-        return self.typecode(depth + 1)[1]
+        return self.typecode(depth).size
 
     def _union(self, depth: int) -> int:
-        discriminator, _ = self.typecode(depth + 1)
-        if discriminator not in _LABELS:
-            raise IllFormed(f"a discriminator of kind {discriminator}")
-        label = _LABELS[discriminator]
+        """The size of its labels [bytes]."""
+        discriminator = self.typecode(depth)
+        size = _LABELS.get(discriminator.kind, 0)
+        if not size:
+            raise IllFormed(f"a discriminator of kind {discriminator.kind}")
         default, count = self._number("i"), self._count()
-        if not -1 <= default < count:
-            raise IllFormed("the default case is no member")
-        for _ in range(count):
-            self._number({1: "B", 2: "H", 4: "I", 8: "Q"}[label])
+        if default not in (-1, count - 1):  # omniORBpy crashes for another one than the last
+            raise IllFormed("the default case is not the last member")
+        limit = discriminator.members if discriminator.kind == tc.tv_enum else 2**64
+        labels: set[int] = set()
+        for number in range(count):
+            label = self._number({1: "B", 2: "H", 4: "I", 8: "Q"}[size])
+            if number != default and (label >= limit or label in labels):
+                raise IllFormed(f"label {label} does not exist, or exists twice")
+            labels.add(label)
             self._member(depth)
-        return label
+        return size
+
+    def _valuetype(self, depth: int) -> None:
+        self._number("h")
+        if self.typecode(depth).kind not in (tc.tv_null, tc.tv_value):
+            raise IllFormed("a valuetype whose base is none")
+        for _ in range(self._count()):
+            self._member(depth)
+            self._number("h")
 
     def _count(self) -> int:
         count = self._number("I")
@@ -171,7 +190,3 @@ class _Reader:
         (number,) = struct.unpack_from(self._order + format, self._data, self._at)
         self._at += size
         return int(number)
-
-    @staticmethod
-    def _refuse_order() -> str:
-        raise IllFormed("neither big-endian nor little-endian")

@@ -247,9 +247,9 @@ class FuzzedSystem:
         ]
         edits = {
             "create": [_each(each.onFloor, _renamed(each.value)) for each in elements],
-            "change": [_each(each.onFloor, each.value, each.changedIn) for each in elements],
-            "remove": [_each(_id(each), each.changedIn) for each in elements],
-            "rename": [_each(_id(each), "renamed", each.changedIn) for each in elements],
+            "change": [_each(each.onFloor, each.value, each.changedAt) for each in elements],
+            "remove": [_each(_id(each), each.changedAt) for each in elements],
+            "rename": [_each(_id(each), "renamed", each.changedAt) for each in elements],
         }
         document = self.editor.exportMap()
         version = self.editor._get_currentVersion
