@@ -1,4 +1,4 @@
-"""Checks an encoded TypeCode before omniORB reads it: some that are ill-formed, such as an empty text, end the process."""
+"""Checks an encoded TypeCode before omniORB reads it: some that are ill-formed, such as by an empty text, crash it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Texts of callers that nobody can read are refused before a servant sees them.
 
-omniORBpy puts U+FFFD in place of bytes that are not UTF-8, and passes a NUL inside of a string on to the servant, though
-it can't send one. Stored, such a text would never be found again under its name, or would make every answer fail that
+omniORBpy puts U+FFFD in place of bytes that are not UTF-8, and passes a NUL in a string on to the servant, though it
+can't send one. Stored, such a text would never be found again under its name, or would make every answer fail that
 contains it. U+FFFD sent as such is refused too: it says that something was lost before.
 """
 

@@ -1,4 +1,4 @@
-"""The clocks of missions: the time of a robot, and that of its leader, estimated from the timestamps of states and orders."""
+"""The clocks of missions: a robot's own, and its leader's, estimated from the timestamps of states and orders."""
 
 from __future__ import annotations
 

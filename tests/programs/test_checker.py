@@ -127,9 +127,7 @@ def test_a_hand_is_judged_from_the_joints_that_the_robot_has(kinematics: Inverse
         lambda a: a.gripper("left", "open"),
     ],
 )
-def test_a_robot_without_such_arms_has_a_finding(
-    build: Build, joints: Floats, kinematics: InverseKinematics
-) -> None:
+def test_a_robot_without_such_arms_has_a_finding(build: Build, joints: Floats, kinematics: InverseKinematics) -> None:
     report = check(built(build).program(), kinematics, start=Start(joints=joints))
     ((icon, _),) = wrong(report)
     assert icon == "icons[0]"

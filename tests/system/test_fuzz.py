@@ -1,4 +1,4 @@
-"""A sample of `python -m bench.chaos.fuzz`: nonsense for every operation of the IDL, and servers that stay as they were."""
+"""A sample of `python -m bench.chaos.fuzz`: nonsense for every operation of the IDL, which harms no server."""
 
 from __future__ import annotations
 

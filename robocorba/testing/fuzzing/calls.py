@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -71,17 +72,18 @@ class Tally:
 
 
 def call_many(
-    target: Target, operation: Operation, inputs: int, seed: int, seen: Seen, until: Callable[[], bool] = lambda: False
+    target: Target, operation: Operation, inputs: int, seed: int, seen: Seen, limit_s: float = math.inf
 ) -> Tally:
-    """Call an operation with so many inputs, or until `until` is true. The same seed makes the same inputs, as far as
-    the system returned the same."""
+    """Call an operation with so many inputs, or for so long. The same seed makes the same inputs, as far as the system
+    returned the same."""
     random = Random(f"{seed} {target.name} {operation.name}")
     values, wire = Values(random, seen), Wire(random)
     tally = Tally(target.name, operation.name)
     reference: Any = None
     allowed = (*ALLOWED, *target.also.get(operation.name, ()), *target.also.get("", ()))
+    deadline = time.monotonic() + limit_s
     for _ in range(inputs):
-        if until():
+        if time.monotonic() > deadline:
             break
         if reference is None or operation.name in target.ends:
             reference = target.make()

@@ -87,7 +87,18 @@ MESSAGE = {
     "end": "",
 }
 TEXTS = ("L1", "L2", "E1", ROBOT, OTHER, OURS, "a", "b", "simulated", "room", "desk", "table", "box", "main", "s1", "w")
-TEXTS += ("top", "bottom", "mission.order", "robot.state", "*", "Mobility", "MnpL", "GripperR", "simulation", "map_editor")
+TEXTS += (
+    "top",
+    "bottom",
+    "mission.order",
+    "robot.state",
+    "*",
+    "Mobility",
+    "MnpL",
+    "GripperR",
+    "simulation",
+    "map_editor",
+)
 
 
 class _Consumer(RoboCorba__POA.EventConsumer):
@@ -293,8 +304,12 @@ class FuzzedSystem:
         yield Target("Transaction", RoboCorba.Transaction, begin, edits, end, ends)
         start, goal = RoboCorba.Point("L1", 3.0, 3.0), RoboCorba.Point("L2", 3.0, 3.0)
         request = self.planner.defaultRequest(start, RoboCorba.Point("L1", 15.0, 3.0))
-        on_planner = {"getPath": [_each(start, goal)], "findPaths": [_each(request)], "defaultRequest": [_each(start, goal)]}
-        also = {name: (CORBA.TIMEOUT,) for name in ("getPath", "findPaths")}
+        on_planner = {
+            "getPath": [_each(start, goal)],
+            "findPaths": [_each(request)],
+            "defaultRequest": [_each(start, goal)],
+        }
+        also = dict.fromkeys(("getPath", "findPaths"), (CORBA.TIMEOUT,))
         yield Target("PathPlanner", RoboCorba.PathPlanner, lambda: self.planner, on_planner, also=also)
 
     def _elements(self, kind: Any, floor: str) -> Sequence[Any]:
@@ -371,9 +386,7 @@ class FuzzedSystem:
         on_sensor = {"scan": [_each(pose, NO_MOUNT, CROSS)], "scanMany": [_each([pose, pose], NO_MOUNT, CROSS)]}
         yield Target("VirtualSensor", RoboCorba.VirtualSensor, lambda: self.sensor, on_sensor)
         own = {**on_sensor, "forRobot": [_each(OURS)]}
-        yield Target(
-            "VirtualSensor of a robot", RoboCorba.VirtualSensor, lambda: self.session()._get_sensor(), own
-        )
+        yield Target("VirtualSensor of a robot", RoboCorba.VirtualSensor, lambda: self.session()._get_sensor(), own)
 
     def end_missions(self, name: str, result: Any) -> None:
         """Remove missions and abort them."""
@@ -493,9 +506,7 @@ class FuzzedSystem:
             "endRobot": [_each("nobody")],
             "logLines": [_each(name, 10) for name in ("simulation", "up", "events_a")],
         }
-        yield Target(
-            "Supervisor", RoboCorba.Supervisor, lambda: self.supervisor, on_supervisor, self.end_processes
-        )
+        yield Target("Supervisor", RoboCorba.Supervisor, lambda: self.supervisor, on_supervisor, self.end_processes)
         lost = {"": (CORBA.COMM_FAILURE,)}
         for name, interface in (
             ("Mobility", YeRTUnitMobility.mobility),
@@ -571,7 +582,10 @@ def fuzzed_system(folder: Path) -> Iterator[FuzzedSystem]:
     """A system whose logs are in folder/state/logs, until the end of the `with`."""
     native.save(two_floors(), folder / "two-floors.yaml")
     with (
-        running_system(folder, "--building", "two-floors.yaml", "--subnets", "a,b", "--hang-limit", "0") as (running, _),
+        running_system(folder, "--building", "two-floors.yaml", "--subnets", "a,b", "--hang-limit", "0") as (
+            running,
+            _,
+        ),
         Orb(running.naming, call_timeout_s=30.0) as orb,
         running_stand_in(folder / "actual", orb=orb) as stand_in,
         contextlib.closing(FuzzedSystem(running, orb, stand_in)) as system,

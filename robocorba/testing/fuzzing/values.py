@@ -189,7 +189,9 @@ class Values:
         random = self._random
         if kind in INTEGERS:
             low, high = INTEGERS[kind]
-            return random.choice((low, high, high - 1, high // 2, high // 2 + 1, random.randint(low, high), max(low, -1)))
+            return random.choice(
+                (low, high, high - 1, high // 2, high // 2 + 1, random.randint(low, high), max(low, -1))
+            )
         if kind == tc.tv_float:
             return random.choice([number for number in NUMBERS if not 3.4e38 < abs(number) < math.inf])
         if kind == tc.tv_double:
@@ -216,7 +218,9 @@ class Values:
         if len(text) > 1000 and (self._left <= 0 or random.random() < 0.9):
             text = random.choice(TEXTS[:20])
         if random.random() < 0.2:
-            text = "".join(chr(random.choice((random.randrange(1, 0xD800), random.randrange(32, 127)))) for _ in range(9))
+            text = "".join(
+                chr(random.choice((random.randrange(1, 0xD800), random.randrange(32, 127)))) for _ in range(9)
+            )
         return text
 
     def any(self, depth: int = 0) -> Any:
