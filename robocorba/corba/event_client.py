@@ -21,9 +21,9 @@ import omniORB
 from omniORB import CORBA
 
 from robocorba.backoff import Backoff
-from robocorba.corba.bounded_any import TC_ANY
 from robocorba.corba.calls import describe
 from robocorba.corba.conversion import events
+from robocorba.corba.conversion.bounded_any import TC_ANY
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import InvalidEvent, Unconfirmed

@@ -32,8 +32,8 @@ from typing import Any
 import PortableServer
 from omniORB import CORBA, interceptors
 
-from robocorba.corba.bounded_any import read_bounded_anys
 from robocorba.corba.calls import describe, set_call_timeout
+from robocorba.corba.conversion.bounded_any import read_bounded_anys
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
 from robocorba.corba.texts import refuse_unreadable_texts
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError

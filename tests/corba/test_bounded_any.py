@@ -11,8 +11,8 @@ import pytest
 from omniORB import CORBA
 from omniORB import any as anys
 
-from robocorba.corba.bounded_any import MAX_DEPTH, TC_ANY, read_bounded_anys
-from robocorba.corba.encoded_types import MAX_DEPTH as MAX_TYPE_DEPTH
+from robocorba.corba.conversion.bounded_any import MAX_DEPTH, TC_ANY, read_bounded_anys
+from robocorba.corba.conversion.encoded_types import MAX_DEPTH as MAX_TYPE_DEPTH
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: What omniORB raises for encodings of no any.

@@ -17,7 +17,7 @@ import CosEventComm
 import omniORB
 from omniORB import CORBA
 
-from robocorba.corba.bounded_any import TC_ANY
+from robocorba.corba.conversion.bounded_any import TC_ANY
 from robocorba.corba.conversion.errors import register, register_system, register_with
 from robocorba.errors import events as errors
 from robocorba.errors.events import InvalidEvent, InvalidPeer

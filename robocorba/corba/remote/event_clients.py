@@ -10,9 +10,9 @@ from typing import Any
 import CosEventComm
 from omniORB import CORBA
 
-from robocorba.corba.bounded_any import ANY
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
+from robocorba.corba.conversion.bounded_any import ANY
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import ClientGone, EventError, InvalidEvent, NotDelivered, OwnProxy, Refused, Unconfirmed
 from robocorba.events.event import CorrelatedEvents, EventBatch

@@ -22,8 +22,7 @@ import omniORB
 from omniORB import CORBA
 from omniORB import tcInternal as tc
 
-from robocorba.corba import encoded_types
-from robocorba.corba.conversion import values
+from robocorba.corba.conversion import encoded_types, values
 
 values.patch_omniorb()
 
@@ -198,6 +197,8 @@ def _gate(holder: list[Any], depth: int) -> Any:
 def _type(kind: int, content: Any) -> _Accepted | None:
     """The type of an `any`; the value is read next."""
     found = _accepted(kind, content)
+    if found is None:
+        _depth.value = 0
     _next[0] = found.reading if found and _depth.enter(found.depth) else _REFUSED
     return found
 
