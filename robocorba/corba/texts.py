@@ -20,7 +20,7 @@ Check = Callable[[Any], None]
 
 
 @functools.cache
-def refuse_unreadable_texts(servant: type) -> None:
+def refuse_unreadable_texts(servant: Any) -> None:
     """Let the operations of a servant's class check their texts. Operations without texts stay as they are, and those
     that the class names in `checks_texts_itself`."""
     checked_itself = getattr(servant, "checks_texts_itself", ())

@@ -4,6 +4,7 @@ omniORBpy reads types and values by recursion, and the stack of a thread is limi
 within a type within a type ends the process, as does one of 800 kB with an `any` within an `any`, or with a long list
 as a recursive type. An empty text in a type, which takes 80 bytes, ends it too. Here the encoded type is read first, as
 octets, and checked; then the value, whose depth is counted. What is ill-formed or too deep is refused with MARSHAL.
+Valuetypes are an exception: their values are read as omniORBpy does, since rings of them need it.
 
 `ANY` is a type descriptor that takes the place of tcInternal.tv_any. It makes omniORBpy read an unsigned long and, by
 its value, what follows it. The constructors of the structs in it are called as soon as their members are read: they
@@ -153,7 +154,7 @@ def _bounded(descriptor: Any, known: dict[str, list[Any]], depth: int) -> Any:
         return kind, part(descriptor[1]), descriptor[2]
     if kind == tc.tv_value_box:
         return (*descriptor[:4], part(descriptor[4]))
-    if kind not in (tc.tv_struct, tc.tv_except, tc.tv_union, tc.tv_value):
+    if kind not in (tc.tv_struct, tc.tv_except, tc.tv_union):
         return descriptor
     holder = known[descriptor[2]] = []
     if kind == tc.tv_union:
@@ -161,10 +162,6 @@ def _bounded(descriptor: Any, known: dict[str, list[Any]], depth: int) -> Any:
         default = descriptor[7] and (descriptor[7][0], descriptor[7][1], part(descriptor[7][2]))
         by_label = {label: (case[0], case[1], part(case[2])) for label, case in descriptor[8].items()}
         made: Any = (*descriptor[:6], tuple(cases.values()), default, by_label)
-    elif kind == tc.tv_value:
-        base, members = part(descriptor[6]), list(descriptor[7:])
-        members[1::3] = map(part, members[1::3])
-        made = (*descriptor[:6], base, *members)
     else:
         members = list(descriptor[4:])
         members[1::2] = map(part, members[1::2])
@@ -263,11 +260,11 @@ TC_ANY = _TypeCode(ANY)
 
 
 @functools.cache
-def read_bounded_anys(servant: type) -> None:
+def read_bounded_anys(servant: Any) -> None:
     """Let the operations of a servant's class read their anys so."""
     operations = getattr(servant, "_omni_op_d", {})
     if any(tc.tv_any in wanted for wanted, *_ in operations.values()):
-        servant._omni_op_d = {  # type: ignore[attr-defined]
+        servant._omni_op_d = {
             name: (tuple(ANY if each == tc.tv_any else each for each in wanted), *rest)
             for name, (wanted, *rest) in operations.items()
         }

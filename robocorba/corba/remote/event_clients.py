@@ -12,7 +12,6 @@ from omniORB import CORBA
 
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
-from robocorba.corba.conversion.bounded_any import ANY
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import ClientGone, EventError, InvalidEvent, NotDelivered, OwnProxy, Refused, Unconfirmed
 from robocorba.events.event import CorrelatedEvents, EventBatch
@@ -22,9 +21,6 @@ from robocorba.stubs import RoboCorba
 
 #: Timeout of the call that notifies a client of its disconnection [s].
 DISCONNECT_TIMEOUT_S = 1.0
-
-#: try_pull, whose event is read as a bounded any.
-_TRY_PULL = ((), (ANY, *CosEventComm.PullSupplier._d_try_pull[1][1:]), CosEventComm.PullSupplier._d_try_pull[2])
 
 _log = logging.getLogger(__name__)
 #: Errors of an object that does not exist, or has another type.
@@ -126,7 +122,7 @@ class RemotePullSupplier(_RemoteClient):
     def try_pull(self, limit_s: float) -> EventBatch | None:
         self._set_limit(limit_s)
         try:
-            value, has_event = self._remote._obj.invoke("try_pull", _TRY_PULL, ())
+            value, has_event = self._remote.try_pull()
         except CORBA.Exception as error:
             raise delivery_failure(error) from None
         try:

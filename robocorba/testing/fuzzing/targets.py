@@ -42,7 +42,7 @@ ICONS: list[dict[str, Any]] = [
     {"icon": "mhand_pose", "hand": "right", "x": 0.4, "y": -0.2, "z": 0.8, "roll": 0, "pitch": 0, "yaw": 0},
     {"icon": "mhand_offset", "hand": "both", "dx": 0.01, "dy": 0.0, "dz": 0.01, "seconds": 0.1},
     {"icon": "mhand_posture", "hand": "both", "posture": "tuck"},
-    {"icon": "lumbar", "lower": 0.1, "upper": 0.1, "seconds": 1},
+    {"icon": "lumbar", "lower": 0.1, "upper": 0.0, "seconds": 1},
     {"icon": "gripper", "hand": "left", "action": "close", "opening": 0.3, "force": 5, "object": "box"},
     {"icon": "wait_until", "condition": {"when": "closer_than", "sensor": "laser", "distance": 1.0}, "seconds": 0.1},
     {"icon": "wait_until", "condition": {"when": "event", "type": "a.*", "source": "*"}, "seconds": 0.1},
@@ -86,7 +86,24 @@ MESSAGE = {
     "since": 1.0,
     "end": "",
 }
-TEXTS = ("L1", "L2", "E1", ROBOT, OTHER, OURS, "a", "b", "simulated", "room", "desk", "table", "box", "main", "s1", "w")
+TEXTS: tuple[str, ...] = (
+    "L1",
+    "L2",
+    "E1",
+    ROBOT,
+    OTHER,
+    OURS,
+    "a",
+    "b",
+    "simulated",
+    "room",
+    "desk",
+    "table",
+    "box",
+    "main",
+    "s1",
+    "w",
+)
 TEXTS += (
     "top",
     "bottom",
@@ -396,10 +413,11 @@ class FuzzedSystem:
 
     def _of_the_channel(self) -> Iterator[Target]:
         header = RoboCorba.EventHeader("robot.state", ROBOT, "", 0, 0.0, 0, 0.0, RoboCorba.MSGPACK)
+        payloads: list[Any] = [MESSAGE, {**MESSAGE, "x": "nan"}, {"version": VERSION}, [], {**MESSAGE, "step": -5}]
         events = [
             RoboCorba.Event(_typed(header, type, OTHER), msgpack.packb(payload))
             for type in KINDS
-            for payload in (MESSAGE, {**MESSAGE, "x": "nan"}, {"version": VERSION}, [], {**MESSAGE, "step": -5})
+            for payload in payloads
         ]
         events += [RoboCorba.Event(_typed(header, "floor.changed", "L1"), msgpack.packb({"since": 1}))]
         runs = [RoboCorba.EventRun(header, [0.0, 1.0], [b"\xc0", b"\x01"])]

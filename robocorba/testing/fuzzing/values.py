@@ -58,7 +58,7 @@ TEXTS = (
     "x" * HUGE,
 )
 #: What JSON can hold in one place.
-JSON = (
+JSON: tuple[Any, ...] = (
     None,
     True,
     0,
