@@ -123,7 +123,7 @@ def test_a_hand_is_judged_from_the_joints_that_the_robot_has(kinematics: Inverse
     [
         lambda a: a.mhand_posture("both", "ready"),
         lambda a: a.mhand_offset("left", dx=0.01),
-        lambda a: a.lumbar(0.1, 0.0),
+        lambda a: a.lumbar(0.0, 0.1),
         lambda a: a.gripper("left", "open"),
     ],
 )

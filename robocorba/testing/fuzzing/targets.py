@@ -42,7 +42,7 @@ ICONS: list[dict[str, Any]] = [
     {"icon": "mhand_pose", "hand": "right", "x": 0.4, "y": -0.2, "z": 0.8, "roll": 0, "pitch": 0, "yaw": 0},
     {"icon": "mhand_offset", "hand": "both", "dx": 0.01, "dy": 0.0, "dz": 0.01, "seconds": 0.1},
     {"icon": "mhand_posture", "hand": "both", "posture": "tuck"},
-    {"icon": "lumbar", "lower": 0.1, "upper": 0.0, "seconds": 1},
+    {"icon": "lumbar", "lower": 0.0, "upper": 0.1, "seconds": 1},
     {"icon": "gripper", "hand": "left", "action": "close", "opening": 0.3, "force": 5, "object": "box"},
     {"icon": "wait_until", "condition": {"when": "closer_than", "sensor": "laser", "distance": 1.0}, "seconds": 0.1},
     {"icon": "wait_until", "condition": {"when": "event", "type": "a.*", "source": "*"}, "seconds": 0.1},
