@@ -21,7 +21,7 @@ def orb() -> object:
     return CORBA.ORB_init(["tests", "-ORBnativeCharCodeSet", "UTF-8"], CORBA.ORB_ID)
 
 
-@pytest.mark.parametrize("interface", interfaces(), ids=lambda each: str(each._NP_RepositoryId))
+@pytest.mark.parametrize("interface", list(interfaces()), ids=lambda each: str(each._NP_RepositoryId))
 def test_an_orb_can_send_all_arguments(interface: object) -> None:
     for operation in operations(interface):
         random = Random(operation.name)
