@@ -175,8 +175,9 @@ class Orb:
         activated an object with the same key at the same endpoint. Objects whose references others may have kept must
         be activated before `serve`. Activating a servant under its key again has no effect. Texts of callers that are
         not UTF-8 and anys that are nested too deep are refused."""
-        read_bounded_anys(type(servant))
-        refuse_unreadable_texts(type(servant))
+        kind: Any = type(servant)
+        read_bounded_anys(kind)
+        refuse_unreadable_texts(kind)
         if key:
             with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
                 self._named_adapter.activate_object_with_id(key.encode(), servant)

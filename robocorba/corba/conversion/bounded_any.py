@@ -4,7 +4,7 @@ omniORBpy reads types and values by recursion, and the stack of a thread is limi
 within a type within a type ends the process, as does one of 800 kB with an `any` within an `any`, or with a long list
 as a recursive type. An empty text in a type, which takes 80 bytes, ends it too. Here the encoded type is read first, as
 octets, and checked; then the value, whose depth is counted. What is ill-formed or too deep is refused with MARSHAL.
-Valuetypes are an exception: their values are read as omniORBpy does, since rings of them need it.
+Valuetypes within themselves are refused too; the values of others are read as omniORBpy does.
 
 `ANY` is a type descriptor that takes the place of tcInternal.tv_any. It makes omniORBpy read an unsigned long and, by
 its value, what follows it. The constructors of the structs in it are called as soon as their members are read: they
@@ -250,7 +250,7 @@ def _encoded_type(make: Callable[[int, Any], Any]) -> Any:
 ANY = _struct(_any, "type", _encoded_type(_type), "value", (tc.tv__indirect, _next))
 
 
-class _TypeCode(CORBA.TypeCode):  # type: ignore[misc]
+class _TypeCode(CORBA.TypeCode):
     def __init__(self, descriptor: Any) -> None:
         self._d, self._k = descriptor, CORBA.tk_any
 
@@ -259,7 +259,6 @@ class _TypeCode(CORBA.TypeCode):  # type: ignore[misc]
 TC_ANY = _TypeCode(ANY)
 
 
-@functools.cache
 def read_bounded_anys(servant: Any) -> None:
     """Let the operations of a servant's class read their anys so."""
     operations = getattr(servant, "_omni_op_d", {})

@@ -377,9 +377,9 @@ class FuzzedSystem:
             "setLimit": [_each(200)],
             "step": [_each(1)],
         }
+        administrator = _same(self.administrator)
         yield Target(
-            *("SimulationAdministrator", RoboCorba.SimulationAdministrator),
-            *(lambda: self.administrator, on_administrator, self.resume),
+            "SimulationAdministrator", RoboCorba.SimulationAdministrator, administrator, on_administrator, self.resume
         )
         record = RoboCorba.MissionRecord("m", 0, b"document")
         on_database = {
