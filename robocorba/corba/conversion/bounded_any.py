@@ -4,7 +4,7 @@ omniORBpy reads types and values by recursion, and the stack of a thread is limi
 within a type within a type ends the process, as does one of 800 kB with an `any` within an `any`, or with a long list
 as a recursive type. An empty text in a type, which takes 80 bytes, ends it too. Here the encoded type is read first, as
 octets, and checked; then the value, whose depth is counted. What is ill-formed or too deep is refused with MARSHAL.
-Valuetypes within themselves are refused too; the values of others are read as omniORBpy does.
+Valuetypes are an exception: their values are read as omniORBpy does, since rings of them need it.
 
 `ANY` is a type descriptor that takes the place of tcInternal.tv_any. It makes omniORBpy read an unsigned long and, by
 its value, what follows it. The constructors of the structs in it are called as soon as their members are read: they

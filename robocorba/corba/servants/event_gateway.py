@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from typing import Any
 
@@ -51,4 +52,5 @@ class GatewayFeedServant(RoboCorba__POA.GatewayFeed):
 
     @translating
     def leave(self, session: str) -> None:
-        self._links.leave(session)
+        with contextlib.suppress(SessionOver):  # the link has ended already
+            self._links.leave(session)
