@@ -13,6 +13,7 @@ from typing import Any
 
 from omniORB import CORBA
 
+from robocorba.backoff import Backoff
 from robocorba.testing.fuzzing.operations import Operation
 from robocorba.testing.fuzzing.values import Seen, Values
 from robocorba.testing.fuzzing.wire import Wire
@@ -21,6 +22,9 @@ from robocorba.testing.fuzzing.wire import Wire
 WIRE_SHARE = 0.15
 #: A call that takes longer is noted [s].
 SLOW_S = 5.0
+#: Time limit for a server that has ended to be back [s]; at the end its process is another one.
+RESTART_LIMIT_S = 10.0
+_AGAIN = Backoff(0.1, 0.1)
 #: What a server may raise besides the exceptions of the operation. TRANSIENT: something else is missing now, or busy.
 #: After an ill-formed message the ORB may also close the connection, which is a COMM_FAILURE.
 ALLOWED = (
@@ -87,7 +91,7 @@ def call_many(
         if time.monotonic() > deadline:
             break
         if reference is None or operation.name in target.ends:
-            reference = target.make()
+            reference = _AGAIN.call(target.make, RESTART_LIMIT_S, CORBA.TRANSIENT, CORBA.COMM_FAILURE)
         examples = target.examples.get(operation.name, ())
         arguments: Sequence[Any] = values.arguments(operation.wanted, examples)
         descriptor = operation.descriptor
