@@ -16,6 +16,7 @@ BENCHES = {
     "missions": ("carry", "network", "many", "chaos"),
     "console": ("viewers", "returns"),
     "starts": ("ready", "kills", "memory", "forks"),
+    "chaos": ("fuzz",),
 }
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -22,6 +22,7 @@ from robocorba.errors.robots import MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
 from robocorba.missions import carry_planning
+from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.execution import pose_in_robot_frame
 from robocorba.missions.hand_over import HandOverPlanner
 from robocorba.missions.leader import CooperativePlanner, Leader
@@ -128,6 +129,7 @@ class Cooperation:
         Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
         mission = mission or new_mission_name(self._name)
         about = str(getattr(icon, "table", getattr(icon, "object", "")))
+        OWN_CLOCK.synchronize()
         led = LedMission(self._recorder, mission, kind(icon), about, self._name)
         self._lead_as(mission)
         try:

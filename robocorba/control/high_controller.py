@@ -17,6 +17,7 @@ import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.realtime import use_realtime_scheduling
+from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotHeld, RobotLost
 from robocorba.motion.motion import Motion, MotionCommand
 from robocorba.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
@@ -217,9 +218,16 @@ class HighController:
 
     def _begin(self) -> None:
         self._before_start()
-        self._adaptor.start(self.argv)
         state = RobotState()
-        if not self._adaptor.read(state):
+        try:
+            self._adaptor.start(self.argv)
+            is_read = self._adaptor.read(state)
+        except RoboCorbaError:
+            raise
+        except Exception as error:  # a bug in an adaptor, which may be anybody's
+            _log.exception("the adaptor failed to start")
+            raise AdaptorFailed(f"{type(error).__name__}: {error}") from error
+        if not is_read:
             raise AdaptorFailed("the adaptor has started but can't be read")
         with self._lock:
             ahead, left, turn = state.velocity

@@ -13,6 +13,8 @@ from typing import Any
 
 from omniORB import CORBA
 
+from robocorba.corba.texts import refuse_unreadable_texts
+
 #: Maximum number of waiting calls, unless CallLimit sets another one.
 MAX_WAITING = 2000
 #: Maximum time for which a call waits [s]. Callers of ours stop waiting after 10 s, and may not repeat it before.
@@ -31,6 +33,7 @@ class CallLimit:
 
     def apply(self, servant: Any, *operations: str) -> None:
         """Limit these operations of a servant, or all; attributes are called _get_NAME and _set_NAME."""
+        refuse_unreadable_texts(type(servant))  # before the operations are replaced
         for name in operations or tuple(servant._omni_op_d):
             setattr(servant, name, self.limited(getattr(servant, name)))
 

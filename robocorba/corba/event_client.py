@@ -23,6 +23,7 @@ from omniORB import CORBA
 from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe
 from robocorba.corba.conversion import events
+from robocorba.corba.conversion.bounded_any import TC_ANY
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import InvalidEvent, Unconfirmed
@@ -326,7 +327,7 @@ def _unpacked(encoding: Any, payload: bytes) -> Any:
     """The decoded payload; the bytes themselves if they cannot be decoded."""
     try:
         if encoding == RoboCorba.CDR_ANY:
-            return omniORB.cdrUnmarshal(CORBA.TC_any, payload).value()
+            return omniORB.cdrUnmarshal(TC_ANY, payload).value()
         return msgpack.unpackb(payload, strict_map_key=False)
     except (CORBA.SystemException, ValueError, msgpack.UnpackException):
         return payload

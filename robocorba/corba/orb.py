@@ -37,8 +37,10 @@ from omniORB import CORBA, BiDirPolicy, interceptors
 from robocorba.corba import tls
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.connections import ConnectionLimit
+from robocorba.corba.conversion.bounded_any import read_bounded_anys
 from robocorba.corba.guard import Guard, guarded
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
+from robocorba.corba.texts import refuse_unreadable_texts
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.roles import Role
 from robocorba.settings import Address, RoleNaming
@@ -100,6 +102,14 @@ def _wait_at_gate() -> None:
 interceptors.addAssignUpcallThread(_wait_at_gate)
 
 
+def checking(servant: Any) -> Any:
+    """The servant, whose operations refuse texts of callers that are not UTF-8, and anys that are nested too deep."""
+    kind: Any = type(servant)
+    read_bounded_anys(kind)
+    refuse_unreadable_texts(kind)
+    return servant
+
+
 class _Finder(PortableServer__POA.ServantActivator):
     """Finds the servants of objects that are not active."""
 
@@ -110,7 +120,7 @@ class _Finder(PortableServer__POA.ServantActivator):
         servant = self._find(id.decode(errors="replace"))
         if servant is None:
             raise CORBA.OBJECT_NOT_EXIST(0, CORBA.COMPLETED_NO)
-        return servant
+        return checking(servant)
 
     def etherealize(self, id: bytes, adapter: Any, servant: Any, is_cleanup: bool, has_other_ids: bool) -> None:
         pass
@@ -229,7 +239,8 @@ class Orb:
 
         With a `key`, which must differ from all served names, the reference is valid again whenever a process has
         activated an object with the same key at the same endpoint. Objects whose references others may have kept must
-        be activated before `serve`. Activating a servant under its key again has no effect.
+        be activated before `serve`. Activating a servant under its key again has no effect. Texts of callers that are
+        not UTF-8 and anys that are nested too deep are refused.
 
         In a guarded system the reference is for servers, and for those that they give it to: its key can't be guessed.
         """
@@ -237,6 +248,7 @@ class Orb:
             return self._activate_with_key(servant, self._guard.key(key) if self._guard else key)
         if self.endpoint is None:
             self.accept_calls()
+        checking(servant)
         if self._guard:
             id = secrets.token_bytes(16)
             self._object_adapter.activate_object_with_id(id, servant)
@@ -248,11 +260,12 @@ class Orb:
         """The reference of a served object; guarded, that for each role."""
         if self._guard is None:
             return self._activate_with_key(servant, name)
+        checking(servant)  # before its operations are taken
         return {role: self._activate_with_key(guarded(servant, role), self._guard.key(name, role)) for role in Role}
 
     def _activate_with_key(self, servant: Any, key: str) -> Any:
         with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
-            self._named_adapter.activate_object_with_id(key.encode(), servant)
+            self._named_adapter.activate_object_with_id(key.encode(), checking(servant))
         return self._named_adapter.id_to_reference(key.encode())
 
     def deactivate(self, servant: Any) -> None:
@@ -286,7 +299,7 @@ class Orb:
     def activate_secret(self, servant: Any, key: str) -> Any:
         """A reference to an object that `find` would find by its secret key, until `deactivate_secret`."""
         with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
-            self._secret_adapter.activate_object_with_id(key.encode(), servant)
+            self._secret_adapter.activate_object_with_id(key.encode(), checking(servant))
         return self._secret_adapter.id_to_reference(key.encode())
 
     def deactivate_secret(self, key: str) -> None:

@@ -51,6 +51,8 @@ def checked_header(type: str, source: str, priority: int, expiry: float, encodin
     for field, text in (("type", type), ("source", source)):
         if len(text) > MAX_NAME:
             raise InvalidEvent(field, f"has {len(text)} characters; at most {MAX_NAME} are allowed")
+        if "\0" in text or "\N{REPLACEMENT CHARACTER}" in text:
+            raise InvalidEvent(field, "has NUL, or bytes that are not UTF-8")
     if not 0 <= expiry <= MAX_SECONDS:
         raise InvalidEvent("expiry", f"{expiry} is not between 0 and {MAX_SECONDS:g} seconds")
     return EventHeader(type, source, "", priority, expiry, encoding)

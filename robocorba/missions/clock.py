@@ -1,4 +1,4 @@
-"""The leader's clock, estimated by another robot from the timestamps of states and orders."""
+"""The clocks of missions: a robot's own, and its leader's, estimated from the timestamps of states and orders."""
 
 from __future__ import annotations
 
@@ -7,6 +7,29 @@ from collections import deque
 
 #: Number of latest exchanges kept; the one with the shortest round trip is used.
 MAX_EXCHANGES = 50
+
+
+class SteadyClock:
+    """Time since 1970 that passes steadily, also while the system's clock is set: orders name times in the future."""
+
+    def __init__(self) -> None:
+        #: The time at which the monotonic clock was 0; None before the first use, which a fork may precede.
+        self._began: float | None = None
+
+    def synchronize(self) -> None:
+        """Take the time from the system's clock; not while a mission runs."""
+        self._began = time.time() - time.monotonic()
+
+    def now(self) -> float:
+        """The time [s since 1970]."""
+        if self._began is None:
+            self.synchronize()
+        assert self._began is not None
+        return self._began + time.monotonic()
+
+
+#: The time of this process, by which it stamps and receives all messages of missions.
+OWN_CLOCK = SteadyClock()
 
 
 class LeaderClock:
@@ -37,4 +60,4 @@ class LeaderClock:
 
     def now(self) -> float:
         """The leader's time [s since 1970]."""
-        return time.time() + self.offset_s
+        return OWN_CLOCK.now() + self.offset_s

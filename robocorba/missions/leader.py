@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 from msgspec.structs import replace
 
 from robocorba.errors.robots import MissionFailed
+from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.messages import Answer, Assignment, Call, MemberState, Offer, Order
 from robocorba.missions.report import MissionReport, PhaseTimes
 from robocorba.missions.subplan import Carry, CooperativePlan
@@ -131,7 +132,7 @@ class Leader:
 
     def lead(self, kind: str, planner: CooperativePlanner) -> MissionReport:
         """Run the mission to its end. kind: for display. Errors are in the report."""
-        began, result, reason = time.time(), "done", ""
+        began, result, reason = OWN_CLOCK.now(), "done", ""
         try:
             plan = self._agree(planner)
             for step in range(len(plan.phases)):
@@ -152,7 +153,7 @@ class Leader:
             result,
             reason,
             began,
-            time.time(),
+            OWN_CLOCK.now(),
             self._plan,
             self._phases,
             measurements,
@@ -280,7 +281,7 @@ class Leader:
         limit_s = max(each.limit_s for each in steps.values())
         carry = next((each for each in steps.values() if isinstance(each, Carry)), None)
         carry_duration_s = Trajectory.from_rows(carry.rows).duration if carry else 0.0
-        at = time.time() + self._policy.step_lead_s
+        at = OWN_CLOCK.now() + self._policy.step_lead_s
         phase = PhaseTimes(plan.phases[step], at, {}, {})
         self._phases.append(phase)
         self._on_phase(plan, phase.name)
@@ -298,11 +299,11 @@ class Leader:
                 if state.step == step and state.began_at:
                     phase.started.setdefault(name, state.began_at)
                 if state.step > step or (state.step == step and state.is_done):
-                    phase.done.setdefault(name, time.time())
+                    phase.done.setdefault(name, OWN_CLOCK.now())
             if len(phase.done) > done_before:
                 self._on_progress(plan, self._phases, False)
             self._check_members(phase.name)
-            if time.time() > at + limit_s + self._policy.step_grace_s:
+            if OWN_CLOCK.now() > at + limit_s + self._policy.step_grace_s:
                 late = [name for name in steps if name not in phase.done]
                 raise MissionFailed(f"{phase.name}: {', '.join(late)} took longer than {limit_s:g} s")
             if carry:
@@ -320,9 +321,9 @@ class Leader:
     def _set_rate(self, rate: float, duration_s: float) -> None:
         """Continue the carry at this rate, from a time in the future that all members will know in advance."""
         order = self._order
-        if rate == order.rate or time.time() < order.since:
+        if rate == order.rate or OWN_CLOCK.now() < order.since:
             return
-        since = time.time() + self._policy.rate_change_lead_s
+        since = OWN_CLOCK.now() + self._policy.rate_change_lead_s
         trajectory_s = min(duration_s, order.trajectory_s + order.rate * (since - order.since))
         self._order = replace(order, trajectory_s=trajectory_s, rate=rate, since=since)
 

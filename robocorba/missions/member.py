@@ -12,7 +12,7 @@ from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
 from robocorba.missions.carry_control import CarryProgress
-from robocorba.missions.clock import LeaderClock
+from robocorba.missions.clock import OWN_CLOCK, LeaderClock
 from robocorba.missions.execution import ObjectLocator, StepExecutor
 from robocorba.missions.messages import Assignment, MemberMeasurements, MemberState, Order
 
@@ -189,7 +189,7 @@ class Member:
     def _abort(self, reason: str) -> None:
         with self._changed:
             self._order = Order(
-                mission=self.mission, leader=self.leader, end="aborted", reason=reason, sent=time.time()
+                mission=self.mission, leader=self.leader, end="aborted", reason=reason, sent=OWN_CLOCK.now()
             )
             self._changed.notify_all()
         self._robot.execution.abort(reason)

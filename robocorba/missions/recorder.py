@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from collections.abc import Callable, Sequence
 
 from msgspec.structs import replace
@@ -13,6 +12,7 @@ from msgspec.structs import replace
 from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import InvalidMission, StaleMission
+from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.report import MissionReport, PhaseTimes
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord
@@ -118,7 +118,7 @@ class LedMission:
         kind: str,
         about: str,
         leader: str,
-        clock: Callable[[], float] = time.time,
+        clock: Callable[[], float] = OWN_CLOCK.now,
     ) -> None:
         self._recorder, self._name, self._clock = recorder, name, clock
         begun = clock()

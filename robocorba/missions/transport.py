@@ -7,7 +7,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import queue
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -17,6 +16,7 @@ import msgspec
 from robocorba.errors.events import EventError
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import InvalidMission
+from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.messages import Message, message_of, payload, type_of
 
 #: Messages in the queue; newer ones are dropped when it is full.
@@ -65,7 +65,7 @@ class Transport:
 
     def publish(self, message: Message, retry_s: float = 0.0) -> bool:
         """Publish a message, stamped with the time; return whether the channel accepted it."""
-        message = msgspec.structs.replace(message, sent=time.time())
+        message = msgspec.structs.replace(message, sent=OWN_CLOCK.now())
         try:
             self._channel.publish(type_of(message), payload(message), retry_s)
         except (NotReachable, EventError) as error:
@@ -86,7 +86,7 @@ class Transport:
             self._queue.put_nowait(None)
 
     def _receive(self, type: str, source: str, content: Any, origin: str) -> None:
-        now = time.time()
+        now = OWN_CLOCK.now()
         try:
             received = Received(source, message_of(type, content), now, origin)
         except InvalidMission as error:

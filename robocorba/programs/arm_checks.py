@@ -63,17 +63,32 @@ class KnownArms(NamedTuple):
 
 
 class ArmChecks:
-    """Tracks the arms through a program, and reports impossible motions. Without kinematics it only tracks."""
+    """Tracks the arms through a program, and reports impossible motions. Without kinematics it only tracks.
 
-    def __init__(self, report: CheckReport, kinematics: Kinematics | None, postures: Mapping[str, Floats]) -> None:
+    joints: the robot's angles at the start [rad]; None for the home posture."""
+
+    def __init__(
+        self,
+        report: CheckReport,
+        kinematics: Kinematics | None,
+        postures: Mapping[str, Floats],
+        joints: Floats | None = None,
+    ) -> None:
         self._report, self._kinematics, self._postures = report, kinematics, postures
         self.home = home(postures)
+        #: Why this robot can't move arms, or empty.
+        self._reason = "" if joints is None else _reason_against(joints)
+        start = self.home if joints is None or self._reason else joints
+        self.start = KnownArms(tuple(start.tolist()))
 
     def after(self, path: str, icon: Icon, arms: KnownArms) -> KnownArms:
         """The arms after an icon that contains no others."""
         if isinstance(icon, MoveTable | HandOver):
             return arms.with_unknown(range(len(JOINTS)), self.home)
         if not isinstance(icon, HandIcon):
+            return arms
+        if self._reason:
+            self._report.add_finding(path, "icon", self._reason)
             return arms
         unknown = arms.with_unknown(joints_of(icon), self.home)
         if not self._kinematics:
@@ -117,6 +132,13 @@ class ArmChecks:
                 self._report.add_finding(path, _TARGET_PARAMETERS[type(icon)], f"{where} {one} collides with {other}")
                 return False
         return True
+
+
+def _reason_against(joints: Floats) -> str:
+    """Why a robot with these joints [rad] can't move SmartPal's arms; empty if it can."""
+    if len(joints) != len(JOINTS):
+        return f"this robot has {len(joints)} joints, not SmartPal's {len(JOINTS)}"
+    return "" if np.isfinite(joints).all() else "the robot reports joint angles that are not finite numbers"
 
 
 def _interpolated(start: Floats, postures: Sequence[Floats]) -> Iterator[Floats]:

@@ -132,15 +132,14 @@ class _Interpreter:
         start: Start,
     ) -> None:
         self._report = report
-        self._arms = ArmChecks(report, kinematics, postures)
+        self._arms = ArmChecks(report, kinematics, postures, start.joints)
         self._base = BaseChecks(report, planner, start.obstacles, start.robots)
         self._icons_checked = 0
         self._end_reason = ""
 
     def run(self, program: Program, start: Start) -> None:
-        joints = self._arms.home if start.joints is None else start.joints
         base = KnownBase(start.place, start.heading, start.place is not None)
-        self._icons("icons", program.icons, _KnownState(KnownArms(tuple(joints.tolist())), base))
+        self._icons("icons", program.icons, _KnownState(self._arms.start, base))
 
     def _icons(self, parent: str, icons: tuple[Icon, ...], state: _KnownState) -> _KnownState:
         for number, icon in enumerate(icons):

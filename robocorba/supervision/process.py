@@ -80,6 +80,8 @@ class Supervised:
     restarts: int = 0
     problem: str = ""
     ready: asyncio.Event = field(default_factory=asyncio.Event)
+    #: Its last start on the monotonic clock [s].
+    _started_at: float = 0.0
     _lines: deque[str] = field(default_factory=lambda: deque(maxlen=50))
 
     async def supervise(self) -> None:
@@ -127,7 +129,7 @@ class Supervised:
         short_runs = 0
         yield 0.0
         while True:
-            if time.time() - self.started >= STEADY_RUN_S:
+            if time.monotonic() - self._started_at >= STEADY_RUN_S:
                 short_runs = 0
             yield BACKOFF.pause_s(short_runs)
             short_runs += 1
@@ -140,7 +142,7 @@ class Supervised:
         pipe = await Pipe.open()
         with pipe.write_end() as output:
             process = await self.starter.start(self.spec.command, self.spec.cwd, output)
-        self.started = time.time()
+        self.started, self._started_at = time.time(), time.monotonic()
         self.set_state("starting", pid=process.pid)
         _log.info("%s started with process id %d", self.spec.name, process.pid)
         return process, asyncio.create_task(pipe.read(self._handle_line))

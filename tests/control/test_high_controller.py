@@ -267,6 +267,12 @@ def test_what_fails_because_the_robot_is_stopped_is_no_other_reason(high: HighCo
     assert high.stopped == "button"
 
 
+def test_a_bug_in_the_start_of_an_adaptor_has_a_name(adaptor: Watched) -> None:
+    adaptor.failure = ZeroDivisionError("a bug")
+    with pytest.raises(AdaptorFailed, match="ZeroDivisionError: a bug"):
+        controller(adaptor).start(())
+
+
 def test_each_start_is_prepared(adaptor: Watched) -> None:
     prepared: list[bool] = []
     high = HighController(

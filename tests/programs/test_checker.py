@@ -23,6 +23,7 @@ from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.hands import home
 from robocorba.programs.icons import CloserThan, Destination, FartherThan, Holding, Result
 from robocorba.programs.report import CheckReport
+from robocorba.spatial.grids import Floats
 
 Build = Callable[[ProgramBuilder], object]
 LOBBY = Start(Place("L1", 17.0, 4.0), 0.0)
@@ -114,6 +115,23 @@ def test_a_hand_is_judged_from_the_joints_that_the_robot_has(kinematics: Inverse
     program = built(lambda a: a.mhand_joints("left", THROUGH_THE_BODY)).program()
     assert check(program, kinematics, start=Start(joints=joints)).is_valid
     assert not check(program, kinematics).is_valid
+
+
+@pytest.mark.parametrize("joints", [np.zeros(0), np.zeros(7), np.full(18, np.nan)])
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda a: a.mhand_posture("both", "ready"),
+        lambda a: a.mhand_offset("left", dx=0.01),
+        lambda a: a.lumbar(0.0, 0.1),
+        lambda a: a.gripper("left", "open"),
+    ],
+)
+def test_a_robot_without_such_arms_has_a_finding(build: Build, joints: Floats, kinematics: InverseKinematics) -> None:
+    report = check(built(build).program(), kinematics, start=Start(joints=joints))
+    ((icon, _),) = wrong(report)
+    assert icon == "icons[0]"
+    assert check(built(lambda a: a.wait(1.0)).program(), kinematics, start=Start(joints=joints)).is_valid
 
 
 def test_after_a_branch_only_what_both_ways_agree_on_is_known(arms: Callable[[Build], CheckReport]) -> None:

@@ -17,7 +17,7 @@ import CosEventComm
 import omniORB
 from omniORB import CORBA
 
-from robocorba.corba.conversion import values
+from robocorba.corba.conversion.bounded_any import TC_ANY
 from robocorba.corba.conversion.errors import register, register_system, register_with
 from robocorba.errors import events as errors
 from robocorba.errors.events import InvalidEvent, InvalidPeer
@@ -42,8 +42,6 @@ from robocorba.events.proxy import ProxyCondition, ProxyKind
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.subscription import EVERYTHING, Pattern, Subscription, checked
 from robocorba.stubs import RoboCorba
-
-values.patch_omniorb()  # events may hold values of any type
 
 #: By the value of the enumerator; hashing it would cost more than the rest of a header.
 _ENCODING_OF = [Encoding.MSGPACK, Encoding.CDR_ANY]
@@ -96,6 +94,8 @@ def batch_of_any(value: Any) -> EventBatch:
         type_name = _BASIC[typecode.kind()]
     if type_name == _EVENT_ID:
         return batch_of_event(value._v)
+    if isinstance(value._v, str) and "\0" in value._v:  # it could not be sent
+        raise InvalidEvent("payload", "is a text with NUL")
     return EventBatch(_native_header(type_name), [0.0], [value])
 
 
@@ -198,7 +198,7 @@ def plain_event(batch: EventBatch) -> Any:
         return batch.payloads[0]
     if encoding is Encoding.CDR_ANY:
         try:
-            return omniORB.cdrUnmarshal(_TC_ANY, batch.payloads[0])
+            return omniORB.cdrUnmarshal(TC_ANY, batch.payloads[0])
         except (CORBA.SystemException, SystemError):
             pass  # not a CDR encoded `any` after all; for some such data omniORBpy raises SystemError
     return CORBA.Any(RoboCorba._tc_Event, event(batch))

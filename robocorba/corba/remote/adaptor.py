@@ -37,9 +37,12 @@ class RemoteAdaptor(RobotAdaptor):
         self._adaptor: Any = None
 
     def start(self, argv: Sequence[str]) -> bool:
-        parser = argparse.ArgumentParser(exit_on_error=False, add_help=False)
+        parser = argparse.ArgumentParser(exit_on_error=False, add_help=False, allow_abbrev=False)
         parser.add_argument("--uri", default="")
-        given, rest = parser.parse_known_args(list(argv))
+        try:
+            given, rest = parser.parse_known_args(list(argv))
+        except argparse.ArgumentError as error:
+            raise AdaptorFailed(f"the adaptor's arguments: {error}") from None
         try:
             found = (
                 self._orb.reference(given.uri, RoboCorba.RobotAdaptor)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from typing import Any
 
@@ -16,6 +17,9 @@ _log = logging.getLogger(__name__)
 
 class EventGatewayServant(RoboCorba__POA.EventGateway):
     """RoboCorba::EventGateway: receives events from the feeds of peers."""
+
+    #: Headers are checked once for many events.
+    checks_texts_itself = frozenset({"forward"})
 
     def __init__(self, links: Links) -> None:
         self._links = links
@@ -48,4 +52,5 @@ class GatewayFeedServant(RoboCorba__POA.GatewayFeed):
 
     @translating
     def leave(self, session: str) -> None:
-        self._links.leave(session)
+        with contextlib.suppress(SessionOver):  # the link has ended already
+            self._links.leave(session)

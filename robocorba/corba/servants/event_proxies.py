@@ -38,6 +38,9 @@ def _refuse_nil(reference: Any) -> None:
 class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
     """RoboCorba::EventProxyPushConsumer: a supplier pushes to it."""
 
+    #: Headers are checked once for many events.
+    checks_texts_itself = frozenset({"pushEvent", "pushRuns"})
+
     def __init__(self, proxy: ProxyConsumer, proxies: Proxies, clients: ClientFactory) -> None:
         self._proxy, self._proxies, self._clients = proxy, proxies, clients
 

@@ -1,0 +1,1 @@
+"""Attacks on a running system beside clients that do nothing wrong."""

@@ -1,0 +1,101 @@
+"""Every operation of the IDL with nonsense, beside a client that does nothing wrong.
+
+    python -m bench.chaos.fuzz [--inputs 1000] [--seconds 60] [--only NAME] [--seed 1]
+
+Arguments are made from the type descriptors of the stubs: NaN, infinities, extreme integers, empty, huge and
+ill-formed texts, nested anys, huge sequences, nil and foreign references, enumerators that don't exist, messages that
+end too early, and plausible values from the running system, so that calls get deep. Right are an answer, an exception
+of the operation, and the system exceptions in robocorba.testing.fuzzing.calls. Operations that end their object get a
+fresh one for each call; destroy and pull are not called. `seconds` ends the calls of one operation early, such as
+those that analyse the whole building."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from bench.common.harness import progress, run
+from robocorba.testing.fuzzing.calls import Tally, Target, call_many
+from robocorba.testing.fuzzing.operations import Operation, operations
+from robocorba.testing.fuzzing.targets import FuzzedSystem, fuzzed_system
+from robocorba.testing.json_process import Process, checkout_command
+from robocorba.testing.report import at_most, bars, summarize
+from robocorba.testing.simulation import error_lines
+
+#: Time limit for a call of the client that does nothing wrong [s].
+MAX_CALL_S = 0.5
+
+
+def _calls(system: FuzzedSystem, only: str) -> Iterator[tuple[Target, Operation]]:
+    for target in system.targets():
+        for operation in operations(target.interface):
+            if operation.name not in target.omitted and only in f"{target.name}.{operation.name}":
+                yield target, operation
+
+
+def _row(name: str, tallies: list[Tally]) -> dict[str, Any]:
+    counts = [(outcome, count) for tally in tallies for outcome, count in tally.outcomes.items()]
+    system = {"BAD_PARAM", "DATA_CONVERSION", "MARSHAL"}
+    return {
+        "interface": name,
+        "operations": len(tallies),
+        "calls": sum(tally.calls for tally in tallies),
+        "answers": sum(count for outcome, count in counts if outcome == "success"),
+        "refused by the ORB": sum(count for outcome, count in counts if outcome in system),
+        "other exceptions": sum(count for outcome, count in counts if outcome != "success" and outcome not in system),
+        "faults": sum(len(tally.faults) for tally in tallies),
+        "longest call, s": max(tally.slowest_s for tally in tallies),
+    }
+
+
+def main(inputs: int = 1000, seconds: float = 60.0, only: str = "", seed: int = 1) -> bool:
+    by_target: dict[str, list[Tally]] = {}
+    longest: dict[str, float] = {}
+    complaints: list[str] = []
+    with tempfile.TemporaryDirectory(prefix="robocorba-fuzz-") as name, fuzzed_system(Path(name)) as system:
+        folder = Path(name)
+        command = checkout_command("bench.chaos.bystander", str(system.running.naming))
+        with Process(command, folder / "bystander.log") as bystander:
+            bystander.receive(60.0)
+            everything = list(_calls(system, only))
+            for target, operation in progress(everything, "operations"):
+                tally = call_many(target, operation, inputs, seed, system.seen, seconds)
+                by_target.setdefault(target.name, []).append(tally)
+                where = f"{target.name}.{operation.name}"
+                complaints += [f"{where}: {what} for {arguments}" for what, arguments in tally.faults.items()]
+                if tally.calls < inputs:
+                    print(f"{where}: {tally.calls} calls in {seconds:g} s")
+                took, errors = bystander.ask({"do": "longest"}, 30.0)
+                for each, took_s in took.items():
+                    longest[each] = max(took_s, longest.get(each, 0.0))
+                    if took_s > MAX_CALL_S:
+                        print(f"{where}: a call of {each} by another client took {took_s:.2f} s")
+                complaints += [f"{where}: another client's call of {each}: {error}" for each, error in errors.items()]
+        processes, logged = system.processes(), error_lines(folder / "state") + error_lines(folder / "actual" / "state")
+        ended = {each for each in system.before if processes.get(each) != system.before[each]}
+    for complaint in [*complaints, *logged[:50]]:
+        print(complaint)
+    rows = [_row(each, tallies) for each, tallies in by_target.items()]
+    marks = [
+        at_most("calls that raised UNKNOWN or another fault", sum(row["faults"] for row in rows), 0),
+        at_most("processes that ended", len(ended), 0),
+        at_most("errors in logs", len(logged), 0),
+        *(
+            at_most(f"longest call of {each} by another client, s", took_s, MAX_CALL_S)
+            for each, took_s in longest.items()
+        ),
+    ]
+    title = f"{len(everything)} operations with {inputs} inputs each"
+    return summarize("chaos_fuzz", title, rows, marks, bars(longest, "longest call of another client, s"))
+
+
+if __name__ == "__main__":
+    run(
+        main,
+        inputs="for each operation",
+        seconds="at most for each operation",
+        only="only operations whose interface or name has this text",
+        seed="of the inputs",
+    )
