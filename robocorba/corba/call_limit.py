@@ -33,7 +33,8 @@ class CallLimit:
 
     def apply(self, servant: Any, *operations: str) -> None:
         """Limit these operations of a servant, or all; attributes are called _get_NAME and _set_NAME."""
-        refuse_unreadable_texts(type(servant))  # before the operations are replaced
+        kind: Any = type(servant)
+        refuse_unreadable_texts(kind)  # before the operations are replaced
         for name in operations or tuple(servant._omni_op_d):
             setattr(servant, name, self.limited(getattr(servant, name)))
 
