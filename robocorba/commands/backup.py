@@ -9,6 +9,7 @@ import typer
 
 from robocorba.commands.options import State
 from robocorba.commands.reporting import reporting
+from robocorba.printing import echo
 from robocorba.settings import Settings
 from robocorba.supervision import backups
 
@@ -21,7 +22,7 @@ def backup(
     """Save map, simulation, event channels, ports and names of a system, which may run, in one file."""
     with reporting("backup"):
         content = backups.back_up(Settings.read(state=state).state, file, overwrite=force)
-        typer.echo(f"wrote {file}: {len(content.files)} files, {file.stat().st_size} bytes")
+        echo(f"wrote {file}: {len(content.files)} files, {file.stat().st_size} bytes")
 
 
 def restore(
@@ -32,4 +33,4 @@ def restore(
     with reporting("restore"):
         folder = Settings.read(state=state).state
         former = backups.restore(file, folder)
-        typer.echo(f"restored {folder}" + (f"; its former state is in {former}" if former else ""))
+        echo(f"restored {folder}" + (f"; its former state is in {former}" if former else ""))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import struct
+from collections.abc import Iterator
 from typing import Any
 
 import omniORB
@@ -13,6 +15,8 @@ from omniORB import any as anys
 
 from robocorba.corba.conversion.bounded_any import MAX_DEPTH, TC_ANY, read_bounded_anys
 from robocorba.corba.conversion.encoded_types import MAX_DEPTH as MAX_TYPE_DEPTH
+from robocorba.corba.orb import Orb
+from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: What omniORB raises for encodings of no any.
@@ -28,9 +32,10 @@ TREE = bytes.fromhex(
 
 
 @pytest.fixture(scope="module", autouse=True)
-def orb() -> Any:
+def orb() -> Iterator[Orb]:
     """omniORB can't read anything without one."""
-    return CORBA.ORB_init(["tests", "-ORBnativeCharCodeSet", "UTF-8"], CORBA.ORB_ID)
+    with Orb(Address("127.0.0.1", 2809)) as orb:
+        yield orb
 
 
 def within_each_other(count: int) -> bytes:
@@ -69,7 +74,7 @@ def long_tree(count: int) -> bytes:
         anys.to_any([1, 2, 3]),
         anys.to_any({"a": [1, "x"], "b": anys.to_any(2.5)}),
     ],
-    ids=repr,
+    ids=itertools.count(),
 )
 def test_anys_are_read_as_before(value: Any) -> None:
     encoded = omniORB.cdrMarshal(CORBA.TC_any, value)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from random import Random
 
 import omniORB
 import pytest
-from omniORB import CORBA
 from omniORB import tcInternal as tc
 
+from robocorba.corba.orb import Orb
+from robocorba.settings import Address
 from robocorba.testing.fuzzing.operations import interfaces, operations
 from robocorba.testing.fuzzing.values import Seen, Values
 from robocorba.testing.fuzzing.wire import Wire
@@ -17,8 +19,9 @@ INPUTS = 3
 
 
 @pytest.fixture(scope="module", autouse=True)
-def orb() -> object:
-    return CORBA.ORB_init(["tests", "-ORBnativeCharCodeSet", "UTF-8"], CORBA.ORB_ID)
+def orb() -> Iterator[Orb]:
+    with Orb(Address("127.0.0.1", 2809)) as orb:
+        yield orb
 
 
 @pytest.mark.parametrize("interface", list(interfaces()), ids=lambda each: str(each._NP_RepositoryId))

@@ -29,7 +29,8 @@ class Session:
 def test_a_long_call_keeps_the_lease() -> None:
     client = RobotClient(robot("A"), "key", 0.0, time.monotonic())
     session: Any = Session(client)
-    servant = RobotSessionServant(session, 2.0, None)
+    unused: Any = None
+    servant = RobotSessionServant(session, 2.0, sensor=unused, stops=unused, uri=unused)
     with pytest.raises(RoboCorba.CannotGrip):
         servant.grip("T1", RoboCorba.XY(1.0, 2.0))
     assert (session.calling_meanwhile, client.is_calling) == (True, False)
