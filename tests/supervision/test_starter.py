@@ -59,7 +59,11 @@ class Place:
 
     @property
     def warm_parent(self) -> psutil.Process:
-        (found,) = [process for process in children() if "robocorba.supervision.warm_parent" in process.cmdline()]
+        (found,) = [
+            process
+            for process in filter(is_running, children())
+            if "robocorba.supervision.warm_parent" in process.cmdline()
+        ]
         return found
 
 
@@ -77,9 +81,18 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     return lambda test: asyncio.run(in_place(test))
 
 
+#: Children of this process that were there before a test, such as the one that multiprocessing starts in another test.
+_earlier: list[psutil.Process] = []
+
+
+@pytest.fixture(autouse=True)
+def earlier() -> None:
+    _earlier[:] = psutil.Process().children()
+
+
 def children() -> list[psutil.Process]:
-    """The children of this process that have not ended."""
-    return [child for child in psutil.Process().children() if is_running(child)]
+    """The children of this process since the beginning of the test. Zombies are children, too."""
+    return [child for child in psutil.Process().children() if child not in _earlier]
 
 
 async def until(condition: Callable[[], bool]) -> None:
@@ -180,7 +193,7 @@ def test_many_forks_leave_nothing(run: Run) -> None:
             child, _ = await place.look("ends")
             await asyncio.wait_for(child.wait(), LIMIT_S)
         await until(lambda: all(now <= then for now, then in zip(counts(), before, strict=True)))
-        assert psutil.Process().children() == [warm]  # zombies would be children too
+        assert children() == [warm]
         assert warm.children() == []
 
     run(test)
@@ -204,7 +217,7 @@ def test_a_start_that_is_cancelled_leaves_no_process(run: Run) -> None:
         started.cancel()
         await asyncio.wait({started})
         await place.look("ends")  # after the cancelled one
-        await until(lambda: psutil.Process().children() == [place.warm_parent])
+        await until(lambda: children() == [place.warm_parent])
 
     run(test)
 
