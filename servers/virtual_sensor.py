@@ -14,9 +14,9 @@ from robocorba.corba.remote.map_editor import RemoteMap
 from robocorba.corba.remote.simulation_server import RemoteSimulation
 from robocorba.corba.servants.virtual_sensor import VirtualSensorServant
 from robocorba.errors.services import NotReachable
-from robocorba.maps.model import Building, Floor
 from robocorba.names import SENSORS
 from robocorba.repeating import Repeating
+from robocorba.sensing import virtual_sensor
 from robocorba.sensing.floor_follower import FloorFollower
 from robocorba.sensing.reports import Reports
 from robocorba.sensing.virtual_sensor import VirtualSensor
@@ -129,9 +129,7 @@ class VirtualSensorServer:
 
 def preload() -> None:
     """Compile or load the kernels."""
-    sensor = VirtualSensor()
-    sensor.set_map(Building("none").with_element("", Floor("L1", 1, 0.0, outline=((0.0, 0.0), (4.0, 0.0), (4.0, 4.0)))))
-    sensor.warm_up()
+    virtual_sensor.warm_up()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
