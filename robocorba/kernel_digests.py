@@ -16,7 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
-#: Length of a digest in file names [hexadecimal digits]; 80 bits tell all versions ever made apart.
+#: Length of a digest in file names [hexadecimal digits]; 80 bits distinguish all versions ever made.
 DIGITS = 20
 _DECORATOR = "kernel"
 #: Folder of generated modules, which no kernel is compiled from.

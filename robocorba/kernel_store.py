@@ -37,7 +37,7 @@ COMPILER = ("numba", "llvmlite", "numpy")
 KEPT_S = 30 * 24 * 3600.0
 #: Maximum number of files; one version of RoboCorba has 700.
 MAX_FILES = 20_000
-#: Locks: of whoever writes a kernel, and of whoever compiles all.
+#: Locks: of the process that writes a kernel, and of the one that compiles all.
 WRITING, COMPILING = LOCKS = ("writing.lock", "compiling.lock")
 #: Time to compile a kernel, without those that it calls: about this [s], and this for each character of its syntax tree
 #: and theirs.

@@ -17,10 +17,10 @@ from robocorba.corba.remote.simulation_server import RemoteSimulation
 from robocorba.corba.servants.virtual_sensor import VirtualSensorServant
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import SensorRefused
-from robocorba.maps.model import Building, Floor
 from robocorba.names import SENSOR_TOKEN, SENSORS
 from robocorba.private_files import claim_state
 from robocorba.repeating import Repeating
+from robocorba.sensing import virtual_sensor
 from robocorba.sensing.floor_follower import FloorFollower
 from robocorba.sensing.reports import Reports
 from robocorba.sensing.virtual_sensor import VirtualSensor
@@ -157,9 +157,7 @@ class VirtualSensorServer:
 
 def preload() -> None:
     """Compile or load the kernels."""
-    sensor = VirtualSensor()
-    sensor.set_map(Building("none").with_element("", Floor("L1", 1, 0.0, outline=((0.0, 0.0), (4.0, 0.0), (4.0, 4.0)))))
-    sensor.warm_up()
+    virtual_sensor.warm_up()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

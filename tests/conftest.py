@@ -5,19 +5,12 @@ from __future__ import annotations
 import functools
 import gc
 import signal
-from collections.abc import Callable
 
 import hypothesis
 import pytest
 
-from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.maps.model import Building
-from robocorba.missions import carry_planning
-from robocorba.planning.planner import PathPlanner
-from robocorba.sensing.virtual_sensor import VirtualSensor
-from robocorba.simulation import omni_database, physics
 from robocorba.supervision.compilation import compile_kernels
-from robocorba.testing.buildings import two_floors
+from robocorba.supervision.compile_worker import STEPS
 
 # The same examples in each run, so that it says the same on every machine; `--hypothesis-profile random` looks for
 # new ones. How long examples take to make says something of the machine and its load, nothing of what is tested.
@@ -47,30 +40,9 @@ def sigint() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def load_sensing() -> None:
-    sensor = VirtualSensor()
-    sensor.set_map(two_floors())
-    sensor.warm_up()
-
-
-def load_simulation() -> None:
-    physics.warm_up()
-    omni_database.warm_up()
-
-
-#: What loads the kernels of each package.
-LOADERS: tuple[Callable[[], object], ...] = (
-    lambda: PathPlanner(Building("none")).warm_up(),
-    carry_planning.warm_up,
-    load_sensing,
-    InverseKinematics,
-    load_simulation,
-)
-
-
 @pytest.fixture(scope="session", autouse=True)
 def kernels(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Compile once what servers and robots use, and load it, before any test's clock runs."""
     assert compile_kernels(lambda progress: None, tmp_path_factory.mktemp("compilation"))
-    for load in LOADERS:
+    for load in STEPS.values():
         load()

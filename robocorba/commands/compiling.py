@@ -18,7 +18,7 @@ LINE_INTERVAL_S = 10.0
 
 
 def compile_with_progress(logs: Path) -> None:
-    """Compile all kernels if this machine has not done so yet; tell on stderr how far it is. See `compile_kernels`."""
+    """Compile all kernels if this machine has not done so yet; show on stderr how far it is. See `compile_kernels`."""
     if store().is_complete:
         return
     console = Console(stderr=True)

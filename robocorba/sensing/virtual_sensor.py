@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.sensing import InvalidScan, SensorBehind
 from robocorba.kernels import kernel
-from robocorba.maps.model import Building
+from robocorba.maps.model import Building, Floor
 from robocorba.maps.movable import fixed_obstacles, landing_doors
 from robocorba.sensing.casting import ObstacleGrids, cast
 from robocorba.sensing.fan import LASER, MAX_RANGE_M, Fan
@@ -171,6 +171,14 @@ class VirtualSensor:
         if name not in self._floors:
             raise UnknownFloor("robot", name, list(self._floors))
         return self._floors[name]
+
+
+def warm_up() -> None:
+    """Compile or load the kernels, by rays in a room."""
+    room = Floor("L1", 1, 0.0, outline=((0.0, 0.0), (4.0, 0.0), (4.0, 4.0)))
+    sensor = VirtualSensor()
+    sensor.set_map(Building("warm-up").with_element("", room))
+    sensor.warm_up()
 
 
 def _check_rays(robots: int, spec: ScanSpec) -> None:

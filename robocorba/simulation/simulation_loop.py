@@ -178,7 +178,7 @@ class SimulationLoop:
         """Log a fault and continue."""
         try:
             work()
-        except Exception:
+        except Exception:  # a defect must not end simulated time for all robots
             _log.exception("a step of the simulation failed")
 
 

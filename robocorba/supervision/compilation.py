@@ -83,7 +83,7 @@ def compile_kernels(
     """Compile what this machine has not compiled yet, in as many processes as are worth while; their logs go to a
     folder. Calls `report` some times a second. To be called in the main thread.
 
-    Returns whether all are compiled; else the log says why, and whoever needs the others compiles them."""
+    Returns whether all are compiled; else the log says why, and processes compile the others when they need them."""
     kernels = kernels or store()
     if kernels.is_complete or not kernels.folder:
         return bool(kernels.folder)
@@ -101,7 +101,7 @@ def compile_kernels(
 
 
 def worker_count(kernels: int) -> int:
-    """The number of workers for so many kernels: one for each core, as far as there is memory and work for them."""
+    """The number of workers for a number of kernels: one for each core, as far as there is memory and work for them."""
     cores = len(os.sched_getaffinity(0))
     memory = psutil.virtual_memory().available // WORKER_MEMORY
     return max(1, min(cores, memory, kernels, MAX_WORKERS))

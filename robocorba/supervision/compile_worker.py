@@ -1,7 +1,7 @@
 """One of the processes that compile all kernels: python -m robocorba.supervision.compile_worker FOLDER
 
-Each does the steps that no other one has taken yet; FOLDER is empty at first and tells which these are. It waits for
-what another one is compiling. It prints `ready` when it begins, and for each kernel that it has compiled a line with
+Each does the steps that no other one has taken yet, by files in FOLDER, which is empty at first. It waits for what
+another one is compiling. It prints `ready` when it begins, and for each kernel that it has compiled a line with
 its name and the time that this took without its callees [s].
 """
 
@@ -20,17 +20,8 @@ from robocorba import kernel_cache
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.missions import carry_planning
 from robocorba.planning import warm_up as planning
-from robocorba.planning.planner import warm_up_room
-from robocorba.sensing.virtual_sensor import VirtualSensor
+from robocorba.sensing import virtual_sensor
 from robocorba.simulation import omni_database, physics
-
-
-def sensors() -> None:
-    """Rays in a room."""
-    sensor = VirtualSensor()
-    sensor.set_map(warm_up_room())
-    sensor.warm_up()
-
 
 #: All kernels, in the order in which steps are taken: the largest first, and what needs the others last. The second
 #: one has no kernel in common with the first one, which would otherwise begin with waiting.
@@ -40,7 +31,7 @@ STEPS: dict[str, Callable[[], object]] = {
     "shortest path": planning.shortest_path,
     "mesh": planning.mesh,
     "carry": carry_planning.warm_up,
-    "sensors": sensors,
+    "sensors": virtual_sensor.warm_up,
     "connections": planning.connections,
     "physics": physics.warm_up,
     "floor state": omni_database.warm_up,

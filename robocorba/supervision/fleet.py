@@ -50,7 +50,7 @@ class View(Protocol):
         """All robots have started, or ended."""
 
     def end(self, robots: int, running: int) -> None:
-        """All robots end; so many still run."""
+        """All robots end; `running` of them still run."""
 
 
 @dataclass(frozen=True)

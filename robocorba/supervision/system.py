@@ -133,7 +133,8 @@ class System:
         try:
             # Servers need the naming service, and the console needs both: each group ends before those that it needs.
             # The warm parent loads for one server after the other, so that those which others need come first.
-            ordered = [servers[index] for index in _start_order(self.servers)]
+            pairs = sorted(zip(self.servers, servers, strict=True), key=lambda pair: not pair[0].starts_first)
+            ordered = [process for _, process in pairs]
             for first in ordered[:1]:  # while the naming service starts
                 starter.prepare(first.spec.command)
             for group in filter(None, ([names], ordered, consoles)):
@@ -231,11 +232,6 @@ class System:
             endpoint=endpoint,
             names=tuple(f"{CONTEXT}/{bound}" for bound in server.objects),
         )
-
-
-def _start_order(servers: Sequence[Server]) -> list[int]:
-    """Indices of servers in the order of their starts: else as listed."""
-    return sorted(range(len(servers)), key=lambda index: not servers[index].starts_first)
 
 
 @contextlib.contextmanager
