@@ -179,9 +179,10 @@ def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_it_was_told(place
         talking.join(15)
     assert got == sorted(set(got))
     missing = set(range(got[-1])) - set(got)
-    # What it was not told of can only be what was in the queue of the process that was killed.
-    assert len(told) <= 1
-    assert len(missing) <= 3
+    # Told of: the call that was interrupted, and one that reached the port of the dying process, which the kernel may
+    # close after the connections. The others can only be what was in the queue of the process that was killed.
+    assert len(told) <= 2
+    assert len(missing - set(told)) <= 2
 
 
 def test_a_pull_that_waits_neither_holds_up_the_end_nor_is_it_disconnected(place: Place) -> None:
