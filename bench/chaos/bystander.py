@@ -1,9 +1,10 @@
 """A client that does nothing wrong: it calls every server again and again, and notes the longest calls.
 
-    python -m bench.chaos.bystander NAMING
+    python -m bench.chaos.bystander NAMING CHANNEL ROBOT X,Y X,Y
 
-It prints `null`, then answers lines of JSON on stdin: `longest` returns the longest call of each object since the last
-question [s], and the errors."""
+It reads floor L1, asks for paths between the two points of it, and calls the event channel and the robot. It prints
+`null`, then answers lines of JSON on stdin: `longest` returns the longest call of each object since the last question
+[s], and the errors."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ from omniORB import CORBA
 
 from robocorba.corba.calls import error_of
 from robocorba.corba.orb import Orb
+from robocorba.names import CHANNELS, ROBOTS, SENSORS
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.testing.json_process import answer_commands
@@ -29,16 +31,16 @@ INTERVAL_S, CALL_TIMEOUT_S = 0.05, 10.0
 class Bystander:
     """A thread for each object."""
 
-    def __init__(self, orb: Orb) -> None:
-        start, goal = RoboCorba.Point("L1", 3.0, 3.0), RoboCorba.Point("L1", 6.0, 5.0)
-        pose = RoboCorba.Pose("L1", 3.0, 3.0, 0.0)
+    def __init__(self, orb: Orb, on_channel: str, of_robot: str, here: str, there: str) -> None:
+        start, goal = (RoboCorba.Point("L1", *map(float, each.split(","))) for each in (here, there))
+        pose = RoboCorba.Pose("L1", start.x, start.y, 0.0)
         editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
         planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
         server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
         database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
-        sensor = orb.resolve("VirtualSensors/s1", RoboCorba.VirtualSensor)
-        channel = orb.resolve("EventChannels/a", RoboCorba.EventChannel)
-        robot = orb.resolve("Robots/B", RoboCorba.RobotAgent)
+        sensor = orb.resolve(f"{SENSORS}/s1", RoboCorba.VirtualSensor)
+        channel = orb.resolve(f"{CHANNELS}/{on_channel}", RoboCorba.EventChannel)
+        robot = orb.resolve(f"{ROBOTS}/{of_robot}", RoboCorba.RobotAgent)
         calls: dict[str, Callable[[], Any]] = {
             "MapEditor": editor._get_currentVersion,
             "PathPlanner": lambda: planner.getPath(start, goal),
@@ -76,10 +78,10 @@ class Bystander:
             time.sleep(INTERVAL_S)
 
 
-def main() -> None:
-    with Orb(Address.parse(sys.argv[1]), call_timeout_s=CALL_TIMEOUT_S) as orb:
-        answer_commands(Bystander(orb).longest)
+def main(naming: str, *about: str) -> None:
+    with Orb(Address.parse(naming), call_timeout_s=CALL_TIMEOUT_S) as orb:
+        answer_commands(Bystander(orb, *about).longest)
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -56,7 +56,7 @@ def main(inputs: int = 1000, seconds: float = 60.0, only: str = "", seed: int = 
     complaints: list[str] = []
     with tempfile.TemporaryDirectory(prefix="robocorba-fuzz-") as name, fuzzed_system(Path(name)) as system:
         folder = Path(name)
-        command = checkout_command("bench.chaos.bystander", str(system.running.naming))
+        command = checkout_command("bench.chaos.bystander", str(system.running.naming), "a", "B", "3,3", "6,5")
         with Process(command, folder / "bystander.log") as bystander:
             bystander.receive(60.0)
             everything = list(_calls(system, only))

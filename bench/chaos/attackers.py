@@ -1,0 +1,345 @@
+"""A client that attacks a running system in one way, again and again, until it is killed.
+
+    python -m bench.chaos.attackers NAMING KIND SEED ENDPOINT...
+
+It knows what any client of a plain system knows: the address of the naming service and the ports (ENDPOINT) of the
+servers. It does nothing that a plain system permits and that harms others by its purpose, such as stopping a robot."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import socket
+import struct
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from random import Random
+from typing import Any
+
+import CosNaming
+from omniORB import CORBA
+
+from robocorba.corba.orb import Orb
+from robocorba.names import CHANNELS, ROBOTS, SENSORS
+from robocorba.roles import Role, may_call
+from robocorba.settings import Address
+from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.testing.attacks import PARTS
+from robocorba.testing.fuzzing.operations import Operation, operations
+from robocorba.testing.fuzzing.values import Seen, Values
+from robocorba.testing.simulation import about
+
+#: Time limit for a call of an attacker [s].
+CALL_TIMEOUT_S = 10.0
+#: Floor on which nobody is, and its size [m].
+EMPTY_FLOOR, EMPTY_FLOOR_M = "L2", 60.0
+#: Channels of the system, and a robot of it.
+HERE, THERE, ROBOT = "west", "east", "d0"
+#: Edits, log-ons, connections and threads of one attack.
+NODES, LOG_ONS, STALLED, FILES, READERS, DRAWERS, PULLS = 10_000, 50, (8, 64, 500), 2_000, 30, 10, 200
+#: Operations of observers that are not called with nonsense: `pull` waits for an event, `subscribe` has its own attack.
+OMITTED = {"pull", "subscribe", "routeBack"}
+
+
+class Attacker:
+    """The attacks are its public methods; each ends by itself and can be repeated."""
+
+    def __init__(self, orb: Orb, naming: Address, seed: int, endpoints: Sequence[Address]) -> None:
+        self._orb, self._random, self._servers = orb, Random(seed), [naming, *endpoints]
+        self._numbers = itertools.count(1000 * (seed % 1000))
+        self._connections: list[socket.socket] = []
+
+    # ---- connections ----
+
+    def stalled_connections(self) -> None:
+        """Connections to every server that are silent after a part of a request, for 10 s."""
+        for server in self._servers:
+            for part, _ in zip(itertools.cycle(PARTS), range(self._random.choice(STALLED)), strict=False):
+                self._connect(server, part)
+        time.sleep(10.0)
+        self._close()
+
+    def stalled_bodies(self) -> None:
+        """Requests of which 1 MB of 5 MB arrives."""
+        for server in self._servers:
+            for _ in range(8):
+                self._connect(server, _request(b"MapEditor", b"importMap", 5_000_000, 1_000_000))
+        time.sleep(10.0)
+        self._close()
+
+    def many_connections(self) -> None:
+        """As many connections as this process can open, to one server."""
+        server = self._random.choice(self._servers)
+        for _ in range(FILES):
+            self._connect(server, b"")
+        time.sleep(5.0)
+        self._close()
+
+    def garbage(self) -> None:
+        """Random bytes, with and without the beginning of a request."""
+        for server in self._servers:
+            for _ in range(50):
+                head = self._random.choice((b"", b"GIOP\1\2", b"GIOP\1\2\1\0", b"GIOP\1\2\3\1\xff\xff\xff\xff"))
+                self._connect(server, head + self._random.randbytes(self._random.choice((1, 30, 5000))))
+        self._close()
+
+    # ---- calls ----
+
+    def readers(self) -> None:
+        """Clients that read floors without a pause."""
+        database = self._orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
+        self._in_threads(READERS, lambda: database.getFloor("L1"), 10.0)
+
+    def drawers(self) -> None:
+        """Clients that ask for large pictures."""
+        server = self._orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+        self._in_threads(DRAWERS, lambda: server.renderFloor("L1", 4096), 10.0)
+
+    def map_readers(self) -> None:
+        """Clients that ask for the whole map without a pause."""
+        editor = self._orb.resolve("MapEditor", RoboCorba.MapEditor)
+        self._in_threads(DRAWERS, editor.exportMap, 10.0)
+
+    def nonsense(self) -> None:
+        """Calls of operations that any observer may call, with nonsense for arguments."""
+        names = ("MapEditor", "PathPlanner", "OmniDatabase", "SimulationServer", "MissionControl")
+        targets = [(name, getattr(RoboCorba, name)) for name in names]
+        targets += [(f"{CHANNELS}/{HERE}", RoboCorba.EventChannel), (f"{SENSORS}/s1", RoboCorba.VirtualSensor)]
+        targets += [(f"{ROBOTS}/{ROBOT}", RoboCorba.RobotAgent)]
+        seen = Seen(("L1", "L2", ROBOT, "s1", HERE, "wall-0", "table-0"))
+        name, interface = self._random.choice(targets)
+        reference = self._orb.resolve(name, interface)
+        values = Values(self._random, seen)
+        callable_ones = [each for each in operations(interface) if self._is_harmless(interface, each)]
+        for _ in range(100):
+            operation = self._random.choice(callable_ones)
+            with contextlib.suppress(Exception):  # also of our ORB: it can't send everything
+                arguments = values.arguments(operation.wanted, ())
+                result = reference._obj.invoke(operation.name, operation.descriptor, tuple(arguments))
+                for descriptor in (operation.returned or ())[:1]:
+                    seen.note(self._random, descriptor, result)
+
+    @staticmethod
+    def _is_harmless(interface: Any, operation: Operation) -> bool:
+        name = interface.__name__.rpartition(".")[2]
+        return operation.name not in OMITTED and may_call(Role.OBSERVER, name, operation.name)
+
+    # ---- what is kept for a client ----
+
+    def transactions(self) -> None:
+        """Transactions and edit sessions that are forgotten."""
+        editor = self._orb.resolve("MapEditor", RoboCorba.MapEditor)
+        for _ in range(40):
+            editor.begin()
+        for number in range(40):
+            editor.openSession(f"forgetful {number}").begin()
+
+    def edits(self) -> None:
+        """A transaction of ten thousand nodes on the empty floor, and one that removes them."""
+        editor = self._orb.resolve("MapEditor", RoboCorba.MapEditor)
+        first, count = next(self._numbers), 0
+        creation = editor.begin()
+        for count in range(NODES):
+            x, y = (EMPTY_FLOOR_M * self._random.uniform(0.01, 0.99) for _ in range(2))
+            node = RoboCorba.PathNode(f"n{first}-{count}", RoboCorba.XY(x, y), "")
+            creation.create(EMPTY_FLOOR, RoboCorba.Element(RoboCorba.NODE_ELEMENT, node))
+        version = creation.commit()
+        removal = editor.begin()
+        for number in range(count + 1):
+            removal.remove(RoboCorba.ElementId(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR, f"n{first}-{number}"), version)
+        removal.commit()
+
+    def log_ons(self) -> None:
+        """Robots with strange names that log on and off, or are forgotten."""
+        server = self._orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+        for number in range(LOG_ONS):
+            x, y = (EMPTY_FLOOR_M * self._random.uniform(0.05, 0.95) for _ in range(2))
+            name = f"\x1b[2J{next(self._numbers)}-{'x' * (number % 40)}"
+            with contextlib.suppress(CORBA.UserException):
+                session = server.registerRobot(about(name, x, y, floor=EMPTY_FLOOR))
+                if self._random.random() < 0.7:
+                    session.deregister()
+
+    # ---- events ----
+
+    def absent_consumers(self) -> None:
+        """Durable subscriptions to everything that block suppliers; their consumers leave, or never were there."""
+        channel = self._orb.resolve(f"{CHANNELS}/{HERE}", RoboCorba.EventChannel)
+        dead = self._orb.reference("corbaloc::127.0.0.1:9/nobody", RoboCorba.EventConsumer)
+        queue = RoboCorba.QueuePolicy(1, RoboCorba.BLOCK_SUPPLIER, 10.0)
+        everything = [RoboCorba.Clause([RoboCorba.EventPattern("*", "*")], 0.0)]
+        for number in range(10):
+            consumer = self._random.choice((dead, self._orb.activate(_Sleeper())))
+            proxy = channel.subscribe(f"logger-{number}", consumer, everything, queue)
+            if self._random.random() < 0.5:
+                proxy.disconnect_push_supplier()
+        time.sleep(5.0)
+
+    def forged_events(self) -> None:
+        """Events that claim to come from the other channel with a number beyond all."""
+        header = RoboCorba.EventHeader("chaos.count", "client", THERE, 2**63, 0.0, 0, 0.0, RoboCorba.MSGPACK)
+        proxy = self._orb.resolve(f"{CHANNELS}/{HERE}", RoboCorba.EventChannel).supply("")
+        endpoints = self._servers[1:]
+        for _ in range(20):
+            with contextlib.suppress(CORBA.Exception):
+                proxy.pushEvent(RoboCorba.Event(_of_nobody(header), b"\xc0"))
+            for endpoint in endpoints:
+                for name in (HERE, THERE):
+                    uri = f"corbaloc:iiop:1.2@{endpoint}/{CHANNELS}/{name}/gateway"
+                    with contextlib.suppress(CORBA.Exception):
+                        gateway = self._orb.reference(uri, RoboCorba.EventGateway)
+                        gateway.forward("1", 1, [RoboCorba.EventRun(header, [1.0], [b"\xc0"])])
+            time.sleep(0.1)
+        proxy.disconnect_push_consumer()
+
+    def loops(self) -> None:
+        """A client whose consumer pushes all that it gets to the channel again."""
+        channel = self._orb.resolve(f"{CHANNELS}/{HERE}", RoboCorba.EventChannel)
+        supplier = channel.for_suppliers().obtain_push_consumer()
+        supplier.connect_push_supplier(None)
+        consumer = channel.for_consumers().obtain_push_supplier()
+        echo = _Echo(supplier)
+        consumer.connect_push_consumer(self._orb.activate(echo))
+        for number in range(20):
+            supplier.push(CORBA.Any(CORBA.TC_long, number))
+        time.sleep(5.0)
+        consumer.disconnect_push_supplier()
+        supplier.disconnect_push_consumer()
+
+    def pulls(self) -> None:
+        """Clients that wait for events by `pull`; none comes."""
+        channel = self._orb.resolve(f"{CHANNELS}/{HERE}", RoboCorba.EventChannel)
+        proxies = []
+        for _ in range(PULLS):
+            proxy = channel.for_consumers().obtain_pull_supplier()._narrow(RoboCorba.EventProxyPullSupplier)
+            proxy.connect_pull_consumer(None)
+            proxy.changeSubscription([RoboCorba.Clause([RoboCorba.EventPattern("never", "*")], 0.0)])
+            proxies.append(proxy)
+        for proxy in proxies:
+            threading.Thread(target=_quietly, args=(proxy.pull,), daemon=True).start()
+        time.sleep(8.0)
+        for proxy in proxies:
+            proxy.disconnect_pull_supplier()
+
+    # ---- names ----
+
+    def stolen_names(self) -> None:
+        """Names that are bound to somebody else, or unbound."""
+        other = self._orb.activate(_Sleeper())
+        root = self._orb.reference(f"corbaloc::{self._servers[0]}/NameService", CosNaming.NamingContext)
+        names = [("PathPlanner", ""), ("SimulationServer", ""), ("MapEditor", ""), (ROBOTS, ROBOT), (CHANNELS, HERE)]
+        for one in self._random.sample(names, 2):
+            parts = [CosNaming.NameComponent(part, "") for part in ("RoboCorba", *one) if part]
+            with contextlib.suppress(CORBA.Exception):
+                root.unbind(parts) if self._random.random() < 0.5 else root.rebind(parts, other)
+        time.sleep(3.0)
+
+    def fake_sensors(self) -> None:
+        """Sensor servers that nobody has started."""
+        server = self._orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+        sensor = self._orb.resolve(f"{SENSORS}/s1", RoboCorba.VirtualSensor)
+        for _ in range(20):
+            with contextlib.suppress(CORBA.Exception):
+                server.registerSensor(f"fake-{next(self._numbers)}", sensor, "0" * 64)
+            with contextlib.suppress(CORBA.Exception):
+                server.reportSensor("s1", sensor, 0)
+
+    # ---- inside ----
+
+    def _connect(self, server: Address, sent: bytes) -> None:
+        with contextlib.suppress(OSError):
+            connection = socket.create_connection((server.host, server.port), timeout=2.0)
+            self._connections.append(connection)
+            connection.settimeout(0.2)
+            connection.sendall(sent)
+
+    def _close(self) -> None:
+        for connection in self._connections:
+            connection.close()
+        self._connections.clear()
+
+    @staticmethod
+    def _in_threads(count: int, call: Callable[[], object], seconds: float) -> None:
+        end = time.monotonic() + seconds
+
+        def repeat() -> None:
+            while time.monotonic() < end:
+                _quietly(call)
+
+        threads = [threading.Thread(target=repeat, daemon=True) for _ in range(count)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+
+class _Sleeper(RoboCorba__POA.EventConsumer):
+    """A consumer that returns late."""
+
+    def pushRuns(self, runs: Any) -> None:
+        time.sleep(5.0)
+
+    push = pushRuns
+
+    def pushTogether(self, which: int, events: Any) -> None:
+        time.sleep(5.0)
+
+    def disconnect_push_consumer(self) -> None:
+        """Ignore the end."""
+
+
+class _Echo(RoboCorba__POA.EventConsumer):
+    """A consumer that pushes what it gets."""
+
+    def __init__(self, supplier: Any) -> None:
+        self._supplier = supplier
+
+    def push(self, data: Any) -> None:
+        _quietly(lambda: self._supplier.push(data))
+
+    def disconnect_push_consumer(self) -> None:
+        """Ignore the end."""
+
+
+def _of_nobody(header: Any) -> Any:
+    """The header without the claim to be the client's own event."""
+    return RoboCorba.EventHeader("chaos.forged", "nobody", header.origin, header.number, 0.0, 0, 0.0, header.encoding)
+
+
+def _request(key: bytes, operation: bytes, total: int, sent: int) -> bytes:
+    """A GIOP 1.2 request whose body of `total` bytes ends after `sent`."""
+    head = struct.pack("<IB3xH2xI", 1, 3, 0, len(key)) + key
+    head += bytes(-len(head) % 4) + struct.pack("<I", len(operation) + 1) + operation + b"\0"
+    head += bytes(-len(head) % 4) + struct.pack("<I", 0)
+    head += bytes(-(len(head) + 12) % 8) + struct.pack("<I", total)
+    return b"GIOP\1\2\1\0" + struct.pack("<I", len(head) + total) + head + b"x" * sent
+
+
+def _quietly(call: Callable[[], object]) -> None:
+    with contextlib.suppress(CORBA.Exception):
+        call()
+
+
+#: Names of the attacks.
+KINDS = tuple(name for name in vars(Attacker) if not name.startswith("_"))
+
+
+def main(naming: str, kind: str, seed: str, *endpoints: str) -> None:
+    os.nice(10)  # attackers are on other machines; here they take the servers' CPU time by calls only
+    address = Address.parse(naming)
+    with Orb(address, call_timeout_s=CALL_TIMEOUT_S) as orb:
+        attacker = Attacker(orb, address, int(seed), [Address.parse(each) for each in endpoints])
+        print("null", flush=True)
+        while True:
+            try:
+                getattr(attacker, kind)()
+            except Exception as error:  # refused; what comes of it is seen at the servers
+                print(f"{kind}: {str(error)[:200]}", file=sys.stderr, flush=True)
+                time.sleep(0.5)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,257 @@
+"""Those who do nothing wrong while others attack: driving robots, missions, clients; and what happens to them."""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+import time
+from collections.abc import Sequence
+
+import CosNaming
+import msgspec
+from omniORB import CORBA
+
+from bench.chaos.attackers import EMPTY_FLOOR, EMPTY_FLOOR_M, HERE, THERE
+from bench.missions.many import Room, building
+from robocorba.control.agent import AgentCondition
+from robocorba.control.runner import ProgramResult
+from robocorba.corba.event_client import Event, EventClient
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.events import Unconfirmed
+from robocorba.maps.model import Building, Floor, FloorMap
+from robocorba.names import CHANNELS, ROBOTS
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.programs.icons import Destination
+from robocorba.programs.program import dumps
+from robocorba.repeating import Repeating
+from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart
+
+#: Rooms in which tables are carried; robots drive in the other ones, each on its own lane.
+CARRYING = (0, 2)
+#: Lanes of a room, the distance between two, and the length of one [m].
+LANES, LANE_M, LENGTH_M = 5, 1.1, 1.6
+#: Accuracy of a carried table [m].
+NEAR_M = 0.05
+#: Time limit for one mission [s].
+MISSION_S = 300.0
+#: Numbered events in a second, and the limit for a push [s].
+EVENT_INTERVAL_S = 0.2
+#: Interval between looks at robots and at names [s].
+LOOK_INTERVAL_S, NAME_INTERVAL_S = 2.0, 0.1
+EVENTS = "chaos.count"
+#: What the simulation server logs.
+EXPIRED = re.compile(r"its lease of .* expired.*")
+
+
+def two_floors(of: Sequence[Room]) -> Building:
+    """The rooms, of which only some have a table; above them an empty floor."""
+    found = building(of)
+    items = {room.item for room in of if room.number not in CARRYING}
+    entry = found.floors[FLOOR]
+    plan = msgspec.structs.replace(
+        entry.geometrical,
+        objects={name: each for name, each in entry.geometrical.objects.items() if name not in items},
+    )
+    found.floors[FLOOR] = msgspec.structs.replace(entry, geometrical=plan)
+    size = EMPTY_FLOOR_M
+    outline = ((0.0, 0.0), (size, 0.0), (size, size), (0.0, size))
+    found.floors[EMPTY_FLOOR] = FloorMap(Floor(EMPTY_FLOOR, 2, 4.0, outline=outline))
+    return found
+
+
+def places(of: Sequence[Room], drivers: int) -> dict[str, RobotStart]:
+    """Three robots in each room with a table, and one on each lane until there are enough."""
+    found: dict[str, RobotStart] = {}
+    for room in of:
+        if room.number in CARRYING:
+            corners = [(-2.3, 1.7, 0.0), (2.3, 1.7, math.pi), (2.3, -1.7, math.pi)]
+            for number, (x, y, heading) in enumerate(corners):
+                name = room.leader if number == 0 else f"c{room.number}-{number}"
+                found[name] = RobotStart(room.x + x, room.y + y, heading, (HERE, THERE)[number % 2])
+    for number, (x, y) in enumerate(lanes(of)[:drivers]):
+        found[f"d{number}"] = RobotStart(x, y - LENGTH_M / 2, math.pi / 2, (HERE, THERE)[number % 2])
+    return found
+
+
+def lanes(of: Sequence[Room]) -> list[tuple[float, float]]:
+    """The middles of all lanes."""
+    offsets = [(number - (LANES - 1) / 2) * LANE_M for number in range(LANES)]
+    return [(room.x + each, room.y) for room in of if room.number not in CARRYING for each in offsets]
+
+
+class Complaints:
+    """What happened to those who do nothing wrong, with the time since the start."""
+
+    def __init__(self) -> None:
+        self.found: list[str] = []
+        self._began = time.monotonic()
+
+    def add(self, what: str) -> None:
+        self.found.append(f"{time.monotonic() - self._began:.1f} s: {what}")
+        print(self.found[-1], flush=True)
+
+
+class Drivers:
+    """Robots that drive to and fro by paths of the planner. metres: that all have driven since the start."""
+
+    def __init__(self, place: MissionSystem, of: Sequence[Room], count: int, complain: Complaints) -> None:
+        self._place, self._complain = place, complain
+        self._names = [f"d{number}" for number in range(count)]
+        self._seen: dict[str, tuple[float, float]] = {}
+        self.metres = 0.0
+        for name, (x, y) in zip(self._names, lanes(of), strict=False):
+            agent = place.agent(name)
+            agent.load(_to_and_fro(x, y))
+            agent.run()
+        self._looking = Repeating("drivers", self._look, LOOK_INTERVAL_S).start()
+
+    def close(self) -> None:
+        self._looking.close()
+
+    def _look(self) -> None:
+        for name in self._names:
+            agent = self._place.agent(name)
+            try:
+                state = agent.state()
+                if state.condition is not AgentCondition.RUNNING:
+                    self._complain.add(f"{name} is {state.condition.name}: {state.program.reason or state.reason}")
+                    agent.run()
+            except RoboCorbaError as error:
+                self._complain.add(f"{name}: {error}")
+                continue
+            at = (state.at.x, state.at.y)
+            self.metres += math.dist(at, self._seen.get(name, at))
+            self._seen[name] = at
+
+
+def _to_and_fro(x: float, y: float) -> str:
+    """A program that ends after hours."""
+    builder = ProgramBuilder("to and fro")
+    with builder.repeat(10_000):
+        builder.mbase_path(FLOOR, x, y + LENGTH_M / 2).mbase_path(FLOOR, x, y - LENGTH_M / 2)
+    return dumps(builder.program())
+
+
+class Carrier(threading.Thread):
+    """A mission that is given again and again: a table is carried to and fro. done: the number of those that ended
+    well; seconds: of each."""
+
+    def __init__(self, place: MissionSystem, room: Room, complain: Complaints) -> None:
+        super().__init__(daemon=True)
+        self._place, self._room, self._complain = place, room, complain
+        self._ending = threading.Event()
+        self.seconds: list[float] = []
+        self.failed = 0
+
+    def run(self) -> None:
+        goals = [self._room.goal, (*self._room.start, 0.0)]
+        while not self._ending.is_set():
+            goal = goals[0]
+            try:
+                fault = self._carry(goal)
+            except (RoboCorbaError, AssertionError) as error:
+                fault = str(error)
+            if fault:
+                self.failed += 1
+                self._complain.add(f"mission of {self._room.leader}: {fault}")
+            if math.dist(self._place.body(self._room.item)[:2], goal[:2]) < 0.3:
+                goals.reverse()
+
+    def _carry(self, goal: tuple[float, float, float]) -> str:
+        """Carry the table; returns what was wrong."""
+        agent = self._place.agent(self._room.leader)
+        agent.load(dumps(ProgramBuilder("carry").move_table(self._room.item, Destination(FLOOR, *goal)).program()))
+        agent.run()
+        deadline = time.monotonic() + MISSION_S
+        while (report := agent.state().program).result is ProgramResult.NO_RESULT:
+            if time.monotonic() > deadline:
+                agent.abort()
+                return f"no end within {MISSION_S:g} s"
+            time.sleep(0.5)
+        if report.result is not ProgramResult.DONE:
+            return report.reason
+        off_m = math.dist(self._place.body(self._room.item)[:2], goal[:2])
+        self.seconds.append(report.seconds)
+        return "" if off_m < NEAR_M else f"the table is {1000 * off_m:.0f} mm off"
+
+    def end(self) -> None:
+        """Wait for the end of the last mission."""
+        self._ending.set()
+        self.join(MISSION_S)
+
+
+class Stream:
+    """Numbered events from one channel to the other. pushed_s, delivered_s: the longest time for one."""
+
+    def __init__(self, place: MissionSystem, complain: Complaints) -> None:
+        self._complain = complain
+        self._clients = [EventClient(place.orb, name, "client") for name in (HERE, THERE)]
+        self._next, self._number = 0, 0
+        self.pushed_s = self.delivered_s = 0.0
+        self.unconfirmed: set[int] = set()
+        self._subscription = self._clients[1].subscribe(self._receive, (EVENTS, "client"))
+        self._subscription.wait_in_force(HERE, 60.0)
+        self._pushing = Repeating("events", self._push, EVENT_INTERVAL_S).start()
+
+    def close(self) -> None:
+        """Wait for the last events."""
+        self._pushing.close()
+        deadline = time.monotonic() + 30.0
+        while self._next < self._number and time.monotonic() < deadline:
+            time.sleep(0.1)
+        if self._next < self._number:
+            self._complain.add(f"events from {self._next} to {self._number} have not arrived")
+        for client in self._clients:
+            client.close()
+
+    def _push(self) -> None:
+        began = time.monotonic()
+        try:
+            self._clients[0].push(EVENTS, [self._number, time.time()])
+        except Unconfirmed as error:
+            self._complain.add(f"event {self._number}: {error}")
+            self.unconfirmed.add(self._number)
+        self.pushed_s = max(self.pushed_s, time.monotonic() - began)
+        self._number += 1
+
+    def _receive(self, event: Event) -> None:
+        number, sent = event.payload
+        if missed := set(range(self._next, number)) - self.unconfirmed:
+            self._complain.add(f"events lost: {sorted(missed)[:10]}")
+        if number < self._next:
+            self._complain.add(f"event {number} came again")
+        self._next = max(self._next, number + 1)
+        self.delivered_s = max(self.delivered_s, time.time() - sent)
+
+
+class Names:
+    """Names that a client resolves again and again. wrong_s: the longest time for which one led to somebody else."""
+
+    def __init__(self, place: MissionSystem, robot: str) -> None:
+        names = ("PathPlanner", "SimulationServer", "MapEditor", f"{CHANNELS}/{HERE}", f"{ROBOTS}/{robot}")
+        uri = f"corbaloc::{place.running.naming}/NameService"
+        self._orb, self._root = place.orb, place.orb.reference(uri, CosNaming.NamingContext)
+        self._right = {name: self._bound(name) for name in names}
+        self._since: dict[str, float] = {}
+        self.wrong_s = 0.0
+        self._looking = Repeating("names", self._look, NAME_INTERVAL_S).start()
+
+    def close(self) -> None:
+        self._looking.close()
+
+    def _bound(self, name: str) -> str:
+        parts = [CosNaming.NameComponent(part, "") for part in ("RoboCorba", *name.split("/"))]
+        return self._orb.uri(self._root.resolve(parts))
+
+    def _look(self) -> None:
+        for name, right in self._right.items():
+            try:
+                is_right = self._bound(name) == right
+            except CORBA.Exception:
+                is_right = False
+            now = time.monotonic()
+            if is_right:
+                self._since.pop(name, None)
+            else:
+                self.wrong_s = max(self.wrong_s, now - self._since.setdefault(name, now))
