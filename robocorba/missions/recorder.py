@@ -135,7 +135,8 @@ class LedMission:
         rows += [_phase(phase, robots) for phase in phases]
         if phases and is_ending:
             now = next((row.begun for row in self._content.phases if row.name == ENDING), self._clock())
-            rows[-1] = rows[-1] if rows[-1].ended else replace(rows[-1], ended=now)
+            if not rows[-1].ended:  # it may have been ordered for a moment that has not come
+                rows[-1] = replace(rows[-1], begun=min(rows[-1].begun, now), ended=now)
             rows.append(PhaseRecord(ENDING, now))
         self._content = replace(
             self._content,

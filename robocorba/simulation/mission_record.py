@@ -88,7 +88,10 @@ class MissionContent(Struct, frozen=True, kw_only=True):
 
     def ended_as(self, result: MissionResult, reason: str, at: float) -> MissionContent:
         """The mission with its end at POSIX time `at` [s]; a phase that runs ends with it."""
-        phases = tuple(phase if phase.ended else msgspec.structs.replace(phase, ended=at) for phase in self.phases)
+        phases = tuple(
+            phase if phase.ended else msgspec.structs.replace(phase, ended=max(at, phase.begun))
+            for phase in self.phases
+        )
         return msgspec.structs.replace(self, phases=phases, ended=at, result=result, reason=reason[:MAX_TEXT])
 
     def brief_report(self, name: str) -> dict[str, Any]:

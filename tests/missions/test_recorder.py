@@ -178,6 +178,20 @@ def test_a_failure_ends_its_phase_and_the_mission_safely(kept: Kept) -> None:
     assert kept.latest.report["robots"] == {"A": "leader", "B": "helper"}
 
 
+def test_a_phase_that_was_ordered_for_later_has_not_lasted(kept: Kept) -> None:
+    clock = Clock()
+    led = LedMission(kept, "m", "move_table", "desk", "A", clock)
+    clock.now = 101.9
+    led.update(PLAN, [PhaseTimes("one", 102.0, {}, {})], True)
+    assert kept.latest.phases[1:] == (PhaseRecord("one", 101.9, 101.9), PhaseRecord("ending safely", 101.9))
+
+
+def test_a_phase_of_a_clock_that_is_ahead_ends_after_its_beginning(kept: Kept) -> None:
+    LedMission(kept, "m", "move_table", "desk", "A", Clock())
+    (phase,) = kept.latest.ended_as(MissionResult.FAILED, "its leader is gone", 99.0).phases
+    assert phase == PhaseRecord("asking", 100.0, 100.0)
+
+
 @pytest.mark.parametrize(
     ("end", "result"),
     [

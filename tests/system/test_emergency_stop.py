@@ -100,6 +100,10 @@ def robocorba(system: Running, tmp_path: Path) -> Iterator[Callable[..., tuple[i
         yield run
 
 
+#: What proves that a virtual robot stands; on a busy machine its body may be seen first.
+PROOFS = {"A\tstands\tthe robot confirms it", "A\tstands\tits body stands"}
+
+
 def speed(server: Any) -> float:
     """Of the robot A, by the simulation server itself."""
     (state,) = server.stopRobots(["A"], "look")
@@ -125,10 +129,10 @@ def test_a_stop_does_not_depend_on_names(
         code, printed = robocorba("stop", "--all")
         assert speed(server) < 0.01
         assert code == 0
-        assert "A\tstands\tthe robot confirms it" in printed.splitlines()
+        assert PROOFS & set(printed.splitlines())
         assert "\x1b" not in printed and "\nB\tstands" not in printed
         assert "evil" in printed
-        assert agent.state().condition.name == "STOPPED"
+        eventually(lambda: agent.state().condition.name == "STOPPED", PATIENCE_S, "the robot has heard of it")
 
     def is_back() -> bool:
         bound = system_orb._names.bound("Robots/A"), system_orb._names.bound("SimulationServer")
@@ -147,7 +151,8 @@ def test_a_stop_does_not_depend_on_names(
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.kill(naming, signal.SIGCONT)
-    assert (code, printed.splitlines()) == (0, ["A\tstands\tthe robot confirms it"])
+    assert code == 0
+    assert printed.rstrip("\n") in PROOFS
     assert speed(server) < 0.01
 
 
