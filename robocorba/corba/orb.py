@@ -162,6 +162,7 @@ class Orb:
             self._guard = Guard(naming.key.encode() if naming.role is Role.SERVER else b"")
             self._bound_names = HeldNames(self._names, self._guard)
         self._connections = ConnectionLimit()
+        self._active_keys: set[str] = set()
         self._options = {
             **OPTIONS,
             # By default a call to a peer that hangs or was switched off never returns.
@@ -208,6 +209,7 @@ class Orb:
 
     def _shut_down(self) -> None:
         orb = self.__dict__.pop("_orb", None)
+        self._active_keys.clear()
         for adapter in ("_root_adapter", "_object_adapter", "_named_adapter", "_secret_adapter"):
             self.__dict__.pop(adapter, None)
         _gate.set()
@@ -264,8 +266,11 @@ class Orb:
         return {role: self._activate_with_key(guarded(servant, role), self._guard.key(name, role)) for role in Role}
 
     def _activate_with_key(self, servant: Any, key: str) -> Any:
-        with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):
-            self._named_adapter.activate_object_with_id(key.encode(), checking(servant))
+        # Not only by the exception: where a servant is being found, omniORBpy sometimes raises SystemError instead.
+        if key not in self._active_keys:
+            with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):  # at the same time
+                self._named_adapter.activate_object_with_id(key.encode(), checking(servant))
+            self._active_keys.add(key)
         return self._named_adapter.id_to_reference(key.encode())
 
     def deactivate(self, servant: Any) -> None:
@@ -277,6 +282,7 @@ class Orb:
         for each in self._guard.keys(key) if self._guard else [key]:
             with contextlib.suppress(PortableServer.POA.ObjectNotActive):
                 self._named_adapter.deactivate_object(each.encode())
+            self._active_keys.discard(each)
 
     def serve_secrets(self, find: Callable[[str], Any]) -> None:
         """Serve objects whose keys this process need not know: a key is the right to call, and who stores only its
