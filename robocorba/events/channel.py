@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol
 
 from robocorba.errors.events import ProxyGone
 from robocorba.events.account import Account
+from robocorba.events.blocking_budget import BlockingBudget
 from robocorba.events.event import EventBatch, EventHeader
 from robocorba.events.event_numbers import is_plausible
 from robocorba.events.federation import Federation
@@ -21,9 +22,13 @@ from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.queue import MAX_BLOCK_S
 from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription, patterns_of, union
 from robocorba.events.watermarks import Watermarks
+from robocorba.names import STOP_EVENT
 
 #: Maximum number of cached routes, one for each event header. The cache is cleared when it is full.
 MAX_ROUTES = 4096
+
+#: Types of events that wait for nobody: missions would end if a consumer could hold them up.
+NEVER_HELD_UP = ("mission.", STOP_EVENT)
 
 _UNFILTERED = SubscriptionMatch(True, ())
 
@@ -86,6 +91,7 @@ class Channel:
         self.feeds: dict[str, Feed] = {}
         self.is_destroyed = False
         self._watermarks = watermarks
+        self._blocking_budget = BlockingBudget()
         self._number = first_number - 1
         #: By header. A header without origin belongs to a supplier of this channel.
         self._routes: dict[EventHeader, _Route] = {}
@@ -103,7 +109,8 @@ class Channel:
     def publish(self, batch: EventBatch, account: Account) -> None:
         """Publish events of a supplier of this channel, and count them in the supplier's account.
 
-        Blocks while the queue of a consumer with policy BLOCK_SUPPLIER is full. Raises ProxyGone."""
+        Blocks while the queue of a consumer with policy BLOCK_SUPPLIER is full, see BlockingBudget; events of missions
+        and emergency stops never wait. Raises ProxyGone."""
         now = time.time()
         if 0.0 in batch.times:
             batch.times = [moment or now for moment in batch.times]
@@ -120,14 +127,15 @@ class Channel:
                 batch, count = alive, len(alive)
             account.delivered += count
             route = self._routes.get(batch.header) or self._find_route(batch.header)
-            if not route.blocking_size:
+            is_to_wait = route.blocking_size and not batch.header.type.startswith(NEVER_HELD_UP)
+            if not is_to_wait:
                 batch.header = route.header
                 batch.first = self._number + 1
                 self._number += count
                 for feed in route.uninterested:  # as in `_Route.accept`, without the call
                     feed.unseen += count
                 claims = [sink for sink, match in route.sinks if sink.accept(batch, match, now)]
-        if route.blocking_size:
+        if is_to_wait:
             self._publish_blocking(batch, route.blocking_size)
         elif len(claims) == 1:
             claims[0].deliver(batch)
@@ -144,7 +152,7 @@ class Channel:
             piece = batch.part(start, start + max_events)
             with self.lock:
                 for proxy in self._find_route(header).blocking:
-                    proxy.wait_for_room(len(piece), deadline - time.monotonic())
+                    proxy.wait_for_room(len(piece), deadline - time.monotonic(), self._blocking_budget)
                 route = self._find_route(header)  # it may have changed during the wait
                 piece.header = route.header
                 piece.first = self._number + 1

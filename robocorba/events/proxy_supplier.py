@@ -7,6 +7,7 @@ import time
 
 from robocorba.errors.events import Disconnected, ProxyGone
 from robocorba.events.account import Totals
+from robocorba.events.blocking_budget import STEADY_S, BlockingBudget
 from robocorba.events.correlation import Selection
 from robocorba.events.event import CorrelatedEvents, EventBatch
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
@@ -29,6 +30,9 @@ class ProxySupplier(Proxy):
         self._in_flight = 0
         #: Whether it let a supplier wait in vain since it last took an event.
         self._is_too_slow = False
+        #: Whether a supplier waited longer for it than for a steady consumer, the last time.
+        self._is_unsteady = False
+        self._events_taken = 0
 
     @property
     def subscription(self) -> Subscription:
@@ -67,9 +71,9 @@ class ProxySupplier(Proxy):
         self._wake()
         return False
 
-    def wait_for_room(self, count: int, limit_s: float) -> None:
-        """Wait for room for `count` events, at most for `limit_s` and the queue's time limit; releases the lock
-        meanwhile.
+    def wait_for_room(self, count: int, limit_s: float, budget: BlockingBudget) -> None:
+        """Wait for room for `count` events, at most for `limit_s`, the queue's time limit, and what is left of the
+        budget; releases the lock meanwhile.
 
         Not for a consumer that is away or does not answer; one that let a supplier wait in vain is not waited for again
         until it has taken an event."""
@@ -79,8 +83,16 @@ class ProxySupplier(Proxy):
             is_waited_for = self.is_blocking and is_here and not self._is_too_slow
             return self.is_ended or not is_waited_for or self._queue.room >= min(count, self.policy.size)
 
-        if not self._room.wait_for(has_room, max(0.0, min(limit_s, self.policy.block_limit))):
+        if has_room():
+            return
+        left_s = budget.left_s()
+        limit_s = min(limit_s, self.policy.block_limit, max(left_s, 0.0 if self._is_unsteady else STEADY_S))
+        began, taken = time.monotonic(), self._events_taken
+        if not self._room.wait_for(has_room, max(0.0, limit_s)):
             self._is_too_slow = True
+        held_up_s = time.monotonic() - began - STEADY_S * (self._events_taken - taken)
+        self._is_unsteady = held_up_s > 0.0 or (self._is_unsteady and left_s <= 0.0)
+        budget.spend(max(0.0, held_up_s), self.name or self.id)
 
     def deliver(self, batch: EventBatch) -> bool:
         raise NotImplementedError
@@ -108,6 +120,7 @@ class ProxySupplier(Proxy):
         """The next items to deliver; empty if all queued events have expired."""
         items, expired = self._queue.take(max_events, time.time(), max_bytes)
         self.account.expired += expired
+        self._events_taken += sum(map(len, items))
         self._is_too_slow = False
         if self.is_blocking:
             self._room.notify_all()

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from robocorba.backoff import Backoff
 from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
 from robocorba.events.account import Account, Totals
+from robocorba.events.blocking_budget import BUDGET_S, STEADY_S
 from robocorba.events.channel import Channel
 from robocorba.events.event import CorrelatedEvents
 from robocorba.events.policies import DeliveryPolicy
@@ -347,6 +348,54 @@ def test_an_absent_consumer_blocks_nobody(channel: Channel, how: str) -> None:
         publish(channel, number)
     assert is_balanced(totals(proxy)) and totals(proxy).queued == 1
     assert waits.count(False) == (how == "takes no event")
+
+
+def limits_of(proxy: ProxySupplier) -> list[float]:
+    """The time limits of all later waits for room [s]; none is waited for."""
+    found: list[float] = []
+    proxy._room.wait_for = lambda predicate, limit_s: (found.append(limit_s), predicate())[1]  # type: ignore[method-assign, assignment]
+    return found
+
+
+def test_a_consumer_that_hardly_takes_events_is_not_waited_for_without_end(channel: Channel) -> None:
+    slow, other = (
+        push_supplier_of(channel, Consumer(), QueuePolicy(1, OverflowRule.BLOCK_SUPPLIER, 10.0), name=name)
+        for name in ("slow", "other")
+    )
+    with channel.lock:
+        slow.suspend()
+        other.suspend()
+    publish(channel, 0)
+    limits, others = limits_of(slow), limits_of(other)
+    publish(channel, 1)
+    assert (limits, others) == ([pytest.approx(10.0, abs=1.0)], [pytest.approx(10.0, abs=1.0)])
+    channel._blocking_budget.spend(BUDGET_S, "slow")
+    for proxy in (slow, other):  # each takes an event, so that it is waited for again
+        proxy._is_too_slow = False
+    slow._is_unsteady = True
+    other._is_unsteady = False
+    publish(channel, 2)
+    assert (limits[1:], others[1:]) == ([pytest.approx(0.0, abs=0.05)], [pytest.approx(STEADY_S, abs=0.05)])
+
+
+def test_a_steady_consumer_uses_nothing_of_the_budget(channel: Channel) -> None:
+    consumer = Consumer()
+    push_supplier_of(channel, consumer, QueuePolicy(1, OverflowRule.BLOCK_SUPPLIER, 10.0))
+    publish(channel, *range(200))
+    eventually(lambda: received(consumer) == list(range(200)))
+    assert channel._blocking_budget.left_s() > BUDGET_S / 2
+
+
+@pytest.mark.parametrize("type", ["mission.order", "robot.stop"])
+def test_missions_and_stops_wait_for_nobody(channel: Channel, type: str) -> None:
+    proxy = push_supplier_of(channel, Consumer(), QueuePolicy(1, OverflowRule.BLOCK_SUPPLIER, 10.0))
+    with channel.lock:
+        proxy.suspend()
+    limits = limits_of(proxy)
+    publish(channel, 1, 2, type=type)
+    assert not limits
+    publish(channel, 3, type="robot.state")
+    assert limits
 
 
 def test_after_the_block_limit_the_newest_events_are_discarded(channel: Channel) -> None:
