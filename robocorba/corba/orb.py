@@ -34,6 +34,7 @@ import PortableServer
 import PortableServer__POA
 from omniORB import CORBA, BiDirPolicy, interceptors
 
+from robocorba.allocator import return_freed_memory
 from robocorba.corba import tls
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.connections import ConnectionLimit
@@ -191,6 +192,7 @@ class Orb:
         try:
             self._orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)
             if self.endpoint:
+                return_freed_memory()
                 _ = self._named_adapter  # listens from here on, so that a port in use is detected now; callers wait
             self._connections.start()
             if self.offers_callbacks:

@@ -22,13 +22,12 @@ from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.queue import MAX_BLOCK_S
 from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription, patterns_of, union
 from robocorba.events.watermarks import Watermarks
-from robocorba.names import STOP_EVENT
 
 #: Maximum number of cached routes, one for each event header. The cache is cleared when it is full.
 MAX_ROUTES = 4096
 
 #: Types of events that wait for nobody: missions would end if a consumer could hold them up.
-NEVER_HELD_UP = ("mission.", STOP_EVENT)
+NEVER_HELD_UP = ("mission.", "robot.stop")
 
 _UNFILTERED = SubscriptionMatch(True, ())
 

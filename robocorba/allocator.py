@@ -1,0 +1,26 @@
+"""The memory allocator of the C library in processes whose connections have threads of their own.
+
+glibc gives threads heaps of their own, up to eight for each core, and after large blocks were freed it takes blocks of
+up to 32 MB from these heaps as well, which keep them. Ten clients that asked for large pictures once made a server keep
+250 MB for good."""
+
+from __future__ import annotations
+
+import ctypes
+
+#: Blocks of this size and more are returned to the operating system when they are freed, and so is the end of a heap.
+LARGE_BYTES = 4 * 2**20
+#: Maximum number of heaps.
+HEAPS = 4
+#: Parameters of mallopt(3).
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
+
+
+def return_freed_memory() -> bool:
+    """Let this process return freed memory; False where the C library has no such settings."""
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError):
+        return False
+    settings = {_MMAP_THRESHOLD: LARGE_BYTES, _TRIM_THRESHOLD: LARGE_BYTES, _ARENA_MAX: HEAPS}
+    return all([mallopt(parameter, value) for parameter, value in settings.items()])
