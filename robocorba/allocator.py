@@ -23,4 +23,5 @@ def return_freed_memory() -> bool:
     except (AttributeError, OSError):
         return False
     settings = {_MMAP_THRESHOLD: LARGE_BYTES, _TRIM_THRESHOLD: LARGE_BYTES, _ARENA_MAX: HEAPS}
-    return all([mallopt(parameter, value) for parameter, value in settings.items()])
+    accepted = [mallopt(parameter, value) for parameter, value in settings.items()]
+    return all(accepted)
