@@ -32,6 +32,8 @@ from robocorba.testing.fuzzing.operations import Operation, operations
 from robocorba.testing.fuzzing.values import Seen, Values
 from robocorba.testing.simulation import about
 
+import CosEventComm__POA  # isort: skip  (found once omniORB is imported)
+
 #: Time limit for a call of an attacker [s].
 CALL_TIMEOUT_S = 10.0
 #: Floor on which nobody is, and its size [m].
@@ -291,7 +293,7 @@ class _Sleeper(RoboCorba__POA.EventConsumer):
         """Ignore the end."""
 
 
-class _Echo(RoboCorba__POA.EventConsumer):
+class _Echo(CosEventComm__POA.PushConsumer):
     """A consumer that pushes what it gets."""
 
     def __init__(self, supplier: Any) -> None:
