@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import signal
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import psutil
 import pytest
@@ -15,7 +18,7 @@ from PIL import Image
 from robocorba.corba.naming import corbaname
 from robocorba.corba.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.launch import module_command
+from robocorba.supervision.launch import LoggedProcess, module_command
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, read_json
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -146,25 +149,57 @@ def test_a_client_in_cpp(system: Running, tmp_path: Path) -> None:
     assert refused.stderr == "goal is too near to wall w\n"
 
 
-def test_the_demo_carries_the_table(launch: Launcher, tmp_path: Path) -> None:
-    demo = (*module_command("robocorba.clients.demo"), "demo", "--quick")
-    process = launch(*demo, PYTHONPATH=str(ROOT), TMPDIR=str(tmp_path))
-    out, err = process.communicate(timeout=300)  # its mission ends sooner; on a new machine kernels are compiled first
-    assert process.returncode == 0, out + err
+class Demo(NamedTuple):
+    """A demo that runs in a folder. printed: so far."""
+
+    process: LoggedProcess
+    folder: Path
+    printed: list[str]
+
+    def read_until(self, word: str) -> None:
+        """Read what it prints up to a line with this word, or all."""
+        while line := self.process.read_line(300.0):  # on a new machine kernels are compiled first
+            self.printed.append(line)
+            if word and word in line:
+                return
+        assert not word, "".join(self.printed) + self.process.log_tail()
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
+    folder = tmp_path_factory.mktemp("demo")
+    command = (*module_command("robocorba.clients.demo"), "demo", "--quick")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(folder)}
+    with LoggedProcess(folder / "errors", *command, cwd=folder, env=environment) as process:
+        yield Demo(process, folder, [])
+
+
+def test_the_demo_starts_a_mission(demo: Demo) -> None:
+    demo.read_until(" gathering ")
+
+
+def test_its_robots_grip_the_table(demo: Demo) -> None:
+    demo.read_until(" gripping ")
+
+
+def test_its_robots_carry_the_table(demo: Demo) -> None:
+    demo.read_until("")
+    out, folder = "".join(demo.printed), demo.folder
+    assert demo.process.wait(60) == 0, out + demo.process.log_tail()
     for phase in ("gathering", "gripping", "carrying", "putting down", "done"):
         assert f" {phase} " in out
-    report = read_json((tmp_path / "demo" / "report.json").read_text())
+    report = read_json((folder / "demo" / "report.json").read_text())
     assert report["result"] == "done"
     said = report["simulation_server"]
     assert said["is_there"] and said["off_mm"] <= 50.0 and abs(said["off_deg"]) <= 3.0
     assert {"lab", "hall"} <= report["latency_ms"].keys()
-    page = (tmp_path / "demo" / "report.html").read_text()
+    page = (folder / "demo" / "report.html").read_text()
     for name in ("before.png", "carrying.png", "after.png", "timeline.png"):
         assert f"src='{name}'" in page
-        with Image.open(tmp_path / "demo" / name) as picture:
+        with Image.open(folder / "demo" / name) as picture:
             picture.verify()
-    assert (tmp_path / "demo" / "logs" / "robot_A.log").is_file()
-    assert left_of_the_demo(tmp_path) == []
+    assert (folder / "demo" / "logs" / "robot_A.log").is_file()
+    assert left_of_the_demo(folder) == []
 
 
 def test_a_demo_that_is_interrupted_leaves_nothing_behind(launch: Launcher, tmp_path: Path) -> None:

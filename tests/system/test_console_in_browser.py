@@ -422,15 +422,27 @@ def kill_console(user: Operator, system: Running) -> None:
 # ---- tests ----
 
 
-def test_a_day_of_an_operator(user: Operator) -> None:
+def test_an_operator_draws_a_building(user: Operator) -> None:
     with user.telling():
         draw_building(user)
         put_table(user)
         check_and_plan(user)
+    assert not user.troubles
+
+
+def test_the_operator_programs_robots(user: Operator) -> None:
+    """In the building of the test above."""
+    with user.telling():
         start_robots(user)
         build_program(user)
         repair_program(user)
         run_program(user)
+    assert not user.troubles
+
+
+def test_the_operator_watches_and_looks_back(user: Operator) -> None:
+    """The robots of the test above."""
+    with user.telling():
         watch_in_2d(user)
         watch_in_3d(user)
         start_and_abort_mission(user)
@@ -440,7 +452,7 @@ def test_a_day_of_an_operator(user: Operator) -> None:
 
 
 def test_pages_outlive_killed_servers(user: Operator, system: Running) -> None:
-    """On the building and with the robots of the test above."""
+    """On the building and with the robots of the tests above."""
     with user.telling():
         kill_map_editor(user, system)
         kill_simulation(user, system)

@@ -1,7 +1,7 @@
 """Missions of robot processes over sub-networks: the paper's table, and what becomes of it where somebody dies.
 
 Robots are slow, and most of the time nobody computes: two crews do their missions at the same time, in rooms of their
-own. Each test waits for what it is about."""
+own. Each test waits for what it is about, in the order in which that happens."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ import subprocess
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import groupby
+from threading import Event
 from typing import Any, NamedTuple
 
 import pytest
 
 from robocorba.simulation.mission_record import MissionContent, MissionResult
 from robocorba.testing.missions import (
+    MISSION_LIMIT_S,
     MissionSystem,
     RobotStart,
     Watch,
@@ -77,101 +79,165 @@ class Crew:
         self.place.kill(name)
 
 
-class Told(NamedTuple):
-    """Both stories, told in two threads."""
+class KilledHelper(NamedTuple):
+    """A helper was killed while it carried."""
 
-    place: MissionSystem
-    table: Future[TableStory]
-    desk: Future[DeskStory]
+    ended: Ended
+    report: dict[str, Any]
 
 
-class TableStory(NamedTuple):
-    """C was killed, then all went well with D, as was seen of the table and the hands, m and deg."""
+class Carried(NamedTuple):
+    """All went well, as was seen of the table and the hands, m and deg."""
 
-    killed: Ended
-    killed_report: dict[str, Any]
-    done: Ended
+    ended: Ended
     report: dict[str, Any]
     off: tuple[float, float]
     grips_off_m: float
     went_beside: int
 
 
-class DeskStory(NamedTuple):
-    """The leader's channel was killed, and the mission ended by its user; one was aborted by its name, and then once
-    more; then the leader was killed. What mission control says of the last two."""
+class Aborted(NamedTuple):
+    """A mission was aborted by its name, and then once more. record: what mission control says of it."""
 
-    killed_channel: Ended
-    aborted: Ended
-    aborted_as: MissionContent
-    aborted_again: str
-    killed_leader: Ended
-    killed_leader_as: MissionContent
+    ended: Ended
+    record: MissionContent
+    again: str
+
+
+class KilledLeader(NamedTuple):
+    """The leader was killed while it carried. record: what mission control says of it."""
+
+    ended: Ended
+    record: MissionContent
     helpers_reason: str
+
+
+class Told(NamedTuple):
+    """What happens to both crews, each in a thread, one after the other."""
+
+    place: MissionSystem
+    is_carried: Event
+    killed_helper: Future[KilledHelper]
+    carried: Future[Carried]
+    killed_channel: Future[Ended]
+    aborted: Future[Aborted]
+    killed_leader: Future[KilledLeader]
 
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
     folder = tmp_path_factory.mktemp("missions")
-    with missions(folder, save_three_rooms(folder), "lab,hall,yard") as place, ThreadPoolExecutor(2) as threads:
+    with (
+        missions(folder, save_three_rooms(folder), "lab,hall,yard") as place,
+        ThreadPoolExecutor(1) as first,
+        ThreadPoolExecutor(1) as second,
+    ):
         place.start(TABLE_CREW | DESK_CREW)
-        yield Told(place, threads.submit(table_story, place), threads.submit(desk_story, place))
+        table, desk = Crew(place, TABLE_CREW, "table"), Crew(place, DESK_CREW, "desk")
+        yield Told(
+            place,
+            is_carried := Event(),
+            first.submit(kill_helper, table, is_carried),
+            first.submit(carry, table),
+            second.submit(kill_channel, desk),
+            second.submit(abort, desk),
+            second.submit(kill_leader, desk),
+        )
 
 
-def table_story(place: MissionSystem) -> TableStory:
-    crew = Crew(place, TABLE_CREW, "table")
-    user = crew.carry("A")
-    place.carrying("A", "table", user)
+def kill_helper(crew: Crew, is_carried: Event) -> KilledHelper:
+    try:
+        user = crew.carry("A")
+        crew.place.carrying("A", "table", user)
+    finally:
+        is_carried.set()
     crew.kill("C")
-    killed, killed_report = crew.end(user), place.report("A")
+    return KilledHelper(crew.end(user), crew.place.report("A"))
+
+
+def carry(crew: Crew) -> Carried:
+    place = crew.place
     before = place.collisions
     with Watch(place, "table") as watch:
         goal, user = crew.goal, crew.carry("A")
         done = crew.end(user)
     at = place.body("table")
     off = math.dist(at[:2], goal), abs(math.degrees(math.remainder(at.heading, math.tau)))
-    return TableStory(
-        killed,
-        killed_report,
-        done,
-        place.report("A"),
-        off,
-        watch.farthest_m(("A", "B", "D")),
-        place.collisions - before,
-    )
+    return Carried(done, place.report("A"), off, watch.farthest_m(("A", "B", "D")), place.collisions - before)
 
 
-def desk_story(place: MissionSystem) -> DeskStory:
-    crew = Crew(place, DESK_CREW, "desk")
-    user = crew.carry("E")
+def kill_channel(crew: Crew) -> Ended:
+    place, user = crew.place, crew.carry("E")
     place.carrying("E", "desk", user)
     before = place.kill_server("events_yard")
     eventually(lambda: place.is_back("events_yard", before), 30.0, "the channel is back")
     if user.poll() is None:
         place.command("E", "abort", "--leader", "E")
-    killed_channel = crew.end(user)
+    return crew.end(user)
 
-    user = crew.carry("E")
+
+def abort(crew: Crew) -> Aborted:
+    place, user = crew.place, crew.carry("E")
     place.at_phase("E", "approaching", user)
     name = place.led_by("E")
     assert f"{name}: move table desk, running" in " ".join(place.command("anybody", "status", name).split())
     place.command("anybody", "abort", name)
-    aborted = crew.end(user)
-    aborted_as = place.ended(name)
-    refused = place.refusal("anybody", "abort", name)
+    return Aborted(crew.end(user), place.ended(name), place.refusal("anybody", "abort", name))
 
-    user = crew.carry("E")
+
+def kill_leader(crew: Crew) -> KilledLeader:
+    place, user = crew.place, crew.carry("E")
     place.carrying("E", "desk", user)
     name = place.led_by("E")
     crew.kill("E")
-    killed_leader = crew.end(user)
-    reason = place.agent("F").state().program.reason
-    return DeskStory(killed_channel, aborted, aborted_as, refused, killed_leader, place.ended(name), reason)
+    ended = crew.end(user)
+    return KilledLeader(ended, place.ended(name), place.agent("F").state().program.reason)
+
+
+def test_three_robots_begin_to_carry(told: Told) -> None:
+    assert told.is_carried.wait(MISSION_LIMIT_S)
+
+
+def test_a_helper_is_killed_while_it_carries(told: Told) -> None:
+    story = told.killed_helper.result()
+    assert story.ended.code == 1
+    assert story.ended.told.endswith("carrying: C is silent")
+    assert story.report["reason"] == "carrying: C is silent"
+
+
+def test_the_leaders_channel_is_killed_while_it_carries(told: Told) -> None:
+    ended = told.killed_channel.result()
+    assert ended.code == 1
+    assert re.search(r"it was aborted$|[EF] is silent$|F has left the mission$", ended.told), ended
+
+
+def test_the_user_ends_it(told: Told) -> None:
+    story = told.aborted.result()
+    assert story.ended.code == 1
+    assert story.ended.told.endswith("it was aborted")
+    content = story.record
+    assert (content.result, content.kind, content.about) == (MissionResult.ABORTED, "move_table", "desk")
+    assert {member.robot: member.role for member in content.members} == {"E": "leader", "F": "helper"}
+    names = [phase.name for phase in content.phases]
+    assert (names[0], names[-1]) == ("asking", "ending safely")
+    assert "approaching" in names
+    assert all(phase.begun <= phase.ended for phase in content.phases)
+    assert "has ended already, aborted" in story.again
+
+
+def test_the_leader_is_killed_while_it_carries(told: Told) -> None:
+    story = told.killed_leader.result()
+    assert story.ended.code == 1
+    assert "robot E does not answer" in story.ended.told
+    assert story.helpers_reason == "the leader E is silent"
+    content = story.record
+    assert content.result is MissionResult.FAILED
+    assert content.reason.startswith("its leader E was gone for ")
 
 
 def test_three_robots_of_two_sub_networks_carry_a_table(told: Told) -> None:
-    story = told.table.result()
-    assert (story.done.code, story.done.told.split("\t")[0]) == (0, "done"), story.done
+    story = told.carried.result()
+    assert (story.ended.code, story.ended.told.split("\t")[0]) == (0, "done"), story.ended
     off_m, off_deg = story.off
     assert off_m < 0.05
     assert off_deg < 3.0
@@ -188,7 +254,7 @@ def test_three_robots_of_two_sub_networks_carry_a_table(told: Told) -> None:
 
 
 def test_its_report_is_a_page(told: Told) -> None:
-    mission = told.table.result().report["mission"]
+    mission = told.carried.result().report["mission"]
     assert "wrote" in told.place.command("A", "report", mission)
     (page,) = (told.place.folder / "A").rglob("report.html")
     assert page.parent.name == mission
@@ -196,45 +262,8 @@ def test_its_report_is_a_page(told: Told) -> None:
     assert (page.parent / "timeline.png").stat().st_size > 1000
 
 
-def test_a_helper_is_killed_while_it_carries(told: Told) -> None:
-    story = told.table.result()
-    assert story.killed.code == 1
-    assert story.killed.told.endswith("carrying: C is silent")
-    assert story.killed_report["reason"] == "carrying: C is silent"
-
-
-def test_the_leader_is_killed_while_it_carries(told: Told) -> None:
-    story = told.desk.result()
-    assert story.killed_leader.code == 1
-    assert "robot E does not answer" in story.killed_leader.told
-    assert story.helpers_reason == "the leader E is silent"
-    content = story.killed_leader_as
-    assert content.result is MissionResult.FAILED
-    assert content.reason.startswith("its leader E was gone for ")
-
-
-def test_the_user_ends_it(told: Told) -> None:
-    story = told.desk.result()
-    assert story.aborted.code == 1
-    assert story.aborted.told.endswith("it was aborted")
-    content = story.aborted_as
-    assert (content.result, content.kind, content.about) == (MissionResult.ABORTED, "move_table", "desk")
-    assert {member.robot: member.role for member in content.members} == {"E": "leader", "F": "helper"}
-    names = [phase.name for phase in content.phases]
-    assert (names[0], names[-1]) == ("asking", "ending safely")
-    assert "approaching" in names
-    assert all(phase.begun <= phase.ended for phase in content.phases)
-    assert "has ended already, aborted" in story.aborted_again
-
-
-def test_the_leaders_channel_is_killed_while_it_carries(told: Told) -> None:
-    ended = told.desk.result().killed_channel
-    assert ended.code == 1
-    assert re.search(r"it was aborted$|[EF] is silent$|F has left the mission$", ended.told), ended
-
-
 def test_what_blocks_is_named(told: Told) -> None:
-    told.table.result()
+    told.carried.result()
     place = told.place
     code, out, _ = place.outcome(place.mission("A", "table", "L1:8,2.6"))
     assert code == 1
@@ -245,8 +274,8 @@ def test_what_blocks_is_named(told: Told) -> None:
 
 
 def test_missions_that_ended_survive_a_kill_of_the_server(told: Told) -> None:
-    told.table.result()
-    told.desk.result()
+    told.carried.result()
+    told.killed_leader.result()
     place, control = told.place, told.place.control
     eventually(
         lambda: not any(state.content.is_running for state in control.missions_since(0)), 30.0, "all ends are recorded"

@@ -1,17 +1,16 @@
 """Two robots carry a box up one floor: real processes, one command, and the elevator that they all ride together.
 
-It is the example of docs/mission.md."""
+It is the example of docs/mission.md. Each test waits for the next part of one mission."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import math
-import threading
-from collections import deque
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
+from subprocess import Popen
 from typing import NamedTuple
 
 import pytest
@@ -27,7 +26,7 @@ from robocorba.missions.formation import HAND_M
 from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
 from robocorba.spatial.floor_update import WHOLE
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, real_system
+from robocorba.testing.processes import ROBOCORBA, Launcher, claimed_ports, drain, eventually, real_system
 from tests.missions.worlds import two_storeys
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -37,15 +36,6 @@ START, GOAL = Pose("L1", 5.4, 3.5, -0.785), Pose("L2", 6.4, 3.5, -0.785)
 #: The box at its goal, m and rad; its grips from the hands, m; how far from start and goal it is certainly carried, m.
 NEAR_M, NEAR_RAD, SLIPPED_M, AWAY_M = 0.05, math.radians(3.0), 0.02, 0.1
 LOOK_S = 0.2
-
-
-@pytest.fixture
-def system(tmp_path: Path) -> Iterator[Running]:
-    native.save(two_storeys(), tmp_path / "two-storeys.yaml")
-    with claimed_ports() as port, Launcher(tmp_path) as launch:
-        running = real_system(launch, tmp_path / "state", port, "--building", "two-storeys.yaml").wait_ready()
-        threading.Thread(target=deque, args=(running.process.stderr, 0), daemon=True).start()
-        yield running
 
 
 class Seen(NamedTuple):
@@ -88,30 +78,66 @@ class Watch:
                     self.seen.append(Seen(floor, poses))
 
 
-def test_two_robots_carry_a_box_up_one_floor(system: Running, launch: Launcher, tmp_path: Path) -> None:
-    place = {"ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(tmp_path / "robots")}
-    robots = [
-        launch(ROBOCORBA, "robot", name, "--floor", "L1", "--at", at, "--channel", "main", **place)
-        for name, at in (("A", "4.2,2.2,0.785"), ("B", "6.6,4.8,-2.36"))
-    ]
-    for robot in robots:
-        assert robot.stdout is not None and robot.stderr is not None
-        assert robot.stdout.readline() == "ready\n", robot.stderr.read()
-        threading.Thread(target=deque, args=(robot.stderr, 0), daemon=True).start()
-    with Orb(system.naming) as orb:
-        watch = Watch(orb)
+class Carry(NamedTuple):
+    """A mission that runs. folder: of the robots' state."""
+
+    orb: Orb
+    watch: Watch
+    user: Popen[str]
+    folder: Path
+
+    def wait_for(self, floor: str) -> None:
+        """Wait until the box is carried on a floor."""
+
+        def is_there() -> bool:
+            assert self.user.poll() is None, self.user.communicate()
+            return any(moment.floor == floor and moment.is_carried() for moment in self.watch.seen)
+
+        eventually(is_there, PATIENCE_S, f"carried on {floor}")
+
+
+@pytest.fixture(scope="module")
+def carry(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Carry]:
+    folder = tmp_path_factory.mktemp("floors")
+    native.save(two_storeys(), folder / "two-storeys.yaml")
+    with claimed_ports() as port, Launcher(folder) as launch:
+        running = real_system(launch, folder / "state", port, "--building", "two-storeys.yaml").wait_ready()
+        drain(running.process)
+        place = {"ROBOCORBA_NAMING": str(running.naming), "ROBOCORBA_STATE": str(folder / "robots")}
+        robots = [
+            launch(ROBOCORBA, "robot", name, "--floor", "L1", "--at", at, "--channel", "main", **place)
+            for name, at in (("A", "4.2,2.2,0.785"), ("B", "6.6,4.8,-2.36"))
+        ]
+        for robot in robots:
+            assert robot.stdout is not None and robot.stderr is not None
+            assert robot.stdout.readline() == "ready\n", robot.stderr.read()
+            drain(robot)
         to = f"L2:{GOAL.x},{GOAL.y},{GOAL.heading}"
         command = ("mission", "start", "move-table", "--table", "box", "--to", to, "--leader", "A")
-        with contextlib.closing(Repeating("watch", watch.look, LOOK_S).start()):
-            out, err = launch(ROBOCORBA, *command, **place).communicate(timeout=PATIENCE_S)
-        assert (out.splitlines()[-1].split("\t")[0], err) == ("done", ""), out
-        watch.look()
-        for name in ("A", "B"):
-            state = RemoteAgent(orb, name).state()
-            assert (state.at.floor, state.condition) == ("L2", AgentCondition.IDLE)
-            assert [body.name for body in RemotePool.of_robot(orb, name).content().came if body.name == "box"]
-    check_box(watch.seen)
-    check_report(tmp_path / "robots")
+        with Orb(running.naming) as orb:
+            watch = Watch(orb)
+            with contextlib.closing(Repeating("watch", watch.look, LOOK_S).start()):
+                yield Carry(orb, watch, launch(ROBOCORBA, *command, **place), folder / "robots")
+
+
+def test_two_robots_carry_a_box(carry: Carry) -> None:
+    carry.wait_for("L1")
+
+
+def test_they_carry_it_up_one_floor(carry: Carry) -> None:
+    carry.wait_for("L2")
+
+
+def test_they_put_it_down_there(carry: Carry) -> None:
+    out, err = carry.user.communicate(timeout=PATIENCE_S)
+    assert (out.splitlines()[-1].split("\t")[0], err) == ("done", ""), out
+    carry.watch.look()
+    for name in ("A", "B"):
+        state = RemoteAgent(carry.orb, name).state()
+        assert (state.at.floor, state.condition) == ("L2", AgentCondition.IDLE)
+        assert [body.name for body in RemotePool.of_robot(carry.orb, name).content().came if body.name == "box"]
+    check_box(carry.watch.seen)
+    check_report(carry.folder)
 
 
 def check_box(seen: list[Seen]) -> None:

@@ -80,9 +80,9 @@ def moving(agent: RemoteAgent) -> None:
 
 
 def test_a_program_over_two_floors(start: Start, system_orb: Orb, robocorba: Start, tmp_path: Path) -> None:
-    start("A", "--floor", "L1", "--at", "14,5,0", "--channel", "main")
+    start("A", "--floor", "L1", "--at", "17,3,0", "--channel", "main")
     agent = RemoteAgent(system_orb, "A")
-    builder = ProgramBuilder("ride").mhand_posture("both", "tuck").mbase_path("L2", 15.0, 5.0, heading=1.0)
+    builder = ProgramBuilder("ride").mhand_posture("both", "tuck").mbase_path("L2", 17.0, 3.0, heading=1.0)
     builder.mhand_posture("both", "ready").gripper("right", "open").say("robot.there", {"floor": "L2"})
     (tmp_path / "ride.json").write_text(dumps(builder.program()))
     process = robocorba("program", "run", str(tmp_path / "ride.json"), "--robot", "A")
@@ -94,7 +94,7 @@ def test_a_program_over_two_floors(start: Start, system_orb: Orb, robocorba: Sta
     assert out.splitlines()[-1].startswith("done\t5 icons\t")
     state = agent.state()
     assert state.at.floor == "L2"
-    assert (state.at.x, state.at.y, state.at.heading) == pytest.approx((15.0, 5.0, 1.0), abs=0.004)
+    assert (state.at.x, state.at.y, state.at.heading) == pytest.approx((17.0, 3.0, 1.0), abs=0.004)
     pool = RemotePool.of_robot(system_orb, "A")
     assert pool.floor == "L2"
     assert [body.name for body in pool.content().came if body.name == "A"] == ["A"]
