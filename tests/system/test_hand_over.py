@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import math
+import os
 import threading
 from collections import deque
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
+from typing import NamedTuple
 
 import av
 import numpy as np
@@ -30,7 +33,7 @@ from robocorba.planning.request import Place
 from robocorba.programs.checker import Start, check
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.grids import Floats
-from robocorba.supervision.launch import module_command
+from robocorba.supervision.launch import LoggedProcess, module_command
 from robocorba.testing.processes import Launcher, claimed_ports, real_system
 
 pytestmark = pytest.mark.slow
@@ -146,29 +149,64 @@ def naming(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield str(running.naming)
 
 
+class Run(NamedTuple):
+    """A hand-over that runs in a folder. printed: so far."""
+
+    process: LoggedProcess
+    folder: Path
+    printed: list[str]
+
+    def read_until(self, word: str) -> None:
+        """Read what it prints up to a line with this word, or all."""
+        while line := self.process.read_line(LIMIT_S):
+            self.printed.append(line.rstrip("\n"))
+            if word and word in line:
+                return
+        assert not word, "\n".join(self.printed) + self.process.log_tail()
+
+    def check(self, kind: str) -> None:
+        """Wait for its end."""
+        self.read_until("")
+        assert (self.process.wait(LIMIT_S), self.process.log_tail()) == (0, ""), "\n".join(self.printed)
+        told = [line.split(" s  ", 1)[1] for line in self.printed if " s  " in line]
+        order = ["A  say hand_over.ready", "B  gripper left close", "B  say hand_over.gripped", "A  gripper right open"]
+        assert [line for line in told if line in order] == order
+        check_joints(self.folder / f"hand-over-{kind}.csv")
+        check_recording(self.folder / f"hand-over-{kind}.mcap")
+
+
+@contextlib.contextmanager
+def running(folder: Path, *options: str) -> Iterator[Run]:
+    command = (*module_command("robocorba.clients.hand_over"), str(folder), *options)
+    with LoggedProcess(folder / "errors", *command, cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}) as process:
+        yield Run(process, folder, [])
+
+
+@pytest.fixture(scope="module")
+def actual(naming: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    with running(tmp_path_factory.mktemp("actual"), "--actual", "--naming", naming) as run:
+        yield run
+
+
 @pytest.mark.system
 @pytest.mark.timeout(LIMIT_S + 20)
-def test_virtual_robots_in_servers_of_their_own(launch: Launcher, tmp_path: Path) -> None:
-    check_run(launch, tmp_path, "virtual", "--no-film")
+def test_actual_robots_in_servers_that_run(actual: Run) -> None:
+    actual.read_until("hand_over.ready")
+
+
+@pytest.mark.system
+@pytest.mark.timeout(LIMIT_S + 20)
+def test_actual_robots_hand_the_sheet_over(actual: Run) -> None:
+    actual.check("actual")
+    check_film(actual.folder / "hand-over-actual.mp4")
+
+
+@pytest.mark.system
+@pytest.mark.timeout(LIMIT_S + 20)
+def test_virtual_robots_in_servers_of_their_own(tmp_path: Path) -> None:
+    with running(tmp_path, "--no-film") as run:
+        run.check("virtual")
     assert not list(tmp_path.glob("*.mp4"))
-
-
-@pytest.mark.system
-@pytest.mark.timeout(LIMIT_S + 20)
-def test_actual_robots_in_servers_that_run(launch: Launcher, tmp_path: Path, naming: str) -> None:
-    check_run(launch, tmp_path, "actual", "--actual", "--naming", naming)
-    check_film(tmp_path / "hand-over-actual.mp4")
-
-
-def check_run(launch: Launcher, folder: Path, kind: str, *options: str) -> None:
-    process = launch(*module_command("robocorba.clients.hand_over"), str(folder), *options, PYTHONPATH=str(ROOT))
-    out, err = process.communicate(timeout=LIMIT_S)
-    assert (process.returncode, err) == (0, ""), f"{out}\n{err}"
-    told = [line.split(" s  ", 1)[1] for line in out.splitlines() if " s  " in line]
-    order = ["A  say hand_over.ready", "B  gripper left close", "B  say hand_over.gripped", "A  gripper right open"]
-    assert [line for line in told if line in order] == order
-    check_joints(folder / f"hand-over-{kind}.csv")
-    check_recording(folder / f"hand-over-{kind}.mcap")
 
 
 def check_joints(file: Path) -> None:

@@ -17,7 +17,6 @@ from robocorba.control.agent import AgentCondition, AgentState
 from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.corba.remote.data_pool import RemotePool
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, UnknownAdaptor
 from robocorba.errors.services import NotReachable
 from robocorba.programs.graphic_programming import ProgramBuilder
@@ -77,27 +76,6 @@ def ended(agent: RemoteAgent) -> AgentState:
 
 def moving(agent: RemoteAgent) -> None:
     eventually(lambda: agent.state().actor.velocity[0] > 0.15, PATIENCE_S, "moving")
-
-
-def test_a_program_over_two_floors(start: Start, system_orb: Orb, robocorba: Start, tmp_path: Path) -> None:
-    start("A", "--floor", "L1", "--at", "17,3,0", "--channel", "main")
-    agent = RemoteAgent(system_orb, "A")
-    builder = ProgramBuilder("ride").mhand_posture("both", "tuck").mbase_path("L2", 17.0, 3.0, heading=1.0)
-    builder.mhand_posture("both", "ready").gripper("right", "open").say("robot.there", {"floor": "L2"})
-    (tmp_path / "ride.json").write_text(dumps(builder.program()))
-    process = robocorba("program", "run", str(tmp_path / "ride.json"), "--robot", "A")
-    out, err = process.communicate(timeout=120)
-    assert (process.returncode, err) == (0, "")
-    assert [line.split("\t")[1] for line in out.splitlines()[:-1]] == [
-        *("mhand_posture", "mbase_path", "mhand_posture", "gripper", "say")
-    ]
-    assert out.splitlines()[-1].startswith("done\t5 icons\t")
-    state = agent.state()
-    assert state.at.floor == "L2"
-    assert (state.at.x, state.at.y, state.at.heading) == pytest.approx((17.0, 3.0, 1.0), abs=0.004)
-    pool = RemotePool.of_robot(system_orb, "A")
-    assert pool.floor == "L2"
-    assert [body.name for body in pool.content().came if body.name == "A"] == ["A"]
 
 
 def test_what_an_agent_refuses(start: Start, system_orb: Orb) -> None:
