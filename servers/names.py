@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import secrets
 import threading
-from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,7 +29,8 @@ class NamesServer:
         self._table = NameTable((CONTEXT, ROBOTS))
         self._lock = threading.Lock()
         self._contexts: dict[tuple[Role, Path], Any] = {}
-        self._iterators: deque[BindingIteratorServant] = deque()
+        #: The keys of iterators, which can't be guessed: nobody else takes bindings from a list, or ends it.
+        self._iterators: dict[BindingIteratorServant, str] = {}
         self._registries = {
             role: orb.activate(NameRegistryServant(self._table, role), f"{access.key(role)}/registry")
             for role in (Role.ROBOT, Role.SERVER)
@@ -51,21 +52,20 @@ class NamesServer:
         return self._registries.get(role)
 
     def iterator(self, bindings: list[Any]) -> Any:
-        servant = BindingIteratorServant(bindings, self)
-        reference = self._orb.activate(servant)
+        servant, key = BindingIteratorServant(bindings, self), f"iterators/{secrets.token_urlsafe(24)}"
+        reference = self._orb.activate(servant, key)
         with self._lock:
-            self._iterators.append(servant)
-            oldest = self._iterators.popleft() if len(self._iterators) > MAX_ITERATORS else None
+            self._iterators[servant] = key
+            oldest = next(iter(self._iterators)) if len(self._iterators) > MAX_ITERATORS else None
         if oldest:
-            self._orb.deactivate(oldest)
+            self.forget(oldest)
         return reference
 
     def forget(self, iterator: BindingIteratorServant) -> None:
         with self._lock:
-            if iterator not in self._iterators:
-                return
-            self._iterators.remove(iterator)
-        self._orb.deactivate(iterator)
+            key = self._iterators.pop(iterator, "")
+        if key:
+            self._orb.deactivate_key(key)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -11,12 +11,14 @@ from __future__ import annotations
 import functools
 import hashlib
 import hmac
+import re
 import secrets
 from collections.abc import Callable
 from typing import Any, NoReturn
 
 from omniORB import CORBA
 
+from robocorba.names import ACCESS
 from robocorba.roles import Role, may_call, may_name
 
 
@@ -60,6 +62,11 @@ def guarded(servant: Any, role: Role) -> Any:
             method = getattr(servant, operation)
             setattr(guard, operation, method if may_name(role, interface, operation) else _without_name(method))
     return guard
+
+
+def without_keys(uri: str) -> str:
+    """A URI for display, without the key of a role that it may contain."""
+    return re.sub(rf"({ACCESS}/[a-z]+/)[0-9A-Fa-f]+", r"\1...", uri)
 
 
 def interface_of(skeleton: Any) -> str:

@@ -19,9 +19,9 @@ _log = logging.getLogger(__name__)
 
 
 class NamingContexts:
-    """Any client can unbind or destroy a naming context, or bind one of its own in its place, which answers as it likes.
-    What is found in place of a context of this naming service is replaced by the former context, so that all names in it
-    are back, or by a new one. uri: stringifies a reference."""
+    """Any client can unbind or destroy a naming context, or bind one of its own in its place, which answers as it
+    likes. What is found in place of a context of this naming service is replaced by the former context, so that all
+    names in it are back, or by a new one. uri: stringifies a reference."""
 
     def __init__(self, uri: Callable[[Any], str]) -> None:
         self._uri = uri

@@ -38,7 +38,7 @@ from robocorba.corba import tls
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.connections import ConnectionLimit
 from robocorba.corba.conversion.bounded_any import read_bounded_anys
-from robocorba.corba.guard import Guard, guarded
+from robocorba.corba.guard import Guard, guarded, without_keys
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
 from robocorba.corba.texts import refuse_unreadable_texts
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
@@ -290,11 +290,13 @@ class Orb:
             root.create_servant_retention_policy(PortableServer.RETAIN),
         ]
         self._secret_adapter = root.create_POA(SECRETS, root._get_the_POAManager(), policies)
-        # The finder is an object, too, which is called here, before the others accept calls.
-        finders = root.create_POA("finders", None, [])
+        # The finder is an object, too, which is called here, before the others accept calls. Its key can't be guessed:
+        # omniORB would let clients call it as well.
+        finders = root.create_POA("finders", None, [root.create_id_assignment_policy(PortableServer.USER_ID)])
         finders._get_the_POAManager().activate()
-        finder = finders.id_to_reference(finders.activate_object(_Finder(find)))
-        self._secret_adapter.set_servant_manager(finder)
+        id = secrets.token_bytes(16)
+        finders.activate_object_with_id(id, _Finder(find))
+        self._secret_adapter.set_servant_manager(finders.id_to_reference(id))
 
     def activate_secret(self, servant: Any, key: str) -> Any:
         """A reference to an object that `find` would find by its secret key, until `deactivate_secret`."""
@@ -322,6 +324,10 @@ class Orb:
         """The URI of an object at HOST:PORT of this system, by the key that observers know."""
         return f"corbaloc:{self.naming.scheme}:1.2@{address}/{key}"
 
+    def uri_for_servers(self, address: Address | str, name: str) -> str:
+        """The URI of a named object of another server at HOST:PORT of this system, with the rights of servers."""
+        return self.uri_at(address, self._guard.key(name) if self._guard else name)
+
     def reference(self, uri: str, interface: Any, call_timeout_s: float | None = None) -> Any:
         """The object at an IOR, corbaloc or corbaname, cast to `interface` unchecked. Only a corbaname makes a call.
 
@@ -329,9 +335,9 @@ class Orb:
         try:
             found = self._orb.string_to_object(uri)
         except CORBA.SystemException as error:
-            raise NotReachable(f"{uri[:80]!r} leads to no object ({describe(error)})") from None
+            raise NotReachable(f"{without_keys(uri)[:80]!r} leads to no object ({describe(error)})") from None
         if found is None:
-            raise NotReachable(f"{uri[:80]!r} is a nil reference")
+            raise NotReachable(f"{without_keys(uri)[:80]!r} is a nil reference")
         reference = found._unchecked_narrow(interface)
         if call_timeout_s is not None:
             set_call_timeout(reference, call_timeout_s)
