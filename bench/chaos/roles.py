@@ -16,8 +16,8 @@ from typing import Any
 
 from bench.common.harness import progress, run
 from robocorba.corba.event_client import Event, EventClient
-from robocorba.testing.guarded import ROBOT, ROLES, GuardedSystem, forgeries, guarded_system
-from robocorba.testing.intruder import Findings
+from robocorba.testing.intrusion.guarded_system import ROBOT, ROLES, GuardedSystem, forgeries, guarded_system
+from robocorba.testing.intrusion.intruder import Findings
 from robocorba.testing.report import at_least, at_most, bars, summarize
 from robocorba.testing.simulation import error_lines
 

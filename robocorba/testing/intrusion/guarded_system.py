@@ -23,7 +23,7 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.supervision.access import Access
 from robocorba.testing.buildings import two_floors
 from robocorba.testing.fuzzing.targets import OTHER, FuzzedSystem
-from robocorba.testing.intruder import OBJECTS, OURS, THEIRS, Intruder
+from robocorba.testing.intrusion.intruder import OBJECTS, OURS, THEIRS, Intruder
 from robocorba.testing.processes import Running, eventually, running_system
 from robocorba.testing.simulation import about
 

@@ -1,0 +1,127 @@
+"""What roles cost: the same calls of a plain and of a guarded system, in turns in the same run.
+
+    python -m bench.chaos.guarded_cost [--rounds 20] [--calls 300]
+
+A null call reads the map's version. Events go from one supplier to one consumer, each in a call of its own and in calls
+of a hundred, until the consumer has them all. The client of the guarded system is a robot."""
+
+from __future__ import annotations
+
+import contextlib
+import statistics
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from bench.common.harness import progress, run
+from robocorba.corba.event_client import EventClient
+from robocorba.corba.orb import Orb
+from robocorba.maps import native
+from robocorba.roles import Role
+from robocorba.settings import RoleNaming, role_file
+from robocorba.stubs import RoboCorba
+from robocorba.testing.buildings import two_floors
+from robocorba.testing.json_process import ObjectProcess
+from robocorba.testing.processes import running_system
+from robocorba.testing.report import at_most, bars, summarize
+
+NULL, PATH, EVENT, EVENTS = "null call", "getPath", "an event", "an event of a hundred"
+#: A guarded call may take longer than a plain one by this factor: more than the noise of a busy machine.
+MAX_RATIO = 1.1
+LIMIT_S = 60.0
+
+
+class Client:
+    """Calls one system. Times are seconds for each call or event."""
+
+    def __init__(self, orb: Orb, events: EventClient) -> None:
+        self._events, self._count, self._all_there = events, 0, threading.Event()
+        self._planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
+        self._wanted = 0
+        events.subscribe(lambda event: self._note(), "cost")
+
+    def measure(self, what: str, calls: int) -> float:
+        """The mean over so many calls or events."""
+        begin = {NULL: self._null, PATH: self._path, EVENT: self._push, EVENTS: self._push_hundreds}[what]
+        self._wanted += calls
+        self._all_there.clear()
+        began = time.perf_counter()
+        begin(calls)
+        if what in (EVENT, EVENTS):
+            assert self._all_there.wait(LIMIT_S), "events are missing"
+        else:
+            self._wanted -= calls
+        return (time.perf_counter() - began) / calls
+
+    def _null(self, calls: int) -> None:
+        for _ in range(calls):
+            self._planner._get_mapVersion()
+
+    def _path(self, calls: int) -> None:
+        start, goal = RoboCorba.Point("L1", 3.0, 3.0), RoboCorba.Point("L2", 3.0, 3.0)
+        for _ in range(calls):
+            self._planner.getPath(start, goal)
+
+    def _push(self, calls: int) -> None:
+        for _ in range(calls):
+            self._events.push("cost", 1)
+
+    def _push_hundreds(self, calls: int) -> None:
+        for _ in range(calls // 100):
+            self._events.push_many("cost", [1] * 100)
+
+    def _note(self) -> None:
+        self._count += 1
+        if self._count == self._wanted:
+            self._all_there.set()
+
+
+@contextlib.contextmanager
+def client(folder: Path, is_guarded: bool) -> Iterator[Client]:
+    """A system and its client."""
+    folder.mkdir()
+    native.save(two_floors(), folder / "two-floors.yaml")
+    options = ("--building", "two-floors.yaml", *(("--guarded",) if is_guarded else ()))
+    with running_system(folder, *options) as (running, _):
+        naming = RoleNaming.read(role_file(running.state, Role.ROBOT)) if is_guarded else running.naming
+        with Orb(naming) as orb, EventClient(orb, "main", "cost") as events:
+            yield Client(orb, events)
+
+
+def main(rounds: int = 20, calls: int = 300) -> bool:
+    kinds, systems = (NULL, PATH, EVENT, EVENTS), {"plain": False, "guarded": True}
+    took: dict[tuple[str, str], list[float]] = {}
+    with tempfile.TemporaryDirectory(prefix="robocorba-cost-") as name, contextlib.ExitStack() as stack:
+        clients = {
+            system: stack.enter_context(ObjectProcess(client, Path(name) / system, is_guarded))
+            for system, is_guarded in systems.items()
+        }
+        for number in progress(range(rounds), "rounds"):
+            for what in kinds:
+                for system in sorted(clients, reverse=number % 2 == 0):
+                    count = (
+                        calls if what in (NULL, EVENT) else calls // 10 if what == PATH else max(1, calls // 100) * 500
+                    )
+                    took.setdefault((what, system), []).append(clients[system].call("measure", what, count))
+    rows = []
+    for what in kinds:
+        plain, guarded = (statistics.median(took[what, system]) for system in systems)
+        ratios = sorted(g / p for g, p in zip(took[what, "guarded"], took[what, "plain"], strict=True))
+        rows.append(
+            {
+                "what": what,
+                "plain, us": plain * 1e6,
+                "guarded, us": guarded * 1e6,
+                "guarded / plain": guarded / plain,
+                "quartiles of the rounds": f"{ratios[len(ratios) // 4]:.2f} to {ratios[-1 - len(ratios) // 4]:.2f}",
+            }
+        )
+    marks = [at_most(f"{row['what']}: guarded / plain", row["guarded / plain"], MAX_RATIO) for row in rows]
+    ratios_of = {str(row["what"]): float(row["guarded / plain"]) for row in rows}
+    return summarize("chaos_guarded_cost", "What roles cost", rows, marks, bars(ratios_of, "guarded / plain"))
+
+
+if __name__ == "__main__":
+    run(main, calls="in each round")
