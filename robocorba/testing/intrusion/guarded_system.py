@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -167,7 +168,7 @@ def forgeries(system: GuardedSystem) -> Iterator[Forgery]:
     yield try_one("withdraw the name of a robot", False, lambda: registry.withdraw(path, SECRET))
     for name in ("SimulationServer", "VirtualSensors/s2", "EventChannels/c", "Adaptors/x"):
         name = f"{CONTEXT}/{name}"
-        yield try_one(f"announce {name}", False, lambda name=name: registry.announce(name, false, SECRET))
+        yield try_one(f"announce {name}", False, functools.partial(registry.announce, name, false, SECRET))
     yield try_one("announce a free name in Robots", True, lambda: registry.announce(f"{path}2", false, SECRET))
     registry.withdraw(f"{path}2", SECRET)
     yield try_one("register under a taken name", False, lambda: server.registerRobot(about(THEIRS, 8.0, 8.0)))
