@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -15,6 +17,8 @@ from robocorba.corba.ior import IorAddress, address_of
 
 #: Timeout of a call to a naming context [s].
 CALL_TIMEOUT_S = 1.0
+#: Interval between two log lines about replaced contexts [s].
+LOG_INTERVAL_S = 60.0
 _log = logging.getLogger(__name__)
 
 
@@ -28,6 +32,8 @@ class NamingContexts:
         #: The last usable context of each path, and the address that the naming service gives to its contexts.
         self._former: dict[str, Any] = {}
         self._home: IorAddress | None = None
+        #: Time of the last log line [s].
+        self._logged_at = -math.inf
 
     def context(self, root: Any, path: Sequence[Any]) -> Any:
         """The context of a path from the root. Calls the naming service only, never what others have bound.
@@ -45,7 +51,9 @@ class NamingContexts:
             found = outer.resolve([component])
         if found is not None and self._is_of(root, found) and _lives(found):
             return _context(found)
-        if found is not None or former is not None:
+        is_theft, now = found is not None or former is not None, time.monotonic()
+        if is_theft and now - self._logged_at >= LOG_INTERVAL_S:
+            self._logged_at = now
             what = f"an object at {address_of(self._uri(found)) or 'an unknown address'}" if found else "nothing"
             _log.warning("bound the naming context %s again: %s was bound to it", component.id, what)
         with contextlib.suppress(CosNaming.NamingContext.NotFound):
