@@ -23,7 +23,6 @@ class ProxyConsumer(Proxy):
         self, lock: threading.Lock, id: str, publish: Callable[[EventBatch, Account], None], name: str = ""
     ) -> None:
         super().__init__(lock, id, name)
-        self.used_at = time.monotonic()
         self._publish = publish
 
     def push(self, batch: EventBatch) -> None:

@@ -211,6 +211,26 @@ def test_no_more_proxies_than_the_limit_but_unused_suppliers_make_room(lab: Lab)
     assert oldest.is_ended and not last.is_ended
 
 
+@pytest.mark.parametrize("lab", [ProxyPolicy(max_proxies=4)], indirect=True)
+def test_at_the_limit_forgotten_proxies_make_room_and_those_in_use_stay(lab: Lab) -> None:
+    lab.proxies.subscribe("", Consumer(), ALL, POLICY)
+    lab.proxies.subscribe("log", Consumer(), ALL, POLICY)
+    forgotten, waiting = lab.proxies.obtain(ProxyKind.PULL_SUPPLIER), lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER)
+    lab.proxies.connect(forgotten, None)
+    for proxy in lab.proxies._all.values():
+        proxy.used_at -= 11.0
+    assert isinstance(forgotten, ProxyPullSupplier)
+    assert forgotten.pull(0.0) is None  # it is used again
+    lab.proxies.supply("A")
+    assert waiting.is_ended and not forgotten.is_ended
+    with pytest.raises(TooManyProxies):
+        lab.proxies.supply("B")
+    forgotten.used_at -= 11.0
+    lab.proxies.supply("B")
+    assert forgotten.is_ended
+    assert {proxy.name for proxy in lab.proxies.snapshots()} == {"", "log", "A", "B"}
+
+
 def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> None:
     with pytest.raises(InvalidQueue):
         lab.proxies.subscribe("", Consumer(), ALL, QueuePolicy(0))
