@@ -40,6 +40,10 @@ class Guard:
         """Those of all roles."""
         return [self.key(name, role) for role in Role]
 
+    def robot_key(self, name: str, robot: str) -> str:
+        """The object key for a robot with a file of its own; robot: the key of its naming context."""
+        return f"{name}~{self._digest(f'robot {robot} {name}')}"
+
     def proof(self, name: str) -> str:
         """The secret by which this process holds a name."""
         return self._digest(f"name {name}")
@@ -61,6 +65,15 @@ def guarded(servant: Any, role: Role) -> Any:
         elif hasattr(servant, operation):
             method = getattr(servant, operation)
             setattr(guard, operation, method if may_name(role, interface, operation) else _without_name(method))
+    return guard
+
+
+def guarded_for(servant: Any, robot: str) -> Any:
+    """The same for one robot: a servant may limit what the role may call to what concerns that robot, by a method
+    `bound_to` that returns what stands in place of its operations."""
+    guard = guarded(servant, Role.ROBOT)
+    for operation, method in servant.bound_to(robot).items() if hasattr(servant, "bound_to") else ():
+        setattr(guard, operation, method)
     return guard
 
 

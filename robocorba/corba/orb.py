@@ -27,6 +27,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
@@ -40,6 +41,7 @@ from robocorba.corba.connections import ConnectionLimit
 from robocorba.corba.conversion.bounded_any import read_bounded_anys
 from robocorba.corba.guard import Guard, guarded, without_keys
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
+from robocorba.corba.robot_objects import RobotObjects
 from robocorba.corba.texts import refuse_unreadable_texts
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.roles import Role
@@ -155,6 +157,7 @@ class Orb:
         self._names = NamingService(self._connect, naming, context, with_kinds, self.uri)
         self._bound_names: Any = BoundNames(self._names)
         self._guard: Guard | None = None
+        self._robot_objects: RobotObjects | None = None
         if isinstance(naming, RoleNaming) and guards:
             from robocorba.corba.role_names import HeldNames  # loads stubs, which other processes need not
 
@@ -202,6 +205,8 @@ class Orb:
 
     def __exit__(self, *raised: object) -> None:
         self._restore_signal_handlers()
+        if self._robot_objects:
+            self._robot_objects.close()
         self._bound_names.close()
         self._connections.close()
         self._shut_down()
@@ -230,6 +235,8 @@ class Orb:
         which must not block, they are taken back from other processes that bind them."""
         self._install_signal_handlers()
         served = {name: self._activate_named(servant, name) for name, servant in servants.items()}
+        if self._guard and isinstance(self.naming, RoleNaming) and self.naming.role is Role.SERVER:
+            self._robot_objects = self._objects_for_robots(self.naming.file.parent, self._guard, servants).start()
         self.accept_calls()
         self._bound_names.start(served, owns_names)
 
@@ -262,6 +269,13 @@ class Orb:
             return self._activate_with_key(servant, name)
         checking(servant)  # before its operations are taken
         return {role: self._activate_with_key(guarded(servant, role), self._guard.key(name, role)) for role in Role}
+
+    def _objects_for_robots(self, access: Path, guard: Guard, servants: Mapping[str, Any]) -> RobotObjects:
+        def deactivate(key: str) -> None:
+            with contextlib.suppress(PortableServer.POA.ObjectNotActive):
+                self._named_adapter.deactivate_object(key.encode())
+
+        return RobotObjects(access, guard, servants, self._activate_with_key, deactivate)
 
     def _activate_with_key(self, servant: Any, key: str) -> Any:
         with contextlib.suppress(PortableServer.POA.ObjectAlreadyActive):

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from omniORB import CORBA
 
-from robocorba.corba.guard import Guard, guarded, without_keys
+from robocorba.corba.guard import Guard, guarded, guarded_for, without_keys
 from robocorba.corba.orb import Orb
 from robocorba.corba.tls import load_transport
 from robocorba.errors.services import ServiceError
@@ -59,6 +59,17 @@ def test_a_name_may_be_refused() -> None:
     assert operator.subscribe("mine", None, [], None) == "mine"
     with pytest.raises(CORBA.NO_PERMISSION):
         observer.subscribe("mine", None, [], None)
+
+
+def test_one_robot_calls_what_the_servant_offers_to_it() -> None:
+    class Bound(Editor):
+        def bound_to(self, robot: str) -> dict[str, Any]:
+            return {"_get_currentVersion": lambda: robot}
+
+    assert guarded_for(Bound(), "A")._get_currentVersion() == "A"
+    assert guarded_for(Editor(), "A")._get_currentVersion() == 7
+    with pytest.raises(CORBA.NO_PERMISSION):
+        guarded_for(Bound(), "A").undo(7)
 
 
 def test_keys_last_and_differ() -> None:

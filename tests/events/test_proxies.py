@@ -16,6 +16,7 @@ from robocorba.errors.events import (
     AlreadyConnected,
     ClientGone,
     Disconnected,
+    InvalidEvent,
     InvalidQueue,
     ProxyGone,
     TooManyProxies,
@@ -28,7 +29,7 @@ from robocorba.events.federation import Advertisement
 from robocorba.events.policies import PollingPolicy, ProxyPolicy
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
-from robocorba.events.proxy_consumer import ProxyConsumer
+from robocorba.events.proxy_consumer import ProxyConsumer, own_supplier
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import OverflowRule, QueuePolicy
@@ -229,6 +230,12 @@ def test_at_the_limit_forgotten_proxies_make_room_and_those_in_use_stay(lab: Lab
     lab.proxies.supply("B")
     assert forgotten.is_ended
     assert {proxy.name for proxy in lab.proxies.snapshots()} == {"", "log", "A", "B"}
+
+
+def test_a_supplier_of_its_own_events_publishes_no_others(lab: Lab) -> None:
+    lab.proxies.supply(own_supplier("A")).push(supplied("t", b"1"))
+    with pytest.raises(InvalidEvent, match="'B'"):
+        lab.proxies.supply(own_supplier("B")).push(supplied("t", b"1"))
 
 
 def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> None:

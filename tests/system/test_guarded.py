@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from robocorba.errors.services import NotPermitted
 from robocorba.maps import native
 from robocorba.roles import NAMED, Role
 from robocorba.settings import role_file
+from robocorba.simulation.mission_record import MissionContent
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.testing.buildings import two_floors
 from robocorba.testing.intrusion.intruder import WAYS, Intruder
@@ -181,3 +183,53 @@ def test_names_return_after_a_kill_of_their_server(orb: Orb, guarded: Running) -
     planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=20.0)
     assert planner._get_mapVersion() >= 0
     eventually(lambda: "A" in orb.names("Robots", 20.0), 20.0, "the robot's name")
+
+
+def test_a_robot_with_a_file_of_its_own_is_nobody_else(orb: Orb, guarded: Running, tmp_path: Path) -> None:
+    with Launcher(tmp_path) as launch:
+        out, _ = launch(ROBOCORBA, "access", "robot", "B/x", "--state", str(guarded.state)).communicate(timeout=30.0)
+        assert out == ""
+        out, _ = launch(ROBOCORBA, "access", "robot", "B.1", "--state", str(guarded.state)).communicate(timeout=30.0)
+    file = Path(out.strip())
+    assert (file.stat().st_mode & 0o777, file.parent) == (0o600, guarded.state / "access" / "robots")
+    root = orb.reference(file.read_text().strip(), CosNaming.NamingContextExt, 10.0)
+
+    def get(name: str, interface: Any) -> Any:
+        return root.resolve_str(name)._unchecked_narrow(interface)
+
+    def is_there() -> bool:
+        names = ("SimulationServer", "OmniDatabase", "EventChannels/a")
+        try:
+            return not any(get(f"RoboCorba/{name}", CORBA.Object)._non_existent() for name in names)
+        except CORBA.OBJECT_NOT_EXIST:
+            return False
+
+    def refused(call: Any, *arguments: Any, by: type[Exception] = CORBA.NO_PERMISSION) -> None:
+        with pytest.raises(by):
+            call(*arguments)
+
+    eventually(is_there, 20.0, "the robot's right")
+    registry = get("NameRegistry", RoboCorba.NameRegistry)
+    own = [RoboCorba.RoleReference(RoboCorba.OBSERVER_ROLE, root)]
+    refused(registry.announce, "RoboCorba/Robots/C", own, SECRET, by=RoboCorba.InvalidBinding)
+    registry.announce("RoboCorba/Robots/B.1", own, SECRET)
+    registry.withdraw("RoboCorba/Robots/B.1", SECRET)
+    server = get("RoboCorba/SimulationServer", RoboCorba.SimulationServer)
+    refused(server.registerRobot, about("C", 8.0, 8.0))
+    refused(server.stopRobots, [], "")
+    server.registerRobot(about("B.1", 8.0, 8.0)).deregister()
+    database = get("RoboCorba/OmniDatabase", RoboCorba.OmniDatabase)
+    for leader in ("C", "B.1"):
+        content = MissionContent(kind="move_table", about="table", leader=leader, begun=1.0).encode()
+        put = functools.partial(database.putMission, RoboCorba.MissionRecord("m", 0, content))
+        assert put() if leader == "B.1" else not refused(put)
+    channel = get("RoboCorba/EventChannels/a", RoboCorba.EventChannel)
+    refused(channel.for_suppliers)
+    refused(channel.supply, "C")
+    proxy = channel.supply("B.1")
+    header = RoboCorba.EventHeader("t", "C", "", 0, 0.0, 0, 0.0, RoboCorba.MSGPACK)
+    refused(proxy.pushEvent, RoboCorba.Event(header, b""), by=RoboCorba.InvalidEvent)
+    header.source = "B.1"
+    proxy.pushEvent(RoboCorba.Event(header, b""))
+    file.unlink()
+    eventually(lambda: root._non_existent() and server._non_existent(), 20.0, "the end of the right")
