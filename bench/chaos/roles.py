@@ -1,11 +1,11 @@
-"""A guarded system attacked as a stranger, as an observer and as a robot: nothing beyond the table.
+"""A guarded system attacked as a stranger, an observer, a robot, a robot with its own file: nothing beyond the table.
 
     python -m bench.chaos.roles
 
 Each of them calls every operation of every object that they reach, by open keys, by names, by answers of other objects
 and by guessed keys, and all operations of other interfaces on the same objects. The table is robocorba/roles.py: what
 it refuses must answer NO_PERMISSION, what it allows must not. No answer, event or command line may contain a secret.
-The robot also forges names, sensors, events and missions; docs/operations.md says which of that is possible. Afterwards
+The robots also forge names, sensors, events and missions; docs/operations.md says which of that is possible. Afterwards
 map, names, links, missions, robots and processes must be as before."""
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 from bench.common.harness import progress, run
 from robocorba.corba.event_client import Event, EventClient
-from robocorba.testing.intrusion.guarded_system import ROBOT, ROLES, GuardedSystem, forgeries, guarded_system
+from robocorba.testing.intrusion.guarded_system import ONE_ROBOT, ROBOT, ROLES, GuardedSystem, forgeries, guarded_system
 from robocorba.testing.intrusion.intruder import Findings
 from robocorba.testing.report import at_least, at_most, bars, summarize
 from robocorba.testing.simulation import error_lines
@@ -58,7 +58,7 @@ def main() -> bool:
             client.subscribe(events.append)
             before = system.state()
             found = {who: attack(system, who) for who in progress(list(ROLES), "roles")}
-            forged = list(forgeries(system))
+            forged = [each for who in (ROBOT, ONE_ROBOT) for each in forgeries(system, who)]
             system.fuzzed.end_missions("putMission", None)  # robots may write records
             after = system.state()
         told = {"events": repr(events), "command lines": system.command_lines()}
@@ -75,7 +75,7 @@ def main() -> bool:
     changed = [f"{key}: {before[key]} became {after[key]}" for key in before if before[key] != after[key]]
     wrong = [each for each in forged if not each.is_as_documented]
     for each in forged:
-        print(f"robot: {each.what}: {each.refusal or 'possible'}{'  (!)' if each in wrong else ''}")
+        print(f"{each.who}: {each.what}: {each.refusal or 'possible'}{'  (!)' if each in wrong else ''}")
     for complaint in [*complaints, *changed, *logged[:20]]:
         print(complaint)
     marks = [

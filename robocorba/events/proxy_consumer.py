@@ -24,6 +24,8 @@ from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 #: What the name of a supplier begins with whose events all have the rest as their source. Names are stored, so that it
 #: holds after a restart too.
 _OWN = "only:"
+#: Types of events that order others to do something: such a supplier may not publish them.
+ORDERS = frozenset({"robot.stop"})
 
 
 def own_supplier(name: str) -> str:
@@ -52,6 +54,8 @@ class ProxyConsumer(Proxy):
             raise Disconnected(f"proxy {self.id} is not connected")
         if self._source is not None and batch.header.source != self._source:
             raise InvalidEvent("source", f"this supplier may publish as {self._source!r} only")
+        if self._source is not None and batch.header.type in ORDERS:
+            raise InvalidEvent("type", f"this supplier may not publish {batch.header.type}")
         self._publish(batch, self.account)
         self.used_at = time.monotonic()
 

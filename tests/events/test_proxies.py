@@ -29,11 +29,12 @@ from robocorba.events.federation import Advertisement
 from robocorba.events.policies import PollingPolicy, ProxyPolicy
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
-from robocorba.events.proxy_consumer import ProxyConsumer, own_supplier
+from robocorba.events.proxy_consumer import ORDERS, ProxyConsumer, own_supplier
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.subscription import ALL
+from robocorba.names import STOP_EVENT
 from robocorba.testing.processes import eventually
 from tests.events.samples import Consumer, Supplier, failing, open_channel, supplied, wanting
 
@@ -236,6 +237,9 @@ def test_a_supplier_of_its_own_events_publishes_no_others(lab: Lab) -> None:
     lab.proxies.supply(own_supplier("A")).push(supplied("t", b"1"))
     with pytest.raises(InvalidEvent, match="'B'"):
         lab.proxies.supply(own_supplier("B")).push(supplied("t", b"1"))
+    assert STOP_EVENT in ORDERS
+    with pytest.raises(InvalidEvent, match=STOP_EVENT):
+        lab.proxies.supply(own_supplier("A")).push(supplied(STOP_EVENT, b"1"))
 
 
 def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> None:

@@ -19,9 +19,10 @@ from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.services import NotPermitted
 from robocorba.maps import native
 from robocorba.roles import NAMED, Role
-from robocorba.settings import role_file
+from robocorba.settings import RoleNaming, role_file
 from robocorba.simulation.mission_record import MissionContent
 from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.supervision.stop_addresses import stop_addresses
 from robocorba.testing.buildings import two_floors
 from robocorba.testing.intrusion.intruder import WAYS, Intruder
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, drain, eventually, real_system
@@ -161,9 +162,16 @@ def test_an_operator_edits_and_stops(orb: Orb, guarded: Running, tmp_path: Path)
         said = launch(ROBOCORBA, "stop", "A", ROBOCORBA_NAMING=str(guarded.naming)).communicate(timeout=30.0)
         assert "access/operator.ior" in said[1]
         assert RemoteAgent(orb, "A").state().condition is not AgentCondition.STOPPED
-        process = launch(ROBOCORBA, "stop", "A", "--naming", operator)
-        assert process.communicate(timeout=30.0)[1] == ""
-        assert process.returncode == 0
+        for options in (("--naming", operator), ("--state", str(guarded.state))):
+            process = launch(ROBOCORBA, "stop", "A", *options)
+            assert process.communicate(timeout=30.0)[1] == ""
+            assert process.returncode == 0
+    # What the state folder knows is enough to be an operator, without the naming service.
+    addresses = stop_addresses(guarded.state, RoleNaming.read(Path(operator)))
+    uri = orb.uri_at(addresses.server, addresses.key("SimulationServer"))
+    assert orb.reference(uri, RoboCorba.SimulationServer).stopRobots(["nobody"], "") == []
+    uri = orb.uri_at(addresses.channels["a"], addresses.key("EventChannels/a"))
+    assert orb.reference(uri, RoboCorba.EventChannel).supply("") is not None
     editor = found(orb, guarded, Role.OPERATOR, "MapEditor")._narrow(RoboCorba.MapEditor)
     with pytest.raises(CORBA.NO_PERMISSION):
         found(orb, guarded, Role.ROBOT, "MapEditor")._narrow(RoboCorba.MapEditor).begin()

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import CosNaming
+import msgpack
 import psutil
 from omniORB import CORBA
 
@@ -17,9 +18,10 @@ from robocorba.corba.guard import guarded
 from robocorba.corba.ior import address_of
 from robocorba.corba.orb import CONTEXT, Orb
 from robocorba.maps import native
-from robocorba.names import ROBOTS
+from robocorba.names import ROBOTS, STOP_EVENT
 from robocorba.roles import Role
 from robocorba.settings import RoleNaming, role_file
+from robocorba.simulation.mission_record import MissionContent
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.supervision.access import Access
 from robocorba.testing.buildings import two_floors
@@ -28,9 +30,10 @@ from robocorba.testing.intrusion.intruder import OBJECTS, OURS, THEIRS, Intruder
 from robocorba.testing.processes import Running, eventually, running_system
 from robocorba.testing.simulation import about
 
-#: Who attacks: a stranger knows HOST:PORT and the open keys, the others have the file of their role.
-STRANGER, OBSERVER, ROBOT = "stranger", "observer", "robot"
-ROLES = {STRANGER: Role.OBSERVER, OBSERVER: Role.OBSERVER, ROBOT: Role.ROBOT}
+#: Who attacks: a stranger knows HOST:PORT and the open keys, the others have the file of their role, the last one that
+#: of a single robot.
+STRANGER, OBSERVER, ROBOT, ONE_ROBOT = "stranger", "observer", "robot", "robot with its own file"
+ROLES = {STRANGER: Role.OBSERVER, OBSERVER: Role.OBSERVER, ROBOT: Role.ROBOT, ONE_ROBOT: Role.ROBOT}
 #: The key of another guarded system, which the address of a peer contains, and the name of that peer.
 FOREIGN_KEY, FOREIGN = "5ec2e7" * 10 + "5ec2", "elsewhere"
 SECRET = "a secret of the intruder"
@@ -63,11 +66,21 @@ class GuardedSystem:
         }
         robot = address_of(orb.uri(fuzzed.agent))
         self.endpoints[f"{ROBOTS}/{THEIRS}"] = str(robot)
+        self._one = Access.read(running.state).robot(OURS)
+        eventually(self._is_one_there, 30.0, "the right of the robot with its own file")
 
     def intruder(self, who: str) -> Intruder:
         role = ROLES[who]
         examples = dict(self.examples)
-        return Intruder(self.orb, role, self.root(who), self.fuzzed.consumer, examples, self.secrets(who))
+        consumer, is_one = self.fuzzed.consumer, who == ONE_ROBOT
+        return Intruder(self.orb, role, self.root(who), consumer, examples, self.secrets(who), is_one)
+
+    def _is_one_there(self) -> bool:
+        try:
+            root = self.root(ONE_ROBOT)
+            return not any(root.resolve_str(f"{CONTEXT}/{name}")._non_existent() for name in OBJECTS)
+        except CORBA.OBJECT_NOT_EXIST:
+            return False
 
     def named(self, who: str, intruder: Intruder) -> dict[str, Any]:
         """The objects with a name, by interface, as they find them; and an adaptor of this process."""
@@ -78,10 +91,13 @@ class GuardedSystem:
         """The naming context that they know."""
         uri = f"corbaloc:iiop:1.2@{self.running.naming}/NameService"
         if who != STRANGER:
-            uri = role_file(self.running.state, ROLES[who]).read_text().strip()
+            file = self._one if who == ONE_ROBOT else role_file(self.running.state, ROLES[who])
+            uri = file.read_text().strip()
         return self.orb.reference(uri, CosNaming.NamingContextExt, 10.0)
 
     def own_key(self, who: str) -> str:
+        if who == ONE_ROBOT:
+            return RoleNaming.read(self._one).key
         return Access.read(self.running.state).key(Role.ROBOT) if who == ROBOT else ""
 
     @property
@@ -128,9 +144,10 @@ class GuardedSystem:
 
 
 class Forgery(NamedTuple):
-    """what: the attempt. is_possible: whether docs/operations.md says that a robot can do it. refusal: the exception,
-    empty if it succeeded."""
+    """who: the robot. what: the attempt. is_possible: whether docs/operations.md says that it can do it. refusal: the
+    exception, empty if it succeeded."""
 
+    who: str
     what: str
     is_possible: bool
     refusal: str
@@ -140,9 +157,9 @@ class Forgery(NamedTuple):
         return self.is_possible != bool(self.refusal)
 
 
-def forgeries(system: GuardedSystem) -> Iterator[Forgery]:
-    """What a robot may try in the names of others."""
-    fuzzed, root = system.fuzzed, system.root(ROBOT)
+def forgeries(system: GuardedSystem, who: str) -> Iterator[Forgery]:
+    """What a robot may try in the names of others. who: ROBOT, which can do some of it, or ONE_ROBOT."""
+    fuzzed, root, can = system.fuzzed, system.root(who), who == ROBOT
 
     def found(name: str, interface: Any) -> Any:
         return root.resolve_str(f"{CONTEXT}/{name}")._unchecked_narrow(interface)
@@ -161,7 +178,7 @@ def forgeries(system: GuardedSystem) -> Iterator[Forgery]:
             attempt()
         except CORBA.Exception as error:
             refusal = type(error).__name__
-        return Forgery(what, is_possible, refusal)
+        return Forgery(who, what, is_possible, refusal)
 
     path = f"{CONTEXT}/{ROBOTS}/{THEIRS}"
     yield try_one("announce the name of a robot", False, lambda: registry.announce(path, false, SECRET))
@@ -169,7 +186,7 @@ def forgeries(system: GuardedSystem) -> Iterator[Forgery]:
     for name in ("SimulationServer", "VirtualSensors/s2", "EventChannels/c", "Adaptors/x"):
         name = f"{CONTEXT}/{name}"
         yield try_one(f"announce {name}", False, functools.partial(registry.announce, name, false, SECRET))
-    yield try_one("announce a free name in Robots", True, lambda: registry.announce(f"{path}2", false, SECRET))
+    yield try_one("announce another free name", can, lambda: registry.announce(f"{path}2", false, SECRET))
     registry.withdraw(f"{path}2", SECRET)
     yield try_one("register under a taken name", False, lambda: server.registerRobot(about(THEIRS, 8.0, 8.0)))
     sensor = fuzzed.sensor
@@ -187,13 +204,23 @@ def forgeries(system: GuardedSystem) -> Iterator[Forgery]:
         "take over a durable subscription", False, lambda: channel.subscribe("kept", fuzzed.consumer, [], policy)
     )
     event = RoboCorba.Event(header, b"\xc0")
-    proxy = channel.supply(THEIRS)
-    yield try_one("publish in the name of a robot", True, lambda: proxy.pushEvent(event))
-    yield try_one("end the supplier's proxy of a robot", True, proxy.disconnect_push_consumer)
-    record = RoboCorba.MissionRecord("forged", 0, b"document")
-    version = fuzzed.database.putMission(record)
-    again = RoboCorba.MissionRecord("forged", version, b"another")
-    yield try_one("replace the record of a mission", True, lambda: database.putMission(again))
+    own_proxy = channel.supply(OURS)
+    stop = RoboCorba.Event(
+        RoboCorba.EventHeader(STOP_EVENT, OURS, "", 0, 0.0, 0, 0.0, RoboCorba.MSGPACK),
+        msgpack.packb({"robots": ["nobody"], "reason": "a forgery"}),
+    )
+    yield try_one("publish an emergency stop", can, lambda: own_proxy.pushEvent(stop))
+    yield try_one("publish in the name of a robot", can, lambda: own_proxy.pushEvent(event))
+    yield try_one("end the supplier's proxy of a robot", can, lambda: channel.supply(THEIRS).disconnect_push_consumer())
+    theirs, ours = (
+        MissionContent(kind="move_table", about="table", leader=leader, begun=1.0).encode() for leader in (THEIRS, OURS)
+    )
+    record = RoboCorba.MissionRecord("led by another", 0, theirs)
+    yield try_one("store a mission in the name of another leader", can, lambda: database.putMission(record))
+    fuzzed.end_missions("putMission", None)
+    version = fuzzed.database.putMission(RoboCorba.MissionRecord("forged", 0, theirs))
+    again = RoboCorba.MissionRecord("forged", version, ours)
+    yield try_one("replace the record of a mission", can, lambda: database.putMission(again))
     yield try_one("remove the record of a mission", False, lambda: database.removeMission("forged"))
     fuzzed.database.removeMission("forged")
 

@@ -151,6 +151,14 @@ _ways = [
     ),
 ]
 WAYS: tuple[Way, ...] = tuple(_ways)
+#: What a robot with a file of its own may not do, by interface: publish, log on and store missions as others, as the
+#: examples do; and what it does not get hold of.
+REFUSED_TO_ONE = {
+    "EventChannel": {"supply", "for_suppliers"},
+    "SimulationServer": {"registerRobot"},
+    "OmniDatabase": {"putMission"},
+}
+UNREACHED_BY_ONE = ("SupplierAdmin", "ProxyPullConsumer")
 #: Objects of the process that attacks: they answer calls of other interfaces otherwise.
 OF_THIS_PROCESS = ("RobotAdaptor",)
 #: Interfaces of objects that no operation returns to anybody: only who guesses their keys could call them.
@@ -161,7 +169,8 @@ _ENDS = ("disconnect_", "deregister", "close", "commit", "rollBack", "destroy")
 
 class Intruder:
     """Someone with a role. root: the naming context of the role. consumer: an event consumer of theirs. examples:
-    arguments of plausible calls, by interface and operation. secrets: what no answer may contain."""
+    arguments of plausible calls, by interface and operation. secrets: what no answer may contain. is_one: a robot with
+    a file of its own."""
 
     def __init__(
         self,
@@ -171,9 +180,10 @@ class Intruder:
         consumer: Any,
         examples: Mapping[str, Mapping[str, Sequence[Callable[[], tuple[Any, ...]]]]],
         secrets: Mapping[str, str],
+        is_one: bool = False,
     ) -> None:
         self._orb, self._role, self._root, self._consumer = orb, role, root, consumer
-        self._examples, self._secrets = examples, secrets
+        self._examples, self._secrets, self._is_one = examples, secrets, is_one
         self.findings = Findings()
 
     @cached_property
@@ -201,6 +211,7 @@ class Intruder:
         for interface, reference in named.items():
             allowed = {each.name for each in operations(getattr(RoboCorba, interface))}
             allowed = {each for each in allowed if may_call(self._role, interface, each)}
+            allowed -= REFUSED_TO_ONE.get(interface, set()) if self._is_one else set()
             self._call_all(interface, reference, getattr(RoboCorba, interface), allowed)
         for (interface, operation), roles in NAMED.items():
             if self._role not in roles:
@@ -208,7 +219,7 @@ class Intruder:
         for way in WAYS:
             reference = self._get(way, found)
             self.findings.reached[way.title] = reference is not None
-            may = self._role in way.may
+            may = self._role in way.may and not (self._is_one and way.title in UNREACHED_BY_ONE)
             if reference is None:
                 if may:
                     self.findings.less.append(f"no {way.title}")
