@@ -16,7 +16,7 @@ BENCHES = {
     "missions": ("carry", "network", "many", "chaos"),
     "console": ("viewers", "returns"),
     "starts": ("ready", "kills", "memory", "forks"),
-    "chaos": ("fuzz",),
+    "chaos": ("fuzz", "roles", "guarded_cost"),
 }
 ROOT = Path(__file__).resolve().parents[1]
 

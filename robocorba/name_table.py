@@ -14,8 +14,9 @@ from robocorba.roles import Role
 
 #: A robot holds its name this long after its last announcement [s]; it announces it every 2 s.
 HOLD_S = 6.0
-#: Maximum number of names, of parts of a name, of characters of a part.
-MAX_NAMES, MAX_PARTS, MAX_PART = 20_000, 8, 200
+#: Maximum number of names, and of those of robots, so that servers can always bind theirs; of parts of a name, of
+#: characters of a part.
+MAX_NAMES, MAX_ROBOTS, MAX_PARTS, MAX_PART = 20_000, 12_000, 8, 200
 #: Length of the secret with which a name is announced [characters].
 SECRET_LENGTH = range(16, 201)
 
@@ -46,7 +47,7 @@ class NameTable:
         with self._lock:
             self._check_hold(role, path, secret)
             if path not in self._entries:
-                self._check_place(path)
+                self._check_place(role, path)
                 self._count(path, 1)
             self._entries[path] = _Entry(dict(references), secret, role, self._clock())
 
@@ -58,8 +59,7 @@ class NameTable:
                 return
             if not _same(entry.secret, secret):
                 raise NameHeld("/".join(path))
-            del self._entries[path]
-            self._count(path, -1)
+            self._remove(path)
 
     def find(self, role: Role, path: Path) -> Any:
         """The reference by which a role calls the object of a name, None if it is not bound for the role."""
@@ -99,12 +99,30 @@ class NameTable:
         if entry.role is Role.SERVER or self._clock() - entry.announced < HOLD_S:
             raise NameHeld("/".join(path))
 
-    def _check_place(self, path: Path) -> None:
+    def _check_place(self, role: Role, path: Path) -> None:
         name = "/".join(path)
         if path in self._contexts or any(path[:length] in self._entries for length in range(1, len(path))):
             raise InvalidBinding(name, "a name can't be a naming context too")
-        if len(self._entries) >= MAX_NAMES:
-            raise InvalidBinding(name, f"{MAX_NAMES} names are bound already")
+        most = MAX_NAMES if role is Role.SERVER else MAX_ROBOTS
+        if self._number(role) >= most:
+            self._forget_absent_robots()
+        if self._number(role) >= most:
+            raise InvalidBinding(name, f"{most} names are bound already")
+
+    def _number(self, role: Role) -> int:
+        """The number of names that count towards the limit of a role."""
+        return len(self._entries) if role is Role.SERVER else self._contexts.get(self._robots, 0)
+
+    def _forget_absent_robots(self) -> None:
+        """Remove the names of robots that have not announced them lately, to make room."""
+        until = self._clock() - HOLD_S
+        for path, entry in list(self._entries.items()):
+            if entry.role is not Role.SERVER and entry.announced <= until:
+                self._remove(path)
+
+    def _remove(self, path: Path) -> None:
+        del self._entries[path]
+        self._count(path, -1)
 
     def _count(self, path: Path, change: int) -> None:
         for length in range(1, len(path)):

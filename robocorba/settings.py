@@ -11,6 +11,7 @@ Arguments override the environment, which overrides the defaults.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import ipaddress
 import math
 import os
@@ -19,6 +20,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from urllib.parse import unquote
 
 import platformdirs
 
@@ -132,6 +134,20 @@ class RoleNaming(Address):
 def role_file(state: Path, role: Role) -> Path:
     """The file of a role in a state folder; there while the system is guarded."""
     return state / ACCESS / f"{role.name.lower()}.ior"
+
+
+def robot_files(access: Path) -> Path:
+    """The folder, in that of the roles' files, with the files of single robots."""
+    return access / "robots"
+
+
+def robot_keys(access: Path) -> dict[str, str]:
+    """The object key of the naming context of each robot that has a file of its own, by the robot's name."""
+    found = {}
+    for file in robot_files(access).glob("*.ior"):
+        with contextlib.suppress(InvalidSetting):  # removed meanwhile, or something else
+            found[unquote(file.stem)] = RoleNaming.read(file).key
+    return found
 
 
 @dataclass(frozen=True)

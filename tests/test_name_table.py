@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from robocorba import name_table
 from robocorba.errors.services import InvalidBinding, NameHeld
 from robocorba.name_table import HOLD_S, MAX_PART, NameTable
 from robocorba.roles import Role
@@ -89,3 +90,25 @@ def test_a_name_is_not_a_context(table: NameTable) -> None:
 def test_a_secret_is_long_enough(table: NameTable) -> None:
     with pytest.raises(InvalidBinding):
         table.announce(Role.ROBOT, (*ROBOTS, "A"), {Role.OBSERVER: 1}, "short")
+
+
+def test_robots_leave_room_for_servers_and_absent_ones_for_others(
+    table: NameTable, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(name_table, "MAX_ROBOTS", 2)
+    monkeypatch.setattr(name_table, "MAX_NAMES", 3)
+
+    def announce(role: Role, *path: str) -> None:
+        table.announce(role, path, {Role.OBSERVER: path}, MINE)
+
+    for name in ("A", "B"):
+        announce(Role.ROBOT, *ROBOTS, name)
+    with pytest.raises(InvalidBinding, match="2 names"):
+        announce(Role.ROBOT, *ROBOTS, "C")
+    announce(Role.SERVER, "RoboCorba", "MapEditor")
+    with pytest.raises(InvalidBinding, match="3 names"):
+        announce(Role.SERVER, "RoboCorba", "PathPlanner")
+    clock.now += HOLD_S
+    announce(Role.ROBOT, *ROBOTS, "B")
+    announce(Role.ROBOT, *ROBOTS, "C")
+    assert table.children(ROBOTS) == [("B", False), ("C", False)]

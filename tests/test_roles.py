@@ -57,6 +57,10 @@ def test_what_observers_may_everybody_may_and_what_users_may_administrators_may(
         assert Role.ADMINISTRATOR in roles or roles == {Role.SERVER}
 
 
+def test_addresses_of_peers_which_may_contain_keys_are_for_administrators() -> None:
+    assert [role for role in Role if may_call(role, "EventChannel", "peers")] == [Role.ADMINISTRATOR, Role.SERVER]
+
+
 def test_what_is_not_listed_is_for_servers() -> None:
     for role in Role:
         assert may_call(role, "Unknown", "anything") == may_call(role, "MapEditor", "unknown") == (role is Role.SERVER)

@@ -24,6 +24,7 @@ SUBCOMMANDS = {
     "watch": ("watch", "watch"),
     "record": ("record", "record"),
     "replay": ("replay", "replay"),
+    "access": ("access", "app"),
     "robot": ("robot", "robot"),
     "robots": ("robots", "robots"),
     "robot-model": ("robot_model", "app"),

@@ -26,7 +26,7 @@ from robocorba.corba.conversion import events
 from robocorba.corba.conversion.bounded_any import TC_ANY
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
-from robocorba.errors.events import InvalidEvent, Unconfirmed
+from robocorba.errors.events import Disconnected, InvalidEvent, Unconfirmed
 from robocorba.errors.services import NotReachable
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import Subscription, checked
@@ -204,7 +204,11 @@ class EventClient:
 
     def _call(self, operation: Callable[[], None], retry_s: float) -> None:
         try:
-            BACKOFF.call(lambda: _push(operation), retry_s, CORBA.TRANSIENT, CORBA.COMM_FAILURE)
+            try:
+                BACKOFF.call(lambda: _push(operation), retry_s, CORBA.TRANSIENT, CORBA.COMM_FAILURE)
+            except (CORBA.OBJECT_NOT_EXIST, Disconnected):  # another client of this name has ended the shared proxy
+                self._proxy = None
+                _push(operation)
         except CORBA.SystemException as error:
             raise NotReachable(f"the channel does not accept events ({describe(error)})") from None
 

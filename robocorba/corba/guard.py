@@ -11,12 +11,14 @@ from __future__ import annotations
 import functools
 import hashlib
 import hmac
+import re
 import secrets
 from collections.abc import Callable
 from typing import Any, NoReturn
 
 from omniORB import CORBA
 
+from robocorba.names import ACCESS
 from robocorba.roles import Role, may_call, may_name
 
 
@@ -37,6 +39,10 @@ class Guard:
     def keys(self, name: str) -> list[str]:
         """Those of all roles."""
         return [self.key(name, role) for role in Role]
+
+    def robot_key(self, name: str, robot: str) -> str:
+        """The object key for a robot with a file of its own; robot: the key of its naming context."""
+        return f"{name}~{self._digest(f'robot {robot} {name}')}"
 
     def proof(self, name: str) -> str:
         """The secret by which this process holds a name."""
@@ -60,6 +66,20 @@ def guarded(servant: Any, role: Role) -> Any:
             method = getattr(servant, operation)
             setattr(guard, operation, method if may_name(role, interface, operation) else _without_name(method))
     return guard
+
+
+def guarded_for(servant: Any, robot: str) -> Any:
+    """The same for one robot: a servant may limit what the role may call to what concerns that robot, by a method
+    `bound_to` that returns what stands in place of its operations."""
+    guard = guarded(servant, Role.ROBOT)
+    for operation, method in servant.bound_to(robot).items() if hasattr(servant, "bound_to") else ():
+        setattr(guard, operation, method)
+    return guard
+
+
+def without_keys(uri: str) -> str:
+    """A URI for display, without the key of a role that it may contain."""
+    return re.sub(rf"({ACCESS}/[a-z]+/)[0-9A-Fa-f]+", r"\1...", uri)
 
 
 def interface_of(skeleton: Any) -> str:

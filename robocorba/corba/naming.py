@@ -16,6 +16,7 @@ from omniORB import CORBA
 from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.ior import address_of
+from robocorba.corba.naming_contexts import NamingContexts
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address, RoleNaming
 
@@ -50,6 +51,7 @@ class NamingService:
     ) -> None:
         self._connect, self.address, self._uri = connect, address, uri
         self._context, self._with_kinds = context, with_kinds
+        self._contexts = NamingContexts(uri)
         key = address.key if isinstance(address, RoleNaming) else "NameService"
         self.root_uri = f"corbaloc:{address.scheme}:1.2@{address}/{key}"
 
@@ -122,21 +124,14 @@ class NamingService:
 
     def bind(self, name: str, reference: Any) -> None:
         """Bind a name to an object, also if it is bound already. Raises CORBA.SystemException, NotFound."""
-        root, path = self._root(), self._components(name)
-        try:
-            root.rebind(path, reference)
-        except CosNaming.NamingContext.NotFound:
-            for length in range(1, len(path)):
-                try:
-                    root.bind_new_context(path[:length])
-                except CosNaming.NamingContext.AlreadyBound:
-                    continue
-            root.rebind(path, reference)
+        context, own = self._place(name)
+        context.rebind(own, reference)
 
     def bound(self, name: str) -> Any:
         """The reference that is bound to a name; None if it is unbound. Raises CORBA.SystemException."""
+        context, own = self._place(name)
         try:
-            return self._root().resolve(self._components(name))
+            return context.resolve(own)
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             return None
 
@@ -146,8 +141,9 @@ class NamingService:
         try:
             self.bind(name, reference)
         except CosNaming.NamingContext.NotFound:  # it is bound as a context
-            self._root().unbind(self._components(name))
-            self.bind(name, reference)
+            context, own = self._place(name)
+            context.unbind(own)
+            context.rebind(own, reference)
 
     def address_bound(self, reference: Any) -> str:
         """The address of a reference's server, for display."""
@@ -158,7 +154,7 @@ class NamingService:
         try:
             if self._root().resolve(self._components(name))._is_equivalent(reference):
                 self._root().unbind(self._components(name))
-        except CosNaming.NamingContext.NotFound:
+        except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             pass
 
     def _unanswered(self, error: CORBA.SystemException) -> NotReachable:
@@ -176,6 +172,11 @@ class NamingService:
         if rest is not None:
             rest.destroy()
         return list(bindings)
+
+    def _place(self, name: str) -> tuple[Any, list[Any]]:
+        """The naming context of a name, taken back if others have bound something else there, and the name in it."""
+        path = self._components(name)
+        return self._contexts.context(self._root(), path[:-1]), path[-1:]
 
     def _components(self, name: str) -> list[Any]:
         return [_component(part, self._with_kinds) for part in self.path(name).split("/")]
@@ -252,7 +253,7 @@ class BoundNames:
                 for name, reference in list(self._served.items()):
                     self._check(name, reference)
                 failures = 0
-            except (CORBA.Exception, CosNaming.NamingContext.NotFound) as error:
+            except CORBA.Exception as error:
                 failures += 1
                 if failures == 1:
                     _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(error))

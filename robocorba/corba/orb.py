@@ -27,6 +27,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
@@ -39,8 +40,9 @@ from robocorba.corba import tls
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.connections import ConnectionLimit
 from robocorba.corba.conversion.bounded_any import read_bounded_anys
-from robocorba.corba.guard import Guard, guarded
+from robocorba.corba.guard import Guard, guarded, without_keys
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
+from robocorba.corba.robot_objects import RobotObjects
 from robocorba.corba.texts import refuse_unreadable_texts
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.roles import Role
@@ -156,6 +158,7 @@ class Orb:
         self._names = NamingService(self._connect, naming, context, with_kinds, self.uri)
         self._bound_names: Any = BoundNames(self._names)
         self._guard: Guard | None = None
+        self._robot_objects: RobotObjects | None = None
         if isinstance(naming, RoleNaming) and guards:
             from robocorba.corba.role_names import HeldNames  # loads stubs, which other processes need not
 
@@ -205,6 +208,8 @@ class Orb:
 
     def __exit__(self, *raised: object) -> None:
         self._restore_signal_handlers()
+        if self._robot_objects:
+            self._robot_objects.close()
         self._bound_names.close()
         self._connections.close()
         self._shut_down()
@@ -234,6 +239,8 @@ class Orb:
         which must not block, they are taken back from other processes that bind them."""
         self._install_signal_handlers()
         served = {name: self._activate_named(servant, name) for name, servant in servants.items()}
+        if self._guard and isinstance(self.naming, RoleNaming) and self.naming.role is Role.SERVER:
+            self._robot_objects = self._objects_for_robots(self.naming.file.parent, self._guard, servants).start()
         self.accept_calls()
         self._bound_names.start(served, owns_names)
 
@@ -267,6 +274,13 @@ class Orb:
         checking(servant)  # before its operations are taken
         return {role: self._activate_with_key(guarded(servant, role), self._guard.key(name, role)) for role in Role}
 
+    def _objects_for_robots(self, access: Path, guard: Guard, servants: Mapping[str, Any]) -> RobotObjects:
+        def deactivate(key: str) -> None:
+            with contextlib.suppress(PortableServer.POA.ObjectNotActive):
+                self._named_adapter.deactivate_object(key.encode())
+
+        return RobotObjects(access, guard, servants, self._activate_with_key, deactivate)
+
     def _activate_with_key(self, servant: Any, key: str) -> Any:
         # Not only by the exception: where a servant is being found, omniORBpy sometimes raises SystemError instead.
         if key not in self._active_keys:
@@ -298,11 +312,13 @@ class Orb:
             root.create_servant_retention_policy(PortableServer.RETAIN),
         ]
         self._secret_adapter = root.create_POA(SECRETS, root._get_the_POAManager(), policies)
-        # The finder is an object, too, which is called here, before the others accept calls.
-        finders = root.create_POA("finders", None, [])
+        # The finder is an object, too, which is called here, before the others accept calls. Its key can't be guessed:
+        # omniORB would let clients call it as well.
+        finders = root.create_POA("finders", None, [root.create_id_assignment_policy(PortableServer.USER_ID)])
         finders._get_the_POAManager().activate()
-        finder = finders.id_to_reference(finders.activate_object(_Finder(find)))
-        self._secret_adapter.set_servant_manager(finder)
+        id = secrets.token_bytes(16)
+        finders.activate_object_with_id(id, _Finder(find))
+        self._secret_adapter.set_servant_manager(finders.id_to_reference(id))
 
     def activate_secret(self, servant: Any, key: str) -> Any:
         """A reference to an object that `find` would find by its secret key, until `deactivate_secret`."""
@@ -330,6 +346,10 @@ class Orb:
         """The URI of an object at HOST:PORT of this system, by the key that observers know."""
         return f"corbaloc:{self.naming.scheme}:1.2@{address}/{key}"
 
+    def uri_for_servers(self, address: Address | str, name: str) -> str:
+        """The URI of a named object of another server at HOST:PORT of this system, with the rights of servers."""
+        return self.uri_at(address, self._guard.key(name) if self._guard else name)
+
     def reference(self, uri: str, interface: Any, call_timeout_s: float | None = None) -> Any:
         """The object at an IOR, corbaloc or corbaname, cast to `interface` unchecked. Only a corbaname makes a call.
 
@@ -337,9 +357,9 @@ class Orb:
         try:
             found = self._orb.string_to_object(uri)
         except CORBA.SystemException as error:
-            raise NotReachable(f"{uri[:80]!r} leads to no object ({describe(error)})") from None
+            raise NotReachable(f"{without_keys(uri)[:80]!r} leads to no object ({describe(error)})") from None
         if found is None:
-            raise NotReachable(f"{uri[:80]!r} is a nil reference")
+            raise NotReachable(f"{without_keys(uri)[:80]!r} is a nil reference")
         reference = found._unchecked_narrow(interface)
         if call_timeout_s is not None:
             set_call_timeout(reference, call_timeout_s)

@@ -50,6 +50,9 @@ class ProxyPolicy:
     max_proxies: int = 10_000
     #: At max_proxies, a proxy consumer without a known client makes room if it was unused for this time [s].
     unused_s: float = 3600.0
+    #: At max_proxies, a proxy that was obtained but not connected, or by which nobody pulls, makes room after this time
+    #: [s]: clients that forget theirs must not keep others out.
+    forgotten_s: float = 10.0
     delivery: DeliveryPolicy = field(default=DeliveryPolicy())
     polling: PollingPolicy = field(default=PollingPolicy())
 

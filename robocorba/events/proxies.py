@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -259,16 +260,22 @@ class Proxies:
     def _new_id(self) -> str:
         self.check_not_destroyed()
         if len(self._all) >= self._policy.max_proxies:
-            used_since = time.monotonic() - self._policy.unused_s
-            unused = [
-                proxy
-                for proxy in self._all.values()
-                if isinstance(proxy, ProxyConsumer) and not proxy.client and proxy.used_at < used_since
-            ]
+            now = time.monotonic()
+            unused = [proxy for proxy in self._all.values() if now - proxy.used_at > self._unused_limit_s(proxy)]
             if not unused:
                 raise TooManyProxies(self._policy.max_proxies)
-            self._remove(min(unused, key=lambda proxy: proxy.used_at))
+            oldest = min(unused, key=lambda proxy: proxy.used_at)
+            oldest.client = None  # finds out by its next pull; a client may hang, and is not called under the lock
+            self._remove(oldest)
         return str(self._store.next_id())
+
+    def _unused_limit_s(self, proxy: Proxy) -> float:
+        """Time without use after which a proxy makes room for others [s]."""
+        if isinstance(proxy, ProxyPullSupplier):
+            return math.inf if proxy.pulls else self._policy.forgotten_s
+        if proxy.condition is ProxyCondition.WAITING and not proxy.name:
+            return self._policy.forgotten_s
+        return self._policy.unused_s if isinstance(proxy, ProxyConsumer) and not proxy.client else math.inf
 
     def _durable(self, name: str) -> ProxyPushSupplier | None:
         found = (proxy for proxy in self._all.values() if isinstance(proxy, ProxyPushSupplier) and proxy.name == name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from enum import Enum
 from typing import Any
 
@@ -43,6 +44,8 @@ class Proxy:
     def __init__(self, lock: threading.Lock, id: str, name: str) -> None:
         self.id, self.name = id, name
         self.account = Account()
+        #: Time of the last call of its client [s].
+        self.used_at = time.monotonic()
         self._lock = lock
 
     def connect(self, client: Any) -> None:

@@ -6,12 +6,31 @@ import threading
 import time
 from collections.abc import Callable
 
-from robocorba.errors.events import ClientGone, Disconnected, NotDelivered, ProxyGone, Refused, Unconfirmed
+from robocorba.errors.events import (
+    ClientGone,
+    Disconnected,
+    InvalidEvent,
+    NotDelivered,
+    ProxyGone,
+    Refused,
+    Unconfirmed,
+)
 from robocorba.events.account import Account
 from robocorba.events.clients import ClientPort, SupplierPort
 from robocorba.events.event import EventBatch
 from robocorba.events.policies import PollingPolicy
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
+
+#: What the name of a supplier begins with whose events all have the rest as their source. Names are stored, so that it
+#: holds after a restart too.
+_OWN = "only:"
+#: Types of events that order others to do something: such a supplier may not publish them.
+ORDERS = frozenset({"robot.stop"})
+
+
+def own_supplier(name: str) -> str:
+    """The name of the supplier that publishes with the source `name` only."""
+    return f"{_OWN}{name}"
 
 
 class ProxyConsumer(Proxy):
@@ -23,15 +42,20 @@ class ProxyConsumer(Proxy):
         self, lock: threading.Lock, id: str, publish: Callable[[EventBatch, Account], None], name: str = ""
     ) -> None:
         super().__init__(lock, id, name)
-        self.used_at = time.monotonic()
+        #: The only source of its events, None for any.
+        self._source = name.removeprefix(_OWN) if name.startswith(_OWN) else None
         self._publish = publish
 
     def push(self, batch: EventBatch) -> None:
-        """Publish a batch; called without the lock. Raises Disconnected, ProxyGone."""
+        """Publish a batch; called without the lock. Raises Disconnected, ProxyGone, InvalidEvent."""
         if self.condition is not ProxyCondition.CONNECTED or self.is_ended:
             if self.is_ended:
                 raise ProxyGone(f"proxy {self.id} was disconnected")
             raise Disconnected(f"proxy {self.id} is not connected")
+        if self._source is not None and batch.header.source != self._source:
+            raise InvalidEvent("source", f"this supplier may publish as {self._source!r} only")
+        if self._source is not None and batch.header.type in ORDERS:
+            raise InvalidEvent("type", f"this supplier may not publish {batch.header.type}")
         self._publish(batch, self.account)
         self.used_at = time.monotonic()
 

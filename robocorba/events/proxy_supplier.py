@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
+from collections.abc import Iterator
 
 from robocorba.errors.events import Disconnected, ProxyGone
 from robocorba.events.account import Totals
@@ -144,6 +146,8 @@ class ProxyPullSupplier(ProxySupplier):
     """Serves a consumer that pulls events, one at a time."""
 
     kind = ProxyKind.PULL_SUPPLIER
+    #: Number of pulls that wait.
+    pulls = 0
     _is_released = False
 
     def release(self) -> None:
@@ -156,7 +160,7 @@ class ProxyPullSupplier(ProxySupplier):
 
         Called without the lock. Raises Disconnected, ProxyGone."""
         deadline = time.monotonic() + limit_s
-        with self._lock:
+        with self._lock, self._in_use():
             while True:
                 if self.is_ended:
                     raise ProxyGone(f"proxy {self.id} was disconnected")
@@ -172,3 +176,12 @@ class ProxyPullSupplier(ProxySupplier):
                 if left <= 0 or self._is_released:
                     return None
                 self._changed.wait(left)
+
+    @contextlib.contextmanager
+    def _in_use(self) -> Iterator[None]:
+        self.pulls += 1
+        try:
+            yield
+        finally:
+            self.pulls -= 1
+            self.used_at = time.monotonic()

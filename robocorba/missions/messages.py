@@ -128,6 +128,11 @@ def type_of(message: Message | type[Message]) -> str:
     return _TYPES[message if isinstance(message, type) else type(message)]
 
 
+def sender_of(message: Message) -> str:
+    """The robot whose message it is, which is also the source of its event."""
+    return message.robot if isinstance(message, (Offer, Answer, MemberState)) else message.leader
+
+
 def payload(message: Message) -> dict[str, Any]:
     """The message as the payload of an event."""
     members: dict[str, Any] = msgspec.to_builtins(message)

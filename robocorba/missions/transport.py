@@ -17,7 +17,7 @@ from robocorba.errors.events import EventError
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import InvalidMission
 from robocorba.missions.clock import OWN_CLOCK
-from robocorba.missions.messages import Message, message_of, payload, type_of
+from robocorba.missions.messages import Message, message_of, payload, sender_of, type_of
 
 #: Messages in the queue; newer ones are dropped when it is full.
 MAX_QUEUED = 1000
@@ -91,6 +91,9 @@ class Transport:
             received = Received(source, message_of(type, content), now, origin)
         except InvalidMission as error:
             _log.warning("invalid message from %s dropped: %s", source, error)
+            return
+        if source != sender_of(received.message):
+            _log.warning("%s of %s dropped: %s sent it", type, sender_of(received.message), source)
             return
         self.received.append(received)
         try:

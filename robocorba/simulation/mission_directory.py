@@ -54,6 +54,10 @@ class MissionDirectory:
         """All missions as stored, sorted by name."""
         return self._store.missions()
 
+    def stored(self, name: str) -> Mission | None:
+        """A mission as stored, None if there is none of this name."""
+        return self._store.mission(name)
+
     def remove_mission(self, name: str) -> None:
         """Raises UnknownMission."""
         with self._lock:

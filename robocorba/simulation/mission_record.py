@@ -135,6 +135,14 @@ class MissionState(NamedTuple):
     content: MissionContent
 
 
+def leader_of(document: bytes) -> str:
+    """The leader that a record names; empty if it is none of a mission."""
+    try:
+        return MissionContent.decode(document).leader
+    except (msgspec.MsgspecError, UnicodeError, RecursionError):
+        return ""
+
+
 def new_mission_name(leader: str) -> str:
     """A unique name of a mission."""
     return f"{leader[:MAX_LEADER]}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"

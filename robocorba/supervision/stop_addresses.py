@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from robocorba.corba.guard import Guard
 from robocorba.corba.orb import CONTEXT
 from robocorba.corba.remote.emergency_stop import StopAddresses
 from robocorba.errors.services import ServiceError
 from robocorba.names import CHANNELS, STOPS
-from robocorba.settings import Address
+from robocorba.roles import Role
+from robocorba.settings import Address, RoleNaming
 from robocorba.simulation.emergency_stops import read_records
+from robocorba.supervision.access import Access
 from robocorba.supervision.folder import StateFolder
 
 
@@ -27,4 +30,8 @@ def stop_addresses(state: Path, naming: Address) -> StopAddresses:
     channels = {
         name.removeprefix(f"{CHANNELS}/"): place for name, place in places.items() if name.startswith(f"{CHANNELS}/")
     }
-    return StopAddresses(places.get("SimulationServer", ""), channels, read_records(state / STOPS))
+    try:
+        guard = Guard(Access.read(state).key(Role.SERVER).encode()) if isinstance(naming, RoleNaming) else None
+    except ServiceError:
+        return StopAddresses()
+    return StopAddresses(places.get("SimulationServer", ""), channels, read_records(state / STOPS), guard)

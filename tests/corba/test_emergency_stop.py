@@ -24,6 +24,9 @@ class World:
         self.bound: dict[str, str] = {}
         self.asked: list[tuple[str, Sequence[str]]] = []
 
+    def uri_at(self, address: str, key: str) -> str:
+        return f"corbaloc:iiop:1.2@{address}/{key}"
+
     def reference(self, uri: str, interface: Any, timeout_s: float) -> World:
         if interface is not RoboCorba.SimulationServer:
             raise NotReachable("no channel")

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from omniORB import CORBA
 
-from robocorba.corba.guard import Guard, guarded
+from robocorba.corba.guard import Guard, guarded, guarded_for, without_keys
 from robocorba.corba.orb import Orb
 from robocorba.corba.tls import load_transport
 from robocorba.errors.services import ServiceError
@@ -61,11 +61,27 @@ def test_a_name_may_be_refused() -> None:
         observer.subscribe("mine", None, [], None)
 
 
+def test_one_robot_calls_what_the_servant_offers_to_it() -> None:
+    class Bound(Editor):
+        def bound_to(self, robot: str) -> dict[str, Any]:
+            return {"_get_currentVersion": lambda: robot}
+
+    assert guarded_for(Bound(), "A")._get_currentVersion() == "A"
+    assert guarded_for(Editor(), "A")._get_currentVersion() == 7
+    with pytest.raises(CORBA.NO_PERMISSION):
+        guarded_for(Bound(), "A").undo(7)
+
+
 def test_keys_last_and_differ() -> None:
     keys = Guard(b"secret").keys("MapEditor")
     assert keys == Guard(b"secret").keys("MapEditor")
     assert keys[Role.OBSERVER] == "MapEditor"
     assert len(set(keys + Guard(b"other").keys("MapEditor") + Guard().keys("MapEditor"))) == 3 * len(Role) - 2
+
+
+def test_a_uri_is_shown_without_the_key_in_it() -> None:
+    shown = without_keys(f"corbaname::10.0.0.2:2809/access/server/{'0a' * 32}#RoboCorba/EventChannels/hall")
+    assert shown == "corbaname::10.0.0.2:2809/access/server/...#RoboCorba/EventChannels/hall"
 
 
 def test_what_a_guarded_process_serves(naming: RoleNaming) -> None:
@@ -83,6 +99,8 @@ def test_what_a_guarded_process_serves(naming: RoleNaming) -> None:
         secret = orb.activate(Editor(), "MapEditor/secret")
         assert secret.undo(7) == 8
         assert orb.reference(orb.uri_at(endpoint, "MapEditor/secret"), RoboCorba.MapEditor)._non_existent()
+        # As servers find an object of another one, which has the same secret.
+        assert orb.reference(orb.uri_for_servers(endpoint, "MapEditor"), RoboCorba.MapEditor).undo(7) == 8
         nameless = Editor()
         assert orb.activate(nameless).undo(7) == 8
         orb.deactivate(nameless)

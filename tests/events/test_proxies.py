@@ -16,6 +16,7 @@ from robocorba.errors.events import (
     AlreadyConnected,
     ClientGone,
     Disconnected,
+    InvalidEvent,
     InvalidQueue,
     ProxyGone,
     TooManyProxies,
@@ -28,11 +29,12 @@ from robocorba.events.federation import Advertisement
 from robocorba.events.policies import PollingPolicy, ProxyPolicy
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
-from robocorba.events.proxy_consumer import ProxyConsumer
+from robocorba.events.proxy_consumer import ORDERS, ProxyConsumer, own_supplier
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.subscription import ALL
+from robocorba.names import STOP_EVENT
 from robocorba.testing.processes import eventually
 from tests.events.samples import Consumer, Supplier, failing, open_channel, supplied, wanting
 
@@ -209,6 +211,35 @@ def test_no_more_proxies_than_the_limit_but_unused_suppliers_make_room(lab: Lab)
     oldest.used_at -= 1.0
     lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
     assert oldest.is_ended and not last.is_ended
+
+
+@pytest.mark.parametrize("lab", [ProxyPolicy(max_proxies=4)], indirect=True)
+def test_at_the_limit_forgotten_proxies_make_room_and_those_in_use_stay(lab: Lab) -> None:
+    lab.proxies.subscribe("", Consumer(), ALL, POLICY)
+    lab.proxies.subscribe("log", Consumer(), ALL, POLICY)
+    forgotten, waiting = lab.proxies.obtain(ProxyKind.PULL_SUPPLIER), lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER)
+    lab.proxies.connect(forgotten, None)
+    for proxy in lab.proxies._all.values():
+        proxy.used_at -= 11.0
+    assert isinstance(forgotten, ProxyPullSupplier)
+    assert forgotten.pull(0.0) is None  # it is used again
+    lab.proxies.supply("A")
+    assert waiting.is_ended and not forgotten.is_ended
+    with pytest.raises(TooManyProxies):
+        lab.proxies.supply("B")
+    forgotten.used_at -= 11.0
+    lab.proxies.supply("B")
+    assert forgotten.is_ended
+    assert {proxy.name for proxy in lab.proxies.snapshots()} == {"", "log", "A", "B"}
+
+
+def test_a_supplier_of_its_own_events_publishes_no_others(lab: Lab) -> None:
+    lab.proxies.supply(own_supplier("A")).push(supplied("t", b"1"))
+    with pytest.raises(InvalidEvent, match="'B'"):
+        lab.proxies.supply(own_supplier("B")).push(supplied("t", b"1"))
+    assert STOP_EVENT in ORDERS
+    with pytest.raises(InvalidEvent, match=STOP_EVENT):
+        lab.proxies.supply(own_supplier("A")).push(supplied(STOP_EVENT, b"1"))
 
 
 def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> None:

@@ -6,8 +6,10 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import msgspec
+
 from robocorba.errors.services import NotReachable
-from robocorba.missions.messages import Call, payload, type_of
+from robocorba.missions.messages import Call, Offer, payload, sender_of, type_of
 from robocorba.missions.transport import MAX_QUEUED, Transport
 
 CALL = Call(mission="m", leader="A", floor="L1", x=1.0, y=2.0, helpers=2)
@@ -40,10 +42,20 @@ def subscribed() -> tuple[Channel, Transport]:
 
 def test_messages_arrive_in_their_order() -> None:
     channel, transport = subscribed()
-    for leader in ("A", "C"):
-        channel.receive(type_of(Call), leader, payload(CALL), "lab")
+    other = msgspec.structs.replace(CALL, leader="C")
+    for call in (CALL, other):
+        channel.receive(type_of(Call), call.leader, payload(call), "lab")
     found = [transport.receive(1.0), transport.receive(1.0)]
-    assert [(one.source, one.origin, one.message) for one in found if one] == [("A", "lab", CALL), ("C", "lab", CALL)]
+    assert [(one.source, one.origin, one.message) for one in found if one] == [("A", "lab", CALL), ("C", "lab", other)]
+    assert transport.receive(0.0) is None
+
+
+def test_a_message_in_the_name_of_another_robot_is_dropped() -> None:
+    channel, transport = subscribed()
+    offer = Offer(mission="m", leader="A", robot="B", floor="L1", x=1.0, y=2.0)
+    assert (sender_of(CALL), sender_of(offer)) == ("A", "B")
+    for message in (CALL, offer):
+        channel.receive(type_of(message), "C", payload(message), "lab")
     assert transport.receive(0.0) is None
 
 

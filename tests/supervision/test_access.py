@@ -9,7 +9,7 @@ import pytest
 
 from robocorba.errors.services import ServiceError
 from robocorba.roles import Role
-from robocorba.settings import Address, InvalidSetting, RoleNaming, Settings, role_file
+from robocorba.settings import Address, InvalidSetting, RoleNaming, Settings, robot_keys, role_file
 from robocorba.supervision.access import Access, remove_access
 
 ADDRESS = Address("127.0.0.1", 2809)
@@ -36,6 +36,26 @@ def test_keys_outlive_a_move_and_a_start_without_guard(tmp_path: Path) -> None:
     assert not role_file(tmp_path, Role.OPERATOR).exists()
     assert Access.create(tmp_path, Address("10.0.0.1", 2810)).keys == keys
     assert str(RoleNaming.read(role_file(tmp_path, Role.ROBOT))) == "10.0.0.1:2810"
+
+
+def test_a_robot_has_a_file_of_its_own_until_it_is_removed(tmp_path: Path) -> None:
+    access = Access.create(tmp_path, ADDRESS)
+    files = {name: access.robot(name) for name in ("A", ".hidden", "a.b", "Ä b%")}
+    keys = robot_keys(access.folder)
+    assert {name: RoleNaming.read(file).key for name, file in files.items()} == keys
+    assert {RoleNaming.read(file).role for file in files.values()} == {Role.ROBOT}
+    assert {stat.S_IMODE(file.stat().st_mode) for file in files.values()} == {0o600}
+    assert len({*keys.values(), access.key(Role.ROBOT)}) == 5
+    assert access.robot("A") == files["A"]
+    Access.create(tmp_path, Address("10.0.0.1", 2810))
+    assert robot_keys(access.folder) == keys
+    assert str(RoleNaming.read(files["A"])) == "10.0.0.1:2810"
+    files["A"].unlink()
+    access.robot("A")
+    assert robot_keys(access.folder)["A"] != keys["A"]
+    for name in ("", "a/b", "x" * 201, "Ä" * 60):
+        with pytest.raises(ServiceError):
+            access.robot(name)
 
 
 def test_settings_take_a_file_or_that_of_the_state_folder(tmp_path: Path) -> None:

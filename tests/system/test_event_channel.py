@@ -436,6 +436,16 @@ def test_the_client_refuses_before_it_asks(client: Callable[[str], EventClient])
         robot.subscribe(Receiver(), "x" * 201)
 
 
+def test_a_supplier_whose_proxy_another_client_has_ended_goes_on(client: Callable[[str], EventClient]) -> None:
+    receive, robot = Receiver(), client("A")
+    client("watcher").subscribe(receive, "t")
+    robot.push("t", 1)
+    for number in (2, 3):
+        robot.channel.supply("A").disconnect_push_consumer()
+        robot.push("t", number)
+    eventually(lambda: receive.payloads == [1, 2, 3])
+
+
 def test_garbage_leaves_the_server_alive(place: Place, channel: Any, client: Callable[[str], EventClient]) -> None:
     # Not GIOP, then GIOP with a random body.
     chance = random.Random(1)

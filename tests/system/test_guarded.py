@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 from collections.abc import Iterator
@@ -9,27 +10,26 @@ from pathlib import Path
 from typing import Any
 
 import CosNaming
-import omniORB
 import pytest
-from omniORB import CORBA, tcInternal
+from omniORB import CORBA
 
 from robocorba.control.agent import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.services import NotPermitted
 from robocorba.maps import native
-from robocorba.roles import NAMED, RULES, Role, may_call
-from robocorba.settings import role_file
+from robocorba.roles import NAMED, Role
+from robocorba.settings import RoleNaming, role_file
+from robocorba.simulation.mission_record import MissionContent
 from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.supervision.stop_addresses import stop_addresses
 from robocorba.testing.buildings import two_floors
+from robocorba.testing.intrusion.intruder import WAYS, Intruder
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, drain, eventually, real_system
+from robocorba.testing.simulation import about
 
 pytestmark = [pytest.mark.system]
 
-OBJECTS = {
-    **{name: name for name in ("MapEditor", "PathPlanner", "SimulationServer", "OmniDatabase", "MissionControl")},
-    **{"VirtualSensors/s1": "VirtualSensor", "EventChannels/main": "EventChannel", "Robots/A": "RobotAgent"},
-}
 ATTACKERS = (Role.OBSERVER, Role.ROBOT)
 SECRET = "a secret of the attacker"
 
@@ -40,9 +40,10 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     folder = tmp_path_factory.mktemp("guarded")
     native.save(two_floors(), folder / "two-floors.yaml")
     with claimed_ports() as port, Launcher(folder) as launch:
-        running = real_system(launch, folder / "state", port, "--building", "two-floors.yaml", "--guarded").wait_ready()
+        options = ("--building", "two-floors.yaml", "--subnets", "a", "--guarded", "--bidirectional")
+        running = real_system(launch, folder / "state", port, *options).wait_ready()
         drain(running.process)
-        robot = launch(ROBOCORBA, "robot", "A", "--channel", "main", "--state", str(running.state))
+        robot = launch(ROBOCORBA, "robot", "A", "--channel", "a", "--state", str(running.state))
         assert robot.stdout is not None
         assert robot.stdout.readline() == "ready\n"
         yield running
@@ -59,6 +60,12 @@ def orb(guarded: Running) -> Iterator[Orb]:
         yield orb
 
 
+class Ignoring(RoboCorba__POA.EventConsumer):
+    """A consumer that takes whatever arrives."""
+
+    push = pushRuns = pushTogether = disconnect_push_consumer = lambda self, *arguments: None
+
+
 def names_of(orb: Orb, guarded: Running, role: Role) -> Any:
     return orb.reference(role_file(guarded.state, role).read_text().strip(), CosNaming.NamingContextExt, 10.0)
 
@@ -67,47 +74,27 @@ def found(orb: Orb, guarded: Running, role: Role, name: str) -> Any:
     return names_of(orb, guarded, role).resolve_str(f"RoboCorba/{name}")
 
 
-def any_value(descriptor: Any) -> Any:
-    """A value of a type that the stubs describe."""
-    kind, *parts = descriptor if isinstance(descriptor, tuple) else (descriptor,)
-    if isinstance(descriptor, list):  # a type that is used before its definition
-        return any_value(descriptor[0])
-    if isinstance(kind, str):
-        return any_value(omniORB.typeMapping[parts[0][0] if isinstance(parts[0], list) else parts[0]])
-    if kind == tcInternal.tv_struct:
-        return parts[0](*map(any_value, parts[4::2]))
-    if kind == tcInternal.tv_union:
-        label, _, member = parts[5][0]
-        return parts[0](label, any_value(member))
-    if kind == tcInternal.tv_enum:
-        return parts[2][0]
-    if kind == tcInternal.tv_alias:
-        return any_value(parts[2])
-    if kind == tcInternal.tv_sequence:
-        return b"" if parts[0] == tcInternal.tv_octet else []
-    simple = {tcInternal.tv_string: "", tcInternal.tv_objref: None, tcInternal.tv_boolean: False}
-    return simple.get(kind, 0.0 if kind in (tcInternal.tv_float, tcInternal.tv_double) else 0)
-
-
-def call(reference: Any, interface: str, operation: str) -> None:
-    given = getattr(RoboCorba__POA, interface)._omni_op_d[operation][0]
-    getattr(reference._narrow(getattr(RoboCorba, interface)), operation)(*map(any_value, given))
-
-
 @pytest.mark.parametrize("role", ATTACKERS)
-@pytest.mark.parametrize("name", OBJECTS)
-def test_a_role_calls_what_it_may_and_nothing_else(orb: Orb, guarded: Running, role: Role, name: str) -> None:
-    interface, answers = OBJECTS[name], {}
-    reference = found(orb, guarded, role, name)
-    for operation in RULES[interface]:
-        try:
-            call(reference, interface, operation)
-            answers[operation] = True
-        except CORBA.NO_PERMISSION:
-            answers[operation] = False
-        except CORBA.Exception:
-            answers[operation] = True  # it has looked at what it was given
-    assert answers == {operation: may_call(role, interface, operation) for operation in RULES[interface]}
+def test_a_role_calls_what_it_may_and_nothing_else(orb: Orb, guarded: Running, role: Role) -> None:
+    """Every operation of every object that it finds by a name, or that such an object returns."""
+    intruder = Intruder(orb, role, names_of(orb, guarded, role), orb.activate(Ignoring()), {}, {})
+    intruder.attack(intruder.by_name)
+    findings = intruder.findings
+    assert (findings.more, findings.less) == ([], [])
+    reached = {title for title, is_reached in findings.reached.items() if is_reached}
+    assert reached == {way.title for way in WAYS if role in way.may}
+    assert findings.pairs + findings.out_of_reach > 200
+
+
+def test_the_sensor_of_a_robot_gives_no_right_to_those_of_others(orb: Orb, guarded: Running) -> None:
+    server = found(orb, guarded, Role.ROBOT, "SimulationServer")._narrow(RoboCorba.SimulationServer)
+    session = server.registerRobot(about("other", 8.0, 8.0))
+    sensor = session._get_sensor()
+    for operation in (sensor.forRobot, sensor.dismiss):
+        with pytest.raises(CORBA.NO_PERMISSION):
+            operation("A")
+    assert sensor.forRobot("other") is not None
+    session.deregister()
 
 
 @pytest.mark.parametrize("role", ATTACKERS)
@@ -150,16 +137,16 @@ def test_a_robot_takes_no_other_name(orb: Orb, guarded: Running) -> None:
 
 
 def test_keys_cannot_be_guessed(orb: Orb, guarded: Running) -> None:
-    endpoint = next(process.endpoint for process in guarded.record().processes if process.name == "events_main")
+    endpoint = next(process.endpoint for process in guarded.record().processes if process.name == "events_a")
     for key in ("consumers", "suppliers", "feed", "gateway", "proxies/0", "proxies/1", "proxies/2"):
-        uri = f"corbaloc:iiop:1.2@{endpoint}/EventChannels/main/{key}"
+        uri = f"corbaloc:iiop:1.2@{endpoint}/EventChannels/a/{key}"
         assert orb.reference(uri, CosNaming.NamingContext, 5.0)._non_existent()
 
 
 def test_only_operators_name_a_subscription_that_others_may_have_made(orb: Orb, guarded: Running) -> None:
     assert not NAMED["EventChannel", "subscribe"] & set(ATTACKERS)
     for role in ATTACKERS:
-        channel = found(orb, guarded, role, "EventChannels/main")._narrow(RoboCorba.EventChannel)
+        channel = found(orb, guarded, role, "EventChannels/a")._narrow(RoboCorba.EventChannel)
         policy = RoboCorba.QueuePolicy(10, RoboCorba.DISCARD_OLDEST, 0.0)
         with pytest.raises(CORBA.NO_PERMISSION):
             channel.subscribe("theirs", None, [], policy)
@@ -175,9 +162,16 @@ def test_an_operator_edits_and_stops(orb: Orb, guarded: Running, tmp_path: Path)
         said = launch(ROBOCORBA, "stop", "A", ROBOCORBA_NAMING=str(guarded.naming)).communicate(timeout=30.0)
         assert "access/operator.ior" in said[1]
         assert RemoteAgent(orb, "A").state().condition is not AgentCondition.STOPPED
-        process = launch(ROBOCORBA, "stop", "A", "--naming", operator)
-        assert process.communicate(timeout=30.0)[1] == ""
-        assert process.returncode == 0
+        for options in (("--naming", operator), ("--state", str(guarded.state))):
+            process = launch(ROBOCORBA, "stop", "A", *options)
+            assert process.communicate(timeout=30.0)[1] == ""
+            assert process.returncode == 0
+    # What the state folder knows is enough to be an operator, without the naming service.
+    addresses = stop_addresses(guarded.state, RoleNaming.read(Path(operator)))
+    uri = orb.uri_at(addresses.server, addresses.key("SimulationServer"))
+    assert orb.reference(uri, RoboCorba.SimulationServer).stopRobots(["nobody"], "") == []
+    uri = orb.uri_at(addresses.channels["a"], addresses.key("EventChannels/a"))
+    assert orb.reference(uri, RoboCorba.EventChannel).supply("") is not None
     editor = found(orb, guarded, Role.OPERATOR, "MapEditor")._narrow(RoboCorba.MapEditor)
     with pytest.raises(CORBA.NO_PERMISSION):
         found(orb, guarded, Role.ROBOT, "MapEditor")._narrow(RoboCorba.MapEditor).begin()
@@ -197,3 +191,53 @@ def test_names_return_after_a_kill_of_their_server(orb: Orb, guarded: Running) -
     planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=20.0)
     assert planner._get_mapVersion() >= 0
     eventually(lambda: "A" in orb.names("Robots", 20.0), 20.0, "the robot's name")
+
+
+def test_a_robot_with_a_file_of_its_own_is_nobody_else(orb: Orb, guarded: Running, tmp_path: Path) -> None:
+    with Launcher(tmp_path) as launch:
+        out, _ = launch(ROBOCORBA, "access", "robot", "B/x", "--state", str(guarded.state)).communicate(timeout=30.0)
+        assert out == ""
+        out, _ = launch(ROBOCORBA, "access", "robot", "B.1", "--state", str(guarded.state)).communicate(timeout=30.0)
+    file = Path(out.strip())
+    assert (file.stat().st_mode & 0o777, file.parent) == (0o600, guarded.state / "access" / "robots")
+    root = orb.reference(file.read_text().strip(), CosNaming.NamingContextExt, 10.0)
+
+    def get(name: str, interface: Any) -> Any:
+        return root.resolve_str(name)._unchecked_narrow(interface)
+
+    def is_there() -> bool:
+        names = ("SimulationServer", "OmniDatabase", "EventChannels/a")
+        try:
+            return not any(get(f"RoboCorba/{name}", CORBA.Object)._non_existent() for name in names)
+        except CORBA.OBJECT_NOT_EXIST:
+            return False
+
+    def refused(call: Any, *arguments: Any, by: type[Exception] = CORBA.NO_PERMISSION) -> None:
+        with pytest.raises(by):
+            call(*arguments)
+
+    eventually(is_there, 20.0, "the robot's right")
+    registry = get("NameRegistry", RoboCorba.NameRegistry)
+    own = [RoboCorba.RoleReference(RoboCorba.OBSERVER_ROLE, root)]
+    refused(registry.announce, "RoboCorba/Robots/C", own, SECRET, by=RoboCorba.InvalidBinding)
+    registry.announce("RoboCorba/Robots/B.1", own, SECRET)
+    registry.withdraw("RoboCorba/Robots/B.1", SECRET)
+    server = get("RoboCorba/SimulationServer", RoboCorba.SimulationServer)
+    refused(server.registerRobot, about("C", 8.0, 8.0))
+    refused(server.stopRobots, [], "")
+    server.registerRobot(about("B.1", 8.0, 8.0)).deregister()
+    database = get("RoboCorba/OmniDatabase", RoboCorba.OmniDatabase)
+    for leader in ("C", "B.1"):
+        content = MissionContent(kind="move_table", about="table", leader=leader, begun=1.0).encode()
+        put = functools.partial(database.putMission, RoboCorba.MissionRecord("m", 0, content))
+        assert put() if leader == "B.1" else not refused(put)
+    channel = get("RoboCorba/EventChannels/a", RoboCorba.EventChannel)
+    refused(channel.for_suppliers)
+    refused(channel.supply, "C")
+    proxy = channel.supply("B.1")
+    header = RoboCorba.EventHeader("t", "C", "", 0, 0.0, 0, 0.0, RoboCorba.MSGPACK)
+    refused(proxy.pushEvent, RoboCorba.Event(header, b""), by=RoboCorba.InvalidEvent)
+    header.source = "B.1"
+    proxy.pushEvent(RoboCorba.Event(header, b""))
+    file.unlink()
+    eventually(lambda: root._non_existent() and server._non_existent(), 20.0, "the end of the right")

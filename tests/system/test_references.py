@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import CosNaming
 import pytest
 from omniORB import CORBA
 
@@ -165,3 +168,48 @@ def test_a_bare_uri_suffices(names: object, serve: Callable, client: Orb, naming
     without_naming = f"corbaloc:iiop:127.0.0.1:{naming_port + 1}/PathPlanner"
     for text in (uri, without_naming):
         assert orb.string_to_object(text)._narrow(RoboCorba.PathPlanner)._get_mapVersion() == server.pid
+
+
+def test_stolen_naming_contexts_are_taken_back(
+    names: object, serve: Callable, client: Orb, launch: Launch, tmp_path: Path, naming_port: int
+) -> None:
+    """A stranger binds a context of another naming service, or an object, unbinds the context, or destroys it."""
+    server = serve()
+    assert pid_behind(client) == server.pid
+    orb = CORBA.ORB_init([], CORBA.ORB_ID)
+    (tmp_path / "theirs").mkdir()
+    launch(*naming_service_command(Address("127.0.0.1", naming_port + 2), tmp_path / "theirs"))
+
+    def context(uri: str) -> Any:
+        return orb.string_to_object(uri)._narrow(CosNaming.NamingContextExt)
+
+    def foreign() -> Any:
+        with contextlib.suppress(CORBA.TRANSIENT):
+            return context(f"corbaname::127.0.0.1:{naming_port + 2}")
+        return None
+
+    theirs = eventually(foreign, what="the stranger's naming service")
+    root, planner = context(f"corbaname::127.0.0.1:{naming_port}"), resolve(client)
+    path, own = [CosNaming.NameComponent("RoboCorba", "")], [CosNaming.NameComponent("PathPlanner", "")]
+
+    def bind_object() -> None:
+        root.unbind(path)
+        root.bind(path, planner)
+
+    def destroy() -> None:
+        inner = context(f"corbaname::127.0.0.1:{naming_port}#RoboCorba")
+        inner.unbind(own)
+        inner.destroy()
+
+    def is_back() -> bool:
+        try:
+            return root.resolve([*path, *own])._is_equivalent(planner)
+        except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed, CORBA.SystemException):
+            return False
+
+    for attack in (lambda: root.rebind_context(path, theirs), bind_object, lambda: root.unbind(path), destroy):
+        attack()
+        assert not is_back()
+        eventually(is_back, 30.0, "the name")
+    said = (tmp_path / "1" / "logs" / "echo.log").read_text()
+    assert f"RoboCorba again: an object at 127.0.0.1:{naming_port + 2} was bound to it" in said

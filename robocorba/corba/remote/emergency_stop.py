@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from robocorba.corba.conversion import simulation
 from robocorba.corba.event_client import EventClient
+from robocorba.corba.guard import Guard
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent, order_all, robots
 from robocorba.corba.remote.remote_object import translated
@@ -24,6 +25,7 @@ from robocorba.corba.remote.stop_target import stop_at
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.names import CHANNELS, STOP_EVENT
+from robocorba.roles import Role
 from robocorba.simulation.emergency_stops import StopAnswer, StopRecord, StopState
 from robocorba.stubs import RoboCorba
 
@@ -45,11 +47,16 @@ NAMES_S = 1.0
 @dataclass(frozen=True)
 class StopAddresses:
     """What the state folder knows. server: HOST:PORT of the simulation server, empty if unknown. channels: HOST:PORT of
-    event channels by name. targets: of robots by name."""
+    event channels by name. targets: of robots by name. guard: of a guarded system, else None."""
 
     server: str = ""
     channels: Mapping[str, str] = field(default_factory=dict)
     targets: Mapping[str, StopRecord] = field(default_factory=dict)
+    guard: Guard | None = None
+
+    def key(self, name: str) -> str:
+        """The object key by which an operator calls a server's object."""
+        return self.guard.key(name, Role.OPERATOR) if self.guard else name
 
 
 class Verdict(NamedTuple):
@@ -142,7 +149,7 @@ class _Stop:
 
     def _server(self) -> Any:
         if address := self._addresses.server:
-            uri = f"corbaloc:iiop:1.2@{address}/SimulationServer"
+            uri = self._orb.uri_at(address, self._addresses.key("SimulationServer"))
             return self._orb.reference(uri, RoboCorba.SimulationServer, SERVER_TIMEOUT_S)
         return self._orb.resolve("SimulationServer", RoboCorba.SimulationServer, NAMES_S, SERVER_TIMEOUT_S)
 
@@ -167,7 +174,7 @@ class _Stop:
         payload = {"robots": list(self._names), "reason": self._reason}
         for name, address in self._channels().items():
             with contextlib.suppress(RoboCorbaError):
-                uri = f"corbaloc:iiop:1.2@{address}/{CHANNELS}/{name}"
+                uri = self._orb.uri_at(address, self._addresses.key(f"{CHANNELS}/{name}"))
                 found = self._orb.reference(uri, RoboCorba.EventChannel, NAMES_S) if address else None
                 with contextlib.closing(EventClient(self._orb, name, timeout_s=NAMES_S, channel_at=found)) as client:
                     client.push(STOP_EVENT, payload, expiry_s=EXPIRY_S, retry_s=0.0)

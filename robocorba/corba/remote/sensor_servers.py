@@ -33,5 +33,5 @@ class RegisteredSensors:
     def earlier_version(self, name: str) -> Any:
         """The registration of a server that has no token: at the endpoint that `robocorba up` gave to this name, since
         its own reference could be anybody's. Raises SensorRefused."""
-        uri = f"corbaloc:iiop:1.2@{self._admission.endpoint_of(name)}/{SENSORS}/{name}"
+        uri = self._orb.uri_for_servers(self._admission.endpoint_of(name), f"{SENSORS}/{name}")
         return self._make(name, self._orb.reference(uri, RoboCorba.VirtualSensor))

@@ -15,6 +15,7 @@ from robocorba.events.channel import Channel
 from robocorba.events.links import Links
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import Proxy, ProxyKind
+from robocorba.events.proxy_consumer import own_supplier
 from robocorba.stubs import RoboCorba__POA
 
 
@@ -80,6 +81,19 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
     @translating
     def supply(self, supplierName: str) -> Any:
         return self._objects.of(self._proxies.supply(supplierName))
+
+    def bound_to(self, robot: str) -> dict[str, Callable[..., Any]]:
+        """What a robot with a file of its own calls instead: it publishes in its own name only."""
+
+        def supply(name: str) -> Any:
+            if name != robot:
+                raise CORBA.NO_PERMISSION(0, CORBA.COMPLETED_NO)
+            return self.supply(own_supplier(robot))
+
+        def for_suppliers() -> Any:
+            raise CORBA.NO_PERMISSION(0, CORBA.COMPLETED_NO)
+
+        return {"supply": supply, "for_suppliers": for_suppliers}
 
     @translating
     def subscribe(self, subscriptionName: str, consumer: Any, wanted: Any, queue: Any) -> Any:

@@ -10,6 +10,7 @@ from omniORB import CORBA, URI
 
 from robocorba.corba.conversion.errors import translating
 from robocorba.corba.conversion.names import role_references_of
+from robocorba.errors.services import InvalidBinding
 from robocorba.name_table import NameTable, Path
 from robocorba.roles import Role
 from robocorba.stubs import RoboCorba__POA
@@ -22,11 +23,15 @@ MAX_LISTED = 500
 class NamingObjects(Protocol):
     """Gives access to the CORBA objects of the naming service."""
 
-    def context(self, role: Role, path: Path) -> Any:
-        """The reference of a role's naming context, which is activated on the first call."""
+    def context(self, role: Role, path: Path, robot: str) -> Any:
+        """The reference of a role's naming context, which is activated on the first call. robot: the name of the only
+        robot that has it, empty for all of the role."""
 
-    def registry(self, role: Role) -> Any:
+    def registry(self, role: Role, robot: str) -> Any:
         """The reference of the role's registry, None for a role that binds no names."""
+
+    def found(self, reference: Any, path: Path, robot: str) -> Any:
+        """The reference that the role has, for this robot."""
 
     def iterator(self, bindings: list[Any]) -> Any:
         """The reference of an iterator over these bindings."""
@@ -36,10 +41,10 @@ class NamingObjects(Protocol):
 
 
 class NamingContextServant(CosNaming__POA.NamingContextExt):
-    """CosNaming::NamingContextExt: the names below `path`, as `role` sees them."""
+    """CosNaming::NamingContextExt: the names below `path`, as `role` sees them, or only `robot`."""
 
-    def __init__(self, table: NameTable, role: Role, path: Path, objects: NamingObjects) -> None:
-        self._table, self._role, self._path, self._objects = table, role, path, objects
+    def __init__(self, table: NameTable, role: Role, path: Path, objects: NamingObjects, robot: str = "") -> None:
+        self._table, self._role, self._path, self._objects, self._robot = table, role, path, objects, robot
 
     def resolve(self, n: Any) -> Any:
         return self._find(n)
@@ -49,12 +54,12 @@ class NamingContextServant(CosNaming__POA.NamingContextExt):
             raise Context.InvalidName()
         path = self._path + tuple(component.id for component in n)
         if not any(component.kind for component in n):
-            if path == ("NameRegistry",) and (registry := self._objects.registry(self._role)) is not None:
+            if path == ("NameRegistry",) and (registry := self._objects.registry(self._role, self._robot)):
                 return registry
             if (found := self._table.find(self._role, path)) is not None:
-                return found
+                return self._objects.found(found, path, self._robot)
             if self._table.is_context(path):
-                return self._objects.context(self._role, path)
+                return self._objects.context(self._role, path, self._robot)
         raise Context.NotFound(Context.missing_node, n)
 
     def list(self, how_many: int) -> Any:
@@ -106,13 +111,16 @@ class BindingIteratorServant(CosNaming__POA.BindingIterator):
 
 
 class NameRegistryServant(RoboCorba__POA.NameRegistry):
-    """RoboCorba::NameRegistry for the robots or for the servers."""
+    """RoboCorba::NameRegistry for the robots or for the servers. only: the only name that may be announced, empty for
+    any that the role may."""
 
-    def __init__(self, table: NameTable, role: Role) -> None:
-        self._table, self._role = table, role
+    def __init__(self, table: NameTable, role: Role, only: Path = ()) -> None:
+        self._table, self._role, self._only = table, role, only
 
     @translating
     def announce(self, name: str, references: Any, secret: str) -> None:
+        if self._only and tuple(name.split("/")) != self._only:
+            raise InvalidBinding(name, f"this robot binds {'/'.join(self._only)} only")
         self._table.announce(self._role, tuple(name.split("/")), role_references_of(references), secret)
 
     @translating

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
+
+from omniORB import CORBA
 
 from robocorba.corba.conversion import floors, scans, simulation
 from robocorba.corba.conversion.errors import translating
 from robocorba.simulation.mission_directory import MissionDirectory
+from robocorba.simulation.mission_record import leader_of
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.store import Mission
 from robocorba.stubs import RoboCorba, RoboCorba__POA
@@ -50,6 +54,17 @@ class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
     @translating
     def putMission(self, mission: Any) -> int:
         return self._missions.put_mission(Mission(mission.name, mission.current, mission.document))
+
+    def bound_to(self, robot: str) -> dict[str, Callable[..., Any]]:
+        """What a robot with a file of its own calls instead: it stores the missions that it leads."""
+
+        def put_mission(mission: Any) -> int:
+            before = self._missions.stored(mission.name)
+            if any(leader_of(each.document) != robot for each in (mission, before) if each):
+                raise CORBA.NO_PERMISSION(0, CORBA.COMPLETED_NO)
+            return int(self.putMission(mission))
+
+        return {"putMission": put_mission}
 
     @translating
     def missions(self) -> list[Any]:

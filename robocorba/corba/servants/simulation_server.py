@@ -70,6 +70,16 @@ class SimulationServerServant(RoboCorba__POA.SimulationServer):
     def stopRobots(self, robots: list[str], reason: str) -> list[Any]:
         return [simulation.stop_state(state) for state in self._stops.stop(robots, reason)]
 
+    def bound_to(self, robot: str) -> dict[str, Callable[..., Any]]:
+        """What a robot with a file of its own calls instead: it logs on as itself only."""
+
+        def register_robot(about: Any) -> Any:
+            if about.name != robot:
+                raise CORBA.NO_PERMISSION(0, CORBA.COMPLETED_NO)
+            return self.registerRobot(about)
+
+        return {"registerRobot": register_robot}
+
     def _earlier_version(self, name: str) -> SensorRegistrationServant:
         try:
             return self._sensors.earlier_version(name)

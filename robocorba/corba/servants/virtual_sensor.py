@@ -65,13 +65,21 @@ class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
     def _get_load(self) -> Any:
         return simulation.load(self._reports.load)
 
+    # The sensor of a robot, which has it from its session, gives no right to those of others.
+
     def forRobot(self, name: str) -> Any:
+        self._refuse_others(name)
         if not 0 < len(name) <= 60:
             raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
         return self._robot_sensors.for_robot(name)
 
     def dismiss(self, name: str) -> None:
+        self._refuse_others(name)
         self._robot_sensors.dismiss(name)
+
+    def _refuse_others(self, name: str) -> None:
+        if self._robot is not None and name not in ("", self._robot):
+            raise CORBA.NO_PERMISSION(0, CORBA.COMPLETED_NO)
 
 
 class RobotSensorServant(RoboCorba__POA.VirtualSensor):

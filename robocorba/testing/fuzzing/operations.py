@@ -37,5 +37,6 @@ def interfaces() -> Iterator[Any]:
 
 def operations(interface: Any) -> list[Operation]:
     """The operations of an interface, with those that it inherits."""
-    names = sorted(name for name in dir(interface) if name.startswith("_d_"))
-    return [Operation(name.removeprefix("_d_"), *getattr(interface, name)[:3]) for name in names]
+    found = {name: getattr(interface, name) for name in sorted(dir(interface)) if name.startswith("_d_")}
+    # Types that are defined within the interface are described by such attributes as well.
+    return [Operation(name[3:], *each[:3]) for name, each in found.items() if isinstance(each[0], tuple)]

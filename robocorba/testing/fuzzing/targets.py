@@ -138,7 +138,7 @@ class FuzzedSystem:
     """The objects of a running system, by interface. Two channels, two robots, one sensor server, and a stand-in for an
     actual robot; a thread keeps the session of a third robot."""
 
-    def __init__(self, running: Running, orb: Orb, stand_in: StandIn) -> None:
+    def __init__(self, running: Running, orb: Orb, stand_in: StandIn | None = None) -> None:
         self.running, self._orb, self._stand_in = running, orb, stand_in
         self.editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
         self.planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
@@ -206,6 +206,7 @@ class FuzzedSystem:
         return self._orb.reference(f"corbaloc:iiop:1.2@{endpoint}/{CHANNELS}/a/{key}", interface)
 
     def unit(self, name: str, interface: Any) -> Any:
+        assert self._stand_in
         return self._stand_in.unit(name, interface)
 
     def proxy(self, kind: str, interface: Any) -> Any:
@@ -258,13 +259,20 @@ class FuzzedSystem:
 
     def no_faults(self, name: str, result: Any) -> None:
         """Switch the faults of the stand-in off."""
+        assert self._stand_in
         self._stand_in.faults.none()
 
     # ---- all of them ----
 
     def targets(self) -> list[Target]:
         """The objects of all interfaces."""
-        return [*self._of_the_map(), *self._of_the_simulation(), *self._of_the_channel(), *self._of_robots()]
+        return [
+            *self._of_the_map(),
+            *self._of_the_simulation(),
+            *self._of_the_channel(),
+            *self._of_robots(),
+            *self._of_units(),
+        ]
 
     def _of_the_map(self) -> Iterator[Target]:
         elements = [
@@ -525,6 +533,10 @@ class FuzzedSystem:
             "logLines": [_each(name, 10) for name in ("simulation", "up", "events_a")],
         }
         yield Target("Supervisor", RoboCorba.Supervisor, lambda: self.supervisor, on_supervisor, self.end_processes)
+
+    def _of_units(self) -> Iterator[Target]:
+        if self._stand_in is None:
+            return
         lost = {"": (CORBA.COMM_FAILURE,)}
         for name, interface in (
             ("Mobility", YeRTUnitMobility.mobility),
