@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import struct
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -16,6 +19,8 @@ from robocorba.corba.conversion import bounded_any
 from robocorba.corba.conversion.bounded_any import TC_ANY, bounded, read_bounded
 from robocorba.corba.conversion.references import BoundedTypeCode
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.event_clients import RemotePullSupplier
+from robocorba.errors.events import Refused
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
@@ -23,6 +28,8 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 #: Types of references, and profiles, that no ORB sends.
 TYPES = [b"\xff\xfe\0", b"abc\xc3\0", b"a\0b\0", b"abc"]
 PROFILES = [b"\0\0\0\0", b"\1\0\0\0\1\0\0\0\4\0\0\0\1\1\2\0"]
+#: The type of a GIOP message that asks whether an object is there.
+LOCATE_REQUEST = 3
 TC_OBJECT = BoundedTypeCode(bounded(CORBA.TC_Object._d))
 TC_EDITOR = BoundedTypeCode(bounded(RoboCorba._d_MapEditor))
 
@@ -49,9 +56,14 @@ def test_references_at_which_omniorbpy_crashes_are_refused(orb: Orb, type: bytes
         orb.reference("IOR:01000000" + encoded.hex(), RoboCorba.MapEditor)
 
 
+def test_an_any_with_a_reference_is_read() -> None:
+    encoded = any_head() + reference(b"IDL:RoboCorba/MapEditor:1.0\0", PROFILES[1])
+    assert isinstance(omniORB.cdrUnmarshal(TC_ANY, encoded).value(), RoboCorba._objref_MapEditor)
+
+
 def any_head() -> bytes:
     """The type of a reference in an any."""
-    return omniORB.cdrMarshal(CORBA.TC_any, CORBA.Any(CORBA.TC_Object, None))[:-8]
+    return omniORB.cdrMarshal(CORBA.TC_any, CORBA.Any(CORBA.TC_Object, None))[:-12]
 
 
 @pytest.mark.parametrize("big_endian", [True, False])
@@ -91,6 +103,39 @@ def test_answers_are_read_so(orb: Orb) -> None:
     _, (found,), raised = bounded_any._with_bounded_answers(CosNaming.NamingContext, "resolve")
     assert found == bounded(CORBA.TC_Object._d) != CORBA.TC_Object._d
     assert tc.tv_objref not in {kind for each in raised.values() for kind in parts(each)}
+
+
+@contextlib.contextmanager
+def answering(body: bytes) -> Iterator[str]:
+    """The address of a server that answers each request of its first client with these octets."""
+
+    def serve() -> None:
+        connection, _ = listener.accept()
+        with connection, connection.makefile("rb") as requests:
+            while header := requests.read(12):
+                request = requests.read(struct.unpack("<I", header[8:])[0])
+                is_here = header[7] == LOCATE_REQUEST
+                kind, answer = (4, struct.pack("<I", 1)) if is_here else (1, bytes(8) + body)
+                size = struct.pack("<I", 4 + len(answer))
+                connection.sendall(b"GIOP\1\2\1" + bytes([kind]) + size + request[:4] + answer)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield f"127.0.0.1:{listener.getsockname()[1]}"
+
+
+@pytest.mark.parametrize("type", TYPES, ids=repr)
+def test_foreign_suppliers_and_naming_services_harm_nobody(orb: Orb, type: bytes) -> None:
+    answer = reference(type, PROFILES[1])
+    with answering(any_head()[4:] + answer + b"\1") as supplier:
+        client = RemotePullSupplier(orb, f"corbaloc::1.2@{supplier}/x")
+        with pytest.raises(Refused):
+            client.try_pull(10.0)
+    with answering(answer) as naming, pytest.raises(NotReachable):
+        orb.reference(f"corbaname::1.2@{naming}#a", RoboCorba.MapEditor)
+    with answering(answer) as naming, pytest.raises(NotReachable):
+        orb.resolve_in_other_naming_service(Address.parse(naming), "a", RoboCorba.MapEditor, 10.0)
 
 
 def test_values_are_refused_unless_all_clients_are_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
