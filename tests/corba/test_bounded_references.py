@@ -100,6 +100,7 @@ def test_no_servant_reads_a_reference_or_an_any_otherwise(name: str) -> None:
 
 
 def test_answers_are_read_so(orb: Orb) -> None:
+    assert bounded_any._with_bounded_answers(CosNaming.NamingContext, "list")[2] is None
     _, (found,), raised = bounded_any._with_bounded_answers(CosNaming.NamingContext, "resolve")
     assert found == bounded(CORBA.TC_Object._d) != CORBA.TC_Object._d
     assert tc.tv_objref not in {kind for each in raised.values() for kind in parts(each)}

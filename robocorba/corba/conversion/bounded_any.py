@@ -286,7 +286,7 @@ def invoke(reference: Any, interface: Any, operation: str, *arguments: Any) -> A
 @functools.cache
 def _with_bounded_answers(interface: Any, operation: str) -> Any:
     wanted, returned, raised, *rest = getattr(interface, f"_d_{operation}")
-    return wanted, tuple(map(bounded, returned)), {id: bounded(each) for id, each in raised.items()}, *rest
+    return wanted, tuple(map(bounded, returned)), raised and {id: bounded(each) for id, each in raised.items()}, *rest
 
 
 def bounded(descriptor: Any) -> Any:
