@@ -265,8 +265,8 @@ def naming_service_command(naming: Address, data: Path) -> tuple[str, ...]:
     # A request of which only a part arrives ends its connection after this time [ms]; see robocorba.corba.orb.
     limits = ("-ORBserverCallTimeOutPeriod", "20000", "-ORBmaxServerThreadPerConnection", "16")
     # Beyond this number, by default 10,000, connections would share a few threads, which those that stall keep.
-    limits += ("-ORBthreadPerConnectionUpperLimit", "100000", "-ORBthreadPerConnectionLowerLimit", "90000")
-    return (find_omninames(), *options, *limits, "-ORBendPoint", f"giop:tcp:{naming}")
+    threads = ("-ORBthreadPerConnectionUpperLimit", "100000", "-ORBthreadPerConnectionLowerLimit", "90000")
+    return (find_omninames(), *options, *limits, *threads, "-ORBendPoint", f"giop:tcp:{naming}")
 
 
 def find_omninames() -> str:
