@@ -3,7 +3,8 @@
     python -m bench.simulation.attacks [--seconds S]
 
 Attacks: stalled connections at every server, ten clients that ask for large pictures, and 100 that read a floor, export
-and check the map, or edit it, without a pause. The robot commands and reads its state 20 times a second; a client calls every server 10 times a second."""
+and check the map, or edit it, without a pause. The robot commands and reads its state 20 times a second; a client calls
+every server 10 times a second."""
 
 from __future__ import annotations
 
