@@ -20,6 +20,7 @@ from robocorba.corba.conversion.bounded_any import TC_ANY, bounded, read_bounded
 from robocorba.corba.conversion.references import BoundedTypeCode
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.event_clients import RemotePullSupplier
+from robocorba.corba.servants.event_channel import CallbackRouteServant
 from robocorba.errors.events import Refused
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
@@ -97,6 +98,12 @@ def test_no_servant_reads_a_reference_or_an_any_otherwise(name: str) -> None:
     read_bounded(servant)
     kinds = {kind for wanted, *_ in servant._omni_op_d.values() for each in wanted for kind in parts(each)}
     assert not kinds & {tc.tv_objref, tc.tv_any, tc.tv_TypeCode, tc.tv_value}
+
+
+def test_a_reference_that_comes_with_its_connection_is_read_by_the_orb() -> None:
+    before = RoboCorba__POA.CallbackRoute._omni_op_d["keep"]
+    read_bounded(CallbackRouteServant)
+    assert CallbackRouteServant._omni_op_d["keep"] == before
 
 
 def test_answers_are_read_so(orb: Orb) -> None:
