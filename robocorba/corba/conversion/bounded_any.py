@@ -272,8 +272,9 @@ _TYPECODE = struct_of(lambda found, nothing: found, "type", _encoded_type(_lone_
 
 @functools.cache
 def read_bounded(servant: Any) -> None:
-    """Let the operations of a servant's class read the anys, types and references in their arguments so, but not those
-    that the class names in `takes_connections`: a reference that is read so has lost the connection by which it came."""
+    """Let the operations of a servant's class read the anys, types and references in their arguments so, other
+    than those that the class names in `takes_connections`: a reference that is read so has lost the connection by which
+    it came."""
     operations, omitted = getattr(servant, "_omni_op_d", {}), getattr(servant, "takes_connections", ())
     servant._omni_op_d = {
         name: (wanted if name in omitted else tuple(map(bounded, wanted)), *rest)
