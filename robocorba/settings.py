@@ -6,6 +6,7 @@ Arguments override the environment, which overrides the defaults.
 |---|---|---|
 | ROBOCORBA_NAMING | the naming service as HOST:PORT; of a guarded system also the file of a role | 127.0.0.1:2809 |
 | ROBOCORBA_STATE | the folder for stores, maps, logs and mission reports | ~/.local/state/robocorba |
+| ROBOCORBA_VALUETYPES | 1: values of valuetypes in events are accepted, at which ill-formed ones end a process | 0 |
 """
 
 from __future__ import annotations
@@ -32,6 +33,11 @@ from robocorba.spatial.pose import Pose
 DEFAULT_HOST = "127.0.0.1"
 #: The port registered for CORBA naming services.
 DEFAULT_NAMING_PORT = 2809
+
+
+def accepts_valuetypes(environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether every client is trusted to send well-formed values of valuetypes."""
+    return environment.get("ROBOCORBA_VALUETYPES", "0") not in ("", "0")
 
 
 class InvalidSetting(ServiceError):

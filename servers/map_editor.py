@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from robocorba import logs
+from robocorba.corba.call_limit import CallLimit
 from robocorba.corba.orb import Orb
 from robocorba.corba.servants.map_editor import MapEditorServant
 from robocorba.corba.servants.path_planner import PathPlannerServant
@@ -14,6 +15,10 @@ from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
 from robocorba.private_files import claim_state
 from robocorba.settings import ServerSettings
+
+#: Maximum numbers of calls that the map editor executes at the same time: those that read elements, and those that go
+#: through a whole floor or building. Edits, and followers of changes, don't wait for them.
+READING, ANALYSING = 4, 2
 
 
 def preload() -> None:
@@ -31,7 +36,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         planner.warm_up()
         editor.subscribe(lambda building, version, changes: planner.update(building, version))
         with Orb(settings.naming, settings.endpoint) as orb:
-            orb.serve({"MapEditor": MapEditorServant(editor, orb), "PathPlanner": PathPlannerServant(planner)})
+            servant = MapEditorServant(editor, orb)
+            CallLimit(READING).apply(servant, "elements", "editsSince")
+            CallLimit(ANALYSING).apply(servant, "exportMap", "check", "checkFloor")
+            orb.serve({"MapEditor": servant, "PathPlanner": PathPlannerServant(planner)})
             orb.run()
 
 

@@ -2,8 +2,9 @@
 
     python -m bench.simulation.attacks [--seconds S]
 
-Attacks: stalled connections at every server, ten clients that ask for large pictures, and 100 that read a floor without
-a pause. The robot commands and reads its state 20 times a second; a client calls every server 10 times a second."""
+Attacks: stalled connections at every server, ten clients that ask for large pictures, and 100 that read a floor, export
+and check the map, or edit it, without a pause. The robot commands and reads its state 20 times a second; a client calls
+every server 10 times a second."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ import tempfile
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ LONGEST_S = 0.5
 #: Stalled connections at each server.
 STALLED = (0, 8, 64, 500)
 PICTURES, READERS = 10, 100
+ALL = {"pictures": PICTURES, "readings": READERS, "maps": READERS, "edits": READERS}
 ROUND = RoboCorba.Velocity(0.3, 0.0, 1.0)
 
 
@@ -59,17 +61,18 @@ class Caller(threading.Thread):
         self.join()
 
 
-def attack(place: Place, stalled: int, pictures: int, readers: int) -> contextlib.ExitStack:
+def attack(place: Place, stalled: int, clients: Mapping[str, int]) -> contextlib.ExitStack:
+    """clients: their number, by what they call."""
     stack = contextlib.ExitStack()
     for process in place.running.record().processes:
         if process.endpoint:
             stack.enter_context(stalled_connections(Address.parse(process.endpoint), stalled))
-    stack.enter_context(greedy_clients(place.launch, place.running.naming, "pictures", pictures))
-    stack.enter_context(greedy_clients(place.launch, place.running.naming, "readings", readers))
+    for calls, count in clients.items():
+        stack.enter_context(greedy_clients(place.launch, place.running.naming, calls, count))
     return stack
 
 
-def measure(place: Place, seconds: float, name: str, stalled: int, pictures: int, readers: int) -> dict[str, Any]:
+def measure(place: Place, seconds: float, name: str, stalled: int, clients: Mapping[str, int]) -> dict[str, Any]:
     session = place.log_on("R", 6.0, 6.0)
     sensor = session._get_sensor()
     laser = sensor.laser()
@@ -88,7 +91,7 @@ def measure(place: Place, seconds: float, name: str, stalled: int, pictures: int
         },
         0.1,
     )
-    with attack(place, stalled, pictures, readers):
+    with attack(place, stalled, clients):
         for caller in (robot, scanning, client):
             caller.start()
         time.sleep(seconds)
@@ -103,12 +106,10 @@ def measure(place: Place, seconds: float, name: str, stalled: int, pictures: int
 
 
 def main(seconds: float = 6.0) -> bool:
-    attacks = [(f"{count} stalled connections at each server", count, 0, 0) for count in STALLED]
-    attacks += [
-        (f"{PICTURES} clients, large pictures", 0, PICTURES, 0),
-        (f"{READERS} clients, reading", 0, 0, READERS),
-        ("all of them", STALLED[-1], PICTURES, READERS),
-    ]
+    attacks: list[tuple[str, int, dict[str, int]]] = []
+    attacks += [(f"{count} stalled connections at each server", count, {}) for count in STALLED]
+    attacks += [(f"{count} clients, {calls}", 0, {calls: count}) for calls, count in ALL.items()]
+    attacks.append(("all of them", STALLED[-1], ALL))
     with tempfile.TemporaryDirectory() as folder, simulation(Path(folder), sensors=1) as place:
         rows = [measure(place, seconds, *each) for each in progress(attacks, "attacks")]
     times = [value for row in rows for value in row.values() if isinstance(value, float)]

@@ -1,4 +1,4 @@
-"""The connections that clients have to this process: how many there may be, and which one ends when there are too many.
+"""The connections that clients have to a process: how many there may be, and which one ends when there are too many.
 
 Each connection takes a descriptor and a thread. A process without a free descriptor can accept no connection and open
 no file, so the connection that has been idle for longest ends before that. Robots call twice a second at least, so
@@ -13,8 +13,9 @@ import socket
 import struct
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from robocorba.repeating import Repeating
 
@@ -72,12 +73,14 @@ class Connection(NamedTuple):
 
 
 class ConnectionLimit:
-    """Keeps this process below `connections` that clients have opened, and below `descriptors` in use; None: what the
-    operating system allows, less a reserve."""
+    """Keeps a process below `connections` that clients have opened, and below `descriptors` in use; None: what the
+    operating system allows, less a reserve. process: this one by default."""
 
-    def __init__(self, descriptors: int | None = None, connections: int = MAX_CONNECTIONS) -> None:
-        self._descriptors = descriptors or round(raise_descriptor_limit() * (1 - FREE_SHARE))
-        self._connections = connections
+    def __init__(
+        self, descriptors: int | None = None, connections: int = MAX_CONNECTIONS, process: Descriptors | None = None
+    ) -> None:
+        self._process = process or OwnDescriptors()
+        self._most, self._connections = descriptors, connections
         self._repeating = Repeating("connections", self.check, lambda: self._interval_s)
         self._interval_s = CHECK_INTERVAL_S
         self._ended, self._logged_at = 0, -LOG_INTERVAL_S
@@ -92,38 +95,83 @@ class ConnectionLimit:
 
     def check(self) -> None:
         """End connections if there are too many."""
-        used, self._interval_s = in_use(), CHECK_INTERVAL_S
-        if used > min(self._descriptors, self._connections):
-            found = sorted(_connections(), key=lambda each: each.order)
-            excess = max(used - self._descriptors, len(found) - self._connections)
+        self._process.renew()
+        used, self._interval_s = len(self._process.in_use()), CHECK_INTERVAL_S
+        most = self._most or round(self._process.limit() * (1 - FREE_SHARE))
+        if used > min(most, self._connections):
+            found = sorted(_connections(self._process), key=lambda each: each.order)
+            excess = max(used - most, len(found) - self._connections)
             if excess > 0:  # a few more, so that not each new connection ends another one
-                self._ended += sum(_end(each.descriptor) for each in found[: excess + len(found) // 20])
+                ending = found[: excess + len(found) // 20]
+                self._ended += sum(_end(self._process, each.descriptor) for each in ending)
                 self._interval_s = BUSY_INTERVAL_S
         if self._ended and time.monotonic() >= self._logged_at + LOG_INTERVAL_S:
-            reason = "%d connections have ended, the longest idle ones: there were more than %d, or %d descriptors"
-            _log.warning(reason, self._ended, self._connections, self._descriptors)
+            reason = "%d connections%s have ended, the longest idle ones: there were more than %d, or %d descriptors"
+            _log.warning(reason, self._ended, self._process.title, self._connections, most)
             self._ended, self._logged_at = 0, time.monotonic()
 
 
-def in_use() -> int:
-    """Number of descriptors in use."""
-    return len(_descriptors())
+class Descriptors(Protocol):
+    """The descriptors of a process. title: which one, for the log, such as " to omniNames"."""
+
+    title: str
+
+    def renew(self) -> None:
+        """Called before each check."""
+
+    def limit(self) -> int:
+        """How many there may be."""
+
+    def in_use(self) -> Sequence[int]:
+        """Those in use; all that may be in use if there is no way to know."""
+
+    def borrowed(self, descriptor: int) -> AbstractContextManager[socket.socket]:
+        """The socket of a descriptor, which stays open. Raises OSError if it is not TCP."""
 
 
-def _descriptors() -> Sequence[int]:
-    """The descriptors in use; all that may be in use if none is free, since the list itself takes one."""
-    try:
-        return [int(path.name) for path in _LISTING.iterdir()]
-    except OSError:
-        return range(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
+class OwnDescriptors:
+    """Those of this process."""
+
+    title = ""
+
+    def __init__(self) -> None:
+        self._limit = raise_descriptor_limit()
+
+    def renew(self) -> None:
+        """Nothing changes."""
+
+    def limit(self) -> int:
+        return self._limit
+
+    def in_use(self) -> Sequence[int]:
+        try:
+            return [int(path.name) for path in _LISTING.iterdir()]
+        except OSError:  # none is free, and the list itself takes one
+            return range(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
+
+    @contextlib.contextmanager
+    def borrowed(self, descriptor: int) -> Iterator[socket.socket]:
+        """Needs no further descriptor."""
+        borrowed = socket.socket(fileno=descriptor)
+        try:
+            check_tcp(borrowed)
+            yield borrowed
+        finally:
+            borrowed.detach()
 
 
-def _connections() -> Iterator[Connection]:
-    """The connections at ports on which this process listens."""
+def check_tcp(connection: socket.socket) -> None:
+    """Raises OSError if it is not TCP."""
+    if connection.family not in (socket.AF_INET, socket.AF_INET6) or connection.type != socket.SOCK_STREAM:
+        raise OSError("not a TCP socket")
+
+
+def _connections(process: Descriptors) -> Iterator[Connection]:
+    """The connections at ports on which a process listens."""
     found: list[tuple[int, Connection]] = []
     ports: set[int] = set()
-    for descriptor in _descriptors():
-        with contextlib.suppress(OSError), _borrowed(descriptor) as connection:
+    for descriptor in process.in_use():
+        with contextlib.suppress(OSError), process.borrowed(descriptor) as connection:
             if connection.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
                 ports.add(connection.getsockname()[1])
             else:
@@ -136,23 +184,11 @@ def _connections() -> Iterator[Connection]:
     yield from (each for port, each in found if port in ports)
 
 
-def _end(descriptor: int) -> bool:
+def _end(process: Descriptors, descriptor: int) -> bool:
     """End a connection; the thread that serves it closes its descriptor."""
-    with contextlib.suppress(OSError), _borrowed(descriptor) as connection:
+    with contextlib.suppress(OSError), process.borrowed(descriptor) as connection:
         with contextlib.suppress(OSError):
             connection.send(_CLOSE_CONNECTION, socket.MSG_DONTWAIT)
         connection.shutdown(socket.SHUT_RDWR)
         return True
     return False
-
-
-@contextlib.contextmanager
-def _borrowed(descriptor: int) -> Iterator[socket.socket]:
-    """The socket of a descriptor, which stays open. Needs no further descriptor. Raises OSError if it is not TCP."""
-    borrowed = socket.socket(fileno=descriptor)
-    try:
-        if borrowed.family not in (socket.AF_INET, socket.AF_INET6) or borrowed.type != socket.SOCK_STREAM:
-            raise OSError("not a TCP socket")
-        yield borrowed
-    finally:
-        borrowed.detach()

@@ -8,13 +8,14 @@ import threading
 import time
 from collections.abc import Callable
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 import CosNaming
-from omniORB import CORBA
+from omniORB import CORBA, URI
 
 from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe, set_call_timeout
+from robocorba.corba.conversion.bounded_any import invoke
 from robocorba.corba.ior import address_of
 from robocorba.corba.naming_contexts import NamingContexts
 from robocorba.errors.services import NotReachable
@@ -84,7 +85,7 @@ class NamingService:
 
         Raises NotReachable."""
         try:
-            found = self._root(call_timeout_s).resolve(self._components(name))
+            found = _resolve(self._root(call_timeout_s), self._components(name))
             if found is None:
                 raise NotReachable(f"{name} is bound to nil at {self.address}")
             set_call_timeout(found, call_timeout_s)
@@ -131,7 +132,7 @@ class NamingService:
         """The reference that is bound to a name; None if it is unbound. Raises CORBA.SystemException."""
         context, own = self._place(name)
         try:
-            return context.resolve(own)
+            return _resolve(context, own)
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             return None
 
@@ -152,7 +153,7 @@ class NamingService:
     def unbind(self, name: str, reference: Any) -> None:
         """Unbind a name, if it is bound to this object. Raises CORBA.SystemException."""
         try:
-            if self._root().resolve(self._components(name))._is_equivalent(reference):
+            if _resolve(self._root(), self._components(name))._is_equivalent(reference):
                 self._root().unbind(self._components(name))
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             pass
@@ -161,10 +162,10 @@ class NamingService:
         return NotReachable(f"the naming service at {self.address} does not answer ({describe(error)})")
 
     def _bindings(self, path: str, deadline: float) -> list[Any]:
-        found = self._root(_remaining_s(deadline)).resolve(self._components(path))
+        found = _resolve(self._root(_remaining_s(deadline)), self._components(path))
         context = found._unchecked_narrow(CosNaming.NamingContext)
         set_call_timeout(context, PROBE_TIMEOUT_S)
-        bindings, rest = context.list(_PAGE_SIZE)
+        bindings, rest = invoke(context, CosNaming.NamingContext, "list", _PAGE_SIZE)
         has_more = rest is not None
         while has_more:
             has_more, more = rest.next_n(_PAGE_SIZE)
@@ -189,7 +190,7 @@ class NamingService:
 
     def _lookup(self, name: str, deadline: float) -> Any:
         try:
-            return self._root(_remaining_s(deadline)).resolve(self._components(name))
+            return _resolve(self._root(_remaining_s(deadline)), self._components(name))
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             raise _Retryable(f"the naming service at {self.address} does not know it") from None
         except CORBA.SystemException as error:
@@ -210,6 +211,20 @@ class NamingService:
         except CORBA.SystemException as error:
             raise _Retryable(f"bound at {self.address}, but its server does not answer ({describe(error)})") from None
         return reference
+
+
+def resolve_corbaname(connect: Callable[[str], Any], uri: str) -> Any:
+    """The object at a corbaname. connect: as for NamingService. Raises CORBA.Exception, or CosNaming.InvalidName."""
+    location, _, name = uri.partition("#")
+    place, slash, key = location.partition(":")[2].partition("/")
+    context = connect(f"corbaloc:{place}/{key if slash and key else 'NameService'}")
+    context = context._unchecked_narrow(CosNaming.NamingContext)
+    return _resolve(context, URI.stringToName(unquote(name))) if name else context
+
+
+def _resolve(context: Any, name: list[Any]) -> Any:
+    """What is bound to a name, whoever bound it."""
+    return invoke(context, CosNaming.NamingContext, "resolve", name)
 
 
 class BoundNames:

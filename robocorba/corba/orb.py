@@ -39,9 +39,10 @@ from robocorba.allocator import return_freed_memory
 from robocorba.corba import tls
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.connections import ConnectionLimit
-from robocorba.corba.conversion.bounded_any import read_bounded_anys
+from robocorba.corba.conversion.bounded_any import read_bounded
+from robocorba.corba.conversion.references import object_at
 from robocorba.corba.guard import Guard, guarded, without_keys
-from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService
+from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService, resolve_corbaname
 from robocorba.corba.robot_objects import RobotObjects
 from robocorba.corba.texts import refuse_unreadable_texts
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
@@ -106,9 +107,10 @@ interceptors.addAssignUpcallThread(_wait_at_gate)
 
 
 def checking(servant: Any) -> Any:
-    """The servant, whose operations refuse texts of callers that are not UTF-8, and anys that are nested too deep."""
+    """The servant, whose operations refuse texts of callers that are not UTF-8, anys that are nested too deep, and
+    references that would end the process."""
     kind: Any = type(servant)
-    read_bounded_anys(kind)
+    read_bounded(kind)
     refuse_unreadable_texts(kind)
     return servant
 
@@ -355,8 +357,8 @@ class Orb:
 
         call_timeout_s: as for `resolve`; each reference has its own. Raises NotReachable for any other URI."""
         try:
-            found = self._orb.string_to_object(uri)
-        except CORBA.SystemException as error:
+            found = self._connect(uri)
+        except CORBA.Exception as error:
             raise NotReachable(f"{without_keys(uri)[:80]!r} leads to no object ({describe(error)})") from None
         if found is None:
             raise NotReachable(f"{without_keys(uri)[:80]!r} is a nil reference")
@@ -462,4 +464,6 @@ class Orb:
         self._names.check(timeout_s)
 
     def _connect(self, uri: str) -> Any:
-        return self._orb.string_to_object(uri)
+        if uri.lower().startswith("corbaname:"):
+            return resolve_corbaname(self._connect, uri)
+        return object_at(self._orb, uri)

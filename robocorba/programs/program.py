@@ -158,6 +158,7 @@ def _check_plain(value: Any, at: str, depth: int) -> None:
     are not finite, text that is not UTF-8."""
     if isinstance(value, dict):
         if isinstance(value, _DuplicateKey):
+            _check_text(value.key, at)
             raise _located(f"{at}.{value.key}", "is a duplicate key")
         for key, part in value.items():
             if not isinstance(key, str):
@@ -167,6 +168,8 @@ def _check_plain(value: Any, at: str, depth: int) -> None:
     elif isinstance(value, list | tuple):
         for number, part in enumerate(value):
             _check_part(part, f"{at}[{number}]", depth)
+    elif isinstance(value, str):
+        _check_text(value, at)
 
 
 def _check_part(part: Any, at: str, depth: int) -> None:

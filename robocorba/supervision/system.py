@@ -20,6 +20,7 @@ from pathlib import Path
 import psutil
 
 from robocorba import logs
+from robocorba.corba.connections import ConnectionLimit
 from robocorba.corba.orb import CONTEXT, Orb
 from robocorba.corba.reference_file import write_reference
 from robocorba.corba.servants.supervisor import SupervisorServant
@@ -29,6 +30,7 @@ from robocorba.processes import RobotOrder
 from robocorba.roles import Role
 from robocorba.settings import Address
 from robocorba.supervision.access import Access, remove_access
+from robocorba.supervision.child_descriptors import ChildDescriptors
 from robocorba.supervision.console import console_spec
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, is_free
 from robocorba.supervision.hangs import DEFAULT, HangLimit
@@ -121,6 +123,8 @@ class System:
         starter = Starter()
         service = self._guarded_naming_service(orb) if self.is_guarded else self._naming_service(orb)
         names = Supervised(service, starter, self.hang_limit, changed)
+        descriptors = ChildDescriptors(service.name, lambda: names.pid)
+        connections = None if self.is_guarded else ConnectionLimit(process=descriptors).start()
         servers = [
             Supervised(self._server(server, ports[server.name], orb), starter, self.hang_limit, changed)
             for server in self.servers
@@ -154,6 +158,9 @@ class System:
             for group_tasks in reversed(started):
                 await _cancel(group_tasks)
             await starter.close()
+            if connections:
+                connections.close()
+            descriptors.close()
             _log.info("stopped")
 
     def _serve_supervisor(self, orb: Orb, processes: Sequence[Supervised], robots: Robots) -> None:
@@ -257,7 +264,9 @@ def naming_service_command(naming: Address, data: Path) -> tuple[str, ...]:
     options = ("-start", str(naming.port), "-always", "-nohostname", "-datadir", str(data))
     # A request of which only a part arrives ends its connection after this time [ms]; see robocorba.corba.orb.
     limits = ("-ORBserverCallTimeOutPeriod", "20000", "-ORBmaxServerThreadPerConnection", "16")
-    return (find_omninames(), *options, *limits, "-ORBendPoint", f"giop:tcp:{naming}")
+    # Beyond this number, by default 10,000, connections would share a few threads, which those that stall keep.
+    threads = ("-ORBthreadPerConnectionUpperLimit", "100000", "-ORBthreadPerConnectionLowerLimit", "90000")
+    return (find_omninames(), *options, *limits, *threads, "-ORBendPoint", f"giop:tcp:{naming}")
 
 
 def find_omninames() -> str:

@@ -13,7 +13,7 @@ import pytest
 from omniORB import CORBA
 from omniORB import any as anys
 
-from robocorba.corba.conversion.bounded_any import MAX_DEPTH, TC_ANY, read_bounded_anys
+from robocorba.corba.conversion.bounded_any import MAX_DEPTH, TC_ANY, read_bounded
 from robocorba.corba.conversion.encoded_types import MAX_DEPTH as MAX_TYPE_DEPTH
 from robocorba.corba.orb import Orb
 from robocorba.settings import Address
@@ -109,7 +109,7 @@ def test_servants_read_anys_so() -> None:
         pass
 
     before = dict(Consumer._omni_op_d)
-    read_bounded_anys(Consumer)
+    read_bounded(Consumer)
     assert Consumer._omni_op_d["push"][0] == (TC_ANY._d,)
     assert Consumer._omni_op_d["push"][1:] == before["push"][1:]
     assert Consumer._omni_op_d["pushRuns"] == before["pushRuns"]

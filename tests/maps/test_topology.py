@@ -291,7 +291,7 @@ def test_a_shaft_without_a_door_here_has_no_nodes() -> None:
     check_roads(building, "L1", roads, RADIUS)
 
 
-@pytest.mark.parametrize("radius", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("radius", [0.0, -1.0, 1e-9, 0.01, 1e9, math.nan, math.inf])
 def test_a_radius_must_be_positive(radius: float) -> None:
     with pytest.raises(InvalidElement, match="radius"):
         topological_map(one_floor(), "L1", radius)

@@ -236,3 +236,10 @@ def test_an_error_inside_a_block_leaves_the_builder_as_it_was() -> None:
         builder.wait(2)
         raise KeyError
     assert builder.program().icons == (Wait(1.0),)
+
+
+@pytest.mark.parametrize("text", ['"\\ud800"', '{"\\ud800": 1, "\\ud800": 2}', '{"\\uD800": 1}', '["a\\udfff"]'])
+def test_half_a_character_is_refused_with_a_message_that_can_be_sent(text: str) -> None:
+    with pytest.raises(InvalidProgram) as refused:
+        loads(text)
+    assert str(refused.value).encode()

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import omniORB
 import pytest
 from omniORB import CORBA
 from omniORB import tcInternal as tc
@@ -22,6 +23,10 @@ pytestmark = pytest.mark.system
 
 SERVER = (sys.executable, str(Path(__file__).with_name("any_consumer.py")))
 _OCTETS = (tc.tv_sequence, tc.tv_octet, 0)
+#: The type of a valuetype without members.
+VALUE = tc.createTypeCode(
+    (tc.tv_value, omniORB.UnknownValueBase, "IDL:Foreign/Val:1.0", "Val", CORBA.VM_NONE, None, tc.tv_null)
+)
 
 
 def sent_as(*parts: tuple[Any, Any]) -> Any:
@@ -69,8 +74,10 @@ def consumer(server: ChildProcess) -> Iterator[Any]:
         sent_as((tc.tv_ulong, tc.tv_struct), (_OCTETS, bytes(40))),
         sent_as((tc.tv_ulong, tc.tv_objref), (_OCTETS, b"\1" + bytes(43))),
         sent_as((tc.tv_ulong, tc.tv_fixed), (tc.tv_ushort, 0), (tc.tv_short, 0), (_OCTETS, bytes(40))),
+        sent_as((tc.tv_TypeCode, CORBA.TC_Object), (_OCTETS, b"\xff\xfe\0"), (tc.tv_ulong, 0)),
+        sent_as((tc.tv_TypeCode, VALUE), ulongs(0x7FFFFF06, 0)),
     ],
-    ids=["anys", "types", "empty text", "empty texts", "fixed"],
+    ids=["anys", "types", "empty text", "empty texts", "fixed", "reference", "value"],
 )
 def test_an_event_that_nobody_can_read_is_refused(
     server: ChildProcess, consumer: Any, descriptor: Any, value: Any

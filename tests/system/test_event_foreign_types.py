@@ -23,7 +23,8 @@ WAYS = ("pushed", "with header", "pulled")
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    with open_place(tmp_path_factory.mktemp("types")) as place:
+    with pytest.MonkeyPatch.context() as patch, open_place(tmp_path_factory.mktemp("types")) as place:
+        patch.setenv("ROBOCORBA_VALUETYPES", "1")
         place.start("lab")
         yield place
 

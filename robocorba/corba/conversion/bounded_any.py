@@ -4,11 +4,11 @@ omniORBpy reads types and values by recursion, and the stack of a thread is limi
 within a type within a type ends the process, as does one of 800 kB with an `any` within an `any`, or with a long list
 as a recursive type. An empty text in a type, which takes 80 bytes, ends it too. Here the encoded type is read first, as
 octets, and checked; then the value, whose depth is counted. What is ill-formed or too deep is refused with MARSHAL.
-Valuetypes are an exception: their values are read as omniORBpy does, since rings of them need it.
+Values of valuetypes are refused too, other than nil: omniORBpy crashes at many that are ill-formed. Those who trust all
+clients may let it read them (ROBOCORBA_VALUETYPES=1).
 
 `ANY` is a type descriptor that takes the place of tcInternal.tv_any. It makes omniORBpy read an unsigned long and, by
-its value, what follows it. The constructors of the structs in it are called as soon as their members are read: they
-choose the descriptor of the member that is read next. This is safe because no other thread runs in between.
+its value, what follows it, see bounded_reading.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ from omniORB import CORBA
 from omniORB import tcInternal as tc
 
 from robocorba.corba.conversion import encoded_types, values
+from robocorba.corba.conversion.bounded_reading import CHOSEN, NOTHING, OCTETS, REFUSED, chosen, struct_of
+from robocorba.corba.conversion.references import BoundedTypeCode, reference_of
+from robocorba.settings import accepts_valuetypes
 
 values.patch_omniorb()
 
@@ -32,11 +35,8 @@ MAX_DEPTH = 1000
 #: Types that are kept, with what they are read as.
 MAX_KEPT = 256
 
-_OCTETS = (tc.tv_sequence, tc.tv_octet, 0)
 #: The kind of a reference to a type around, also as omniORBpy writes it.
 _INDIRECT = (tc.tv__indirect, 2**32 + tc.tv__indirect)
-#: Nothing can be read as this, so the call fails with MARSHAL.
-_REFUSED = (tc.tv_array, tc.tv_octet, 2**31 - 1)
 #: Types that are encoded as their kind only, with a bound, as two short numbers, and as octets.
 _SIMPLE = frozenset(range(tc.tv_null, tc.tv_Principal)) | {
     *(tc.tv_longlong, tc.tv_ulonglong, tc.tv_longdouble, tc.tv_wchar)
@@ -45,6 +45,11 @@ _BOUNDED = (tc.tv_string, tc.tv_wstring)
 _COMPLEX = (
     *(tc.tv_objref, tc.tv_struct, tc.tv_union, tc.tv_enum, tc.tv_sequence, tc.tv_array, tc.tv_alias, tc.tv_except),
     *(tc.tv_value, tc.tv_value_box, tc.tv_abstract_interface, tc.tv_local_interface),
+)
+#: Kinds of values that omniORBpy must not read by itself.
+_CHECKED = (
+    *(tc.tv_any, tc.tv_TypeCode, tc.tv_objref, tc.tv_value, tc.tv_value_box),
+    *(tc.tv_abstract_interface, tc.tv_local_interface),
 )
 
 
@@ -66,8 +71,6 @@ class _Depth(threading.local):
 
 
 _depth = _Depth()
-#: The descriptor of the member that is read next, in a list as `tv__indirect` has it.
-_next: list[Any] = [_REFUSED]
 
 
 class _Accepted:
@@ -141,6 +144,8 @@ def _bounded(descriptor: Any, known: dict[str, list[Any]], depth: int) -> Any:
     if not isinstance(descriptor, tuple):
         return descriptor
     kind = descriptor[0]
+    if kind == tc.tv_objref:
+        return reference_of(descriptor)
 
     def part(each: Any) -> Any:
         return _bounded(each, known, depth)
@@ -152,8 +157,10 @@ def _bounded(descriptor: Any, known: dict[str, list[Any]], depth: int) -> Any:
         return (*descriptor[:3], part(descriptor[3]))
     if kind in (tc.tv_sequence, tc.tv_array):
         return kind, part(descriptor[1]), descriptor[2]
-    if kind == tc.tv_value_box:
-        return (*descriptor[:4], part(descriptor[4]))
+    if kind == tc.tv_value and accepts_valuetypes():
+        return descriptor
+    if kind in (tc.tv_value, tc.tv_value_box, tc.tv_abstract_interface, tc.tv_local_interface):
+        return _NO_VALUE
     if kind not in (tc.tv_struct, tc.tv_except, tc.tv_union):
         return descriptor
     holder = known[descriptor[2]] = []
@@ -170,22 +177,25 @@ def _bounded(descriptor: Any, known: dict[str, list[Any]], depth: int) -> Any:
     return made
 
 
-def _struct(make: Callable[..., Any], *members: Any) -> Any:
-    """The descriptor of a struct that is made by a function of its members."""
-    return tc.tv_struct, make, "IDL:RoboCorba/Bounded:1.0", "Bounded", *members
-
-
 def _gate(holder: list[Any], depth: int) -> Any:
     """Reads a value of a type within itself. holder: what this type is read as."""
 
     def enter() -> None:
-        _next[0] = holder[0] if _depth.enter(depth) else _REFUSED
+        chosen[0] = holder[0] if _depth.enter(depth) else REFUSED
 
     def leave(entered: None, value: Any) -> Any:
         _depth.leave(depth)
         return value
 
-    return _struct(leave, "enter", _struct(enter), "value", (tc.tv__indirect, _next))
+    return struct_of(leave, "enter", struct_of(enter), "value", CHOSEN)
+
+
+def _no_value(tag: int) -> None:
+    """A value of a valuetype; nothing, or too much, is read next."""
+    chosen[0] = REFUSED if tag else NOTHING
+
+
+_NO_VALUE = struct_of(lambda tag, nothing: None, "tag", struct_of(_no_value, "tag", tc.tv_ulong), "nothing", CHOSEN)
 
 
 # ---- any and TypeCode ----
@@ -196,7 +206,7 @@ def _type(kind: int, content: Any) -> _Accepted | None:
     found = _accepted(kind, content)
     if found is None:
         _depth.value = 0
-    _next[0] = found.reading if found and _depth.enter(found.depth) else _REFUSED
+    chosen[0] = found.reading if found and _depth.enter(found.depth) else REFUSED
     return found
 
 
@@ -208,7 +218,7 @@ def _any(found: _Accepted, value: Any) -> Any:
 def _lone_type(kind: int, content: Any) -> Any:
     """A value of type TypeCode; nothing, or too much, is read next."""
     found = _accepted(kind, content)
-    _next[0] = _struct(lambda: None) if found else _REFUSED
+    chosen[0] = NOTHING if found else REFUSED
     return found.typecode if found else None
 
 
@@ -235,8 +245,8 @@ class _Fixed(tuple[int, int]):
 
 _CASES = (
     *((kind, "bound", tc.tv_ulong) for kind in _BOUNDED),
-    (tc.tv_fixed, "fixed", _struct(_fixed, "digits", tc.tv_ushort, "scale", tc.tv_short)),
-    *((kind, "content", _OCTETS) for kind in _COMPLEX),
+    (tc.tv_fixed, "fixed", struct_of(_fixed, "digits", tc.tv_ushort, "scale", tc.tv_short)),
+    *((kind, "content", OCTETS) for kind in _COMPLEX),
 )
 
 
@@ -247,28 +257,48 @@ def _encoded_type(make: Callable[[int, Any], Any]) -> Any:
     )
 
 
-ANY = _struct(_any, "type", _encoded_type(_type), "value", (tc.tv__indirect, _next))
-
-
-class _TypeCode(CORBA.TypeCode):
-    def __init__(self, descriptor: Any) -> None:
-        self._d, self._k = descriptor, CORBA.tk_any
+ANY = struct_of(_any, "type", _encoded_type(_type), "value", CHOSEN)
 
 
 #: For omniORB.cdrUnmarshal, in place of CORBA.TC_any.
-TC_ANY = _TypeCode(ANY)
+TC_ANY = BoundedTypeCode(ANY)
 
 
-def read_bounded_anys(servant: Any) -> None:
-    """Let the operations of a servant's class read their anys so."""
-    operations = getattr(servant, "_omni_op_d", {})
-    if any(tc.tv_any in wanted for wanted, *_ in operations.values()):
-        servant._omni_op_d = {
-            name: (tuple(ANY if each == tc.tv_any else each for each in wanted), *rest)
-            for name, (wanted, *rest) in operations.items()
-        }
+_TYPECODE = struct_of(lambda found, nothing: found, "type", _encoded_type(_lone_type), "nothing", CHOSEN)
 
 
-_TYPECODE = _struct(
-    lambda found, nothing: found, "type", _encoded_type(_lone_type), "nothing", (tc.tv__indirect, _next)
-)
+# ---- operations ----
+
+
+@functools.cache
+def read_bounded(servant: Any) -> None:
+    """Let the operations of a servant's class read the anys, types and references in their arguments so, other
+    than those that the class names in `takes_connections`: a reference that is read so has lost the connection by which
+    it came."""
+    operations, omitted = getattr(servant, "_omni_op_d", {}), getattr(servant, "takes_connections", ())
+    servant._omni_op_d = {
+        name: (wanted if name in omitted else tuple(map(bounded, wanted)), *rest)
+        for name, (wanted, *rest) in operations.items()
+    }
+
+
+def invoke(reference: Any, interface: Any, operation: str, *arguments: Any) -> Any:
+    """Call an object of another process, and read what it answers so. An object of this process raises BAD_PARAM for
+    an answer with anys, types or references."""
+    return reference._obj.invoke(operation, _with_bounded_answers(interface, operation), arguments)
+
+
+@functools.cache
+def _with_bounded_answers(interface: Any, operation: str) -> Any:
+    wanted, returned, raised, *rest = getattr(interface, f"_d_{operation}")
+    return wanted, tuple(map(bounded, returned)), raised and {id: bounded(each) for id, each in raised.items()}, *rest
+
+
+def bounded(descriptor: Any) -> Any:
+    """The descriptor by which values of a type in a stub are read. Where there is nothing to check, it is the same."""
+    inner = [descriptor]
+    for each in inner:
+        if each in _CHECKED or (isinstance(each, tuple) and each[0] in _CHECKED):
+            return _bounded(descriptor, {}, _depth_of(descriptor))
+        inner += _parts(each)
+    return descriptor

@@ -13,6 +13,7 @@ from omniORB import CORBA
 
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
+from robocorba.corba.conversion.bounded_any import invoke
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import ClientGone, EventError, InvalidEvent, NotDelivered, OwnProxy, Refused, Unconfirmed
 from robocorba.events.event import CorrelatedEvents, EventBatch
@@ -141,7 +142,7 @@ class RemotePullSupplier(_RemoteClient):
     def try_pull(self, limit_s: float) -> EventBatch | None:
         self._set_limit(limit_s)
         try:
-            value, has_event = self._remote.try_pull()
+            value, has_event = invoke(self._remote, CosEventComm.PullSupplier, "try_pull")
         except CORBA.Exception as error:
             raise delivery_failure(error) from None
         try:

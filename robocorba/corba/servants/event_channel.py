@@ -138,6 +138,8 @@ class EventChannelServant(RoboCorba__POA.EventChannel):
 class CallbackRouteServant(RoboCorba__POA.CallbackRoute):
     """RoboCorba::CallbackRoute. keep: called with each consumer."""
 
+    takes_connections = ("keep",)
+
     def __init__(self, keep: Callable[[Any], None]) -> None:
         self._keep = keep
 

@@ -28,8 +28,9 @@ from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 __all__ = ["topological_map"]
 
-#: Maximum radius of a robot [m]. No robot is larger, and no geometry overflows below it.
-MAX_RADIUS_M = 1000.0
+#: Radius of a robot [m]. None is smaller, and the roadmap of a large floor for 1 cm would take minutes; none is larger,
+#: and no geometry overflows.
+MIN_RADIUS_M, MAX_RADIUS_M = 0.05, 1000.0
 
 
 def topological_map(
@@ -44,13 +45,13 @@ def topological_map(
     A given node has no edge if the robot does not fit there, or if another one or a cabin's node has the
     same position. The result is deterministic.
 
-    Raises UnknownElement for an unknown floor, InvalidElement if the radius is not between 0 and
+    Raises UnknownElement for an unknown floor, InvalidElement if the radius is not from MIN_RADIUS_M to
     MAX_RADIUS_M, or if the floor has no free space for the robot.
     """
     if floor not in building.floors:
         raise UnknownElement("floor", "", floor)
-    if not 0 < radius_m <= MAX_RADIUS_M:
-        reason = f"no roadmap for a radius of {radius_m:g} m: it must be above 0 and at most {MAX_RADIUS_M:g} m"
+    if not MIN_RADIUS_M <= radius_m <= MAX_RADIUS_M:
+        reason = f"no roadmap for a radius of {radius_m:g} m: it must be from {MIN_RADIUS_M:g} to {MAX_RADIUS_M:g} m"
         raise InvalidElement("floor", "", floor, reason)
     # The old roadmap must not affect the new one.
     building = with_topology(building, floor, TopologicalMap({node.name: node for node in given}))

@@ -87,6 +87,7 @@ def call_many(
     reference: Any = None
     allowed = (*ALLOWED, *target.also.get(operation.name, ()), *target.also.get("", ()))
     deadline = time.monotonic() + limit_s
+    is_disturbed = True  # the message before was ill-formed, perhaps, and the ORB closes the connection
     for _ in range(inputs):
         if time.monotonic() > deadline:
             break
@@ -109,14 +110,15 @@ def call_many(
             outcome = type(error).__name__
         except CORBA.SystemException as error:
             outcome = type(error).__name__
-            if not isinstance(error, allowed) and not (is_ill_formed and isinstance(error, CORBA.COMM_FAILURE)):
+            is_disturbed |= is_ill_formed
+            if not isinstance(error, allowed) and not (is_disturbed and isinstance(error, CORBA.COMM_FAILURE)):
                 tally.faults.setdefault(str(error), _shown(arguments))
             if isinstance(error, CORBA.OBJECT_NOT_EXIST | CORBA.COMM_FAILURE):
                 reference = None
         except Exception as error:  # of the client: the answer can't be read
             outcome = type(error).__name__
             tally.faults.setdefault(repr(error)[:300], _shown(arguments))
-        took_s = time.monotonic() - began
+        took_s, is_disturbed = time.monotonic() - began, is_ill_formed
         if took_s > tally.slowest_s:
             tally.slowest_s, tally.slowest = took_s, _shown(arguments) if took_s > SLOW_S else ""
         tally.calls += 1

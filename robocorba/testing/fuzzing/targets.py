@@ -18,8 +18,9 @@ from robocorba.corba.orb import Orb
 from robocorba.maps import native
 from robocorba.missions.messages import KINDS
 from robocorba.missions.subplan import VERSION
-from robocorba.names import CHANNELS, ROBOTS, SENSORS
+from robocorba.names import CHANNELS, ROBOTS, SENSOR_TOKEN, SENSORS
 from robocorba.repeating import Repeating
+from robocorba.simulation.sensor_admission import proof_of
 from robocorba.stubs import RoboCorba, RoboCorba__POA, YeRTUnitMobility, _GlobalIDL
 from robocorba.testing.actual_robot import StandIn, running_stand_in
 from robocorba.testing.buildings import two_floors
@@ -200,6 +201,12 @@ class FuzzedSystem:
                 return self.server.registerRobot(about(name, float(x), y))
         raise AssertionError("no place is free")
 
+    def registration(self) -> Any:
+        """A registration of the sensor server under a second name."""
+        token = (self.running.state / SENSOR_TOKEN).read_text().strip()
+        proof = proof_of(token, "fuzz", self._orb.uri(self.sensor))
+        return self.server.registerSensor("fuzz", self.sensor, proof)
+
     def by_key(self, key: str, interface: Any) -> Any:
         """An object of channel a by its key, such as feed."""
         endpoint = next(one.endpoint for one in self.running.record().processes if one.name == "events_a")
@@ -378,6 +385,8 @@ class FuzzedSystem:
             "reportScans": [_each("s1", [whole])],
         }
         yield Target("SimulationServer", RoboCorba.SimulationServer, lambda: self.server, on_server, self.end_robot)
+        on_registration = {"report": [_each(load, [data])], "reportScans": [_each([whole])]}
+        yield Target("SensorRegistration", RoboCorba.SensorRegistration, self.registration, on_registration)
         on_administrator = {
             "place": [_each(OTHER, pose)],
             "evict": [_each("nobody")],
@@ -562,6 +571,8 @@ class FuzzedSystem:
 
 #: Interfaces that clients implement, not servers of this system; RobotAdaptor is for agents in other processes.
 OF_CLIENTS = (RoboCorba.EventConsumer, RoboCorba.RobotAdaptor)
+#: Those whose references servers keep for themselves, and those that need --guarded or clients behind NAT.
+OUT_OF_REACH = (RoboCorba.StopTarget, RoboCorba.NameRegistry, RoboCorba.CallbackRoute)
 _PROXIES = ("push_supplier", "pull_supplier", "push_consumer", "pull_consumer")
 #: A picture of one pixel.
 _PNG = bytes.fromhex(
