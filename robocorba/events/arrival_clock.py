@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-#: Differences from the monotonic clock below this are no step but delays between two readings, and slow corrections [s].
+#: Differences below this are delays between two readings and slow corrections, no steps [s].
 STEP_S = 0.1
 
 

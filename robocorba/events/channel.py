@@ -35,7 +35,8 @@ class Sink(Protocol):
     `accept` queues a batch, or lets the calling thread claim it: that thread must deliver it, without the lock."""
 
     def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
-        """Accept a batch at `now` [s, time.monotonic]; called with the lock. True if the caller has claimed it and must `deliver` or `defer` it."""
+        """Accept a batch at `now` [s, time.monotonic]; called with the lock. True if the caller has claimed it and must
+        `deliver` or `defer` it."""
 
     def deliver(self, batch: EventBatch) -> bool:
         """Deliver a claimed batch; called without the lock. False if the call was slow or failed."""
