@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 
 from robocorba import logs
 from robocorba.corba.orb import Orb
@@ -13,6 +14,8 @@ from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
 from robocorba.private_files import claim_state
+from robocorba.record_file import KEEP_INTERVAL_S
+from robocorba.repeating import Repeating
 from robocorba.settings import ServerSettings
 
 
@@ -31,8 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         planner.warm_up()
         editor.subscribe(lambda building, version, changes: planner.update(building, version))
         with Orb(settings.naming, settings.endpoint) as orb:
+            keeping = Repeating("keep", editor.keep_stored, KEEP_INTERVAL_S).start()
             orb.serve({"MapEditor": MapEditorServant(editor, orb), "PathPlanner": PathPlannerServant(planner)})
-            orb.run()
+            with closing(keeping):
+                orb.run()
 
 
 if __name__ == "__main__":
