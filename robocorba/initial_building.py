@@ -5,12 +5,14 @@ Not a part of robocorba.maps.formats: that package takes 0.2 s to load, and a st
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
 from pathlib import Path
 
 import msgspec
 
+from robocorba.damaged_files import set_aside
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import StateMismatch
 from robocorba.maps.samples import sample_path
@@ -73,7 +75,10 @@ def _origin(file: Path) -> Origin:
 
 
 def _read_origin(origin_file: Path) -> Origin | None:
-    try:
-        return msgspec.json.decode(origin_file.read_bytes(), type=Origin)
-    except (OSError, msgspec.DecodeError):
-        return None
+    """None if it is missing, or damaged and set aside."""
+    with contextlib.suppress(OSError):
+        try:
+            return msgspec.json.decode(origin_file.read_bytes(), type=Origin)
+        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+            set_aside(origin_file, str(error), "a map with edits is taken for one that was not made from --building")
+    return None

@@ -19,6 +19,8 @@ from robocorba.errors.services import ServiceError
 
 #: Timeout for a backup, or another short reader, to let this process write [s].
 LOCK_LIMIT_S = 5.0
+#: Interval at which servers look whether somebody has removed their file [s].
+KEEP_INTERVAL_S = 2.0
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -97,6 +99,11 @@ class RecordFile:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._closing.close()
+
+    def keep(self) -> None:
+        """Write the file again if somebody has removed it, also when nothing is to be changed."""
+        with self._writing():
+            pass
 
     def all(self, kind: str, schema: type[T]) -> list[T]:
         """The records of a kind, in the order in which they were first saved."""

@@ -40,6 +40,8 @@ from robocorba.events.queue import QueuePolicy
 from robocorba.events.watermarks import Watermarks
 from robocorba.names import CHANNELS
 from robocorba.private_files import claim_state
+from robocorba.record_file import KEEP_INTERVAL_S
+from robocorba.repeating import Repeating
 from robocorba.settings import ChannelSettings
 
 
@@ -156,7 +158,8 @@ def main(arguments: Sequence[str] | None = None, policy: ProxyPolicy | None = No
         server = ChannelServer(settings.name, orb, store, watermarks, policy or ProxyPolicy())
         if settings.accepts_callbacks:
             server.accept_callbacks()
-        with contextlib.closing(server.links), contextlib.closing(server.proxies):
+        keeping = Repeating("keep", store.keep, KEEP_INTERVAL_S).start()
+        with contextlib.closing(server.links), contextlib.closing(server.proxies), contextlib.closing(keeping):
             server.start(peers)
             orb.run()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 
 from robocorba import logs
 from robocorba.corba.call_limit import CallLimit
@@ -14,6 +15,8 @@ from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
 from robocorba.private_files import claim_state
+from robocorba.record_file import KEEP_INTERVAL_S
+from robocorba.repeating import Repeating
 from robocorba.settings import ServerSettings
 
 #: Maximum numbers of calls that the map editor executes at the same time: those that read elements, and those that go
@@ -39,8 +42,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             servant = MapEditorServant(editor, orb)
             CallLimit(READING).apply(servant, "elements", "editsSince")
             CallLimit(ANALYSING).apply(servant, "exportMap", "check", "checkFloor")
+            keeping = Repeating("keep", editor.keep_stored, KEEP_INTERVAL_S).start()
             orb.serve({"MapEditor": servant, "PathPlanner": PathPlannerServant(planner)})
-            orb.run()
+            with closing(keeping):
+                orb.run()
 
 
 if __name__ == "__main__":

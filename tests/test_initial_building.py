@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 
 import msgspec
@@ -24,3 +25,16 @@ def test_what_is_blocked_in_a_new_map_is_logged(tmp_path: Path, caplog: pytest.L
     assert [record.getMessage() for record in caplog.records] == [
         f"{file}: blocked edges of L1 (1): west-east (locked door 'd' near 10, 5)"
     ]
+
+
+@pytest.mark.parametrize("content", [random.Random(1).randbytes(200), b"[" * 100_000, b"{}", b""])
+def test_a_damaged_origin_is_set_aside(tmp_path: Path, caplog: pytest.LogCaptureFixture, content: bytes) -> None:
+    file, map_file = tmp_path / "two.yaml", tmp_path / "map.sqlite"
+    native.save(two_floors(), file)
+    open_store(map_file, file).close()
+    origin = tmp_path / "map.origin.json"
+    good = origin.read_bytes()
+    origin.write_bytes(content)
+    open_store(map_file, file).close()
+    assert f"{origin} is damaged" in caplog.text
+    assert ((tmp_path / "map.origin.json.damaged").read_bytes(), origin.read_bytes()) == (content, good)

@@ -59,6 +59,16 @@ def test_a_file_removed_while_it_is_in_use_is_written_again(
         assert again.all("kind", int) == [1, 2, 3]
 
 
+def test_a_removed_file_is_written_again_without_a_change(file: Path) -> None:
+    store = opened(file)
+    store.save("kind", "key", 1)
+    file.unlink()
+    store.keep()
+    with opened(copy_of(file)) as killed:
+        assert killed.all("kind", int) == [1]
+    store.__exit__(None, None, None)
+
+
 def test_a_file_removed_before_the_end_is_written_again(file: Path) -> None:
     with opened(file) as store:
         store.save("kind", "key", 1)

@@ -13,9 +13,10 @@ from typing import NamedTuple, Protocol
 
 from robocorba.errors.events import ProxyGone
 from robocorba.events.account import Account
+from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.events.blocking_budget import BlockingBudget
 from robocorba.events.event import EventBatch, EventHeader
-from robocorba.events.event_numbers import is_plausible
+from robocorba.events.event_numbers import is_plausible, start_of
 from robocorba.events.federation import Federation
 from robocorba.events.feed import Feed
 from robocorba.events.proxy_supplier import ProxySupplier
@@ -38,7 +39,8 @@ class Sink(Protocol):
     `accept` queues a batch, or lets the calling thread claim it: that thread must deliver it, without the lock."""
 
     def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
-        """Accept a batch; called with the lock. True if the caller has claimed it and must `deliver` or `defer` it."""
+        """Accept a batch at `now` [s, time.monotonic]; called with the lock. True if the caller has claimed it and must
+        `deliver` or `defer` it."""
 
     def deliver(self, batch: EventBatch) -> bool:
         """Deliver a claimed batch; called without the lock. False if the call was slow or failed."""
@@ -92,6 +94,8 @@ class Channel:
         self._watermarks = watermarks
         self._blocking_budget = BlockingBudget()
         self._number = first_number - 1
+        self._clock = ArrivalClock()
+        self._started_at = time.monotonic()
         #: By header. A header without origin belongs to a supplier of this channel.
         self._routes: dict[EventHeader, _Route] = {}
 
@@ -118,8 +122,9 @@ class Channel:
             if self.is_destroyed:
                 raise ProxyGone(f"channel {self.name} was destroyed")
             account.received += count
+            batch.epoch = epoch = self._clock.epoch()
             if batch.header.expiry:
-                alive = batch.unexpired(now)
+                alive = batch.unexpired(now - epoch)
                 account.expired += count - (len(alive) if alive else 0)
                 if alive is None:
                     return
@@ -133,7 +138,7 @@ class Channel:
                 self._number += count
                 for feed in route.uninterested:  # as in `_Route.accept`, without the call
                     feed.unseen += count
-                claims = [sink for sink, match in route.sinks if sink.accept(batch, match, now)]
+                claims = [sink for sink, match in route.sinks if sink.accept(batch, match, now - epoch)]
         if is_to_wait:
             self._publish_blocking(batch, route.blocking_size)
         elif len(claims) == 1:
@@ -156,7 +161,7 @@ class Channel:
                 piece.header = route.header
                 piece.first = self._number + 1
                 self._number += len(piece)
-                claims = route.accept(piece, time.time())
+                claims = route.accept(piece, time.monotonic())
             _deliver(piece, claims)
 
     def forward(self, batches: list[EventBatch]) -> Forwarded:
@@ -165,10 +170,13 @@ class Channel:
         result = []
         duplicates = refused = 0
         now = time.time()
+        # The system's clock may have been set back: this channel's own start was no later than now.
+        latest = max(now, start_of(self._number) + time.monotonic() - self._started_at)
         with self.lock:
+            epoch = self._clock.epoch()
             for batch in batches:
                 origin = batch.header.origin
-                if not is_plausible(batch.last, now):
+                if not is_plausible(batch.last, latest, self._watermarks.last(origin)):
                     refused += len(batch)
                     continue
                 seen = self._watermarks.last(origin) - batch.first + 1
@@ -179,9 +187,10 @@ class Channel:
                 if seen > 0:
                     duplicates += seen
                     batch = batch.part(seen)
-                alive = batch.unexpired(now)
+                batch.epoch = epoch
+                alive = batch.unexpired(now - epoch)
                 if alive and not self.is_destroyed:
-                    result.append((alive, self._find_route(alive.header).accept(alive, now)))
+                    result.append((alive, self._find_route(alive.header).accept(alive, now - epoch)))
         return Forwarded(result, duplicates, refused)
 
     @staticmethod

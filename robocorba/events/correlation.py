@@ -29,7 +29,7 @@ class Correlator:
         """Add an event (a batch of one) that matches these patterns; returns the correlated events if complete.
 
         It waits for the first of them without a waiting event, else for the first. Waiting events that are dropped are
-        counted in `account`. now: s since 1970."""
+        counted in `account`. now: s, time.monotonic."""
         number = next((number for number in pattern_numbers if not self._waiting[number]), pattern_numbers[0])
         events = self._waiting[number]
         events.append(event)
@@ -44,7 +44,7 @@ class Correlator:
             if not all(self._waiting):
                 return None
             oldest = [events[0] for events in self._waiting]
-            times = [event.times[0] for event in oldest]
+            times = [event.since for event in oldest]
             if not self.clause.window or max(times) - min(times) <= self.clause.window:
                 for events in self._waiting:
                     events.popleft()

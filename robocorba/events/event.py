@@ -61,14 +61,23 @@ def checked_header(type: str, source: str, priority: int, expiry: float, encodin
 class EventBatch:
     """Consecutive events that share a header, numbered from `first` on. It is an EventRun of the IDL, whose "batch", a
     sequence of runs, is a packet in feed.py. `times` (s since 1970) and `payloads` have one entry for each event. via:
-    the peer that forwarded them, empty for this channel's own suppliers."""
+    the peer that forwarded them, empty for this channel's own suppliers. epoch: when the monotonic clock was 0, by the
+    system's clock at their arrival [s since 1970]. Only the monotonic clock decides how long they wait from then on:
+    the system's may be set meanwhile."""
 
-    __slots__ = ("cached", "first", "header", "payloads", "times", "via")
+    __slots__ = ("cached", "epoch", "first", "header", "payloads", "times", "via")
 
     def __init__(
-        self, header: EventHeader, times: Sequence[float], payloads: Sequence[Any], first: int = 0, via: str = ""
+        self,
+        header: EventHeader,
+        times: Sequence[float],
+        payloads: Sequence[Any],
+        first: int = 0,
+        via: str = "",
+        epoch: float = 0.0,
     ) -> None:
         self.header, self.times, self.payloads, self.first, self.via = header, times, payloads, first, via
+        self.epoch = epoch
         #: The EventRun struct of this batch, cached because several consumers receive the same one.
         self.cached: Any = None
 
@@ -81,6 +90,11 @@ class EventBatch:
     @property
     def priority(self) -> int:
         return self.header.priority
+
+    @property
+    def since(self) -> float:
+        """When the first event was made [s, time.monotonic]."""
+        return self.times[0] - self.epoch
 
     @property
     def last(self) -> int:
@@ -96,13 +110,15 @@ class EventBatch:
 
     def part(self, start: int, stop: int | None = None) -> EventBatch:
         """The events with indices from `start` to before `stop`."""
-        return EventBatch(self.header, self.times[start:stop], self.payloads[start:stop], self.first + start, self.via)
+        times, payloads = self.times[start:stop], self.payloads[start:stop]
+        return EventBatch(self.header, times, payloads, self.first + start, self.via, self.epoch)
 
     def unexpired(self, now: float) -> EventBatch | None:
-        """The events that have not expired at `now` (s since 1970), None if all have.
+        """The events that have not expired at `now` (s since `epoch`), None if all have.
 
         The numbers of a batch are contiguous: in a numbered batch, expired events between unexpired ones stay."""
         expiry = self.header.expiry
+        now += self.epoch
         if not expiry or all(time + expiry > now for time in self.times):
             return self
         keep = [index for index, time in enumerate(self.times) if time + expiry > now]
@@ -111,7 +127,7 @@ class EventBatch:
         if self.first:
             return self.part(keep[0], keep[-1] + 1)
         times, payloads = [self.times[index] for index in keep], [self.payloads[index] for index in keep]
-        return EventBatch(self.header, times, payloads, via=self.via)
+        return EventBatch(self.header, times, payloads, via=self.via, epoch=self.epoch)
 
 
 class CorrelatedEvents:
@@ -158,7 +174,7 @@ def merged(batches: Iterable[EventBatch]) -> list[EventBatch]:
     expected = 0
     for batch in batches:
         before = groups[-1][0] if groups and batch.first == expected else None
-        if before and batch.header == before.header and batch.via == before.via:
+        if before and batch.header == before.header and batch.via == before.via and batch.epoch == before.epoch:
             groups[-1].append(batch)
         else:
             groups.append([batch])
@@ -169,4 +185,4 @@ def merged(batches: Iterable[EventBatch]) -> list[EventBatch]:
 def _joined(group: list[EventBatch]) -> EventBatch:
     times = [time for batch in group for time in batch.times]
     payloads = [payload for batch in group for payload in batch.payloads]
-    return EventBatch(group[0].header, times, payloads, group[0].first, group[0].via)
+    return EventBatch(group[0].header, times, payloads, group[0].first, group[0].via, group[0].epoch)

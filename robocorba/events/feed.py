@@ -182,14 +182,14 @@ class Feed:
 
     def snapshot(self) -> FeedSnapshot:
         first = next((batch for packet in self._unacknowledged for batch in packet.batches), self._claimed)
-        oldest = first.times[0] if first else self._queue.oldest_time()
+        oldest = first.since if first else self._queue.oldest_time()
         queued = len(self._queue) + sum(packet.count for packet in self._unacknowledged) + len(self._claimed or ())
         problem = self._problem or ("" if self.is_up else f"the peer has not called for {self._policy.lease_s:g} s")
         return FeedSnapshot(
             not problem,
             problem,
             self._joins,
-            max(0.0, time.time() - oldest) if oldest is not None else 0.0,
+            max(0.0, time.monotonic() - oldest) if oldest is not None else 0.0,
             self._packets,
             self._bytes,
             self.unseen,
@@ -286,7 +286,7 @@ class Feed:
                     if self._sent < len(self._unacknowledged):
                         return self._next_transmission()
                     if self._queue.length and len(self._unacknowledged) < WINDOW:
-                        items, expired = self._queue.take(PACKET_EVENTS, time.time(), PACKET_BYTES)
+                        items, expired = self._queue.take(PACKET_EVENTS, time.monotonic(), PACKET_BYTES)
                         self.account.expired += expired
                         batches = merged(item for item in items if isinstance(item, EventBatch))
                         if batches:

@@ -51,6 +51,8 @@ class _Link:
     gateway: Gateway
     #: Versions of the advertisements that the peer has received or sent in the current session of the feed.
     known_versions: dict[str, int]
+    #: The reference of the channel that has joined the feed; empty before.
+    consumer: str = ""
 
 
 class Links:
@@ -181,7 +183,8 @@ class Links:
     def join(self, consuming: str, reference: str, port: GatewayPort) -> tuple[str, int]:
         """Begin a session for the gateway of channel `consuming`, which has this reference, and link back to it.
 
-        Returns the session and the position of its first packet. Raises InvalidPeer."""
+        Returns the session and the position of its first packet. While a channel is linked, another one of the same
+        name, such as that of a system whose state was copied, takes nothing from it. Raises InvalidPeer."""
         self._check(consuming, "consuming")
         with self._lock:
             if consuming in self._removed:
@@ -189,7 +192,12 @@ class Links:
             if consuming not in self._links:
                 self.add(Peer(consuming, reference=reference))
             link = self._links[consuming]
+            with self._channel.lock:
+                if link.feed.is_up and link.consumer != reference:
+                    reason = f"another {consuming} is linked with {self._channel.name}; does one run on a copied state?"
+                    raise InvalidPeer("consuming", reason)
             self._note_reference(link.peer, reference)
+            link.consumer = reference
             with self._channel.lock:
                 terms = link.feed.join(port)
                 link.known_versions = {}

@@ -108,7 +108,7 @@ class ProxySupplier(Proxy):
     def oldest_s(self) -> float:
         """Age of the next event in the queue [s], 0 if there is none."""
         oldest = self._queue.oldest_time()
-        return max(0.0, time.time() - oldest) if oldest is not None else 0.0
+        return max(0.0, time.monotonic() - oldest) if oldest is not None else 0.0
 
     def end(self) -> None:
         """Stop deliveries and wake all waiting threads. Queued events count as discarded."""
@@ -120,7 +120,7 @@ class ProxySupplier(Proxy):
 
     def _take(self, max_events: int, max_bytes: int = 2**62) -> list[QueueItem]:
         """The next items to deliver; empty if all queued events have expired."""
-        items, expired = self._queue.take(max_events, time.time(), max_bytes)
+        items, expired = self._queue.take(max_events, time.monotonic(), max_bytes)
         self.account.expired += expired
         self._events_taken += sum(map(len, items))
         self._is_too_slow = False

@@ -80,7 +80,8 @@ class EventQueue:
 
     def take(self, max_events: int, now: float, max_bytes: int = 2**62) -> tuple[list[QueueItem], int]:
         """Remove and return the next items: at most `max_events` events and about `max_bytes`, but at least one item if
-        any is left. Also returns how many events were dropped because they had expired at `now`.
+        any is left. Also returns how many events were dropped because they had expired at `now` (s,
+        time.monotonic).
 
         A conjunction is returned alone."""
         taken: list[QueueItem] = []
@@ -110,11 +111,11 @@ class EventQueue:
         return taken, expired
 
     def oldest_time(self) -> float | None:
-        """Time of the next event (s since 1970), None if the queue is empty."""
+        """When the next event was made (s, time.monotonic), None if the queue is empty."""
         if not self.length:
             return None
         item = self._first_lane()[0][1]
-        return item.times[0] if isinstance(item, EventBatch) else item.batches[0].times[0]
+        return (item if isinstance(item, EventBatch) else item.batches[0]).since
 
     def resize(self, policy: QueuePolicy) -> int:
         """Change the policy; returns how many events were discarded."""

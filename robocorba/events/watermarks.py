@@ -17,7 +17,7 @@ from types import TracebackType
 
 from robocorba.damaged_files import set_aside
 from robocorba.errors.services import ServiceError
-from robocorba.events.event_numbers import is_plausible
+from robocorba.events.event_numbers import is_damaged
 
 #: Maximum number of origins; beyond that the least recently used one is dropped.
 MAX_ORIGINS = 256
@@ -59,7 +59,7 @@ class Watermarks:
             origin = name.rstrip(b"\0").decode()
         except UnicodeDecodeError:
             return False
-        if not origin or origin in self._slots or not is_plausible(number, time.time()):
+        if not origin or origin in self._slots or is_damaged(number, time.time()):
             return False
         self._last[origin], self._slots[origin], self._used[origin] = number, slot, used
         self._clock = max(self._clock, used)

@@ -213,6 +213,11 @@ class BuildingEditor:
         with self._lock:
             return edits[-1].summary if edits else ""
 
+    def keep_stored(self) -> None:
+        """Write the building's file again if somebody has removed it. Raises MapFileError."""
+        with self._lock:
+            self._store.keep()
+
     def begin(self, by: AuthorHistory | None = None) -> Transaction:
         """Open a transaction, in place of one that its client has forgotten if there are too many.
 

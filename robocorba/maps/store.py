@@ -197,6 +197,11 @@ class MapStore:
                 _log.warning("%s was removed while it is in use; it is written again", self.path)
             self._open()  # also if there was no room for it the last time
 
+    def keep(self) -> None:
+        """Write the file again if somebody has removed it, also when nothing is to be changed."""
+        with _guarded(self.path):
+            self._keep_place()
+
     @contextmanager
     def _changing(self) -> Iterator[sqlite3.Connection]:
         """A durable transaction: found after a restart."""

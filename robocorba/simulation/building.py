@@ -56,6 +56,8 @@ STOPPED = "stopped"
 MAX_JOINTS = 64
 #: Bounds of the coordinates [m] and the heading [rad] of a pose at which a body is placed.
 MAX_COORDINATE_M, MAX_HEADING = 1e6, 1e3
+#: The body that a robot holds, and the grip point on the floor [m].
+Held = tuple[str, tuple[float, float]]
 
 
 class SimulatedRobot:
@@ -334,6 +336,19 @@ class SimulatedBuilding:
             reason = f"{point} is {gap_m:.2f} m off its outline; at most {MAX_GRIP_DISTANCE_M:g} m"
             raise CannotGrip(object_name, reason)
         robot.physics.grip(robot.body, _object_body(object_name), at, MAX_GRIP_FORCE_N, PAYLOAD_KG)
+        robot.physics.refresh()
+
+    def held_by(self, name: str) -> Held | None:
+        """What a robot holds, for `hold_again`. Raises UnknownRobot."""
+        robot = self._robot(name)
+        return robot.physics.held(robot.body)
+
+    def hold_again(self, name: str, held: Held | None) -> None:
+        """Undo a grip: hold what `held_by` has returned before. Raises UnknownRobot."""
+        robot = self._robot(name)
+        robot.physics.release(robot.body)
+        if held:
+            robot.physics.grip(robot.body, *held, MAX_GRIP_FORCE_N, PAYLOAD_KG)
         robot.physics.refresh()
 
     def release(self, name: str) -> None:

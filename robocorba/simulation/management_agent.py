@@ -12,7 +12,7 @@ from typing import NamedTuple
 import msgspec
 
 from robocorba.errors.services import ServiceError
-from robocorba.errors.simulation import InvalidChoice, SessionExpired, UnknownRobot
+from robocorba.errors.simulation import InvalidChoice, SessionExpired, SimulationError, UnknownRobot
 from robocorba.maps.model import Building
 from robocorba.simulation import omni_database, physics
 from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
@@ -177,14 +177,22 @@ class ManagementAgent:
         if pace is not None:
             check_pace(pace)
 
-        def change() -> AdministratorSettings:
+        def change(
+            limit: int | None, pace: float | None, is_paused: bool | None
+        ) -> tuple[AdministratorSettings, AdministratorSettings]:
+            before = AdministratorSettings(self.registry.limit, self.loop.pace, self.loop.is_paused)
             self.registry.limit = self.registry.limit if limit is None else limit
             self.loop.configure(
                 self.loop.pace if pace is None else pace, self.loop.is_paused if is_paused is None else is_paused
             )
-            return AdministratorSettings(self.registry.limit, self.loop.pace, self.loop.is_paused)
+            return before, AdministratorSettings(self.registry.limit, self.loop.pace, self.loop.is_paused)
 
-        self._store.save_settings(self.loop.do(change))
+        before, after = self.loop.do(lambda: change(limit, pace, is_paused))
+        try:
+            self._store.save_settings(after)
+        except ServiceError:
+            self.loop.do(lambda: change(before.limit, before.pace, before.paused))
+            raise
 
     # ---- the map ----
 
@@ -247,14 +255,22 @@ class ManagementAgent:
         self.loop.do(lambda: self._log_off(client))
         self._store.forget_client(client.key)
 
-    def _do_durably(self, change: Callable[[], None]) -> None:
-        """Make a change in the simulation thread, and wait until it is written to disk."""
+    def _do_durably(self, change: Callable[[], None], undo: Callable[[], object] | None = None) -> None:
+        """Make a change in the simulation thread, and wait until it is written to disk; if that fails, undo it.
 
-        def change_and_submit() -> int:
+        Without `undo` the change stays, and is written when that is possible again. Raises ServiceError either way."""
+
+        def change_and_submit(change: Callable[[], object]) -> int:
             change()
             return self._writer.submit(self._record())
 
-        self._writer.wait(self.loop.do(change_and_submit))
+        try:
+            self._writer.wait(self.loop.do(lambda: change_and_submit(change)))
+        except ServiceError:
+            if undo:
+                with contextlib.suppress(SimulationError):  # the robot may have been logged off meanwhile
+                    self.loop.do(lambda: change_and_submit(undo))
+            raise
 
     # ---- internals, in the simulation thread ----
 

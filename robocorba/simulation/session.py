@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from robocorba.errors.simulation import InvalidRide
 from robocorba.maps.polygons import FloorArea
-from robocorba.simulation.building import SimulatedBuilding, SimulatedRobot
+from robocorba.simulation.building import Held, SimulatedBuilding, SimulatedRobot
 from robocorba.simulation.elevator import RideStatus
 from robocorba.simulation.registry import RobotClient
 from robocorba.simulation.reservations import Reservation, area_request, canonical_areas
@@ -17,14 +17,15 @@ from robocorba.spatial.floor_state import RobotMotion
 class Session:
     """What a logged-on robot can do. Thread-safe. Every call raises SessionExpired once the robot is logged off.
 
-    do_durably: applies a change to the building, and returns when it is on disk."""
+    do_durably: applies a change to the building, and returns when it is on disk; else it undoes it and
+    raises ServiceError."""
 
     def __init__(
         self,
         client: RobotClient,
         robot: SimulatedRobot,
         building: SimulatedBuilding,
-        do_durably: Callable[[Callable[[], None]], None],
+        do_durably: Callable[[Callable[[], None], Callable[[], None] | None], None],
         log_off: Callable[[RobotClient], None],
     ) -> None:
         self.client, self.robot = client, robot
@@ -69,7 +70,15 @@ class Session:
 
     def grip(self, object_name: str, at: tuple[float, float]) -> None:
         """Grip an object at the point `at` [m]. Raises CannotGrip, SimulationBusy, ServiceError."""
-        self._do(lambda: self._building.grip(self.name, object_name, at))
+        building = self._building
+        before: Held | None = None
+
+        def grip() -> None:
+            nonlocal before
+            before = building.held_by(self.name)
+            building.grip(self.name, object_name, at)
+
+        self._do(grip, lambda: building.hold_again(self.name, before))
 
     def release(self) -> None:
         """Release the held object, if any. Raises SimulationBusy, ServiceError."""
@@ -79,7 +88,10 @@ class Session:
         """Call an elevator to the robot's floor, for one robot or as a member of a party of `size` robots.
 
         Raises InvalidRide, ElevatorFull, SimulationBusy, ServiceError."""
-        self._do(lambda: self._building.call_elevator(self.name, elevator, destination, party, size))
+        self._do(
+            lambda: self._building.call_elevator(self.name, elevator, destination, party, size),
+            lambda: self._building.cancel_elevator(self.name),
+        )
 
     def call_elevator_together(self, elevator: str, destination: str, party: str, size: int) -> None:
         """Call an elevator for a named party that rides alone. Raises as `call_elevator`."""
@@ -97,7 +109,10 @@ class Session:
         Raises InvalidReservation, UnknownFloor, ReservationsFull, SimulationBusy, ServiceError."""
         self.client.renew_lease(time.monotonic())
         request = area_request(areas, limit_s, self._building.building.floors)
-        self._do(lambda: self._building.reserve(self.name, request))
+        self._do(
+            lambda: self._building.reserve(self.name, request),
+            lambda: self._building.reservations.release(self.name),
+        )
 
     def reservation(self) -> Reservation | None:
         """Status of the request for areas; None if there is none or its grant has ended."""
@@ -118,6 +133,6 @@ class Session:
         self.client.renew_lease(time.monotonic())
         self._log_off(self.client)
 
-    def _do(self, change: Callable[[], None]) -> None:
+    def _do(self, change: Callable[[], None], undo: Callable[[], None] | None = None) -> None:
         self.client.renew_lease(time.monotonic())
-        self._do_durably(change)
+        self._do_durably(change, undo)

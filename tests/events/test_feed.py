@@ -23,6 +23,10 @@ FIT = SubscriptionMatch(True, ())
 DEFAULTS = LinkPolicy()
 
 
+#: When the monotonic clock was 0 [s since 1970].
+EPOCH = time.time() - time.monotonic()
+
+
 class Gateway:
     """Keeps what was forwarded to it."""
 
@@ -64,11 +68,12 @@ class Setting:
     def batch(self, count: int = 1, expiry: float = 0.0, bytes: int = 0, type: str = "t") -> EventBatch:
         first, self._next = self._next, self._next + count
         payloads = [b"%0*d" % (bytes, number) for number in range(first, first + count)]
-        return EventBatch(EventHeader(type, "s", "lab", expiry=expiry), [time.time()] * count, payloads, first)
+        header = EventHeader(type, "s", "lab", expiry=expiry)
+        return EventBatch(header, [time.time()] * count, payloads, first, epoch=EPOCH)
 
     def accept(self, batch: EventBatch) -> bool:
         with self.lock:
-            return self.feed.accept(batch, FIT, time.time())
+            return self.feed.accept(batch, FIT, time.monotonic())
 
     def publish(self, count: int = 1, **how: object) -> None:
         batch = self.batch(count, **how)  # type: ignore[arg-type]

@@ -77,6 +77,20 @@ def test_a_peer_that_was_removed_while_unreachable_learns_why_it_is_refused() ->
         eventually(lambda: is_up(a, b) and a.links.snapshots(), what="the link again")
 
 
+def test_a_second_channel_of_the_same_name_takes_nothing_from_the_first() -> None:
+    with Network("A", "B") as network:
+        a, b = network["A"], network["B"]
+        network.link("AB")
+        consumer = b.consume("t")
+        eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.snapshots(), what="the link")
+        joins = link(a).feed.joins
+        with pytest.raises(InvalidPeer, match="another B is linked with A"):
+            a.links.join("B", "a copy of B", GatewayWire(network, "A", "B"))
+        a.publish("event")
+        eventually(lambda: consumer.read() == ["event"], what="the event")
+        assert (link(a).feed.joins, a.store.records["B"].reference) == (joins, "B")
+
+
 def test_the_queue_of_a_removed_peer_is_discarded() -> None:
     with Network("A", "B") as network:
         a = network["A"]
@@ -105,6 +119,8 @@ def test_the_reference_of_a_peer_that_moved_is_saved() -> None:
     with Network("A", "B") as network:
         network.link("AB")
         eventually(lambda: is_up(*network.nodes.values()), what="the link")
+        network.cut.add(frozenset("AB"))
+        eventually(lambda: not link(network["A"]).feed.is_up, what="the end of the lease")
         network["A"].links.join("B", "where B is now", GatewayWire(network, "A", "B"))
         assert network["A"].store.records["B"].reference == "where B is now"
 

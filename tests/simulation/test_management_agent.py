@@ -120,6 +120,22 @@ def test_a_log_on_that_cannot_be_stored_is_refused(agent: ManagementAgent, store
     assert agent.state.robots == 0
 
 
+def test_what_cannot_be_stored_is_undone(agent: ManagementAgent, store: SimulationStore) -> None:
+    driver = agent.register(robot("A", x=1.0))
+    store.__exit__(None, None, None)
+    for change in (
+        lambda: driver.grip("T1", (1.6, 2.0)),
+        lambda: driver.call_elevator("E1", "L2"),
+        lambda: driver.reserve([PASSAGE], 100.0),
+        lambda: agent.configure(limit=5, pace=2.0, is_paused=True),
+    ):
+        with pytest.raises(ServiceError):
+            change()
+    run(agent, 0.1)
+    assert (driver.robot.holding, driver.ride, driver.reservation()) == ("", None, None)
+    assert (agent.registry.limit, agent.loop.pace, agent.loop.is_paused) == (300, 1.0, False)
+
+
 def test_a_robot_whose_lease_expires_is_logged_off(store: SimulationStore) -> None:
     gone: list[Session] = []
     agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)

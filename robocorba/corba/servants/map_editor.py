@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from robocorba.corba.conversion import maps
 from robocorba.corba.conversion.errors import translating
 from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, VersionUnavailable
+from robocorba.garbage import collections_paused
 from robocorba.maps import native
 from robocorba.maps.long_requests import LongRequests
 from robocorba.maps.map_building_agent import BuildingEditor, EditSession, Transaction
@@ -297,7 +298,8 @@ class MapEditorServant(RoboCorba__POA.MapEditor):
 
     def _import(self, document: str, expected: int) -> int:
         try:
-            building = native.loads(document, "document")
+            with collections_paused():
+                building = native.loads(document, "document")
         except MapFileError as error:
             raise RoboCorba.InvalidMap(error.line, error.key, error.reason) from error
         try:
