@@ -247,7 +247,7 @@ class Attacker:
             with contextlib.suppress(CORBA.Exception):
                 server.registerSensor(f"fake-{next(self._numbers)}", sensor, "0" * 64)
             with contextlib.suppress(CORBA.Exception):
-                server.reportSensor("s1", sensor, 0)
+                server.reportSensor("s1", sensor, RoboCorba.SensorLoad(0.0, 0.0, 0.0, 0), [])
 
     # ---- inside ----
 

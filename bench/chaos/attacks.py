@@ -38,8 +38,8 @@ from robocorba.testing.simulation import error_lines
 ROOMS = 6
 #: Duration of one attack [s].
 SHORTEST_S, LONGEST_S = 5.0, 20.0
-#: Time before the first and after the last attack [s].
-SETTLE_S, QUIET_S = 45.0, 90.0
+#: Time before the first attack, and after the last one [s]: a forgotten `pull` ends after 300 s.
+SETTLE_S, QUIET_S = 45.0, 320.0
 #: Longest call of those who attack nobody, and longest time for which a name leads to somebody else [s].
 MAX_CALL_S, MAX_STOLEN_S = 0.5, 2.0
 #: What a server may have gained.
