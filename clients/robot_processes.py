@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import random
 import shutil
-import socket
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from robocorba.backoff import Backoff
+from robocorba.claimed_ports import claimed_ports
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.smartpal_units import RemoteSmartPalUnits
 from robocorba.errors.robots import AdaptorFailed
@@ -26,8 +25,6 @@ START_TIMEOUT_S = 600.0
 FILE_TIMEOUT_S = 60.0
 #: Pauses between checks.
 POLLING = Backoff(0.05, 0.05)
-#: Ports for naming services, below the ephemeral ports that the system gives to clients.
-NAMING_PORTS = range(12000, 20000, 20)
 
 
 class ReadyProcess(LoggedProcess):
@@ -60,17 +57,12 @@ class ReadyProcess(LoggedProcess):
 class ActualRobot:
     """The stand-in for an actual SmartPal inside a `with`: its units, and its own naming service at `naming`."""
 
+    naming: Address
+
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True)
-        naming, endpoint = (Address("127.0.0.1", port) for port in free_ports(2))
-        self.naming = naming
-        self._stack = contextlib.ExitStack()
-        units = ("--state", str(folder), "--endpoint", str(endpoint), "--naming", str(naming))
-        self._commands = {
-            "omniNames": naming_service_command(naming, folder),
-            "smartpal": module_command("robocorba.servers.smartpal", *units),
-        }
         self._folder = folder
+        self._stack = contextlib.ExitStack()
 
     def wait_ready(self, orb: Orb) -> None:
         """Wait until all units answer. Raises StartFailed."""
@@ -87,7 +79,14 @@ class ActualRobot:
 
     def __enter__(self) -> ActualRobot:
         with contextlib.ExitStack() as stack:
-            for name, command in self._commands.items():
+            port = stack.enter_context(claimed_ports())
+            self.naming, endpoint = Address("127.0.0.1", port), Address("127.0.0.1", port + 1)
+            units = ("--state", str(self._folder), "--endpoint", str(endpoint), "--naming", str(self.naming))
+            commands = {
+                "omniNames": naming_service_command(self.naming, self._folder),
+                "smartpal": module_command("robocorba.servers.smartpal", *units),
+            }
+            for name, command in commands.items():
                 self._units = stack.enter_context(ReadyProcess(self._folder / f"{name}.log", *command))
             self._stack = stack.pop_all()
         return self
@@ -99,34 +98,14 @@ class ActualRobot:
 @contextlib.contextmanager
 def servers(state: Path, *options: str) -> Iterator[Address]:
     """Run `robocorba up` inside the `with`; yields the address of its naming service. Raises StartFailed."""
-    naming = Address(
-        "127.0.0.1", next(port for port in random.sample(NAMING_PORTS, len(NAMING_PORTS)) if _is_free(port))
-    )
     state.mkdir(parents=True, exist_ok=True)
-    command = (robocorba(), "up", "--state", str(state), "--naming-port", str(naming.port))
-    with ReadyProcess(state / "servers.log", *command, "--start-limit", str(START_TIMEOUT_S), *options) as up:
-        up.wait_ready()
-        yield naming
+    with claimed_ports() as port:
+        command = (robocorba(), "up", "--state", str(state), "--naming-port", str(port))
+        with ReadyProcess(state / "servers.log", *command, "--start-limit", str(START_TIMEOUT_S), *options) as up:
+            up.wait_ready()
+            yield Address("127.0.0.1", port)
 
 
 def robocorba() -> str:
     """The `robocorba` command of this Python environment."""
     return shutil.which("robocorba", path=str(Path(sys.executable).parent)) or "robocorba"
-
-
-def free_ports(count: int) -> list[int]:
-    """Ports on which no process listens now."""
-    with contextlib.ExitStack() as stack:
-        probes = [stack.enter_context(socket.socket()) for _ in range(count)]
-        for probe in probes:
-            probe.bind(("127.0.0.1", 0))
-        return [int(probe.getsockname()[1]) for probe in probes]
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket() as probe:
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-    return True

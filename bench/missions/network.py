@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 from bench.common.harness import run
 from bench.missions.carry import BUILDING, CREW, SKEW_MS, Carried, carries, draw, marks
+from robocorba.claimed_ports import claimed_ports
 from robocorba.corba.event_client import EventClient
 from robocorba.corba.orb import Orb
 from robocorba.maps.samples import sample_path
@@ -35,7 +36,7 @@ from robocorba.supervision.launch import module_command
 from robocorba.testing.json_process import Process
 from robocorba.testing.missions import MissionSystem
 from robocorba.testing.namespaces import Namespace, start_router
-from robocorba.testing.processes import Launcher, Running, claimed_ports, drain, eventually, real_system
+from robocorba.testing.processes import Launcher, Running, drain, eventually, real_system
 from robocorba.testing.report import Mark, at_least, at_most, summarize
 
 NAME = "missions_network"

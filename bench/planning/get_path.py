@@ -13,7 +13,8 @@ from typing import Any
 from omniORB import CORBA
 
 from bench.common.harness import run
-from robocorba.clients.robot_processes import free_ports, servers
+from robocorba.claimed_ports import claimed_ports
+from robocorba.clients.robot_processes import servers
 from robocorba.corba.orb import Orb
 from robocorba.maps.samples import SAMPLES, load_sample, sample_path
 from robocorba.planning.request import SMARTPAL_RADIUS_M
@@ -46,7 +47,7 @@ def measure(name: str, calls: int, rounds: int) -> None:
         planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
         pairs = [pair for pair in pairs if _is_reachable(planner, *pair)]
         length = round(statistics.mean(len(planner.getPath(*pair)) for pair in pairs))
-        with canned(Path(folder), length) as canned_planner:
+        with claimed_ports() as port, canned(Path(folder), port, length) as canned_planner:
             for round_ in range(1, rounds + 1):
                 us: dict[str, list[float]] = {"null call": [], "canned answer": [], "getPath": []}
                 for pair in pairs:  # alternating, so that a busy moment of the machine affects all three
@@ -71,9 +72,9 @@ def measure(name: str, calls: int, rounds: int) -> None:
 
 
 @contextlib.contextmanager
-def canned(folder: Path, points: int) -> Iterator[Any]:
-    """The object of bench.planning.canned_answer in its own process."""
-    endpoint = f"127.0.0.1:{free_ports(1)[0]}"
+def canned(folder: Path, port: int, points: int) -> Iterator[Any]:
+    """The object of bench.planning.canned_answer in its own process, at a free port."""
+    endpoint = f"127.0.0.1:{port}"
     orb = CORBA.ORB_init([], CORBA.ORB_ID)
     planner = orb.string_to_object(f"corbaloc:iiop:{endpoint}/PathPlanner")._unchecked_narrow(RoboCorba.PathPlanner)
 

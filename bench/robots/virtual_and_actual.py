@@ -23,6 +23,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from bench.common.harness import run
+from robocorba.claimed_ports import claimed_ports
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
@@ -33,7 +34,7 @@ from robocorba.programs.icons import kind
 from robocorba.settings import Address
 from robocorba.spatial.grids import Floats
 from robocorba.testing.actual_robot import running_stand_in
-from robocorba.testing.processes import Launcher, claimed_ports, drain, real_system
+from robocorba.testing.processes import Launcher, drain, real_system
 from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize, write_csv
 from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, difference, robot_process
 

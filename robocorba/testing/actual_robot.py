@@ -8,13 +8,14 @@ from pathlib import Path
 from subprocess import Popen
 from typing import Any, NamedTuple
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.corba.orb import Orb
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import naming_service_command
-from robocorba.testing.processes import Launcher, claimed_ports, drain, eventually
+from robocorba.testing.processes import Launcher, drain, eventually
 
 #: Time limit for the start on a busy machine [s].
 START_LIMIT_S = 300.0

@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 
 from omniORB import CORBA
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.corba.event_client import Event, EventClient, EventSubscription
 from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import naming_service_command
-from robocorba.testing.processes import Launcher, claimed_ports, eventually, hang
+from robocorba.testing.processes import Launcher, eventually, hang
 
 #: Timeout of waits that normally take a second or two, for a busy machine [s].
 LIMIT_S = 30.0

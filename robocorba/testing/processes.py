@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import socket
 import sys
 import threading
 from collections import deque
@@ -18,13 +17,12 @@ import msgspec
 import psutil
 
 from robocorba.backoff import Backoff
+from robocorba.claimed_ports import claimed_ports
 from robocorba.settings import Address
 from robocorba.supervision.folder import StateFolder, SystemRecord
 from robocorba.supervision.launch import ChildProcess
 
 ROBOCORBA = str(Path(sys.executable).with_name("robocorba"))
-#: Ports per test: the naming service's, then its servers'; the last one stays bound and so reserves the block.
-PORTS_PER_TEST = 16
 #: Pauses between checks of a condition.
 POLLING = Backoff(0.02, 0.02)
 
@@ -40,34 +38,6 @@ def hang(pid: int) -> None:
     """Send SIGSTOP to a process and wait until it has stopped; on a busy machine its threads run on for a while."""
     os.kill(pid, signal.SIGSTOP)
     eventually(lambda: psutil.Process(pid).status() == psutil.STATUS_STOPPED, what=f"the stop of process {pid}")
-
-
-@contextlib.contextmanager
-def claimed_ports() -> Iterator[int]:
-    """A port for a naming service; it and the next 14 are reserved for the caller inside the `with`."""
-    for base in range(20000 + PORTS_PER_TEST * (os.getpid() % 700), 32000, PORTS_PER_TEST):
-        claim = socket.socket()
-        try:
-            claim.bind(("127.0.0.1", base + PORTS_PER_TEST - 1))
-            for port in range(base, base + PORTS_PER_TEST - 1):
-                with socket.socket() as probe:
-                    probe.bind(("127.0.0.1", port))
-        except OSError:
-            claim.close()
-            continue
-        with claim:
-            yield base
-        return
-    raise AssertionError("no free ports")
-
-
-def free_ports(count: int) -> list[int]:
-    """Ports on which no process listens now."""
-    with contextlib.ExitStack() as stack:
-        probes = [stack.enter_context(socket.socket()) for _ in range(count)]
-        for probe in probes:
-            probe.bind(("127.0.0.1", 0))
-        return [int(probe.getsockname()[1]) for probe in probes]
 
 
 class Launcher:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import pytest
 from omniORB import CORBA
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.corba.naming import corbaname
 from robocorba.corba.orb import Orb
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
@@ -27,10 +28,11 @@ def nowhere() -> Iterator[Address]:
         yield Address(*held.getsockname())
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+@pytest.fixture
+def endpoint() -> Iterator[Address]:
+    """A free address."""
+    with claimed_ports() as port:
+        yield Address("127.0.0.1", port)
 
 
 class Planner(RoboCorba__POA.PathPlanner):
@@ -66,36 +68,34 @@ def test_a_port_in_use_is_reported_immediately(nowhere: Address) -> None:
     assert (refused.value.host, refused.value.port) == (endpoint.host, endpoint.port)
 
 
-def test_a_process_can_have_one_orb_after_another_but_not_two(nowhere: Address) -> None:
-    endpoint = Address("127.0.0.1", free_port())
+def test_a_process_can_have_one_orb_after_another_but_not_two(nowhere: Address, endpoint: Address) -> None:
     for _ in range(3):
         with Orb(nowhere, endpoint), pytest.raises(ServiceError, match="has an ORB already"), Orb(nowhere):
             pass
 
 
-def test_a_server_listens_from_the_start_to_the_end(nowhere: Address) -> None:
-    endpoint = Address("127.0.0.1", free_port())
+def test_a_server_listens_from_the_start_to_the_end(nowhere: Address, endpoint: Address) -> None:
     with Orb(nowhere, endpoint):
         socket.create_connection((endpoint.host, endpoint.port), timeout=5).close()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection((endpoint.host, endpoint.port), timeout=5)
 
 
-def test_serving_does_not_wait_for_the_naming_service(nowhere: Address) -> None:
-    with Orb(nowhere, Address("127.0.0.1", free_port())) as orb:
+def test_serving_does_not_wait_for_the_naming_service(nowhere: Address, endpoint: Address) -> None:
+    with Orb(nowhere, endpoint) as orb:
         orb.serve({"PathPlanner": Planner()})
         orb.stop()
         orb.run()
 
 
-def test_a_signal_between_serving_and_running_ends_the_run(nowhere: Address) -> None:
+def test_a_signal_between_serving_and_running_ends_the_run(nowhere: Address, endpoint: Address) -> None:
     before = signal.getsignal(signal.SIGTERM)
-    with Orb(nowhere, Address("127.0.0.1", free_port())) as orb:
+    with Orb(nowhere, endpoint) as orb:
         orb.serve({"PathPlanner": Planner()})
         os.kill(os.getpid(), signal.SIGTERM)
         orb.run()
         assert signal.getsignal(signal.SIGTERM) is before
-    with Orb(nowhere, Address("127.0.0.1", free_port())) as orb:
+    with Orb(nowhere, endpoint) as orb:
         orb.serve({"PathPlanner": Planner()})
     assert signal.getsignal(signal.SIGTERM) is before
 
@@ -140,9 +140,9 @@ def test_names_without_a_part_are_refused(nowhere: Address, name: str) -> None:
         orb.resolve(name, RoboCorba.PathPlanner, timeout_s=60.0)
 
 
-def test_an_object_is_found_by_its_secret_key(nowhere: Address) -> None:
+def test_an_object_is_found_by_its_secret_key(nowhere: Address, endpoint: Address) -> None:
     """Also by a process that does not know the key when it starts."""
-    endpoint, asked, uris = Address("127.0.0.1", free_port()), [], []
+    asked, uris = [], []
 
     def find(key: str) -> Planner | None:
         asked.append(key)

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.settings import Address
 from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
-from robocorba.testing.processes import claimed_ports
 
 
 def record(*names: str) -> SystemRecord:

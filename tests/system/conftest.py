@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.corba.orb import Orb
 from robocorba.maps import native
 from robocorba.settings import Address
 from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import Launcher, Running, claimed_ports, real_system
+from robocorba.testing.processes import Launcher, Running, real_system
 
 HERE = Path(__file__).resolve().parent
 ECHO_UP = (sys.executable, str(HERE / "echo_up.py"))

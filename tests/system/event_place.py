@@ -15,12 +15,13 @@ import CosEventComm
 import CosEventComm__POA
 from omniORB import CORBA
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import naming_service_command
-from robocorba.testing.processes import Launcher, claimed_ports, eventually
+from robocorba.testing.processes import Launcher, eventually
 
 #: A channel's server that gives silent clients up sooner, and has MAX_PROXIES.
 IMPATIENT, MAX_PROXIES = "event_impatient_server", 100

@@ -144,7 +144,8 @@ def test_a_killed_console_comes_back_at_its_address(system: Running, supervisor:
 
 
 def test_a_port_in_use_is_one_line(system: Running, tmp_path: Path) -> None:
-    from robocorba.testing.processes import Launcher, claimed_ports
+    from robocorba.claimed_ports import claimed_ports
+    from robocorba.testing.processes import Launcher
 
     port = system.record().console_address.rstrip("/").rpartition(":")[2]
     with Launcher(tmp_path) as launch, claimed_ports() as naming:

@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.supervision.launch import module_command
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, eventually, real_system, refusal
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, real_system, refusal
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

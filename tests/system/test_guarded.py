@@ -13,6 +13,7 @@ import CosNaming
 import pytest
 from omniORB import CORBA
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.control.agent import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
@@ -25,7 +26,7 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.supervision.stop_addresses import stop_addresses
 from robocorba.testing.buildings import two_floors
 from robocorba.testing.intrusion.intruder import WAYS, Intruder
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, claimed_ports, drain, eventually, real_system
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually, real_system
 from robocorba.testing.simulation import about
 
 pytestmark = [pytest.mark.system]

@@ -17,6 +17,7 @@ import av
 import numpy as np
 import pytest
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.clients import hand_over
 from robocorba.clients.hand_over import BASE_RETREAT_M, BUILDING, CHANNEL, GIVER, MEETING_POSES, START_POSES, TAKER
 from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
@@ -34,7 +35,7 @@ from robocorba.programs.checker import Start, check
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.grids import Floats
 from robocorba.supervision.launch import LoggedProcess, module_command
-from robocorba.testing.processes import Launcher, claimed_ports, real_system
+from robocorba.testing.processes import Launcher, real_system
 
 pytestmark = pytest.mark.slow
 

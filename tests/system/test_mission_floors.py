@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import pytest
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.control.agent import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
@@ -26,7 +27,7 @@ from robocorba.missions.formation import HAND_M
 from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
 from robocorba.spatial.floor_update import WHOLE
-from robocorba.testing.processes import ROBOCORBA, Launcher, claimed_ports, drain, eventually, real_system
+from robocorba.testing.processes import ROBOCORBA, Launcher, drain, eventually, real_system
 from tests.missions.worlds import two_storeys
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]

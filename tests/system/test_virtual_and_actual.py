@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.control.agent import AgentState
 from robocorba.control.runner import ProgramResult
 from robocorba.corba.orb import Orb
@@ -22,7 +23,7 @@ from robocorba.programs.program import dumps
 from robocorba.stubs import RoboCorba
 from robocorba.testing.actual_robot import StandIn, running_stand_in
 from robocorba.testing.buildings import two_floors, with_all
-from robocorba.testing.processes import Launcher, Running, claimed_ports, eventually, real_system
+from robocorba.testing.processes import Launcher, Running, eventually, real_system
 from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, difference, robot_process
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]

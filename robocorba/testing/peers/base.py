@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from robocorba.testing.processes import eventually, free_ports
+from robocorba.claimed_ports import claimed_ports
+from robocorba.testing.processes import eventually
 
 #: Takes the payloads that arrived in one call.
 Receive = Callable[[Sequence[bytes]], None]
@@ -24,6 +25,7 @@ PAYLOAD_BYTES = 100
 START_LIMIT_S = 20.0
 #: Debian installs servers in folders that are not in the PATH of ordinary users.
 _SERVER_FOLDERS = "/usr/sbin:/usr/local/sbin"
+_claims = contextlib.ExitStack()
 
 
 class Broker(NamedTuple):
@@ -88,6 +90,12 @@ def server(*command: str, ports: int = 1, settings: str = "") -> Callable[[Start
         return Broker(",".join(f"127.0.0.1:{number}" for number in numbers), pid)
 
     return start_server
+
+
+def free_ports(count: int) -> list[int]:
+    """Free ports, claimed until this process ends."""
+    first = _claims.enter_context(claimed_ports())
+    return list(range(first, first + count))
 
 
 def program(name: str) -> str:

@@ -37,11 +37,12 @@ from robocorba.testing.peers.base import (
     Receive,
     Start,
     Supplier,
+    free_ports,
     program,
     server,
 )
 from robocorba.testing.peers.forwarders import orb_without_names
-from robocorba.testing.processes import eventually, free_ports
+from robocorba.testing.processes import eventually
 
 CHANNEL, TYPE, SOURCE = "bench", "bench.event", "A"
 #: Lossless: a full queue blocks the supplier.
