@@ -7,9 +7,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-#: As many new objects, or more, are exempted from later searches; the first one would take a tenth of a second.
-MANY = 500_000
-
 _lock = threading.Lock()
 _pauses = 0
 
@@ -29,6 +26,4 @@ def collections_paused() -> Iterator[None]:
         with _lock:
             _pauses -= 1
             if not _pauses:
-                if gc.get_count()[0] > MANY:
-                    gc.freeze()  # they still end with their last reference
                 gc.enable()

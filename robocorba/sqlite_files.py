@@ -117,9 +117,9 @@ class Place:
         new = beside(file, ".new")
         remove_database(new)
         copy(connection, new)
-        connection.close()
         remove_database(file)
         new.rename(file)
+        connection.close()  # not before: if anything fails, it still has all that the next attempt copies
 
     def _now(self) -> tuple[tuple[int, int] | None, ...]:
         return tuple(map(_identity, (self.file, beside(self.file, LOG), beside(self.file, SHARED))))

@@ -57,6 +57,8 @@ class NamesServer:
 
     def context(self, role: Role, path: Path, robot: str) -> Any:
         with self._lock:
+            if robot and robot not in self._robots:  # its file was removed meanwhile
+                raise CORBA.NO_PERMISSION
             if (role, path, robot) not in self._contexts:
                 servant = NamingContextServant(self._table, role, path, self, robot)
                 key = "/".join((self._robots[robot] if robot else self._access.key(role), *path))
@@ -77,18 +79,18 @@ class NamesServer:
     def _follow_robots(self) -> None:
         """Activate contexts and registries of robots with files of their own, and deactivate those without."""
         robots = robot_keys(self._access.folder)
-        for robot, key in self._robots.items() - robots.items():
+        with self._lock:
+            before, self._robots = self._robots, robots
+        for robot, key in before.items() - robots.items():
             with self._lock:
                 ended = [each for each in self._contexts if each[2] == robot]
                 for each in ended:
                     del self._contexts[each]
                 self._registries.pop((Role.ROBOT, robot), None)
-            for path in [each[1] for each in ended]:
+            for _, path, _ in ended:
                 self._orb.deactivate_key("/".join((key, *path)))
             self._orb.deactivate_key(f"{key}/registry")
-        new = robots.items() - self._robots.items()
-        self._robots = robots
-        for robot, key in new:
+        for robot, key in robots.items() - before.items():
             only = NameRegistryServant(self._table, Role.ROBOT, (CONTEXT, ROBOTS, robot))
             self._registries[Role.ROBOT, robot] = self._orb.activate(only, f"{key}/registry")
             self.context(Role.ROBOT, (), robot)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import socket
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -48,9 +47,5 @@ def test_servers_can_listen_at_all_but_the_last(two_blocks: range) -> None:
             other.bind((HOST, first + 5))
 
 
-def test_the_ports_lie_below_those_of_connections() -> None:
-    lowest = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
-    if lowest < module.BLOCKS.stop:
-        pytest.skip("this machine gives such ports to connections")
-    with socket.create_server((HOST, 0)) as server, socket.create_connection(server.getsockname()) as client:
-        assert client.getsockname()[1] >= module.BLOCKS.stop
+def test_the_ports_lie_below_those_that_linux_gives_to_connections_by_default() -> None:
+    assert module.BLOCKS.stop <= 32768

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import shutil
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 from robocorba import sqlite_files
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.record_file import RecordFile
+from tests.damage import damage
 
 SUFFIXES = ("", sqlite_files.LOG, sqlite_files.SHARED)
 
@@ -34,10 +34,6 @@ def copy_of(file: Path) -> Path:
         if sqlite_files.beside(file, suffix).exists():
             shutil.copy(sqlite_files.beside(file, suffix), copy)
     return folder / file.name
-
-
-def damage(file: Path) -> None:
-    file.write_bytes(random.Random(1).randbytes(200) + file.read_bytes()[200:])
 
 
 @pytest.mark.parametrize("removed", [("",), SUFFIXES, (sqlite_files.LOG,), (sqlite_files.SHARED,)])
@@ -104,6 +100,22 @@ def test_while_there_is_no_room_for_it_the_file_can_be_read(file: Path, monkeypa
         store.save("kind", "key", 3)
     with opened(file) as again:
         assert again.all("kind", int) == [3]
+
+
+def test_a_removed_file_is_written_again_at_a_later_attempt(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As when its removal has not ended yet."""
+    rename = Path.rename
+    with opened(file) as store:
+        store.save("kind", "key", 1)
+        sqlite_files.remove_database(file)
+        with monkeypatch.context() as failing:
+            failing.setattr(Path, "rename", lambda *paths: (_ for _ in ()).throw(OSError(5, "Input/output error")))
+            with pytest.raises(ServiceError):
+                store.save("kind", "second", 2)
+        assert Path.rename is rename
+        store.save("kind", "third", 3)
+    with opened(file) as again:
+        assert sorted(again.all("kind", int)) == [1, 3]
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES[:2])

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-import socket
 import struct
 import sys
 import threading
@@ -27,7 +26,7 @@ from robocorba.names import CHANNELS, ROBOTS, SENSORS
 from robocorba.roles import Role, may_call
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.testing.attacks import PARTS
+from robocorba.testing.attacks import calls_of, connections, repeat_in_threads, stalled_connections
 from robocorba.testing.fuzzing.operations import Operation, operations
 from robocorba.testing.fuzzing.values import Seen, Values
 from robocorba.testing.simulation import about
@@ -40,8 +39,22 @@ CALL_TIMEOUT_S = 10.0
 EMPTY_FLOOR, EMPTY_FLOOR_M = "L2", 60.0
 #: Channels of the system, and a robot of it.
 HERE, THERE, ROBOT = "west", "east", "d0"
-#: Edits, log-ons, connections and threads of one attack.
-NODES, LOG_ONS, STALLED, FILES, READERS, DRAWERS, PULLS = 10_000, 50, (8, 64, 500), 2_000, 30, 10, 200
+#: Connections to each server that stall within a request: fewer and more than a pool of threads would have.
+STALLED = (8, 64, 500)
+#: Connections to one server: half of those that it accepts.
+CONNECTIONS = 2_000
+#: Threads that read floors without a pause.
+READERS = 30
+#: Threads that ask for pictures, or read the map, without a pause. Each of these calls takes long.
+DRAWERS = 10
+#: Nodes that one transaction creates, and another one removes.
+NODES = 10_000
+#: Robots that log on in one attack.
+LOG_ONS = 50
+#: Threads that wait for an event.
+PULLS = 200
+#: Duration of an attack by stalled connections, or by calls without a pause [s].
+ATTACK_S = 10.0
 #: Operations of observers that are not called with nonsense: `pull` waits for an event, `subscribe` has its own attack.
 OMITTED = {"pull", "subscribe", "routeBack"}
 
@@ -52,58 +65,53 @@ class Attacker:
     def __init__(self, orb: Orb, naming: Address, seed: int, endpoints: Sequence[Address]) -> None:
         self._orb, self._random, self._servers = orb, Random(seed), [naming, *endpoints]
         self._numbers = itertools.count(1000 * (seed % 1000))
-        self._connections: list[socket.socket] = []
 
     # ---- connections ----
 
     def stalled_connections(self) -> None:
-        """Connections to every server that are silent after a part of a request, for 10 s."""
-        for server in self._servers:
-            for part, _ in zip(itertools.cycle(PARTS), range(self._random.choice(STALLED)), strict=False):
-                self._connect(server, part)
-        time.sleep(10.0)
-        self._close()
+        """Connections to every server that are silent after a part of a request."""
+        with contextlib.ExitStack() as stack:
+            for server in self._servers:
+                stack.enter_context(stalled_connections(server, self._random.choice(STALLED)))
+            time.sleep(ATTACK_S)
 
     def stalled_bodies(self) -> None:
         """Requests of which 1 MB of 5 MB arrives."""
-        for server in self._servers:
-            for _ in range(8):
-                self._connect(server, _request(b"MapEditor", b"importMap", 5_000_000, 1_000_000))
-        time.sleep(10.0)
-        self._close()
+        with contextlib.ExitStack() as stack:
+            for server in self._servers:
+                request = _request(b"MapEditor", b"importMap", 5_000_000, 1_000_000)
+                stack.enter_context(connections(server, [request] * 8))
+            time.sleep(ATTACK_S)
 
     def many_connections(self) -> None:
-        """As many connections as this process can open, to one server."""
-        server = self._random.choice(self._servers)
-        for _ in range(FILES):
-            self._connect(server, b"")
-        time.sleep(5.0)
-        self._close()
+        """Connections to one server that send nothing, as many as this process can open."""
+        with connections(self._random.choice(self._servers), itertools.repeat(b"", CONNECTIONS)):
+            time.sleep(5.0)
 
     def garbage(self) -> None:
         """Random bytes, with and without the beginning of a request."""
-        for server in self._servers:
-            for _ in range(50):
-                head = self._random.choice((b"", b"GIOP\1\2", b"GIOP\1\2\1\0", b"GIOP\1\2\3\1\xff\xff\xff\xff"))
-                self._connect(server, head + self._random.randbytes(self._random.choice((1, 30, 5000))))
-        self._close()
+        heads = (b"", b"GIOP\1\2", b"GIOP\1\2\1\0", b"GIOP\1\2\3\1\xff\xff\xff\xff")
+        with contextlib.ExitStack() as stack:
+            for server in self._servers:
+                sent = [
+                    self._random.choice(heads) + self._random.randbytes(self._random.choice((1, 30, 5000)))
+                    for _ in range(50)
+                ]
+                stack.enter_context(connections(server, sent))
 
     # ---- calls ----
 
     def readers(self) -> None:
         """Clients that read floors without a pause."""
-        database = self._orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
-        self._in_threads(READERS, lambda: database.getFloor("L1"), 10.0)
+        self._repeat("readings", READERS)
 
     def drawers(self) -> None:
         """Clients that ask for large pictures."""
-        server = self._orb.resolve("SimulationServer", RoboCorba.SimulationServer)
-        self._in_threads(DRAWERS, lambda: server.renderFloor("L1", 4096), 10.0)
+        self._repeat("pictures", DRAWERS)
 
     def map_readers(self) -> None:
-        """Clients that ask for the whole map without a pause."""
-        editor = self._orb.resolve("MapEditor", RoboCorba.MapEditor)
-        self._in_threads(DRAWERS, editor.exportMap, 10.0)
+        """Clients that export and check the map without a pause."""
+        self._repeat("maps", DRAWERS)
 
     def nonsense(self) -> None:
         """Calls of operations that any observer may call, with nonsense for arguments."""
@@ -126,8 +134,7 @@ class Attacker:
 
     @staticmethod
     def _is_harmless(interface: Any, operation: Operation) -> bool:
-        name = interface.__name__.rpartition(".")[2]
-        return operation.name not in OMITTED and may_call(Role.OBSERVER, name, operation.name)
+        return operation.name not in OMITTED and may_call(Role.OBSERVER, interface.__name__, operation.name)
 
     # ---- what is kept for a client ----
 
@@ -142,15 +149,15 @@ class Attacker:
     def edits(self) -> None:
         """A transaction of ten thousand nodes on the empty floor, and one that removes them."""
         editor = self._orb.resolve("MapEditor", RoboCorba.MapEditor)
-        first, count = next(self._numbers), 0
+        first = next(self._numbers)
         creation = editor.begin()
-        for count in range(NODES):
+        for number in range(NODES):
             x, y = (EMPTY_FLOOR_M * self._random.uniform(0.01, 0.99) for _ in range(2))
-            node = RoboCorba.PathNode(f"n{first}-{count}", RoboCorba.XY(x, y), "")
+            node = RoboCorba.PathNode(f"n{first}-{number}", RoboCorba.XY(x, y), "")
             creation.create(EMPTY_FLOOR, RoboCorba.Element(RoboCorba.NODE_ELEMENT, node))
         version = creation.commit()
         removal = editor.begin()
-        for number in range(count + 1):
+        for number in range(NODES):
             removal.remove(RoboCorba.ElementId(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR, f"n{first}-{number}"), version)
         removal.commit()
 
@@ -182,12 +189,12 @@ class Attacker:
 
     def forged_events(self) -> None:
         """Events that claim to come from the other channel with a number beyond all."""
-        header = RoboCorba.EventHeader("chaos.count", "client", THERE, 2**63, 0.0, 0, 0.0, RoboCorba.MSGPACK)
+        header = _forged_header("chaos.count", "client")
         proxy = self._orb.resolve(f"{CHANNELS}/{HERE}", RoboCorba.EventChannel).supply("")
         endpoints = self._servers[1:]
         for _ in range(20):
             with contextlib.suppress(CORBA.Exception):
-                proxy.pushEvent(RoboCorba.Event(_of_nobody(header), b"\xc0"))
+                proxy.pushEvent(RoboCorba.Event(_forged_header("chaos.forged", "nobody"), b"\xc0"))
             for endpoint in endpoints:
                 for name in (HERE, THERE):
                     uri = f"corbaloc:iiop:1.2@{endpoint}/{CHANNELS}/{name}/gateway"
@@ -251,31 +258,9 @@ class Attacker:
 
     # ---- inside ----
 
-    def _connect(self, server: Address, sent: bytes) -> None:
-        with contextlib.suppress(OSError):
-            connection = socket.create_connection((server.host, server.port), timeout=2.0)
-            self._connections.append(connection)
-            connection.settimeout(0.2)
-            connection.sendall(sent)
-
-    def _close(self) -> None:
-        for connection in self._connections:
-            connection.close()
-        self._connections.clear()
-
-    @staticmethod
-    def _in_threads(count: int, call: Callable[[], object], seconds: float) -> None:
-        end = time.monotonic() + seconds
-
-        def repeat() -> None:
-            while time.monotonic() < end:
-                _quietly(call)
-
-        threads = [threading.Thread(target=repeat, daemon=True) for _ in range(count)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+    def _repeat(self, calls: str, threads: int) -> None:
+        with repeat_in_threads(calls_of(self._orb)[calls], threads):
+            time.sleep(ATTACK_S)
 
 
 class _Sleeper(RoboCorba__POA.EventConsumer):
@@ -306,9 +291,9 @@ class _Echo(CosEventComm__POA.PushConsumer):
         """Ignore the end."""
 
 
-def _of_nobody(header: Any) -> Any:
-    """The header without the claim to be the client's own event."""
-    return RoboCorba.EventHeader("chaos.forged", "nobody", header.origin, header.number, 0.0, 0, 0.0, header.encoding)
+def _forged_header(type: str, source: str) -> Any:
+    """The header of an event that claims to come from the other channel, with a number beyond all."""
+    return RoboCorba.EventHeader(type, source, THERE, 2**63, 0.0, 0, 0.0, RoboCorba.MSGPACK)
 
 
 def _request(key: bytes, operation: bytes, total: int, sent: int) -> bytes:

@@ -1,6 +1,6 @@
 """All attacks at random beside robots, missions and clients that do nothing wrong.
 
-    python -m bench.chaos.attacks [--minutes 30] [--drivers 20] [--at-once 2] [--seed 1] [--only KIND]
+    python -m bench.chaos.attacks [--minutes 30] [--drivers 20] [--at-once 2] [--seed 1] [--only KIND] [--quiet 320]
 
 A plain system on loopback: everybody may call everything. Twenty robots drive by paths of the planner, two missions
 carry tables to and fro again and again, and four clients call all servers, send numbered events from one sub-network to
@@ -17,33 +17,41 @@ import statistics
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from random import Random
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import psutil
 
 from bench.chaos.attackers import HERE, KINDS, ROBOT, THERE
-from bench.chaos.crowd import CARRYING, EXPIRED, Carrier, Complaints, Drivers, Names, Stream, places, two_floors
+from bench.chaos.beside import MAX_CALL_S, Beside, Complaints, beside
+from bench.chaos.crowd import CARRYING, EXPIRED, Carrier, Drivers, Names, Stream, places, two_floors
 from bench.common.harness import run
-from bench.missions.many import rooms, started
+from bench.missions.many import Room, rooms, started
 from robocorba.maps import native
 from robocorba.testing.json_process import Process, checkout_command
 from robocorba.testing.missions import MissionSystem
 from robocorba.testing.missions import missions as mission_system
-from robocorba.testing.report import PROGRESS, at_least, at_most, bars, summarize
+from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, bars, summarize
 from robocorba.testing.simulation import error_lines
 
+#: Rooms of the building: two with a mission, four with the lanes of up to 20 robots.
 ROOMS = 6
 #: Duration of one attack [s].
 SHORTEST_S, LONGEST_S = 5.0, 20.0
-#: Time before the first attack, and after the last one [s]: a forgotten `pull` ends after 300 s.
-SETTLE_S, QUIET_S = 45.0, 320.0
-#: Longest call of those who attack nobody, and longest time for which a name leads to somebody else [s].
-MAX_CALL_S, MAX_STOLEN_S = 0.5, 2.0
-#: What a server may have gained.
-MORE_MB, MORE_SHARE, MORE_THREADS, MORE_DESCRIPTORS = 30.0, 0.2, 8, 16
+#: Time before the first attack [s]: every server has been called, and has what it loads at its first calls.
+SETTLE_S = 45.0
+#: Time after the last attack [s]: a forgotten `pull` ends after 300 s.
+QUIET_S = 320.0
+#: Longest time for which a name leads to somebody else [s]. Its owner looks after it every two seconds.
+MAX_STOLEN_S = 2.0
+#: Private memory that a server may have gained [MB], beside a share of what it had: allocators keep freed memory.
+MORE_MB, MORE_SHARE = 30.0, 0.2
+#: Threads that a server may have gained: those of connections that others have just opened.
+MORE_THREADS = 8
+#: Descriptors that a server may have gained.
+MORE_DESCRIPTORS = 16
 
 
 class Needs(NamedTuple):
@@ -123,89 +131,145 @@ class Attacks:
         self._running.remove(attack)
 
 
-def main(minutes: float = 30.0, drivers: int = 20, at_once: int = 2, seed: int = 1, only: str = "") -> bool:
-    of, kinds = rooms(ROOMS), [only] if only else list(KINDS)
+class Outcome(NamedTuple):
+    """What was measured, once all have ended. expired: robots whose leases expired, except those of attackers, which
+    forget theirs; logged: errors."""
+
+    seconds: list[float]
+    failed: int
+    metres: float
+    stolen_s: float
+    stream: Stream
+    before: dict[str, Needs]
+    after: dict[str, Needs]
+    expired: list[str]
+    logged: list[str]
+
+    @property
+    def grown(self) -> list[str]:
+        """Servers that ended, or need more than before."""
+        return [
+            server
+            for server, then in self.before.items()
+            if (now := self.after.get(server)) is None
+            or now.pid != then.pid
+            or now.mb > then.mb * (1 + MORE_SHARE) + MORE_MB
+            or now.threads > then.threads + MORE_THREADS
+            or now.descriptors > then.descriptors + MORE_DESCRIPTORS
+        ]
+
+    def marks(self) -> list[Mark]:
+        return [
+            at_most("leases of others that expired", len(self.expired), 0),
+            at_least("missions that ended at their goal", len(self.seconds), 1),
+            at_most("missions that did not", self.failed, 0),
+            at_most("longest time for an event, s", self.stream.delivered_s, MAX_CALL_S),
+            at_most("a name led to somebody else, s", self.stolen_s, MAX_STOLEN_S),
+            at_most("servers that ended or grew", len(self.grown), 0),
+            at_most("errors in logs", len(self.logged), 0),
+        ]
+
+
+def measure(
+    place: MissionSystem,
+    of: Sequence[Room],
+    drivers: int,
+    complain: Complaints,
+    attack: Callable[[], None],
+    settle: float,
+    quiet: float,
+) -> Outcome:
+    """Let robots, missions and clients work before, during and after the attacks. settle, quiet: durations [s]."""
+    with contextlib.ExitStack() as stack:
+        place.server.renderFloor("L1", 1024)  # what is loaded by the first call belongs to the memory before
+        driving = stack.enter_context(contextlib.closing(Drivers(place, of, drivers, complain)))
+        carriers = [Carrier(place, room, complain) for room in of if room.number in CARRYING]
+        stream = stack.enter_context(contextlib.closing(Stream(place, complain)))
+        names = stack.enter_context(contextlib.closing(Names(place, ROBOT)))
+        for carrier in carriers:
+            carrier.start()
+        time.sleep(settle)
+        before = needs(place)
+        attack()
+        for carrier in carriers:
+            carrier.end()
+        time.sleep(quiet)
+        after = needs(place)
+        robots = places(of, drivers)
+        found = EXPIRED.findall((place.running.state / "logs" / "simulation.log").read_text())
+        return Outcome(
+            seconds=[each for carrier in carriers for each in carrier.seconds],
+            failed=sum(carrier.failed for carrier in carriers),
+            metres=driving.metres,
+            stolen_s=names.wrong_s,
+            stream=stream,
+            before=before,
+            after=after,
+            expired=[name for name in found if name in robots],
+            logged=error_lines(place.running.state),
+        )
+
+
+def attack_for(seconds: float, attacks: Attacks, bystander: Beside) -> list[float]:
+    """Attack; return the load average of each second."""
+    loads = []
+    bystander.begin()
+    began = time.monotonic()
+    with PROGRESS.status("attacks") as status:
+        while (passed := time.monotonic() - began) < seconds:
+            attacks.replace_ended()
+            running = attacks.kinds
+            time.sleep(1.0)
+            loads.append(os.getloadavg()[0])
+            attacks.note(running, bystander.look(f"beside {', '.join(running)}"))
+            status.update(f"{passed / 60:.1f} of {seconds / 60:g} minutes, {', '.join(running)}")
+    attacks.close()
+    return loads
+
+
+def main(
+    minutes: float = 30.0,
+    drivers: int = 20,
+    at_once: int = 2,
+    seed: int = 1,
+    only: str = "",
+    settle: float = SETTLE_S,
+    quiet: float = QUIET_S,
+) -> bool:
+    of, complain, loads = rooms(ROOMS), Complaints(), [0.0]
     with tempfile.TemporaryDirectory(prefix="robocorba-chaos-") as name, contextlib.ExitStack() as stack:
         folder = Path(name)
         native.save(two_floors(of), folder / "rooms.yaml")
         place = stack.enter_context(mission_system(folder, folder / "rooms.yaml", f"{HERE},{THERE}"))
         stack.enter_context(started(place, places(of, drivers)))
-        place.server.renderFloor("L1", 1024)  # what is loaded by the first call belongs to the memory before
-        complain = Complaints()
-        driving = stack.enter_context(contextlib.closing(Drivers(place, of, drivers, complain)))
-        carriers = [Carrier(place, room, complain) for room in of if room.number in CARRYING]
-        stream = stack.enter_context(contextlib.closing(Stream(place, complain)))
-        names = stack.enter_context(contextlib.closing(Names(place, ROBOT)))
-        about = (str(place.running.naming), HERE, ROBOT, f"{of[4].x},{of[4].y}", f"{of[4].x},{of[4].y - 3}")
-        bystander = Process(checkout_command("bench.chaos.bystander", *about), folder / "bystander.log")
-        stack.enter_context(bystander)
-        bystander.receive(60.0)
-        for carrier in carriers:
-            carrier.start()
-        time.sleep(SETTLE_S)
-        before = needs(place)
-        bystander.ask({"do": "longest"}, 60.0)
+        points = (f"{of[4].x},{of[4].y}", f"{of[4].x},{of[4].y - 3}")
+        bystander = stack.enter_context(beside(folder, place.running.naming, (HERE, ROBOT, *points), complain))
+        kinds = [only] if only else list(KINDS)
         attacks = stack.enter_context(contextlib.closing(Attacks(place, kinds, at_once, seed)))
-        began, loads = time.monotonic(), []
-        with PROGRESS.status("attacks") as status:
-            while (passed := time.monotonic() - began) < 60 * minutes:
-                attacks.replace_ended()
-                running = attacks.kinds
-                time.sleep(1.0)
-                loads.append(os.getloadavg()[0])
-                calls, errors = bystander.ask({"do": "longest"}, 60.0)
-                attacks.note(running, calls)
-                for which, error in errors.items():
-                    complain.add(f"a client's call of {which} beside {', '.join(running)}: {error}")
-                for which, took_s in calls.items():
-                    if took_s > MAX_CALL_S:
-                        print(f"{passed:.0f} s: a call of {which} took {took_s:.2f} s beside {', '.join(running)}")
-                status.update(f"{passed / 60:.1f} of {minutes:g} minutes, {', '.join(running)}")
-        attacks.close()
-        for carrier in carriers:
-            carrier.end()
-        time.sleep(QUIET_S)
-        after = needs(place)
-        expired = EXPIRED.findall((place.running.state / "logs" / "simulation.log").read_text())
-        expired = [each for each in expired if "\\x1b" not in each]
-        logged = error_lines(place.running.state)
-        stolen_s, metres = names.wrong_s, driving.metres
-        stream.close()
-    print(*logged[:30], *expired[:10], sep="\n")
-    seconds = [each for carrier in carriers for each in carrier.seconds]
+
+        def attack() -> None:
+            loads.extend(attack_for(60 * minutes, attacks, bystander))
+
+        outcome = measure(place, of, drivers, complain, attack, settle, quiet)
+    print(*outcome.logged[:30], *(f"the lease of {name} expired" for name in outcome.expired[:10]), sep="\n")
+    complain.print_rest()
+    for server, then in outcome.before.items():
+        print(f"{server}: before {then}, after {outcome.after.get(server)}")
+    print(
+        f"{outcome.metres:.0f} m driven; {len(outcome.seconds)} missions, "
+        f"{statistics.median(outcome.seconds or [0.0]):.1f} s each; longest push {outcome.stream.pushed_s:.2f} s, "
+        f"delivery {outcome.stream.delivered_s:.2f} s; load {statistics.median(loads):.1f}, at most {max(loads):.1f}"
+    )
     rows = [
-        {"attack": kind, "times": attacks.begun[kind], **{name: calls.get(name) for name in sorted(calls)}}
+        {"attack": kind, "times": attacks.begun[kind], **{each: calls.get(each) for each in bystander.longest}}
         for kind, calls in sorted(attacks.longest.items())
     ]
-    for server, then in before.items():
-        print(f"{server}: before {then}, after {after.get(server)}")
-    print(
-        f"{metres:.0f} m driven; {len(seconds)} missions, {statistics.median(seconds or [0.0]):.1f} s each; "
-        f"longest push {stream.pushed_s:.2f} s, delivery {stream.delivered_s:.2f} s; "
-        f"load {statistics.median(loads or [0.0]):.1f}, at most {max(loads, default=0.0):.1f}"
-    )
-    grown = [
-        server
-        for server, then in before.items()
-        if (now := after.get(server)) is None
-        or now.pid != then.pid
-        or now.mb > then.mb * (1 + MORE_SHARE) + MORE_MB
-        or now.threads > then.threads + MORE_THREADS
-        or now.descriptors > then.descriptors + MORE_DESCRIPTORS
+    marks = [
+        at_most("harm to those who did nothing wrong", complain.count, 0),
+        *outcome.marks(),
+        *bystander.marks(),
     ]
-    longest = {name: max(row[name] or 0.0 for row in rows) for name in rows[0] if name not in ("attack", "times")}
-    marks: list[Any] = [
-        at_most("harm to those who did nothing wrong", len(complain.found), 0),
-        at_most("leases of others that expired", len(expired), 0),
-        at_least("missions that ended at their goal", len(seconds) - sum(each.failed for each in carriers), 1),
-        at_most("missions that did not", sum(each.failed for each in carriers), 0),
-        *(at_most(f"longest call of {each}, s", took_s, MAX_CALL_S) for each, took_s in longest.items()),
-        at_most("longest time for an event, s", stream.delivered_s, MAX_CALL_S),
-        at_most("a name led to somebody else, s", stolen_s, MAX_STOLEN_S),
-        at_most("servers that ended or grew", len(grown), 0),
-        at_most("errors in logs", len(logged), 0),
-    ]
-    worst = {str(row["attack"]): max(row[name] or 0.0 for name in longest) for row in rows}
+    worst = {kind: max(calls.values()) for kind, calls in sorted(attacks.longest.items())}
     title = f"{sum(attacks.begun.values())} attacks in {minutes:g} minutes"
     return summarize("chaos_attacks", title, rows, marks, bars(worst, "longest call of others, s"))
 
@@ -218,4 +282,6 @@ if __name__ == "__main__":
         at_once="attacks at a time",
         seed="of the choice",
         only="this attack only",
+        settle="seconds before the attacks",
+        quiet="seconds after them; what clients have forgotten is released after 300",
     )

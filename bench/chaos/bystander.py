@@ -1,86 +1,102 @@
-"""A client that does nothing wrong: it calls every server again and again, and notes the longest calls.
+"""A client that does nothing wrong: it repeats calls, and notes the longest ones and the errors.
 
     python -m bench.chaos.bystander NAMING CHANNEL ROBOT X,Y X,Y
 
-It reads floor L1, asks for paths between the two points of it, and calls the event channel and the robot. It prints
-`null`, then answers lines of JSON on stdin: `longest` returns the longest call of each object since the last question
-[s], and the errors."""
+It calls every server: it reads floor L1, asks for paths between the two points of it, and calls the event channel and
+the robot. It prints `null`, then answers lines of JSON on stdin: `longest` returns the longest call of each object
+since the last question [s], and the errors."""
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from omniORB import CORBA
 
 from robocorba.corba.calls import error_of
 from robocorba.corba.orb import Orb
+from robocorba.errors.base import RoboCorbaError
 from robocorba.names import CHANNELS, ROBOTS, SENSORS
+from robocorba.repeating import Repeating
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.testing.json_process import answer_commands
 from robocorba.testing.simulation import CROSS, NO_MOUNT
 
-#: Interval between the calls of an object, and timeout of a call [s].
-INTERVAL_S, CALL_TIMEOUT_S = 0.05, 10.0
+#: Interval between two calls of an object [s].
+INTERVAL_S = 0.05
+#: Timeout of a call [s].
+CALL_TIMEOUT_S = 10.0
 
 
 class Bystander:
-    """A thread for each object."""
+    """Repeats each call in a thread of its own, `interval_s` [s] after its return, until it is closed."""
 
-    def __init__(self, orb: Orb, on_channel: str, of_robot: str, here: str, there: str) -> None:
-        start, goal = (RoboCorba.Point("L1", *map(float, each.split(","))) for each in (here, there))
-        pose = RoboCorba.Pose("L1", start.x, start.y, 0.0)
-        editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
-        planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
-        server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
-        database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
-        sensor = orb.resolve(f"{SENSORS}/s1", RoboCorba.VirtualSensor)
-        channel = orb.resolve(f"{CHANNELS}/{on_channel}", RoboCorba.EventChannel)
-        robot = orb.resolve(f"{ROBOTS}/{of_robot}", RoboCorba.RobotAgent)
-        calls: dict[str, Callable[[], Any]] = {
-            "MapEditor": editor._get_currentVersion,
-            "PathPlanner": lambda: planner.getPath(start, goal),
-            "SimulationServer": server._get_state,
-            "OmniDatabase": lambda: database.getFloor("L1"),
-            "VirtualSensor": lambda: sensor.scan(pose, NO_MOUNT, CROSS),
-            "EventChannel": channel._get_name,
-            "RobotAgent": robot._get_state,
-        }
+    def __init__(self, calls: Mapping[str, Callable[[], object]], interval_s: float = INTERVAL_S) -> None:
         self._lock = threading.Lock()
         self._longest: dict[str, float] = {}
         self._errors: dict[str, str] = {}
-        for name, call in calls.items():
-            threading.Thread(target=self._call, args=(name, call), daemon=True).start()
+        self._repeating = [
+            Repeating(name, partial(self._call, name, call), interval_s).start() for name, call in calls.items()
+        ]
 
-    def longest(self) -> list[dict[str, Any]]:
-        """The longest call of each object [s], and the errors."""
+    def close(self) -> None:
+        for each in self._repeating:
+            each.close()
+
+    def longest(self) -> tuple[dict[str, float], dict[str, str]]:
+        """The duration of the longest of each call since the last question [s], and the last error of those that
+        failed."""
         with self._lock:
-            found, self._longest, self._errors = [self._longest, self._errors], {}, {}
+            found, self._longest, self._errors = (self._longest, self._errors), {}, {}
         return found
 
-    def _call(self, name: str, call: Callable[[], Any]) -> None:
-        while True:
-            began = time.monotonic()
-            try:
-                call()
-            except CORBA.UserException:  # such as NotFree: another robot is there
-                pass
-            except CORBA.SystemException as error:
-                with self._lock:
-                    self._errors[name] = error_of(error)
-            took_s = time.monotonic() - began
-            with self._lock:
-                self._longest[name] = max(took_s, self._longest.get(name, 0.0))
-            time.sleep(INTERVAL_S)
+    def _call(self, name: str, call: Callable[[], object]) -> None:
+        began, error = time.monotonic(), ""
+        try:
+            call()
+        except (CORBA.Exception, RoboCorbaError) as raised:
+            error = error_of(raised)
+        took_s = time.monotonic() - began
+        with self._lock:
+            self._longest[name] = max(took_s, self._longest.get(name, 0.0))
+            if error:
+                self._errors[name] = error
+
+
+def calls_of_every_server(orb: Orb, on_channel: str, of_robot: str, here: str, there: str) -> dict[str, Any]:
+    """A call of each server, of a virtual sensor and of a robot. here, there: points of L1."""
+    start, goal = (RoboCorba.Point("L1", *map(float, each.split(","))) for each in (here, there))
+    pose = RoboCorba.Pose("L1", start.x, start.y, 0.0)
+    planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
+    database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
+    sensor = orb.resolve(f"{SENSORS}/s1", RoboCorba.VirtualSensor)
+    return {
+        "MapEditor": orb.resolve("MapEditor", RoboCorba.MapEditor)._get_currentVersion,
+        "PathPlanner": lambda: planner.getPath(start, goal),
+        "SimulationServer": orb.resolve("SimulationServer", RoboCorba.SimulationServer)._get_state,
+        "OmniDatabase": lambda: database.getFloor("L1"),
+        "VirtualSensor": lambda: sensor.scan(pose, NO_MOUNT, CROSS),
+        "EventChannel": orb.resolve(f"{CHANNELS}/{on_channel}", RoboCorba.EventChannel)._get_name,
+        "RobotAgent": orb.resolve(f"{ROBOTS}/{of_robot}", RoboCorba.RobotAgent)._get_state,
+    }
+
+
+def _or_refused(call: Callable[[], object]) -> None:
+    """A server may refuse a call, such as for a path to where another robot stands."""
+    with contextlib.suppress(CORBA.UserException):
+        call()
 
 
 def main(naming: str, *about: str) -> None:
     with Orb(Address.parse(naming), call_timeout_s=CALL_TIMEOUT_S) as orb:
-        answer_commands(Bystander(orb, *about).longest)
+        calls = calls_of_every_server(orb, *about)
+        answer_commands(Bystander({name: partial(_or_refused, call) for name, call in calls.items()}).longest)
 
 
 if __name__ == "__main__":

@@ -16,16 +16,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from bench.chaos.beside import Complaints, beside
 from bench.common.harness import progress, run
 from robocorba.testing.fuzzing.calls import Tally, Target, call_many
 from robocorba.testing.fuzzing.operations import Operation, operations
 from robocorba.testing.fuzzing.targets import FuzzedSystem, fuzzed_system
-from robocorba.testing.json_process import Process, checkout_command
 from robocorba.testing.report import at_most, bars, summarize
 from robocorba.testing.simulation import error_lines
-
-#: Time limit for a call of the client that does nothing wrong [s].
-MAX_CALL_S = 0.5
 
 
 def _calls(system: FuzzedSystem, only: str) -> Iterator[tuple[Target, Operation]]:
@@ -52,43 +49,34 @@ def _row(name: str, tallies: list[Tally]) -> dict[str, Any]:
 
 def main(inputs: int = 1000, seconds: float = 60.0, only: str = "", seed: int = 1) -> bool:
     by_target: dict[str, list[Tally]] = {}
-    longest: dict[str, float] = {}
-    complaints: list[str] = []
+    faults: list[str] = []
+    complain = Complaints()
     with tempfile.TemporaryDirectory(prefix="robocorba-fuzz-") as name, fuzzed_system(Path(name)) as system:
         folder = Path(name)
-        command = checkout_command("bench.chaos.bystander", str(system.running.naming), "a", "B", "3,3", "6,5")
-        with Process(command, folder / "bystander.log") as bystander:
-            bystander.receive(60.0)
+        with beside(folder, system.running.naming, ("a", "B", "3,3", "6,5"), complain) as bystander:
             everything = list(_calls(system, only))
+            bystander.begin()
             for target, operation in progress(everything, "operations"):
                 tally = call_many(target, operation, inputs, seed, system.seen, seconds)
                 by_target.setdefault(target.name, []).append(tally)
                 where = f"{target.name}.{operation.name}"
-                complaints += [f"{where}: {what} for {arguments}" for what, arguments in tally.faults.items()]
+                faults += [f"{where}: {what} for {arguments}" for what, arguments in tally.faults.items()]
                 if tally.calls < inputs:
                     print(f"{where}: {tally.calls} calls in {seconds:g} s")
-                took, errors = bystander.ask({"do": "longest"}, 30.0)
-                for each, took_s in took.items():
-                    longest[each] = max(took_s, longest.get(each, 0.0))
-                    if took_s > MAX_CALL_S:
-                        print(f"{where}: a call of {each} by another client took {took_s:.2f} s")
-                complaints += [f"{where}: another client's call of {each}: {error}" for each, error in errors.items()]
-        processes, logged = system.processes(), error_lines(folder / "state") + error_lines(folder / "actual" / "state")
-        ended = {each for each in system.before if processes.get(each) != system.before[each]}
-    for complaint in [*complaints, *logged[:50]]:
-        print(complaint)
+                bystander.look(where)
+        ended, logged = system.ended(), error_lines(folder / "state") + error_lines(folder / "actual" / "state")
+    print(*faults, *logged[:50], sep="\n")
+    complain.print_rest()
     rows = [_row(each, tallies) for each, tallies in by_target.items()]
     marks = [
         at_most("calls that raised UNKNOWN or another fault", sum(row["faults"] for row in rows), 0),
         at_most("processes that ended", len(ended), 0),
         at_most("errors in logs", len(logged), 0),
-        *(
-            at_most(f"longest call of {each} by another client, s", took_s, MAX_CALL_S)
-            for each, took_s in longest.items()
-        ),
+        at_most("failed calls of another client", complain.count, 0),
+        *bystander.marks(),
     ]
     title = f"{len(everything)} operations with {inputs} inputs each"
-    return summarize("chaos_fuzz", title, rows, marks, bars(longest, "longest call of another client, s"))
+    return summarize("chaos_fuzz", title, rows, marks, bars(bystander.longest, "longest call of another client, s"))
 
 
 if __name__ == "__main__":

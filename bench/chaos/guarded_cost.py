@@ -48,7 +48,7 @@ class Client:
         events.subscribe(lambda event: self._note(), "cost")
 
     def measure(self, what: str, calls: int) -> float:
-        """The mean over so many calls or events."""
+        """The mean duration of `calls` calls or events [s]."""
         begin = {NULL: self._null, PATH: self._path, EVENT: self._push, EVENTS: self._push_hundreds}[what]
         self._wanted += calls
         self._all_there.clear()

@@ -48,6 +48,7 @@ def row(who: str, findings: Findings) -> dict[str, Any]:
         "beyond the table": len(findings.more),
         "refused though allowed": len(findings.less),
         "secrets seen": len(findings.secrets),
+        "unanswered": len(findings.unanswered),
     }
 
 
@@ -61,9 +62,9 @@ def main() -> bool:
             forged = [each for who in (ROBOT, ONE_ROBOT) for each in forgeries(system, who)]
             system.fuzzed.end_missions("putMission", None)  # robots may write records
             after = system.state()
-        told = {"events": repr(events), "command lines": system.command_lines()}
-        told["printed by up"] = "\n".join(system.running.printed)
-        for where, text in told.items():
+        texts = {"events": repr(events), "command lines": system.command_lines()}
+        texts["printed by up"] = "\n".join(system.running.printed)
+        for where, text in texts.items():
             for what, secret in system.secrets().items():
                 if secret in text:
                     found[ROBOT].secrets.append(f"{where}: {what}")
@@ -72,6 +73,7 @@ def main() -> bool:
     complaints = [f"{who}: beyond the table: {each}" for who, findings in found.items() for each in findings.more]
     complaints += [f"{who}: refused: {each}" for who, findings in found.items() for each in findings.less]
     complaints += [f"{who}: secret: {each}" for who, findings in found.items() for each in findings.secrets]
+    complaints += [f"{who}: unanswered: {each}" for who, findings in found.items() for each in findings.unanswered]
     changed = [f"{key}: {before[key]} became {after[key]}" for key in before if before[key] != after[key]]
     wrong = [each for each in forged if not each.is_as_documented]
     for each in forged:
@@ -84,7 +86,7 @@ def main() -> bool:
         ),
         *(
             at_most(what, sum(each[what] for each in rows), 0)
-            for what in ("beyond the table", "refused though allowed", "secrets seen")
+            for what in ("beyond the table", "refused though allowed", "secrets seen", "unanswered")
         ),
         at_most("forgeries that docs/operations.md says otherwise of", len(wrong), 0),
         at_most("things that changed", len(changed), 0),

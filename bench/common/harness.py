@@ -25,16 +25,16 @@ def run(measure: Callable[..., bool], **texts: str) -> NoReturn:
         description=sys.modules[measure.__module__].__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     for name, parameter in inspect.signature(measure, eval_str=True).parameters.items():
-        text = texts.get(name, "")
+        text, option = texts.get(name, ""), f"--{name.replace('_', '-')}"
         choices = text.split("|") if "|" in text else None
         if parameter.kind is inspect.Parameter.VAR_POSITIONAL:
             parser.add_argument(name, nargs="*", help=text)
         elif parameter.annotation is bool:
-            parser.add_argument(f"--{name}", action="store_true", help=text)
+            parser.add_argument(option, action="store_true", help=text)
         else:
             text += " (default: %(default)s)"
             kind, default = parameter.annotation, parameter.default
-            parser.add_argument(f"--{name}", type=kind, default=default, choices=choices, help=text)
+            parser.add_argument(option, type=kind, default=default, choices=choices, help=text)
     options = vars(parser.parse_args())
     positional = next((value for value in options.values() if isinstance(value, list)), [])
     named = {name: value for name, value in options.items() if not isinstance(value, list)}

@@ -76,7 +76,7 @@ class Console:
         self.missions = LiveMissions(RemoteMissionControl(orb, MISSIONS_RESOLVE_S), self.viewers.notify)
         self.viewers.missions = self.missions
         self.robot_views = RobotViews(lambda robot: RemoteRobotView(orb, robot))
-        self.operations = Operations(orb, settings.administrator and settings.administrator.parent)
+        self.operations = Operations(orb, settings.common.state)
         for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb, self.state.rows)):
             self.operations.add(part)
         self.operations.add(

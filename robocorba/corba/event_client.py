@@ -244,6 +244,16 @@ class EventSubscription:
         except CORBA.Exception as error:
             raise _translated(error) from None
 
+    def is_lost(self) -> bool:
+        """Whether the channel has ended it, as it does after many failed calls of the consumer. False if the channel
+        does not answer."""
+        try:
+            return bool(self.proxy._non_existent())
+        except CORBA.OBJECT_NOT_EXIST:
+            return True
+        except CORBA.SystemException:
+            return False
+
     def wait_in_force(self, peer: str, timeout_s: float = 5.0) -> bool:
         """Wait until the channel `peer` forwards the events of this subscription; False after `timeout_s`.
 

@@ -6,7 +6,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 from urllib.parse import quote, unquote
 
@@ -17,7 +17,7 @@ from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion.bounded_any import invoke
 from robocorba.corba.ior import address_of
-from robocorba.corba.naming_contexts import NamingContexts
+from robocorba.corba.naming_contexts import NamingContexts, resolve
 from robocorba.errors.services import NotReachable
 from robocorba.settings import Address, RoleNaming
 
@@ -32,6 +32,8 @@ PROBE_TIMEOUT_S = 1.0
 BACKOFF = Backoff(0.02, 0.25)
 #: Number of names in one answer of the naming service.
 _PAGE_SIZE = 500
+#: Most names in a context.
+MAX_NAMES = 20_000
 
 _log = logging.getLogger(__name__)
 
@@ -85,7 +87,7 @@ class NamingService:
 
         Raises NotReachable."""
         try:
-            found = _resolve(self._root(call_timeout_s), self._components(name))
+            found = resolve(self._root(call_timeout_s), self._components(name))
             if found is None:
                 raise NotReachable(f"{name} is bound to nil at {self.address}")
             set_call_timeout(found, call_timeout_s)
@@ -132,7 +134,7 @@ class NamingService:
         """The reference that is bound to a name; None if it is unbound. Raises CORBA.SystemException."""
         context, own = self._place(name)
         try:
-            return _resolve(context, own)
+            return resolve(context, own)
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             return None
 
@@ -153,7 +155,8 @@ class NamingService:
     def unbind(self, name: str, reference: Any) -> None:
         """Unbind a name, if it is bound to this object. Raises CORBA.SystemException."""
         try:
-            if _resolve(self._root(), self._components(name))._is_equivalent(reference):
+            found = resolve(self._root(), self._components(name))
+            if found is not None and found._is_equivalent(reference):
                 self._root().unbind(self._components(name))
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             pass
@@ -162,15 +165,20 @@ class NamingService:
         return NotReachable(f"the naming service at {self.address} does not answer ({describe(error)})")
 
     def _bindings(self, path: str, deadline: float) -> list[Any]:
-        found = _resolve(self._root(_remaining_s(deadline)), self._components(path))
+        found = resolve(self._root(_remaining_s(deadline)), self._components(path))
+        if found is None:
+            raise CORBA.INV_OBJREF
         context = found._unchecked_narrow(CosNaming.NamingContext)
         set_call_timeout(context, PROBE_TIMEOUT_S)
         bindings, rest = invoke(context, CosNaming.NamingContext, "list", _PAGE_SIZE)
-        has_more = rest is not None
-        while has_more:
-            has_more, more = rest.next_n(_PAGE_SIZE)
-            bindings += more
         if rest is not None:
+            set_call_timeout(rest, PROBE_TIMEOUT_S)
+            has_more = True
+            while has_more:
+                if time.monotonic() > deadline or len(bindings) > MAX_NAMES:  # a context of another client's
+                    raise CORBA.TIMEOUT
+                has_more, more = rest.next_n(_PAGE_SIZE)
+                bindings += more
             rest.destroy()
         return list(bindings)
 
@@ -190,7 +198,7 @@ class NamingService:
 
     def _lookup(self, name: str, deadline: float) -> Any:
         try:
-            return _resolve(self._root(_remaining_s(deadline)), self._components(name))
+            return resolve(self._root(_remaining_s(deadline)), self._components(name))
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             raise _Retryable(f"the naming service at {self.address} does not know it") from None
         except CORBA.SystemException as error:
@@ -219,12 +227,7 @@ def resolve_corbaname(connect: Callable[[str], Any], uri: str) -> Any:
     place, slash, key = location.partition(":")[2].partition("/")
     context = connect(f"corbaloc:{place}/{key if slash and key else 'NameService'}")
     context = context._unchecked_narrow(CosNaming.NamingContext)
-    return _resolve(context, URI.stringToName(unquote(name))) if name else context
-
-
-def _resolve(context: Any, name: list[Any]) -> Any:
-    """What is bound to a name, whoever bound it."""
-    return invoke(context, CosNaming.NamingContext, "resolve", name)
+    return resolve(context, URI.stringToName(unquote(name))) if name else context
 
 
 class BoundNames:
@@ -264,19 +267,21 @@ class BoundNames:
         """Bind all names at start; later those that were lost or stolen."""
         failures = 0
         while True:
-            try:
-                for name, reference in list(self._served.items()):
-                    self._check(name, reference)
-                failures = 0
-            except CORBA.Exception as error:
-                failures += 1
-                if failures == 1:
-                    _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(error))
+            errors = failures_of(self._check, self._served.items())
+            if errors and not failures:
+                _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(errors[0]))
+            failures = failures + 1 if errors else 0
             if self._closing.wait(BACKOFF.pause_s(failures) or BINDING_CHECK_INTERVAL_S):
                 return
 
     def _check(self, name: str, reference: Any) -> None:
-        found = self._names.bound(name) if name in self._bound else None
+        try:
+            found = self._names.bound(name) if name in self._bound else None
+        except CORBA.MARSHAL:  # a reference that can't be read
+            if self._owns_names():
+                self._names.take_back(name, reference)
+                self._note_theft(self._names.path(name), "an unknown address")
+            return
         if found is None:
             self._names.take_back(name, reference)
             self._bound.add(name)
@@ -296,11 +301,22 @@ class BoundNames:
         self._thefts[path] = count + 1, logged_at
 
     def _unbind(self, served: dict[str, Any]) -> None:
+        if errors := failures_of(self._names.unbind, served.items()):
+            _log.warning("cannot unbind names at %s (%s)", self._names.address, describe(errors[0]))
+
+
+def failures_of(do: Callable[..., None], arguments: Iterable[tuple[Any, ...]]) -> list[CORBA.Exception]:
+    """Call `do` with each of these arguments; the errors. One that fails does not stop the others, unless the naming
+    service does not answer."""
+    errors = []
+    for each in list(arguments):
         try:
-            for name, reference in served.items():
-                self._names.unbind(name, reference)
+            do(*each)
         except CORBA.Exception as error:
-            _log.warning("cannot unbind names at %s (%s)", self._names.address, describe(error))
+            errors.append(error)
+            if isinstance(error, (CORBA.TRANSIENT, CORBA.COMM_FAILURE, CORBA.TIMEOUT)):
+                break
+    return errors
 
 
 class _Retryable(Exception):

@@ -13,6 +13,7 @@ import CosNaming
 from omniORB import CORBA
 
 from robocorba.corba.calls import set_call_timeout
+from robocorba.corba.conversion.bounded_any import invoke
 from robocorba.corba.ior import IorAddress, address_of
 
 #: Timeout of a call to a naming context [s].
@@ -46,12 +47,15 @@ class NamingContexts:
         return context
 
     def _inner(self, root: Any, outer: Any, component: Any, former: Any) -> Any:
-        found = None
+        found, is_readable = None, True
         with contextlib.suppress(CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
-            found = outer.resolve([component])
+            try:
+                found = resolve(outer, [component])
+            except CORBA.MARSHAL:  # a reference that can't be read
+                is_readable = False
         if found is not None and self._is_of(root, found) and _lives(found):
             return _context(found)
-        is_theft, now = found is not None or former is not None, time.monotonic()
+        is_theft, now = found is not None or former is not None or not is_readable, time.monotonic()
         if is_theft and now - self._logged_at >= LOG_INTERVAL_S:
             self._logged_at = now
             what = f"an object at {address_of(self._uri(found)) or 'an unknown address'}" if found else "nothing"
@@ -64,7 +68,7 @@ class NamingContexts:
         try:
             return _context(outer.bind_new_context([component]))
         except CosNaming.NamingContext.AlreadyBound:  # another process was faster; it is looked at again the next time
-            return _context(outer.resolve([component]))
+            return _context(resolve(outer, [component]))
 
     def _is_of(self, root: Any, found: Any) -> bool:
         """Whether the naming service itself serves an object. What its address would not reach harms nobody."""
@@ -74,6 +78,12 @@ class NamingContexts:
             self._home = address_of(self._uri(example))
             _context(example).destroy()
         return address == self._home
+
+
+def resolve(context: Any, name: list[Any]) -> Any:
+    """What is bound to a name, regardless of which client has bound it. Raises CORBA.MARSHAL for a reference that
+    omniORBpy can't read."""
+    return invoke(context, CosNaming.NamingContext, "resolve", name)
 
 
 def _context(reference: Any) -> Any:

@@ -277,11 +277,7 @@ class Orb:
         return {role: self._activate_with_key(guarded(servant, role), self._guard.key(name, role)) for role in Role}
 
     def _objects_for_robots(self, access: Path, guard: Guard, servants: Mapping[str, Any]) -> RobotObjects:
-        def deactivate(key: str) -> None:
-            with contextlib.suppress(PortableServer.POA.ObjectNotActive):
-                self._named_adapter.deactivate_object(key.encode())
-
-        return RobotObjects(access, guard, servants, self._activate_with_key, deactivate)
+        return RobotObjects(access, guard, servants, self._activate_with_key, self._deactivate_with_key)
 
     def _activate_with_key(self, servant: Any, key: str) -> Any:
         # Not only by the exception: where a servant is being found, omniORBpy sometimes raises SystemError instead.
@@ -298,9 +294,12 @@ class Orb:
     def deactivate_key(self, key: str) -> None:
         """Deactivate the object with a key or a name, if there is one; the name stays bound."""
         for each in self._guard.keys(key) if self._guard else [key]:
-            with contextlib.suppress(PortableServer.POA.ObjectNotActive):
-                self._named_adapter.deactivate_object(each.encode())
-            self._active_keys.discard(each)
+            self._deactivate_with_key(each)
+
+    def _deactivate_with_key(self, key: str) -> None:
+        with contextlib.suppress(PortableServer.POA.ObjectNotActive):
+            self._named_adapter.deactivate_object(key.encode())
+        self._active_keys.discard(key)
 
     def serve_secrets(self, find: Callable[[str], Any]) -> None:
         """Serve objects whose keys this process need not know: a key is the right to call, and who stores only its

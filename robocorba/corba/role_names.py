@@ -8,13 +8,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import CosNaming
-from omniORB import CORBA
 
 from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion.names import role_references
 from robocorba.corba.guard import Guard
-from robocorba.corba.naming import PROBE_TIMEOUT_S, NamingService
+from robocorba.corba.naming import PROBE_TIMEOUT_S, NamingService, failures_of
 from robocorba.roles import Role
 from robocorba.stubs import RoboCorba
 
@@ -57,29 +56,28 @@ class HeldNames:
     def _run(self) -> None:
         bound: set[str] = set()
         failures = 0
+
+        def announce(name: str, references: Mapping[Role, Any]) -> None:
+            path = self._names.path(name)
+            self._registry().announce(path, role_references(references), self._guard.proof(path))
+            if name not in bound:
+                bound.add(name)
+                _log.info("bound %s at %s", path, self._names.address)
+
         while True:
-            try:
-                for name, references in list(self._served.items()) if self._owns_names() else []:
-                    path = self._names.path(name)
-                    self._registry().announce(path, role_references(references), self._guard.proof(path))
-                    if name not in bound:
-                        bound.add(name)
-                        _log.info("bound %s at %s", path, self._names.address)
-                failures = 0
-            except CORBA.Exception as error:
-                failures += 1
-                if failures == 1:
-                    _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(error))
+            errors = failures_of(announce, self._served.items() if self._owns_names() else ())
+            if errors and not failures:
+                _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(errors[0]))
+            failures = failures + 1 if errors else 0
             if self._closing.wait(BACKOFF.pause_s(failures) or ANNOUNCEMENT_INTERVAL_S):
                 return
 
     def _unbind(self, names: list[str]) -> None:
-        try:
-            for name in names:
-                path = self._names.path(name)
-                self._registry().withdraw(path, self._guard.proof(path))
-        except CORBA.Exception as error:
-            _log.warning("cannot unbind names at %s (%s)", self._names.address, describe(error))
+        def withdraw(path: str) -> None:
+            self._registry().withdraw(path, self._guard.proof(path))
+
+        if errors := failures_of(withdraw, [(self._names.path(name),) for name in names]):
+            _log.warning("cannot unbind names at %s (%s)", self._names.address, describe(errors[0]))
 
     def _registry(self) -> Any:
         found = self._names.root().resolve([CosNaming.NameComponent("NameRegistry", "")])

@@ -19,6 +19,7 @@ from robocorba.events.event import EventBatch, EventHeader
 from robocorba.events.event_numbers import is_plausible, start_of
 from robocorba.events.federation import Federation
 from robocorba.events.feed import Feed
+from robocorba.events.proxy_consumer import ORDERS
 from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.queue import MAX_BLOCK_S
 from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription, patterns_of, union
@@ -27,10 +28,16 @@ from robocorba.events.watermarks import Watermarks
 #: Maximum number of cached routes, one for each event header. The cache is cleared when it is full.
 MAX_ROUTES = 4096
 
-#: Types of events that wait for nobody: missions would end if a consumer could hold them up.
-NEVER_HELD_UP = ("mission.", "robot.stop")
+#: Types of events that wait for nobody, besides orders, begin with this: missions would end if a consumer could hold
+#: them up.
+NEVER_HELD_UP = "mission."
 
 _UNFILTERED = SubscriptionMatch(True, ())
+
+
+def is_urgent(type: str) -> bool:
+    """Whether events of this type wait for no consumer."""
+    return type in ORDERS or type.startswith(NEVER_HELD_UP)
 
 
 class Sink(Protocol):
@@ -131,7 +138,7 @@ class Channel:
                 batch, count = alive, len(alive)
             account.delivered += count
             route = self._routes.get(batch.header) or self._find_route(batch.header)
-            is_to_wait = route.blocking_size and not batch.header.type.startswith(NEVER_HELD_UP)
+            is_to_wait = route.blocking_size and not is_urgent(batch.header.type)
             if not is_to_wait:
                 batch.header = route.header
                 batch.first = self._number + 1
@@ -163,6 +170,10 @@ class Channel:
                 self._number += len(piece)
                 claims = route.accept(piece, time.monotonic())
             _deliver(piece, claims)
+
+    def has_had(self, origin: str, number: int) -> bool:
+        """Whether this channel has published or forwarded the event with this number of this origin."""
+        return number <= (self._number if origin == self.name else self._watermarks.last(origin))
 
     def forward(self, batches: list[EventBatch]) -> Forwarded:
         """Accept events from a peer, in their order. Refuses numbers that their origin cannot have reached: they would

@@ -100,7 +100,9 @@ class Proxies:
             for known in self._all.values():
                 if name and isinstance(known, ProxyConsumer) and known.name == name:
                     return known
-            proxy = ProxyConsumer(self._channel.lock, self._new_id(), self._channel.publish, name)
+            proxy = ProxyConsumer(
+                self._channel.lock, self._new_id(), self._channel.publish, self._channel.has_had, name
+            )
             proxy.connect(None)
             self._add(proxy)
             self._save(proxy)
@@ -236,11 +238,11 @@ class Proxies:
     # ---- private ----
 
     def _make(self, kind: ProxyKind, id: str, subscription: Subscription, queue: QueuePolicy, name: str = "") -> Proxy:
-        lock, publish = self._channel.lock, self._channel.publish
+        lock, publish, has_had = self._channel.lock, self._channel.publish, self._channel.has_had
         if kind is ProxyKind.PUSH_CONSUMER:
-            return ProxyConsumer(lock, id, publish, name)
+            return ProxyConsumer(lock, id, publish, has_had, name)
         if kind is ProxyKind.PULL_CONSUMER:
-            return ProxyPullConsumer(lock, id, publish, self._policy.polling, self._client_lost)
+            return ProxyPullConsumer(lock, id, publish, has_had, self._policy.polling, self._client_lost)
         if kind is ProxyKind.PULL_SUPPLIER:
             return ProxyPullSupplier(lock, id, subscription, queue)
         return self._make_push_supplier(id, subscription, queue, name)

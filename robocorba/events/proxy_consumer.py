@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -27,6 +28,8 @@ _OWN = "only:"
 #: Types of events that order others to do something: such a supplier may not publish them.
 ORDERS = frozenset({"robot.stop"})
 
+_log = logging.getLogger(__name__)
+
 
 def own_supplier(name: str) -> str:
     """The name of the supplier that publishes with the source `name` only."""
@@ -34,20 +37,29 @@ def own_supplier(name: str) -> str:
 
 
 class ProxyConsumer(Proxy):
-    """For a supplier that pushes. publish: called with each batch and the account that counts it."""
+    """For a supplier that pushes. publish: called with each batch and the account that counts it. has_had: whether the
+    channel has had the event of an origin and number; a supplier that pushes what its own consumer gets would otherwise
+    keep an event going round for ever."""
 
     kind = ProxyKind.PUSH_CONSUMER
 
     def __init__(
-        self, lock: threading.Lock, id: str, publish: Callable[[EventBatch, Account], None], name: str = ""
+        self,
+        lock: threading.Lock,
+        id: str,
+        publish: Callable[[EventBatch, Account], None],
+        has_had: Callable[[str, int], bool],
+        name: str = "",
     ) -> None:
         super().__init__(lock, id, name)
         #: The only source of its events, None for any.
         self._source = name.removeprefix(_OWN) if name.startswith(_OWN) else None
-        self._publish = publish
+        self._publish, self._has_had = publish, has_had
+        self._is_looping = False
 
     def push(self, batch: EventBatch) -> None:
-        """Publish a batch; called without the lock. Raises Disconnected, ProxyGone, InvalidEvent."""
+        """Publish a batch, unless it comes again; called without the lock. Raises Disconnected, ProxyGone,
+        InvalidEvent."""
         if self.condition is not ProxyCondition.CONNECTED or self.is_ended:
             if self.is_ended:
                 raise ProxyGone(f"proxy {self.id} was disconnected")
@@ -56,8 +68,24 @@ class ProxyConsumer(Proxy):
             raise InvalidEvent("source", f"this supplier may publish as {self._source!r} only")
         if self._source is not None and batch.header.type in ORDERS:
             raise InvalidEvent("type", f"this supplier may not publish {batch.header.type}")
+        if batch.header.origin:
+            if self._discards_again(batch):
+                return
+            batch.header = batch.header._replace(origin="")
         self._publish(batch, self.account)
         self.used_at = time.monotonic()
+
+    def _discards_again(self, batch: EventBatch) -> bool:
+        """Discard a batch that the channel has had."""
+        with self._lock:
+            if not self._has_had(batch.header.origin, batch.last):
+                return False
+            self.account.received += len(batch)
+            self.account.discarded += len(batch)
+        if not self._is_looping:
+            self._is_looping = True
+            _log.warning("the supplier of %s publishes events that it has received; they are discarded", self.id)
+        return True
 
 
 class ProxyPullConsumer(ProxyConsumer):
@@ -72,10 +100,11 @@ class ProxyPullConsumer(ProxyConsumer):
         lock: threading.Lock,
         id: str,
         publish: Callable[[EventBatch, Account], None],
+        has_had: Callable[[str, int], bool],
         policy: PollingPolicy,
         on_client_lost: Callable[[ProxyPullConsumer, str], None],
     ) -> None:
-        super().__init__(lock, id, publish)
+        super().__init__(lock, id, publish, has_had)
         self._on_client_lost = on_client_lost
         self._policy = policy
         self._ended = threading.Event()

@@ -320,12 +320,13 @@ class BuildingEditor:
 
         Returns the new version, the current one if nothing differs. Raises StaleVersion, InvalidElement."""
         self._expect(expected)
-        self._check_replacement(difference(self.building, building))
+        elements = difference(self.building, building)
+        self._check_replacement(elements)
         for wrong in problems(building, limit=1):
             raise wrong
         with self._lock:
-            self._expect(expected)
-            return self._put(difference(self.building, building), building.name)
+            self._expect(expected)  # the building that the difference is from
+            return self._put(elements, building.name)
 
     def _check_replacement(self, elements: dict[ElementKey, Element | None]) -> None:
         size = sum(map(size_of, elements.values()))

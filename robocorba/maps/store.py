@@ -540,7 +540,8 @@ def _condition(part: Selection) -> tuple[str, list[str]]:
     """The condition for the rows of a part of the building, and its parameters."""
     conditions, values = ["TRUE"], []
     if part.kinds:
-        conditions.append(f"kind IN ({', '.join('?' * len(part.kinds))})")
+        # Not by the index of kinds: each page would sort all rows behind it.
+        conditions.append(f"+kind IN ({', '.join('?' * len(part.kinds))})")
         values += [kind.value for kind in part.kinds]
     if part.floor:
         conditions.append("floor IN ('', ?)")

@@ -27,8 +27,8 @@ if TYPE_CHECKING:  # `robocorba stop` does without the physics
 STANDING_SPEED, STANDING_TURN = 0.01, 0.03
 #: Number of stop targets that are called at a time. Robots that hang hold up the calls of others that much less.
 CALLERS = 16
-#: Interval at which changes are written to the file [s].
-WRITE_INTERVAL_S = 0.2
+#: Pause before another attempt to write the file [s].
+RETRY_S = 0.2
 #: Maximum length of a reason [characters].
 MAX_REASON = 200
 
@@ -93,8 +93,8 @@ class EmergencyStops:
         self._confirmed: set[str] = set()
         self._callers = ThreadPoolExecutor(CALLERS, "emergency-stops")
         self._written: object = None
-        self._is_failing = False
-        self._writer = Repeating("stops file", self._write, WRITE_INTERVAL_S)
+        self._is_failing = self._is_closed = False
+        self._writer = Repeating("stops file", self._write, lambda: RETRY_S if self._is_failing else math.inf)
 
     def start(self) -> None:
         """Hold again the robots that were held when the former server process ended."""
@@ -107,8 +107,12 @@ class EmergencyStops:
         self._writer.start()
 
     def close(self) -> None:
+        """Write the last stops; robots are stopped afterwards too, but no more targets are called."""
+        with self._lock:
+            self._is_closed = True
         self._callers.shutdown(wait=False, cancel_futures=True)
         self._writer.close()
+        self._write()
 
     def report_target(self, session: Session, target: str, stands_with_body: bool) -> None:
         """Set the URI at which a robot is stopped itself."""
@@ -134,7 +138,8 @@ class EmergencyStops:
             for session in stopped:
                 record = self._record(session)
                 record.held = session.robot.stop_reason
-                if session.name not in self._confirmed | self._calling and record.target:
+                is_called = session.name in self._confirmed | self._calling or self._is_closed
+                if record.target and not is_called:
                     self._calling.add(session.name)
                     self._callers.submit(self._call_target, session.name, record.target, record.held)
         self._writer.wake()
@@ -143,7 +148,7 @@ class EmergencyStops:
     def state(self, session: Session) -> StopState:
         """What is known of a robot."""
         with self._lock:
-            record = self._record(session)
+            record = self._records.get(session.name) or StopRecord(registration(session))
             is_confirmed = session.name in self._confirmed
         ahead, left, turn = session.robot.state().velocity
         speed = math.hypot(ahead, left)
@@ -178,6 +183,7 @@ class EmergencyStops:
         with self._lock:
             self._records.pop(session.name, None)
             self._confirmed.discard(session.name)
+        self._writer.wake()
 
     def _session(self, name: str) -> Session | None:
         return next((session for session in self._sessions() if session.name == name), None)
@@ -196,8 +202,10 @@ class EmergencyStops:
             is_confirmed = answer.is_stopped and answer.is_confirmed
         except Exception as error:  # of CORBA, which this module does not know
             _log.warning("%s does not confirm its emergency stop: %s", name, error)
+        finally:
+            with self._lock:
+                self._calling.discard(name)
         with self._lock:
-            self._calling.discard(name)
             record = self._records.get(name)
             if is_confirmed and record is not None and record.target == target and record.held:
                 self._confirmed.add(name)

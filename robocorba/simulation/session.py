@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from robocorba.errors.simulation import InvalidRide
+from robocorba.errors.simulation import InvalidRide, SessionExpired
 from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.building import Held, SimulatedBuilding, SimulatedRobot
 from robocorba.simulation.elevator import RideStatus
@@ -135,4 +135,15 @@ class Session:
 
     def _do(self, change: Callable[[], None], undo: Callable[[], None] | None = None) -> None:
         self.client.renew_lease(time.monotonic())
-        self._do_durably(change, undo)
+        self._do_durably(self._while_logged_on(change), self._while_logged_on(undo) if undo else None)
+
+    def _while_logged_on(self, change: Callable[[], None]) -> Callable[[], None]:
+        """The change; raises SessionExpired if the robot is logged off before the simulation thread makes it. Then the
+        name may be another robot's."""
+
+        def checked() -> None:
+            if self.client.is_logged_off:
+                raise SessionExpired()
+            change()
+
+        return checked

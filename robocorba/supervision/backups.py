@@ -274,7 +274,7 @@ def _move_aside(state: Path) -> Path | None:
     suffixes = (sqlite_files.LOG, sqlite_files.SHARED, sqlite_files.JOURNAL)
     names += [f"{name}{suffix}" for name in names if name.endswith(".sqlite") for suffix in suffixes]
     # A log without its database would be applied to the restored one.
-    names += [path.relative_to(state).as_posix() for suffix in suffixes for path in state.glob(f"**/*.sqlite{suffix}")]
+    names += _matching(state, tuple(pattern + re.escape(suffix) for pattern in DATABASES for suffix in suffixes))
     names.append(f"omninames/{EARLIER}")
     there = [name for name in dict.fromkeys(names) if (state / name).exists() and not name.startswith(_FORMER)]
     if not there:
@@ -285,9 +285,12 @@ def _move_aside(state: Path) -> Path | None:
         number += 1
         former = former.with_name(f"{former.name.partition('.')[0]}.{number}")
     former.mkdir(mode=private_files.FOLDER_MODE)
-    for name in there:
-        (former / name).parent.mkdir(exist_ok=True)
-        (state / name).rename(former / name)
+    with contextlib.ExitStack() as moved_back:
+        for name in there:
+            (former / name).parent.mkdir(exist_ok=True)
+            (state / name).rename(former / name)
+            moved_back.callback((former / name).rename, state / name)
+        moved_back.pop_all()
     return former
 
 

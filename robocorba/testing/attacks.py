@@ -12,7 +12,7 @@ import socket
 import struct
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from omniORB import CORBA
@@ -27,20 +27,61 @@ _HEADER = b"GIOP\1\2\1\0" + struct.pack("<I", 100)
 #: What arrives before the silence: a part of the header, the header, a part of the request, nothing.
 PARTS = (_HEADER[:6], _HEADER, _HEADER + bytes(40), b"")
 
+#: Timeout for opening a connection [s]. Loopback answers at once unless the server's backlog is full.
+CONNECT_TIMEOUT_S = 2.0
+#: Timeout for sending [s]. A server that reads no more must not hold up the next connection.
+SEND_TIMEOUT_S = 0.2
+
 #: Of the nodes that are created, so that no two have the same name.
 _numbers = itertools.count()
 
 
 @contextlib.contextmanager
-def stalled_connections(server: Address, count: int) -> Iterator[list[socket.socket]]:
-    """Connections to a server, each silent after a part of a request, as if its client had lost the network."""
+def connections(server: Address, sent: Iterable[bytes]) -> Iterator[None]:
+    """A connection to a server for each of `sent`, silent afterwards, until the end of the `with`. What the server
+    refuses is left out."""
     with contextlib.ExitStack() as stack:
-        connections = []
-        for part, _ in zip(itertools.cycle(PARTS), range(count), strict=False):
-            connection = stack.enter_context(socket.create_connection((server.host, server.port), timeout=10.0))
-            connection.sendall(part)
-            connections.append(connection)
-        yield connections
+        for each in sent:
+            with contextlib.suppress(OSError):
+                connection = socket.create_connection((server.host, server.port), CONNECT_TIMEOUT_S)
+                stack.enter_context(connection)
+                connection.settimeout(SEND_TIMEOUT_S)
+                connection.sendall(each)
+        yield
+
+
+def stalled_connections(server: Address, count: int) -> contextlib.AbstractContextManager[None]:
+    """Connections to a server, each silent after a part of a request, as if its client had lost the network."""
+    return connections(server, itertools.islice(itertools.cycle(PARTS), count))
+
+
+def calls_of(orb: Orb) -> dict[str, Callable[[], object]]:
+    """The calls that greedy clients repeat, by name."""
+    server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
+    editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
+    kinds = itertools.cycle(RoboCorba.ElementKind._items)
+    return {
+        "pictures": lambda: server.renderFloor("L1", 4096),
+        "readings": lambda: database.getFloor("L1"),
+        "maps": lambda: (editor.exportMap(), editor.elements(next(kinds), "L1"), editor.checkFloor("L1", 0.4)),
+        "edits": lambda: _edit(editor),
+    }
+
+
+@contextlib.contextmanager
+def repeat_in_threads(call: Callable[[], object], count: int) -> Iterator[None]:
+    """Threads that repeat a call without a pause, whatever CORBA exception it raises, until the end of the `with`."""
+    ending = threading.Event()
+    threads = [threading.Thread(target=_repeat, args=(call, ending), daemon=True) for _ in range(count)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        for thread in threads:
+            thread.join()
 
 
 @contextlib.contextmanager
@@ -61,26 +102,9 @@ def greedy_clients(launch: Launcher, naming: Address, calls: str, count: int) ->
 
 
 def main(naming: str, calls: str, count: str) -> None:
-    with Orb(Address.parse(naming)) as orb:
-        server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
-        database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
-        editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
-        kinds = itertools.cycle(RoboCorba.ElementKind._items)
-        call: Callable[[], object] = {
-            "pictures": lambda: server.renderFloor("L1", 4096),
-            "readings": lambda: database.getFloor("L1"),
-            "maps": lambda: (editor.exportMap(), editor.elements(next(kinds), "L1"), editor.checkFloor("L1", 0.4)),
-            "edits": lambda: _edit(editor),
-        }[calls]
-        ending = threading.Event()
-        threads = [threading.Thread(target=_repeat, args=(call, ending), daemon=True) for _ in range(int(count))]
-        for thread in threads:
-            thread.start()
+    with Orb(Address.parse(naming)) as orb, repeat_in_threads(calls_of(orb)[calls], int(count)):
         print("ready", flush=True)
         sys.stdin.readline()
-        ending.set()
-        for thread in threads:
-            thread.join()
 
 
 def _edit(editor: Any) -> None:

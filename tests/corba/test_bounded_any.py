@@ -13,6 +13,7 @@ import pytest
 from omniORB import CORBA
 from omniORB import any as anys
 
+from robocorba.corba.conversion import bounded_any
 from robocorba.corba.conversion.bounded_any import MAX_DEPTH, TC_ANY, read_bounded
 from robocorba.corba.conversion.encoded_types import MAX_DEPTH as MAX_TYPE_DEPTH
 from robocorba.corba.orb import Orb
@@ -102,6 +103,42 @@ def test_what_is_no_any_is_refused(kind: int, content: bytes) -> None:
     with contextlib.suppress(*REFUSALS):
         omniORB.cdrUnmarshal(TC_ANY, HEAD + struct.pack("<II", kind, len(content)) + content)
     assert omniORB.cdrUnmarshal(TC_ANY, within_each_other(3)) is not None
+
+
+def doubling(count: int, least: int) -> bytes:
+    """An encoded struct of two equal structs of two equal structs, the second of each an indirection. least: the kind
+    at the bottom."""
+
+    def text(value: str) -> bytes:
+        return struct.pack("<I", len(value) + 1) + value.encode() + bytes(4 - len(value) % 4)
+
+    def encoded(level: int, at: int) -> bytes:
+        body = b"\1\0\0\0" + text(f"IDL:S{level}:1.0") + text(f"S{level}") + struct.pack("<I", 2) + text("a")
+        inner = at + 8 + len(body)
+        body += (encoded(level - 1, inner) if level else struct.pack("<I", least)) + text("b")
+        if level:
+            body += struct.pack("<Ii", 0xFFFFFFFF, inner - (at + 12 + len(body)))
+        else:
+            body += struct.pack("<I", least)
+        return struct.pack("<II", 15, len(body)) + body
+
+    return encoded(count, 4)
+
+
+def test_a_short_type_of_endless_values_is_refused() -> None:
+    """Its value of no bytes would have 2 ** 40 members."""
+    with pytest.raises(REFUSALS):
+        omniORB.cdrUnmarshal(TC_ANY, HEAD + doubling(40, least=0))
+    value = omniORB.cdrUnmarshal(TC_ANY, HEAD + doubling(2, least=3) + struct.pack("<8i", *range(8)))._v
+    assert (value.a.a.a, value.b.b.b) == (0, 7)
+
+
+def test_types_that_are_refused_are_not_kept() -> None:
+    bounded_any._read.cache_clear()
+    for number in range(3):
+        with pytest.raises(REFUSALS):
+            omniORB.cdrUnmarshal(TC_ANY, HEAD + struct.pack("<II", 15, 5000) + bytes([number]) * 5000)
+    assert bounded_any._read.cache_info().currsize == 0
 
 
 def test_servants_read_anys_so() -> None:

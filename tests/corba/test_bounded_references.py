@@ -158,7 +158,7 @@ def test_values_are_refused_unless_all_clients_are_trusted(monkeypatch: pytest.M
     for refused in (value, struct.pack("<II", 0x7FFFFF06, 0), struct.pack("<IIII", 0x7FFFFF02, 0, 0, 0)):
         with pytest.raises(CORBA.MARSHAL):  # the last two end the process otherwise
             omniORB.cdrUnmarshal(TC_ANY, head + refused)
-    bounded_any._accepted.cache_clear()
+    bounded_any._read.cache_clear()
     monkeypatch.setenv("ROBOCORBA_VALUETYPES", "1")
     assert omniORB.cdrUnmarshal(TC_ANY, head + value).value().x == 7
-    bounded_any._accepted.cache_clear()
+    bounded_any._read.cache_clear()

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from omniORB import CORBA
 
+from robocorba.claimed_ports import HOST, claimed_ports
 from robocorba.corba.guard import Guard, guarded, guarded_for, without_keys
 from robocorba.corba.orb import Orb
 from robocorba.corba.tls import load_transport
@@ -85,10 +86,7 @@ def test_a_uri_is_shown_without_the_key_in_it() -> None:
 
 
 def test_what_a_guarded_process_serves(naming: RoleNaming) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = Address(*probe.getsockname())
-    with Orb(naming, endpoint) as orb:
+    with claimed_ports() as port, Orb(naming, endpoint := Address(HOST, port)) as orb:
         editor = Editor()
         orb.serve({"MapEditor": editor})
         own = orb.activate(editor, "MapEditor")  # as servers hand it to each other

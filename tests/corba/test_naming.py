@@ -34,6 +34,11 @@ class Names:
         self.bindings: dict[str, Any] = {}
         self.calls = 0
         self.fails = False
+        #: Names that are bound to a reference that can't be read, unless it is the right one; and those that can't be
+        #: bound.
+        self.unreadable: set[str] = set()
+        self.refused: set[str] = set()
+        self._own: dict[str, Any] = {}
 
     def path(self, name: str) -> str:
         return f"RoboCorba/{name}"
@@ -42,10 +47,15 @@ class Names:
         self.calls += 1
         if self.fails:
             raise CORBA.TIMEOUT()
-        return self.bindings.get(name)
+        found = self.bindings.get(name)
+        if name in self.unreadable and found is not None and found is not self._own.get(name):
+            raise CORBA.MARSHAL()
+        return found
 
     def take_back(self, name: str, reference: Any) -> None:
-        self.bindings[name] = reference
+        if name in self.refused:
+            raise CORBA.NO_PERMISSION()
+        self.bindings[name] = self._own[name] = reference
 
     def address_bound(self, reference: Any) -> str:
         return "10.0.0.1:666"
@@ -73,6 +83,24 @@ def test_a_lost_or_stolen_name_is_taken_back_and_logged_once(names: Names, caplo
             names.bindings["A"] = false
             eventually(lambda: names.bindings.get("A") is own, PATIENCE_S)
     assert caplog.messages == ["took back the name RoboCorba/A: an object at 10.0.0.1:666 was bound to it"]
+    assert names.bindings == {}
+
+
+def test_a_name_that_fails_does_not_stop_the_others(names: Names, caplog: pytest.LogCaptureFixture) -> None:
+    """Such as one that another process has bound to a reference that can't be read."""
+    own = Reference()
+    names.unreadable = {"A"}
+    with contextlib.closing(BoundNames(names)) as bound, caplog.at_level(logging.WARNING):  # type: ignore[arg-type]
+        bound.start({"A": own, "B": own})
+        eventually(lambda: names.bindings.get("B") is own, PATIENCE_S)
+        names.bindings["A"] = Reference()
+        del names.bindings["B"]
+        eventually(lambda: names.bindings == {"A": own, "B": own}, PATIENCE_S)
+    assert caplog.messages == ["took back the name RoboCorba/A: an object at an unknown address was bound to it"]
+    names.refused = {"A"}
+    with contextlib.closing(BoundNames(names)) as bound:  # type: ignore[arg-type]
+        bound.start({"A": own, "B": own})
+        eventually(lambda: names.bindings.get("B") is own, PATIENCE_S)
     assert names.bindings == {}
 
 

@@ -122,6 +122,18 @@ def test_an_activated_object_lives_until_it_is_deactivated(nowhere: Address) -> 
         assert references[1]._get_mapVersion() == 2
 
 
+def test_a_key_is_valid_again_after_its_end(nowhere: Address, endpoint: Address) -> None:
+    with Orb(nowhere, endpoint) as orb:
+        first = orb.activate(Planner(1), "again")
+        orb.accept_calls()
+        assert first._get_mapVersion() == 1
+        orb.deactivate_key("again")
+        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
+            first._get_mapVersion()
+        orb.activate(Planner(2), "again")
+        assert first._get_mapVersion() == 2
+
+
 def test_an_unreachable_object_is_reported_with_its_naming_service(nowhere: Address) -> None:
     with Orb(nowhere) as orb:
         with pytest.raises(NotReachable) as missing:

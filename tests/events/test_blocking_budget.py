@@ -7,13 +7,7 @@ import logging
 import pytest
 
 from robocorba.events.blocking_budget import BUDGET_S, RETURNS_IN_S, BlockingBudget
-
-
-class Clock:
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
+from tests.clock import Clock
 
 
 def test_time_is_used_up_and_returns(caplog: pytest.LogCaptureFixture) -> None:

@@ -30,13 +30,18 @@ class Published:
         self.lock = threading.Lock()
 
     def publish(self, batch: EventBatch, account: Account) -> None:
+        assert not batch.header.origin
         self.payloads += batch.payloads
+
+    @staticmethod
+    def has_had(origin: str, number: int) -> bool:
+        return origin == "east" and number <= 5
 
     def lost(self, proxy: ProxyPullConsumer, reason: str) -> None:
         self.reasons.append(reason)
 
     def polled(self, supplier: Supplier, policy: PollingPolicy = POLICY) -> ProxyPullConsumer:
-        one = ProxyPullConsumer(self.lock, "1", self.publish, policy, self.lost)
+        one = ProxyPullConsumer(self.lock, "1", self.publish, self.has_had, policy, self.lost)
         one.connect(supplier)
         return one
 
@@ -47,7 +52,7 @@ def published() -> Published:
 
 
 def test_a_push_is_published_between_connect_and_end(published: Published) -> None:
-    one = ProxyConsumer(published.lock, "1", published.publish)
+    one = ProxyConsumer(published.lock, "1", published.publish, published.has_had)
     with pytest.raises(Disconnected):
         one.push(supplied("t", b"early"))
     one.connect(None)
@@ -56,6 +61,24 @@ def test_a_push_is_published_between_connect_and_end(published: Published) -> No
     with pytest.raises(ProxyGone):
         one.push(supplied("t", b"late"))
     assert published.payloads == [b"a"]
+
+
+def test_events_that_come_again_are_discarded(published: Published, caplog: pytest.LogCaptureFixture) -> None:
+    one = ProxyConsumer(published.lock, "7", published.publish, published.has_had)
+    one.connect(None)
+
+    def push(origin: str, first: int, *payloads: bytes) -> None:
+        batch = supplied("t", *payloads)
+        batch.header, batch.first = batch.header._replace(origin=origin), first
+        one.push(batch)
+
+    push("east", 4, b"again", b"again")
+    push("east", 5, b"again")
+    push("east", 5, b"new", b"new")
+    push("west", 1, b"new")
+    assert published.payloads == [b"new"] * 3
+    assert (one.account.received, one.account.discarded) == (3, 3)  # those published are counted by the channel
+    assert caplog.messages == ["the supplier of 7 publishes events that it has received; they are discarded"]
 
 
 def test_a_supplier_is_polled_continuously(published: Published) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import tempfile
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from hypothesis import strategies as st
 
 from robocorba.events import watermarks
 from robocorba.events.watermarks import Watermarks
+from tests.damage import damage
 
 
 def test_the_numbers_of_a_killed_process_are_restored(tmp_path: Path) -> None:
@@ -37,8 +37,7 @@ def test_damaged_entries_are_set_aside_and_the_others_kept(tmp_path: Path, caplo
     with Watermarks(file) as marks:
         marks.raise_to("lab", 7)
         marks.raise_to("hall", 8)
-    former = random.Random(1).randbytes(200) + file.read_bytes()[200:]
-    file.write_bytes(former)
+    former = damage(file)
     with Watermarks(file) as again:
         assert (again.last("lab"), again.last("hall")) == (0, 8)
         again.raise_to("yard", 9)

@@ -1,4 +1,4 @@
-"""The clocks of missions: whoever sets the system's clock moves no order."""
+"""The clocks of missions: orders don't move when the system's clock is set."""
 
 from __future__ import annotations
 

@@ -70,6 +70,31 @@ def test_a_robot_logs_on_drives_and_logs_off(agent: ManagementAgent) -> None:
     agent.register(robot("A"))
 
 
+@pytest.mark.parametrize(
+    "call",
+    [Session.release, Session.release_areas, Session.cancel_elevator, lambda session: session.keep_areas([])],
+    ids=["release", "release areas", "cancel the ride", "keep areas"],
+)
+def test_a_call_that_waits_while_its_robot_is_logged_off_changes_nothing(
+    agent: ManagementAgent, call: Callable[[Session], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also if another robot of the same name has logged on meanwhile."""
+    session, do = agent.register(robot("A")), agent.loop.do
+    second = []
+
+    def wait_for_the_thread(change: Callable[[], None]) -> object:
+        monkeypatch.setattr(agent.loop, "do", do)
+        agent.evict("A")
+        second.append(agent.register(robot("A")))
+        second[0].reserve([PASSAGE], 60.0)
+        return do(change)
+
+    monkeypatch.setattr(agent.loop, "do", wait_for_the_thread)
+    with pytest.raises(SessionExpired):
+        call(session)
+    assert second[0].reservation() == (True, 0, 0.0, 60.0)
+
+
 def test_areas_are_reserved_and_released(agent: ManagementAgent) -> None:
     first, second = agent.register(robot("A")), agent.register(robot("B", x=4.0))
     assert first.reservation() is None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import shutil
 import threading
 from pathlib import Path
@@ -21,6 +20,7 @@ from robocorba.simulation.store import Mission, SimulationStore
 from robocorba.supervision.backups import back_up, restore
 from robocorba.supervision.folder import StateFolder
 from robocorba.testing.buildings import two_floors
+from tests.damage import damage
 
 NAMES = b"port 1\npersistent 01\ncreate 02\n"
 
@@ -63,12 +63,6 @@ def check(state: Path) -> None:
         assert marks.last("hall") == 7
     with MapStore(state / "map.sqlite") as building:
         assert building.load().version == 2
-
-
-def damage(file: Path, at: int = 0) -> None:
-    content = bytearray(file.read_bytes())
-    content[at : at + 200] = random.Random(1).randbytes(200)
-    file.write_bytes(content)
 
 
 def test_a_backup_restores_everything_and_keeps_the_former_state(state: Path, tmp_path: Path) -> None:
@@ -131,8 +125,12 @@ def test_a_log_without_its_database_is_not_applied_to_a_restored_one(state: Path
         (tmp_path / "log").write_bytes((state / "map.sqlite-wal").read_bytes())
     (state / "map.sqlite").unlink()
     shutil.copy(tmp_path / "log", state / "map.sqlite-wal")
+    others = state / "other" / "deeper" / "app.sqlite-wal"
+    others.parent.mkdir(parents=True)
+    others.write_bytes(b"of another program")
     restore(tmp_path / "backup", state)
     check(state)
+    assert others.read_bytes() == b"of another program"
 
 
 def test_nothing_is_restored_under_a_running_system(state: Path, tmp_path: Path) -> None:

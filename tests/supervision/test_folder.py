@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,7 @@ from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.settings import Address
 from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
+from tests.damage import damage
 
 
 def record(*names: str) -> SystemRecord:
@@ -29,13 +29,6 @@ def test_the_address_of_the_console() -> None:
 @pytest.fixture
 def folder(tmp_path: Path) -> StateFolder:
     return StateFolder(tmp_path / "state")
-
-
-def damage(file: Path) -> bytes:
-    """Overwrite its first 200 bytes."""
-    content = random.Random(1).randbytes(200) + file.read_bytes()[200:]
-    file.write_bytes(content)
-    return content
 
 
 def test_damaged_ports_are_those_of_the_killed_system_else_chosen_again(folder: StateFolder) -> None:

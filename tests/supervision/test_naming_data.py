@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import random
 from pathlib import Path
 
 import pytest
 
 from robocorba.errors.services import ServiceError
 from robocorba.supervision.naming_data import intact_part, mend_naming_data
+from tests.damage import damage
 
 HEADER = b"port 2809\npersistent 7670036b0100337f\ncreate 4e616d6553657276696365\n"
 LINES = (
@@ -52,8 +52,7 @@ def test_a_damaged_line_ends_what_is_kept(data: Path, caplog: pytest.LogCaptureF
 
 
 def test_a_damaged_beginning_leads_to_the_earlier_state_else_to_none(data: Path) -> None:
-    damaged = random.Random(1).randbytes(200) + LINES[200:]
-    data.write_bytes(damaged)
+    damaged = damage(data)
     (data.parent / "omninames.bak").write_bytes(HEADER)
     mend_naming_data(data.parent)
     assert data.read_bytes() == HEADER

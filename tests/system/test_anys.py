@@ -17,29 +17,16 @@ import CosEventComm  # isort: skip  (found once omniORB is imported)
 from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.supervision.launch import ChildProcess
+from robocorba.testing.fuzzing.wire import OCTETS, in_turn
 from robocorba.testing.processes import Launcher
 
 pytestmark = pytest.mark.system
 
 SERVER = (sys.executable, str(Path(__file__).with_name("any_consumer.py")))
-_OCTETS = (tc.tv_sequence, tc.tv_octet, 0)
 #: The type of a valuetype without members.
 VALUE = tc.createTypeCode(
     (tc.tv_value, omniORB.UnknownValueBase, "IDL:Foreign/Val:1.0", "Val", CORBA.VM_NONE, None, tc.tv_null)
 )
-
-
-def sent_as(*parts: tuple[Any, Any]) -> Any:
-    """A descriptor and a value with these parts one after the other."""
-
-    class Parts:
-        pass
-
-    value, members = Parts(), []
-    for number, (descriptor, part) in enumerate(parts):
-        setattr(value, f"p{number}", part)
-        members += [f"p{number}", descriptor]
-    return (tc.tv_struct, Parts, "IDL:Parts:1.0", "Parts", *members), value
 
 
 def ulongs(*numbers: int) -> Any:
@@ -69,13 +56,13 @@ def consumer(server: ChildProcess) -> Iterator[Any]:
 @pytest.mark.parametrize(
     ("descriptor", "value"),
     [
-        sent_as(ulongs(*[tc.tv_any] * 1_000_000, tc.tv_null)),
-        sent_as(nested_types(10_000)),
-        sent_as((tc.tv_ulong, tc.tv_struct), (_OCTETS, bytes(40))),
-        sent_as((tc.tv_ulong, tc.tv_objref), (_OCTETS, b"\1" + bytes(43))),
-        sent_as((tc.tv_ulong, tc.tv_fixed), (tc.tv_ushort, 0), (tc.tv_short, 0), (_OCTETS, bytes(40))),
-        sent_as((tc.tv_TypeCode, CORBA.TC_Object), (_OCTETS, b"\xff\xfe\0"), (tc.tv_ulong, 0)),
-        sent_as((tc.tv_TypeCode, VALUE), ulongs(0x7FFFFF06, 0)),
+        in_turn(ulongs(*[tc.tv_any] * 1_000_000, tc.tv_null)),
+        in_turn(nested_types(10_000)),
+        in_turn((tc.tv_ulong, tc.tv_struct), (OCTETS, bytes(40))),
+        in_turn((tc.tv_ulong, tc.tv_objref), (OCTETS, b"\1" + bytes(43))),
+        in_turn((tc.tv_ulong, tc.tv_fixed), (tc.tv_ushort, 0), (tc.tv_short, 0), (OCTETS, bytes(40))),
+        in_turn((tc.tv_TypeCode, CORBA.TC_Object), (OCTETS, b"\xff\xfe\0"), (tc.tv_ulong, 0)),
+        in_turn((tc.tv_TypeCode, VALUE), ulongs(0x7FFFFF06, 0)),
     ],
     ids=["anys", "types", "empty text", "empty texts", "fixed", "reference", "value"],
 )

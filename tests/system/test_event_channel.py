@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import random
 import socket
@@ -15,6 +16,7 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.corba.event_client import Event, EventClient
+from robocorba.corba.remote import robot_channel
 from robocorba.errors.events import InvalidEvent, InvalidSubscription
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.stubs import RoboCorba
@@ -140,6 +142,51 @@ def test_who_pushes_plain_reaches_consumers_with_headers(channel: Any, client: C
     ]
     assert [e.number for e in receive.events] == list(range(receive.events[0].number, receive.events[0].number + 3))
     eventually(lambda: strings.payloads == ["řeč"])
+
+
+def test_a_client_that_publishes_what_it_receives_makes_no_loop(
+    place: Place, channel: Any, client: Callable[[str], EventClient]
+) -> None:
+    supplier = channel.for_suppliers().obtain_push_consumer()
+    supplier.connect_push_supplier(None)
+
+    class Echo(PushConsumer):
+        def push(self, value: Any) -> None:
+            supplier.push(value)
+
+    proxy = channel.for_consumers().obtain_push_supplier()
+    proxy.connect_push_consumer(place.orb.activate(Echo()))
+    receive, robot = Receiver(), client("A")
+    robot.subscribe(receive)
+    for number in range(3):
+        robot.push("robot.state", number)
+    eventually(lambda: supplier._narrow(RoboCorba.EventProxyPushConsumer).state().events.discarded == 3)
+    robot.push("robot.state", "last")
+    eventually(lambda: receive.payloads[-1:] == ["last"])
+    assert receive.payloads == [0, 1, 2, "last"]
+    proxy.disconnect_push_supplier()
+    supplier.disconnect_push_consumer()
+
+
+def test_a_robot_subscribes_again_when_the_channel_has_ended_its_subscription(
+    place: Place, channel: Any, client: Callable[[str], EventClient], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the channel does when it does not reach the robot for a while."""
+    monkeypatch.setattr(robot_channel, "CHECK_INTERVAL_S", 0.05)
+    got: list[Any] = []
+    with contextlib.closing(robot_channel.RobotChannel(place.orb, "lab", "B")) as robot:
+        robot.subscribe([("robot.stop", "*")], lambda type, source, payload, origin: got.append(payload))
+        client("A").push("robot.stop", 1)
+        eventually(lambda: got == [1])
+        for proxy in (robot._subscription.proxy, robot._subscription.proxy):  # type: ignore[union-attr]
+            with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):
+                proxy.disconnect_push_supplier()
+
+        def arrives() -> bool:
+            client("A").push("robot.stop", 2)
+            return 2 in got
+
+        eventually(arrives, 30.0)
 
 
 # ---- subscriptions ----

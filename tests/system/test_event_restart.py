@@ -150,12 +150,12 @@ def test_a_durable_subscription_waits_for_its_next_process(place: Place) -> None
             assert state_of(place, "log").queue.size == 50
 
 
-def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_it_was_told(place: Place) -> None:
+def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_is_reported(place: Place) -> None:
     process = place.start("lab")
     got: list[int] = []
     with EventClient(place.orb, "lab", "A") as robot, EventClient(place.orb, "lab", "B") as observer:
         observer.subscribe(lambda event: got.append(event.payload))
-        told: list[int] = []
+        reported: list[int] = []
         stop = threading.Event()
 
         def talk() -> None:
@@ -164,7 +164,7 @@ def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_it_was_told(place
                 try:
                     robot.push("t", number)
                 except Unconfirmed:
-                    told.append(number)
+                    reported.append(number)
                 number += 1
                 time.sleep(0.002)
 
@@ -179,10 +179,10 @@ def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_it_was_told(place
         talking.join(15)
     assert got == sorted(set(got))
     missing = set(range(got[-1])) - set(got)
-    # Told of: the call that was interrupted, and one that reached the port of the dying process, which the kernel may
+    # Reported: the call that was interrupted, and one that reached the port of the dying process, which the kernel may
     # close after the connections. The others can only be what was in the queue of the process that was killed.
-    assert len(told) <= 2
-    assert len(missing - set(told)) <= 2
+    assert len(reported) <= 2
+    assert len(missing - set(reported)) <= 2
 
 
 def test_a_pull_that_waits_neither_holds_up_the_end_nor_is_it_disconnected(place: Place) -> None:

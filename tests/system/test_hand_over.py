@@ -169,9 +169,9 @@ class Run(NamedTuple):
         """Wait for its end."""
         self.read_until("")
         assert (self.process.wait(LIMIT_S), self.process.log_tail()) == (0, ""), "\n".join(self.printed)
-        told = [line.split(" s  ", 1)[1] for line in self.printed if " s  " in line]
+        logged = [line.split(" s  ", 1)[1] for line in self.printed if " s  " in line]
         order = ["A  say hand_over.ready", "B  gripper left close", "B  say hand_over.gripped", "A  gripper right open"]
-        assert [line for line in told if line in order] == order
+        assert [line for line in logged if line in order] == order
         check_joints(self.folder / f"hand-over-{kind}.csv")
         check_recording(self.folder / f"hand-over-{kind}.mcap")
 

@@ -11,14 +11,12 @@ import subprocess
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import groupby
-from threading import Event
 from typing import Any, NamedTuple
 
 import pytest
 
 from robocorba.simulation.mission_record import MissionContent, MissionResult
 from robocorba.testing.missions import (
-    MISSION_LIMIT_S,
     MissionSystem,
     RobotStart,
     Watch,
@@ -44,7 +42,7 @@ class Ended(NamedTuple):
     """A mission, as its user saw it end."""
 
     code: int
-    told: str
+    last_line: str
 
 
 class Crew:
@@ -112,11 +110,11 @@ class KilledLeader(NamedTuple):
     helpers_reason: str
 
 
-class Told(NamedTuple):
+class Stories(NamedTuple):
     """What happens to both crews, each in a thread, one after the other."""
 
     place: MissionSystem
-    is_carried: Event
+    begun: Future[subprocess.Popen[str]]
     killed_helper: Future[KilledHelper]
     carried: Future[Carried]
     killed_channel: Future[Ended]
@@ -125,7 +123,7 @@ class Told(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
+def stories(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stories]:
     folder = tmp_path_factory.mktemp("missions")
     with (
         missions(folder, save_three_rooms(folder), "lab,hall,yard") as place,
@@ -134,10 +132,10 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
     ):
         place.start(TABLE_CREW | DESK_CREW)
         table, desk = Crew(place, TABLE_CREW, "table"), Crew(place, DESK_CREW, "desk")
-        yield Told(
+        yield Stories(
             place,
-            is_carried := Event(),
-            first.submit(kill_helper, table, is_carried),
+            begun := first.submit(begin, table),
+            first.submit(kill_helper, table, begun),
             first.submit(carry, table),
             second.submit(kill_channel, desk),
             second.submit(abort, desk),
@@ -145,12 +143,15 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
         )
 
 
-def kill_helper(crew: Crew, is_carried: Event) -> KilledHelper:
-    try:
-        user = crew.carry("A")
-        crew.place.carrying("A", "table", user)
-    finally:
-        is_carried.set()
+def begin(crew: Crew) -> subprocess.Popen[str]:
+    """The user whose mission now carries the table."""
+    user = crew.carry("A")
+    crew.place.carrying("A", "table", user)
+    return user
+
+
+def kill_helper(crew: Crew, begun: Future[subprocess.Popen[str]]) -> KilledHelper:
+    user = begun.result()
     crew.kill("C")
     return KilledHelper(crew.end(user), crew.place.report("A"))
 
@@ -194,27 +195,27 @@ def kill_leader(crew: Crew) -> KilledLeader:
     return KilledLeader(ended, place.ended(name), place.agent("F").state().program.reason)
 
 
-def test_three_robots_begin_to_carry(told: Told) -> None:
-    assert told.is_carried.wait(MISSION_LIMIT_S)
+def test_three_robots_begin_to_carry(stories: Stories) -> None:
+    stories.begun.result()
 
 
-def test_a_helper_is_killed_while_it_carries(told: Told) -> None:
-    story = told.killed_helper.result()
+def test_a_helper_is_killed_while_it_carries(stories: Stories) -> None:
+    story = stories.killed_helper.result()
     assert story.ended.code == 1
-    assert story.ended.told.endswith("carrying: C is silent")
+    assert story.ended.last_line.endswith("carrying: C is silent")
     assert story.report["reason"] == "carrying: C is silent"
 
 
-def test_the_leaders_channel_is_killed_while_it_carries(told: Told) -> None:
-    ended = told.killed_channel.result()
+def test_the_leaders_channel_is_killed_while_it_carries(stories: Stories) -> None:
+    ended = stories.killed_channel.result()
     assert ended.code == 1
-    assert re.search(r"it was aborted$|[EF] is silent$|F has left the mission$", ended.told), ended
+    assert re.search(r"it was aborted$|[EF] is silent$|F has left the mission$", ended.last_line), ended
 
 
-def test_the_user_ends_it(told: Told) -> None:
-    story = told.aborted.result()
+def test_the_user_ends_it(stories: Stories) -> None:
+    story = stories.aborted.result()
     assert story.ended.code == 1
-    assert story.ended.told.endswith("it was aborted")
+    assert story.ended.last_line.endswith("it was aborted")
     content = story.record
     assert (content.result, content.kind, content.about) == (MissionResult.ABORTED, "move_table", "desk")
     assert {member.robot: member.role for member in content.members} == {"E": "leader", "F": "helper"}
@@ -225,19 +226,19 @@ def test_the_user_ends_it(told: Told) -> None:
     assert "has ended already, aborted" in story.again
 
 
-def test_the_leader_is_killed_while_it_carries(told: Told) -> None:
-    story = told.killed_leader.result()
+def test_the_leader_is_killed_while_it_carries(stories: Stories) -> None:
+    story = stories.killed_leader.result()
     assert story.ended.code == 1
-    assert "robot E does not answer" in story.ended.told
+    assert "robot E does not answer" in story.ended.last_line
     assert story.helpers_reason == "the leader E is silent"
     content = story.record
     assert content.result is MissionResult.FAILED
     assert content.reason.startswith("its leader E was gone for ")
 
 
-def test_three_robots_of_two_sub_networks_carry_a_table(told: Told) -> None:
-    story = told.carried.result()
-    assert (story.ended.code, story.ended.told.split("\t")[0]) == (0, "done"), story.ended
+def test_three_robots_of_two_sub_networks_carry_a_table(stories: Stories) -> None:
+    story = stories.carried.result()
+    assert (story.ended.code, story.ended.last_line.split("\t")[0]) == (0, "done"), story.ended
     off_m, off_deg = story.off
     assert off_m < 0.05
     assert off_deg < 3.0
@@ -253,18 +254,18 @@ def test_three_robots_of_two_sub_networks_carry_a_table(told: Told) -> None:
     ]
 
 
-def test_its_report_is_a_page(told: Told) -> None:
-    mission = told.carried.result().report["mission"]
-    assert "wrote" in told.place.command("A", "report", mission)
-    (page,) = (told.place.folder / "A").rglob("report.html")
+def test_its_report_is_a_page(stories: Stories) -> None:
+    mission = stories.carried.result().report["mission"]
+    assert "wrote" in stories.place.command("A", "report", mission)
+    (page,) = (stories.place.folder / "A").rglob("report.html")
     assert page.parent.name == mission
     assert "gripping" in page.read_text()
     assert (page.parent / "timeline.png").stat().st_size > 1000
 
 
-def test_what_blocks_is_named(told: Told) -> None:
-    told.carried.result()
-    place = told.place
+def test_what_blocks_is_named(stories: Stories) -> None:
+    stories.carried.result()
+    place = stories.place
     code, out, _ = place.outcome(place.mission("A", "table", "L1:8,2.6"))
     assert code == 1
     assert "door" in out
@@ -273,10 +274,10 @@ def test_what_blocks_is_named(told: Told) -> None:
     assert "there is no object 'sofa' that can be carried; there are desk, table" in out + err
 
 
-def test_missions_that_ended_survive_a_kill_of_the_server(told: Told) -> None:
-    told.carried.result()
-    told.killed_leader.result()
-    place, control = told.place, told.place.control
+def test_missions_that_ended_survive_a_kill_of_the_server(stories: Stories) -> None:
+    stories.carried.result()
+    stories.killed_leader.result()
+    place, control = stories.place, stories.place.control
     eventually(
         lambda: not any(state.content.is_running for state in control.missions_since(0)), 30.0, "all ends are recorded"
     )

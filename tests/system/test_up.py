@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import re
 import signal
 import socket
@@ -19,6 +18,7 @@ from omniORB import CORBA
 from robocorba.corba.orb import Orb
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import ROBOCORBA, Running, eventually, hang, is_running, read_json, refusal
+from tests.damage import damage
 
 pytestmark = pytest.mark.system
 
@@ -124,8 +124,7 @@ def test_damaged_files_are_made_again(echo_up: Start, client: Orb) -> None:
     running.stop(signal.SIGKILL)
     damaged = ("ports.json", "up.json", "omninames/omninames.dat")
     for name in damaged:
-        file = running.state / name
-        file.write_bytes(random.Random(1).randbytes(200) + file.read_bytes()[200:])
+        damage(running.state / name)
     running = echo_up().wait_ready()
     assert client.resolve("PathPlanner", RoboCorba.PathPlanner)._get_mapVersion() == running.pid("echo")
     assert answers(planner) == running.pid("echo")  # at the port of before

@@ -59,7 +59,7 @@ class _Depth(threading.local):
     value = 0
 
     def enter(self, levels: int) -> bool:
-        """Whether so many more levels are not too deep."""
+        """Whether this many more levels stay within MAX_DEPTH."""
         self.value += levels
         if self.value <= MAX_DEPTH:
             return True
@@ -83,14 +83,18 @@ class _Accepted:
         self.reading, self.depth = _bounded(descriptor, {}, depth), depth
 
 
-@functools.lru_cache(MAX_KEPT)
 def _accepted(kind: int, content: Any) -> _Accepted | None:
     """The type with this encoding; None for one that is refused."""
     try:
-        descriptor = _descriptor(kind, content)
-        return _Accepted(descriptor, _depth_of(descriptor))
+        return _read(kind, content)
     except Exception:  # an exception in the constructor of a value would not reach the caller as MARSHAL
         return None
+
+
+@functools.lru_cache(MAX_KEPT)  # keeps none that raises, so no large ones
+def _read(kind: int, content: Any) -> _Accepted:
+    descriptor = _descriptor(kind, content)
+    return _Accepted(descriptor, _depth_of(descriptor))
 
 
 def _descriptor(kind: int, content: Any) -> Any:

@@ -79,6 +79,8 @@ class _Reader:
             target = self._at + self._number("i")
             if target not in self._types:
                 raise IllFormed("a reference to no type before it")
+            if not self._types[target].size:  # a kilobyte could describe a value with more members than can be read
+                raise IllFormed("a reference to a type whose values take no bytes")
             return self._types[target]
         self._types[begin] = _Type(kind, 1)  # where it refers to itself
         self._types[begin] = found = self._with_parameters(kind, depth)

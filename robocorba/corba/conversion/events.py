@@ -126,7 +126,7 @@ def batch_of_event(struct: Any) -> EventBatch:
         [struct.payload],
     )
     check(batch)
-    return batch
+    return _as_numbered(batch, header)
 
 
 def batch_of(struct: Any) -> EventBatch:
@@ -138,6 +138,13 @@ def batch_of(struct: Any) -> EventBatch:
         struct.payloads,
     )
     check(batch)
+    return _as_numbered(batch, header)
+
+
+def _as_numbered(batch: EventBatch, header: Any) -> EventBatch:
+    """The events of a client with the origin and number that it has sent; those that it has received have some."""
+    if header.origin and len(header.origin) <= MAX_NAME:
+        batch.header, batch.first = batch.header._replace(origin=header.origin), header.number
     return batch
 
 

@@ -33,8 +33,7 @@ class StopTargetServant(RoboCorba__POA.StopTarget):
         self._agent = agent
 
     def stop(self, reason: str) -> Any:
-        if not self._agent.stop_answer.is_stopped:
-            self._agent.stop(reason or "emergency stop")
+        self._agent.stop(reason or "emergency stop")  # also one that is stopped until it answers again
         return self._get_answer()
 
     def _get_answer(self) -> Any:

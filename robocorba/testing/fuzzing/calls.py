@@ -79,8 +79,8 @@ class Tally:
 def call_many(
     target: Target, operation: Operation, inputs: int, seed: int, seen: Seen, limit_s: float = math.inf
 ) -> Tally:
-    """Call an operation with so many inputs, or for so long. The same seed makes the same inputs, as far as the system
-    returned the same."""
+    """Call an operation with `inputs` inputs, for `limit_s` at most. The same seed makes the same inputs, as far as the
+    system returned the same."""
     random = Random(f"{seed} {target.name} {operation.name}")
     values, wire = Values(random, seen), Wire(random)
     tally = Tally(target.name, operation.name)

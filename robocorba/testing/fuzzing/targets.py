@@ -25,6 +25,7 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA, YeRTUnitMobility, _Global
 from robocorba.testing.actual_robot import StandIn, running_stand_in
 from robocorba.testing.buildings import two_floors
 from robocorba.testing.fuzzing.calls import Target
+from robocorba.testing.fuzzing.operations import operations
 from robocorba.testing.fuzzing.values import Seen
 from robocorba.testing.processes import Running, eventually, running_system
 from robocorba.testing.simulation import CROSS, HEARTBEAT_INTERVAL_S, NO_MOUNT, about
@@ -104,8 +105,6 @@ TEXTS: tuple[str, ...] = (
     "main",
     "s1",
     "w",
-)
-TEXTS += (
     "top",
     "bottom",
     "mission.order",
@@ -172,6 +171,11 @@ class FuzzedSystem:
         """Process id and number of restarts of each process of the system."""
         found = {one.name: (one.processId, one.restarts) for one in self.supervisor.processes()}
         return {name: one for name, one in found.items() if not name.startswith("robot_") or name[6:] in (ROBOT, OTHER)}
+
+    def ended(self) -> set[str]:
+        """The processes that have another process id or more restarts than at the start, or are gone."""
+        now = self.processes()
+        return {name for name, one in self.before.items() if now.get(name) != one}
 
     def _are_ready(self) -> bool:
         robots = [one for one in self.supervisor.processes() if one.name.startswith("robot_")]
@@ -372,7 +376,7 @@ class FuzzedSystem:
             RoboCorba.RobotSession,
             self.new_session,
             ends=frozenset({"deregister"}),
-            omitted=frozenset(name for name in _names(RoboCorba.RobotSession) if name != "deregister"),
+            omitted=frozenset(one.name for one in operations(RoboCorba.RobotSession) if one.name != "deregister"),
         )
         load = RoboCorba.SensorLoad(0.1, 0.1, 10.0, 1)
         scan = RoboCorba.ScanData(1.0, 0.0, 0.1, [1.0, 2.0, 3.0, 4.0])
@@ -423,7 +427,7 @@ class FuzzedSystem:
         yield Target("VirtualSensor of a robot", RoboCorba.VirtualSensor, lambda: self.session()._get_sensor(), own)
 
     def end_missions(self, name: str, result: Any) -> None:
-        """Remove missions and abort them."""
+        """Remove the missions that a call may have stored."""
         for mission in self.database.missions() if name in ("putMission", "start") else ():
             with contextlib.suppress(CORBA.UserException):
                 self.database.removeMission(mission.name)
@@ -483,8 +487,13 @@ class FuzzedSystem:
                 make = self._kept_proxy(kind, interface)
                 also = {"": (CosEventComm.Disconnected,)}
                 yield Target(
-                    *(_title(interface), interface, make, on_proxies, lambda name, result: None),
-                    *(disconnections, also, blocked),
+                    _title(interface),
+                    interface,
+                    make,
+                    on_proxies,
+                    ends=disconnections,
+                    also=also,
+                    omitted=blocked,
                 )
         join = {
             "forward": [_each("session", 1, runs_from)],
@@ -564,7 +573,11 @@ class FuzzedSystem:
             "slowNetwork": [_each(0.01)],
         }
         yield Target(
-            *("SmartPalFaults", RoboCorba.SmartPalFaults, _same(self._stand_in.faults), faults, self.no_faults),
+            "SmartPalFaults",
+            RoboCorba.SmartPalFaults,
+            _same(self._stand_in.faults),
+            faults,
+            self.no_faults,
             also=lost,
         )
 
@@ -591,10 +604,6 @@ def _same(reference: Any) -> Callable[[], Any]:
 
 def _title(interface: Any) -> str:
     return str(interface._NP_RepositoryId.split(":")[1]).removeprefix("RoboCorba/").removeprefix("omg.org/")
-
-
-def _names(interface: Any) -> list[str]:
-    return [name.removeprefix("_d_") for name in dir(interface) if name.startswith("_d_")]
 
 
 def _id(record: Any) -> Any:

@@ -114,7 +114,7 @@ class Seen:
         self._known = set(self.texts)
         self.structs: dict[str, list[Any]] = {}
 
-    def note(self, random: Random, descriptor: Any, value: Any, depth: int = 0) -> None:
+    def note(self, random: Random, descriptor: Any, value: Any) -> None:
         """Keep the parts of a result."""
         descriptor = resolved(descriptor)
         kind = kind_of(descriptor)
@@ -130,13 +130,13 @@ class Seen:
             else:
                 kept[random.randrange(MAX_SEEN)] = value
             for member, part in zip(descriptor[4::2], descriptor[5::2], strict=True):
-                self.note(random, part, getattr(value, member), depth + 1)
+                self.note(random, part, getattr(value, member))
         elif kind == tc.tv_union:
             self.structs.setdefault(descriptor[2], []).append(value)
             del self.structs[descriptor[2]][:-MAX_SEEN]
         elif kind == tc.tv_sequence and not isinstance(value, bytes | str):
             for part in value[:20]:
-                self.note(random, descriptor[1], part, depth + 1)
+                self.note(random, descriptor[1], part)
 
 
 class Values:

@@ -14,7 +14,8 @@ from omniORB import tcInternal as tc
 
 from robocorba.testing.fuzzing.values import kind_of, resolved
 
-_OCTETS = (tc.tv_sequence, tc.tv_octet, 0)
+#: Descriptor of an octet sequence.
+OCTETS = (tc.tv_sequence, tc.tv_octet, 0)
 #: Contents of strings, with the NUL at the end that the encoding has.
 STRINGS = (
     b"\xff\xfe\0",
@@ -48,7 +49,7 @@ class Wire:
         if way < 0.1 and pairs:
             pairs.pop(random.randrange(len(pairs)))
         elif way < 0.2:
-            pairs.append((_OCTETS, random.randbytes(random.choice((1, 100, 10_000)))))
+            pairs.append((OCTETS, random.randbytes(random.choice((1, 100, 10_000)))))
         elif way < 0.25:
             pairs = [(tc.tv_ulonglong, random.choice((0, 2**64 - 1)))]
         return tuple(descriptor for descriptor, _ in pairs), tuple(value for _, value in pairs)
@@ -57,20 +58,20 @@ class Wire:
         descriptor, random = resolved(descriptor), self._random
         kind = kind_of(descriptor)
         if kind == tc.tv_struct:
-            return self._struct(
-                [
+            return in_turn(
+                *(
                     self._changed(part, getattr(value, name))
                     for name, part in zip(descriptor[4::2], descriptor[5::2], strict=True)
-                ]
+                )
             )
         if kind == tc.tv_sequence and isinstance(value, list | tuple) and 0 < len(value) <= 50:
             parts = [self._changed(descriptor[1], part) for part in value]
             count = len(parts) if random.random() > self._share / 4 else random.choice((2**32 - 1, 2**31, 10**6))
-            return self._struct([(tc.tv_ulong, count), *parts])
+            return in_turn((tc.tv_ulong, count), *parts)
         if random.random() > self._share:
             return descriptor, value
         if kind == tc.tv_string:
-            return _OCTETS, random.choice(STRINGS)
+            return OCTETS, random.choice(STRINGS)
         if kind == tc.tv_enum:
             return tc.tv_ulong, random.choice((len(descriptor[3]), 1000, 2**31, 2**32 - 1))
         if kind == tc.tv_union:
@@ -83,16 +84,17 @@ class Wire:
             profiles = random.choice((0, 1, 2, 2**32 - 1))
             octets = random.randbytes(random.choice((0, 8, 60)))
             name = random.choice((b"IDL:x:1.0\0", b"\0", b"\xff\0", b"a" * 300 + b"\0"))
-            return self._struct([(_OCTETS, name), (tc.tv_ulong, profiles), (tc.tv_ulong, 0), (_OCTETS, octets)])
+            return in_turn((OCTETS, name), (tc.tv_ulong, profiles), (tc.tv_ulong, 0), (OCTETS, octets))
         if kind == tc.tv_any:
             typecode = random.choice((*range(36), 2**32 - 1, 1000))
             octets = random.randbytes(random.choice((0, 1, 4, 100)))
-            return self._struct([(tc.tv_ulong, typecode), (_OCTETS, octets)])
+            return in_turn((tc.tv_ulong, typecode), (OCTETS, octets))
         return descriptor, value
 
-    @staticmethod
-    def _struct(parts: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
-        names = [f"m{number}" for number in range(len(parts))]
-        members = [item for name, (part, _) in zip(names, parts, strict=True) for item in (name, part)]
-        value = SimpleNamespace(**{name: part for name, (_, part) in zip(names, parts, strict=True)})
-        return (tc.tv_struct, SimpleNamespace, "IDL:Fuzz:1.0", "Fuzz", *members), value
+
+def in_turn(*parts: tuple[Any, Any]) -> tuple[Any, Any]:
+    """A descriptor and a value that are sent as these, one after the other."""
+    names = [f"m{number}" for number in range(len(parts))]
+    members = [item for name, (part, _) in zip(names, parts, strict=True) for item in (name, part)]
+    value = SimpleNamespace(**{name: part for name, (_, part) in zip(names, parts, strict=True)})
+    return (tc.tv_struct, SimpleNamespace, "IDL:Fuzz:1.0", "Fuzz", *members), value

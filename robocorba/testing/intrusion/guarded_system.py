@@ -71,9 +71,8 @@ class GuardedSystem:
 
     def intruder(self, who: str) -> Intruder:
         role = ROLES[who]
-        examples = dict(self.examples)
         consumer, is_one = self.fuzzed.consumer, who == ONE_ROBOT
-        return Intruder(self.orb, role, self.root(who), consumer, examples, self.secrets(who), is_one)
+        return Intruder(self.orb, role, self.root(who), consumer, self.examples, self.secrets(who), is_one)
 
     def _is_one_there(self) -> bool:
         try:
@@ -139,7 +138,7 @@ class GuardedSystem:
             "robots": [(one.condition, one.adaptor, one.speedCap, one.at.floor) for one in states],
             "simulation": (server.limit, server.pace, server.paused),
             "sensors": [one.name for one in fuzzed.server.sensors()],
-            "processes": fuzzed.processes() == fuzzed.before,
+            "ended": sorted(fuzzed.ended()),
         }
 
 

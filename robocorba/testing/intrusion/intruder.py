@@ -1,7 +1,7 @@
 """Somebody with one role in a guarded system who tries everything else.
 
 They call every operation of every object that they find by its open key, by its name in their naming context, by an
-answer of another object, or by guessing its key; and look for secrets in all that they are told."""
+answer of another object, or by guessing its key; and look for secrets in all answers."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from urllib.parse import quote
 
 import CosEventChannelAdmin
 import CosNaming
-import omniORB
-from omniORB import CORBA, tcInternal
+from omniORB import CORBA
+from omniORB import tcInternal as tc
 
 from robocorba.corba.calls import set_call_timeout
 from robocorba.corba.guard import Guard
@@ -25,6 +25,7 @@ from robocorba.roles import EVERYBODY, NAMED, PUBLISHERS, SERVERS, Role, Roles, 
 from robocorba.roles import ROBOTS as ROBOT_ROLES
 from robocorba.stubs import RoboCorba
 from robocorba.testing.fuzzing.operations import Operation, interfaces, operations
+from robocorba.testing.fuzzing.values import kind_of, resolved
 from robocorba.testing.simulation import about
 
 #: Objects with a name in the system that is attacked, and their interfaces.
@@ -38,8 +39,8 @@ WRITES = frozenset(
 )
 #: What the attackers call themselves, and a robot and a channel of others.
 OURS, THEIRS, THEIR_CHANNEL = "intruder", "A", f"{CHANNELS}/a"
-#: Time limit of a call [s]; a pull waits for longer.
-CALL_LIMIT_S = 3.0
+#: Time limits of a call and of a pull, which waits for an event that never arrives [s].
+CALL_LIMIT_S, PULL_LIMIT_S = 30.0, 3.0
 NOBODY: Roles = SERVERS
 
 
@@ -47,7 +48,8 @@ NOBODY: Roles = SERVERS
 class Findings:
     """What came of the calls of one role. calls: pairs of an operation and the role, by interface and whether it was
     refused. reached: objects that the role got hold of. more: got through although the table refuses; less: refused
-    although the table allows; secrets: what answers gave away."""
+    although the table allows; unanswered: calls that timed out or did not reach the object, so that neither is known;
+    secrets: what answers gave away."""
 
     calls: dict[str, list[int]] = field(default_factory=dict)
     reached: dict[str, bool] = field(default_factory=dict)
@@ -55,6 +57,7 @@ class Findings:
     strange_calls: int = 0
     more: list[str] = field(default_factory=list)
     less: list[str] = field(default_factory=list)
+    unanswered: list[str] = field(default_factory=list)
     secrets: list[str] = field(default_factory=list)
 
     def count(self, interface: str, was_refused: bool) -> None:
@@ -94,59 +97,85 @@ _ways = [
     Way("ConsumerAdmin", _ADMIN.ConsumerAdmin, EVERYBODY, lambda of, me: of["EventChannel"].for_consumers()),
     Way("SupplierAdmin", _ADMIN.SupplierAdmin, PUBLISHERS, lambda of, me: of["EventChannel"].for_suppliers()),
     Way(
-        *("EventProxyPushSupplier", RoboCorba.EventProxyPushSupplier, EVERYBODY),
+        "EventProxyPushSupplier",
+        RoboCorba.EventProxyPushSupplier,
+        EVERYBODY,
         lambda of, me: of["EventChannel"].subscribe("", me, [], _QUEUE),
     ),
     Way(
-        *("EventProxyPullSupplier", RoboCorba.EventProxyPullSupplier, EVERYBODY),
+        "EventProxyPullSupplier",
+        RoboCorba.EventProxyPullSupplier,
+        EVERYBODY,
         lambda of, me: of["EventChannel"].for_consumers().obtain_pull_supplier(),
     ),
     Way(
-        *("EventProxyPushConsumer", RoboCorba.EventProxyPushConsumer, PUBLISHERS),
+        "EventProxyPushConsumer",
+        RoboCorba.EventProxyPushConsumer,
+        PUBLISHERS,
         lambda of, me: of["EventChannel"].supply(OURS),
     ),
     Way(
-        *("ProxyPullConsumer", _ADMIN.ProxyPullConsumer, PUBLISHERS),
+        "ProxyPullConsumer",
+        _ADMIN.ProxyPullConsumer,
+        PUBLISHERS,
         lambda of, me: of["EventChannel"].for_suppliers().obtain_pull_consumer(),
     ),
     Way("CallbackRoute", RoboCorba.CallbackRoute, EVERYBODY, lambda of, me: of["EventChannel"].routeBack()),
     Way(
-        *("GatewayFeed", RoboCorba.GatewayFeed, NOBODY),
+        "GatewayFeed",
+        RoboCorba.GatewayFeed,
+        NOBODY,
         lambda of, me: of["EventChannel"].joinGateway("c", of["EventChannel"], me).feed,
     ),
     Way(
-        *("SensorRegistration", RoboCorba.SensorRegistration, NOBODY),
+        "SensorRegistration",
+        RoboCorba.SensorRegistration,
+        NOBODY,
         lambda of, me: of["SimulationServer"].registerSensor("s1", of["VirtualSensor"], "0" * 64),
     ),
     Way(
-        *("VirtualSensor of another robot", RoboCorba.VirtualSensor, NOBODY),
+        "VirtualSensor of another robot",
+        RoboCorba.VirtualSensor,
+        NOBODY,
         lambda of, me: of["VirtualSensor"].forRobot(THEIRS),
     ),
     Way(
-        *("RobotSession", RoboCorba.RobotSession, ROBOT_ROLES),
+        "RobotSession",
+        RoboCorba.RobotSession,
+        ROBOT_ROLES,
         lambda of, me: of["SimulationServer"].registerRobot(about(OURS, 8.0, 8.0)),
     ),
     Way(
-        *("VirtualSensor of its session", RoboCorba.VirtualSensor, ROBOT_ROLES),
+        "VirtualSensor of its session",
+        RoboCorba.VirtualSensor,
+        ROBOT_ROLES,
         lambda of, me: of["RobotSession"]._get_sensor(),
         frozenset({"forRobot", "dismiss"}),
     ),
     Way(
-        *("NameRegistry", RoboCorba.NameRegistry, ROBOT_ROLES),
+        "NameRegistry",
+        RoboCorba.NameRegistry,
+        ROBOT_ROLES,
         lambda of, me: of["NamingContext"].resolve_str("NameRegistry"),
     ),
     Way(
-        *("NamingContext RoboCorba", CosNaming.NamingContextExt, EVERYBODY),
+        "NamingContext RoboCorba",
+        CosNaming.NamingContextExt,
+        EVERYBODY,
         lambda of, me: of["NamingContext"].resolve_str(CONTEXT),
         WRITES,
     ),
     Way(
-        *("NamingContext Robots", CosNaming.NamingContextExt, EVERYBODY),
+        "NamingContext Robots",
+        CosNaming.NamingContextExt,
+        EVERYBODY,
         lambda of, me: of["NamingContext"].resolve_str(f"{CONTEXT}/{ROBOTS}"),
         WRITES,
     ),
     Way(
-        *("BindingIterator", CosNaming.BindingIterator, EVERYBODY),
+        "BindingIterator",
+        CosNaming.BindingIterator,
+        EVERYBODY,
         lambda of, me: of["NamingContext RoboCorba"].list(1)[1],
     ),
 ]
@@ -213,9 +242,9 @@ class Intruder:
             allowed = {each for each in allowed if may_call(self._role, interface, each)}
             allowed -= REFUSED_TO_ONE.get(interface, set()) if self._is_one else set()
             self._call_all(interface, reference, getattr(RoboCorba, interface), allowed)
-        for (interface, operation), roles in NAMED.items():
-            if self._role not in roles:
-                self._check(f"{interface}.{operation} with a name", False, lambda: self._subscribe("theirs"))
+        assert NAMED.keys() == {("EventChannel", "subscribe")}
+        if self._role not in NAMED["EventChannel", "subscribe"]:
+            self._check("EventChannel.subscribe with a name", False, lambda: self._subscribe("theirs"))
         for way in WAYS:
             reference = self._get(way, found)
             self.findings.reached[way.title] = reference is not None
@@ -282,7 +311,11 @@ class Intruder:
         def call() -> Any:
             return reference._obj.invoke(operation.name, operation.descriptor, arguments)
 
-        was_refused = self._check(f"{title}.{operation.name}", is_allowed, call)
+        if operation.name == "pull":
+            set_call_timeout(reference, PULL_LIMIT_S)
+        was_refused = self._check(f"{title}.{operation.name}", is_allowed, call, operation.name == "pull")
+        if operation.name == "pull":
+            set_call_timeout(reference, CALL_LIMIT_S)
         self.findings.count(title, was_refused)
 
     def _call_strange(self, title: str, reference: Any, own: Sequence[Operation]) -> None:
@@ -301,8 +334,8 @@ class Intruder:
                     reference._obj.invoke(operation.name, ((), (), {}), ())
                     self.findings.more.append(f"{title} answers {interface.__name__}.{operation.name}")
 
-    def _check(self, what: str, is_allowed: bool, call: Callable[[], Any]) -> bool:
-        """Whether a call is refused, noted where that is not as it should be."""
+    def _check(self, what: str, is_allowed: bool, call: Callable[[], Any], waits: bool = False) -> bool:
+        """Whether a call is refused, noted where that is not as it should be. waits: it times out if it is allowed."""
         try:
             result = call()
         except CORBA.NO_PERMISSION:
@@ -310,6 +343,9 @@ class Intruder:
                 self.findings.less.append(what)
             return True
         except CORBA.Exception as error:
+            if isinstance(error, CORBA.TIMEOUT | CORBA.TRANSIENT) and not waits:
+                self.findings.unanswered.append(f"{what}: {type(error).__name__}")
+                return False
             result = error
             with contextlib.suppress(AttributeError):
                 result = (type(error).__name__, vars(error))
@@ -371,23 +407,18 @@ def guesses(own_key: str = "") -> Iterator[str]:
 
 def simple_value(descriptor: Any) -> Any:
     """The simplest value of a type that the stubs describe."""
-    kind, *parts = descriptor if isinstance(descriptor, tuple) else (descriptor,)
-    if isinstance(descriptor, list):  # a type that is used before its definition
-        return simple_value(descriptor[0])
-    if isinstance(kind, str):
-        return simple_value(omniORB.typeMapping[parts[0][0] if isinstance(parts[0], list) else parts[0]])
-    if kind == tcInternal.tv_struct:
-        return parts[0](*map(simple_value, parts[4::2]))
-    if kind == tcInternal.tv_union:
-        label, _, member = parts[5][0]
-        return parts[0](label, simple_value(member))
-    if kind == tcInternal.tv_enum:
-        return parts[2][0]
-    if kind == tcInternal.tv_alias:
-        return simple_value(parts[2])
-    if kind == tcInternal.tv_sequence:
-        return b"" if parts[0] == tcInternal.tv_octet else []
-    if kind == tcInternal.tv_any:
+    descriptor = resolved(descriptor)
+    kind = kind_of(descriptor)
+    if kind == tc.tv_struct:
+        return descriptor[1](*map(simple_value, descriptor[5::2]))
+    if kind == tc.tv_union:
+        label, _, member = descriptor[6][0]
+        return descriptor[1](label, simple_value(member))
+    if kind == tc.tv_enum:
+        return descriptor[3][0]
+    if kind == tc.tv_sequence:
+        return b"" if kind_of(resolved(descriptor[1])) == tc.tv_octet else []
+    if kind == tc.tv_any:
         return CORBA.Any(CORBA.TC_null, None)
-    simple = {tcInternal.tv_string: "", tcInternal.tv_objref: None, tcInternal.tv_boolean: False}
-    return simple.get(kind, 0.0 if kind in (tcInternal.tv_float, tcInternal.tv_double) else 0)
+    simple = {tc.tv_string: "", tc.tv_objref: None, tc.tv_boolean: False}
+    return simple.get(kind, 0.0 if kind in (tc.tv_float, tc.tv_double) else 0)
