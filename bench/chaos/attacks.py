@@ -24,11 +24,12 @@ from typing import NamedTuple
 
 import psutil
 
-from bench.chaos.attackers import HERE, KINDS, ROBOT, THERE
+from bench.chaos.attackers import HERE, KINDS, ROBOT, THERE, Attacker
 from bench.chaos.beside import MAX_CALL_S, Beside, Complaints, beside
 from bench.chaos.crowd import CARRYING, EXPIRED, Carrier, Drivers, Names, Stream, places, two_floors
 from bench.common.harness import run
 from bench.missions.many import Room, rooms, started
+from robocorba.events.blocking_budget import BUDGET_S
 from robocorba.maps import native
 from robocorba.testing.json_process import Process, checkout_command
 from robocorba.testing.missions import MissionSystem
@@ -36,6 +37,8 @@ from robocorba.testing.missions import missions as mission_system
 from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, bars, summarize
 from robocorba.testing.simulation import error_lines
 
+#: The attack by consumers that block suppliers, for BUDGET_S a minute.
+BLOCKING = Attacker.absent_consumers.__name__
 #: Rooms of the building: two with a mission, four with the lanes of up to 20 robots.
 ROOMS = 6
 #: Duration of one attack [s].
@@ -91,6 +94,7 @@ class Attacks:
         self._arguments, self._log = (str(place.running.naming), endpoints), place.folder / "attackers.log"
         self._kinds, self._at_once, self._random = kinds, at_once, Random(seed)
         self._running: list[Attack] = []
+        self._held_up_until = 0.0
         self.begun: Counter[str] = Counter()
         self.longest: dict[str, dict[str, float]] = defaultdict(dict)
 
@@ -98,6 +102,10 @@ class Attacks:
     def kinds(self) -> tuple[str, ...]:
         """Those that run now."""
         return tuple(each.kind for each in self._running)
+
+    def hold_up_suppliers(self) -> bool:
+        """Whether consumers block suppliers, or did until a moment ago. BLOCK_SUPPLIER allows that."""
+        return BLOCKING in self.kinds or time.monotonic() < self._held_up_until
 
     def replace_ended(self) -> None:
         """Kill attackers whose time has passed, and start others."""
@@ -128,6 +136,8 @@ class Attacks:
     def _end(self, attack: Attack) -> None:
         with attack.process:
             attack.process.kill()
+        if attack.kind == BLOCKING:
+            self._held_up_until = time.monotonic() + BUDGET_S
         self._running.remove(attack)
 
 
@@ -164,6 +174,7 @@ class Outcome(NamedTuple):
             at_least("missions that ended at their goal", len(self.seconds), 1),
             at_most("missions that did not", self.failed, 0),
             at_most("longest time for an event, s", self.stream.delivered_s, MAX_CALL_S),
+            at_most("the same while consumers block suppliers, s", self.stream.held_up_s, BUDGET_S + MAX_CALL_S),
             at_most("a name led to somebody else, s", self.stolen_s, MAX_STOLEN_S),
             at_most("servers that ended or grew", len(self.grown), 0),
             at_most("errors in logs", len(self.logged), 0),
@@ -178,13 +189,14 @@ def measure(
     attack: Callable[[], None],
     settle: float,
     quiet: float,
+    is_held_up: Callable[[], bool],
 ) -> Outcome:
     """Let robots, missions and clients work before, during and after the attacks. settle, quiet: durations [s]."""
     with contextlib.ExitStack() as stack:
         place.server.renderFloor("L1", 1024)  # what is loaded by the first call belongs to the memory before
         driving = stack.enter_context(contextlib.closing(Drivers(place, of, drivers, complain)))
         carriers = [Carrier(place, room, complain) for room in of if room.number in CARRYING]
-        stream = stack.enter_context(contextlib.closing(Stream(place, complain)))
+        stream = stack.enter_context(contextlib.closing(Stream(place, complain, is_held_up)))
         names = stack.enter_context(contextlib.closing(Names(place, ROBOT)))
         for carrier in carriers:
             carrier.start()
@@ -250,15 +262,16 @@ def main(
         def attack() -> None:
             loads.extend(attack_for(60 * minutes, attacks, bystander))
 
-        outcome = measure(place, of, drivers, complain, attack, settle, quiet)
+        outcome = measure(place, of, drivers, complain, attack, settle, quiet, attacks.hold_up_suppliers)
     print(*outcome.logged[:30], *(f"the lease of {name} expired" for name in outcome.expired[:10]), sep="\n")
     complain.print_rest()
     for server, then in outcome.before.items():
         print(f"{server}: before {then}, after {outcome.after.get(server)}")
+    stream = outcome.stream
     print(
         f"{outcome.metres:.0f} m driven; {len(outcome.seconds)} missions, "
-        f"{statistics.median(outcome.seconds or [0.0]):.1f} s each; longest push {outcome.stream.pushed_s:.2f} s, "
-        f"delivery {outcome.stream.delivered_s:.2f} s; load {statistics.median(loads):.1f}, at most {max(loads):.1f}"
+        f"{statistics.median(outcome.seconds or [0.0]):.1f} s each; longest event {stream.delivered_s:.2f} s, "
+        f"blocked {stream.held_up_s:.2f} s; load {statistics.median(loads):.1f}, at most {max(loads):.1f}"
     )
     rows = [
         {"attack": kind, "times": attacks.begun[kind], **{each: calls.get(each) for each in bystander.longest}}

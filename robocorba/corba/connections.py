@@ -1,4 +1,5 @@
-"""The connections that clients have to a process: how many there may be, and which one ends when there are too many.
+"""The connections that clients have to a process: how many there may be, which one ends when there are too many, and
+how many may wait to be accepted.
 
 Each connection takes a descriptor and a thread. A process without a free descriptor can accept no connection and open
 no file, so the connection that has been idle for longest ends before that. Robots call twice a second at least, so
@@ -23,6 +24,9 @@ from robocorba.repeating import Repeating
 DESCRIPTORS = 16_384
 #: Maximum number of connections: more of them, each with a thread, would need gigabytes.
 MAX_CONNECTIONS = 4096
+#: Connections that may wait to be accepted, as far as the kernel allows: when a server restarts, all its clients
+#: connect at once. Of more than omniORB's 128, those beyond would wait for 1 s, then for 3 s.
+QUEUE = 4096
 #: Share of the descriptors that stays free, for files and for connections within CHECK_INTERVAL_S.
 FREE_SHARE = 0.125
 #: Interval between checks [s].
@@ -158,6 +162,15 @@ class OwnDescriptors:
             yield borrowed
         finally:
             borrowed.detach()
+
+
+def enlarge_queue(process: Descriptors | None = None) -> None:
+    """Let QUEUE connections wait to be accepted, at each port on which a process (this one by default) listens."""
+    process = process or OwnDescriptors()
+    for descriptor in process.in_use():
+        with contextlib.suppress(OSError), process.borrowed(descriptor) as listener:
+            if listener.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                listener.listen(QUEUE)
 
 
 def check_tcp(connection: socket.socket) -> None:

@@ -33,12 +33,14 @@ from typing import Any
 
 import PortableServer
 import PortableServer__POA
-from omniORB import CORBA, BiDirPolicy, interceptors
+from omniORB import CORBA, BiDirPolicy
 
 from robocorba.allocator import return_freed_memory
 from robocorba.corba import tls
+from robocorba.corba.accepting import Door
+from robocorba.corba.call_threads import wait_for_end
 from robocorba.corba.calls import describe, set_call_timeout
-from robocorba.corba.connections import ConnectionLimit
+from robocorba.corba.connections import ConnectionLimit, enlarge_queue
 from robocorba.corba.conversion.bounded_any import read_bounded
 from robocorba.corba.conversion.references import object_at
 from robocorba.corba.guard import Guard, guarded, without_keys
@@ -92,18 +94,6 @@ ACCEPT_CALLBACKS = {
 SHUTDOWN_LIMIT_S = 30.0
 
 _one_orb = threading.Lock()
-
-#: Set when all servants are active. omniORB accepts calls as soon as its first adapter exists, and answers
-#: OBJECT_NOT_EXIST, which means permanently gone, for objects that are not active yet. The interceptor runs once for
-#: each thread that begins to serve a connection, and makes it wait; calls have no further cost.
-_gate = threading.Event()
-
-
-def _wait_at_gate() -> None:
-    _gate.wait()  # an interceptor must return None, or the process is aborted
-
-
-interceptors.addAssignUpcallThread(_wait_at_gate)
 
 
 def checking(servant: Any) -> Any:
@@ -168,6 +158,7 @@ class Orb:
             self._guard = Guard(naming.key.encode() if naming.role is Role.SERVER else b"")
             self._bound_names = HeldNames(self._names, self._guard)
         self._connections = ConnectionLimit()
+        self._door = Door()
         self._active_keys: set[str] = set()
         self._options = {
             **OPTIONS,
@@ -190,7 +181,6 @@ class Orb:
     def __enter__(self) -> Orb:
         if not _one_orb.acquire(blocking=False):
             raise ServiceError("this process has an ORB already; omniORB allows one")
-        _gate.clear()
         arguments = ["robocorba"]
         for option, value in self._options.items():
             arguments += [f"-ORB{option}", value]
@@ -198,11 +188,12 @@ class Orb:
             self._orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)
             if self.endpoint:
                 return_freed_memory()
+                self._door.close()
                 _ = self._named_adapter  # listens from here on, so that a port in use is detected now; callers wait
+                enlarge_queue()
             self._connections.start()
             if self.offers_callbacks:
                 _ = self._object_adapter  # omniORB makes no call that offers callbacks before it is there
-                self.accept_calls()  # the threads that wait at the gate also read the answers to calls
         except BaseException:
             self._shut_down()
             raise
@@ -221,11 +212,12 @@ class Orb:
         self._active_keys.clear()
         for adapter in ("_root_adapter", "_object_adapter", "_named_adapter", "_secret_adapter"):
             self.__dict__.pop(adapter, None)
-        _gate.set()
+        self._door.open()
         try:
             if orb:
                 orb.shutdown(True)  # waits for calls in progress
                 orb.destroy()
+                wait_for_end()
         finally:
             faulthandler.cancel_dump_traceback_later()
             _one_orb.release()
@@ -400,7 +392,7 @@ class Orb:
         """Accept calls of active objects; for a process that has objects, but no names for `serve`."""
         for adapter in (self._named_adapter, self._root_adapter):
             adapter._get_the_POAManager().activate()
-        _gate.set()
+        self._door.open()
 
     @cached_property
     def _named_adapter(self) -> Any:

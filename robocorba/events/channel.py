@@ -21,7 +21,6 @@ from robocorba.events.federation import Federation
 from robocorba.events.feed import Feed
 from robocorba.events.proxy_consumer import ORDERS
 from robocorba.events.proxy_supplier import ProxySupplier
-from robocorba.events.queue import MAX_BLOCK_S
 from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription, patterns_of, union
 from robocorba.events.watermarks import Watermarks
 
@@ -31,6 +30,10 @@ MAX_ROUTES = 4096
 #: Types of events that wait for nobody, besides orders, begin with this: missions would end if a consumer could hold
 #: them up.
 NEVER_HELD_UP = "mission."
+
+#: Maximum time for which one call of a supplier waits for room in queues [s]: below the 10 s after which most clients
+#: give a call up, and would not know whether their event was received.
+MAX_WAIT_S = 8.0
 
 _UNFILTERED = SubscriptionMatch(True, ())
 
@@ -156,9 +159,9 @@ class Channel:
     def _publish_blocking(self, batch: EventBatch, max_events: int) -> None:
         """Publish pieces of at most `max_events`, each when the queues have room or their time limit has passed.
 
-        The waits of all pieces for all queues together last at most MAX_BLOCK_S."""
+        The waits of all pieces for all queues together last at most MAX_WAIT_S."""
         header = batch.header
-        deadline = time.monotonic() + MAX_BLOCK_S
+        deadline = time.monotonic() + MAX_WAIT_S
         for start in range(0, len(batch), max_events):
             piece = batch.part(start, start + max_events)
             with self.lock:
