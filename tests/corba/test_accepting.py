@@ -38,6 +38,35 @@ with Orb(Address("127.0.0.1", 9), Address("127.0.0.1", {port})) as orb:
 """
 
 
+RESTARTS = """
+import socket, threading
+from robocorba.corba.orb import Orb
+from robocorba.settings import Address
+from robocorba.stubs import RoboCorba__POA
+
+class Planner(RoboCorba__POA.PathPlanner):
+    def _get_mapVersion(self):
+        return 1
+
+def connect():
+    while not is_over.is_set():
+        try:
+            socket.create_connection(("127.0.0.1", {port})).close()
+        except OSError:
+            pass
+
+is_over = threading.Event()
+connecting = threading.Thread(target=connect)
+connecting.start()
+for _ in range({times}):
+    with Orb(Address("127.0.0.1", 9), Address("127.0.0.1", {port})) as orb:
+        orb.activate(Planner(), "Planner")
+        orb.accept_calls()
+is_over.set()
+connecting.join()
+"""
+
+
 class Server:
     """A server that serves its object when `start` is called."""
 
@@ -130,3 +159,10 @@ def test_python_knows_no_threads_of_connections_without_calls(server: Server) ->
         last.ask()
         assert last.answer(60.0)[1] < 20
     assert server.end() == 0
+
+
+def test_a_server_opens_while_clients_connect() -> None:
+    """omniORB frees what its accepting thread uses, if it is told to end its reports."""
+    with claimed_ports() as port:
+        command = [sys.executable, "-c", RESTARTS.format(port=port, times=150)]
+        assert subprocess.run(command, timeout=120.0, check=False).returncode == 0
