@@ -9,10 +9,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+from msgspec.structs import replace
+
 from robocorba.control.agent import ControlAgent
 from robocorba.control.execution_control import Aborted
 from robocorba.control.runner import ReceivedEvent
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.mission_leaders import RemoteLeaders
 from robocorba.corba.remote.mission_world import RemoteWorld
 from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.corba.remote.robot_channel import RobotChannel
@@ -20,7 +24,7 @@ from robocorba.data_pool.plans import Plans
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.robots import MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
-from robocorba.errors.simulation import UnknownMission
+from robocorba.errors.simulation import StaleMission, UnknownMission
 from robocorba.missions import carry_planning
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.execution import pose_in_robot_frame
@@ -28,15 +32,18 @@ from robocorba.missions.hand_over import HandOverPlanner
 from robocorba.missions.leader import CooperativePlanner, Leader
 from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.move_table import MoveTablePlanner
-from robocorba.missions.recorder import LedMission, MissionRecorder
+from robocorba.missions.recorder import LedMission, MissionRecorder, check_term
 from robocorba.missions.report import MissionReport
 from robocorba.missions.subplan import CooperativePlan, StoredPlan
+from robocorba.missions.succession import Succession
 from robocorba.missions.transport import Transport
 from robocorba.missions.world import World
 from robocorba.planning.request import Place
 from robocorba.programs import icons
 from robocorba.programs.icons import Icon, kind
-from robocorba.simulation.mission_record import new_mission_name
+from robocorba.programs.program import of_icon
+from robocorba.simulation.mission_record import MissionContent, decoded, new_mission_name
+from robocorba.simulation.store import Mission
 from robocorba.spatial.pose import Pose2D
 
 #: A program's event must be accepted by the channel within this time [s].
@@ -66,7 +73,8 @@ class Cooperation:
         self._closing = contextlib.ExitStack()
         self._closing.callback(self._channel.close)
         self._world = RemoteWorld(orb)
-        self._recorder = MissionRecorder(RemoteDatabase(orb, RECORD_RESOLVE_S).put_mission)
+        self._records = RemoteDatabase(orb, RECORD_RESOLVE_S)
+        self._recorder = MissionRecorder(self._records)
         self._closing.callback(self._recorder.close)
         #: Set by `start` if the robot has an event channel.
         self._agent: ControlAgent | None = None
@@ -91,7 +99,10 @@ class Cooperation:
                     return pose_in_robot_frame((item.x, item.y, item.heading), (own.x, own.y, own.heading))
             return None
 
-        self._missions = missions = MissionAgent(Transport(channel, self._name), agent, locate).start()
+        succession = Succession(self._name, self._records, RemoteLeaders(self._orb).leads, _Successor(agent))
+        self._closing.callback(succession.close)
+        transport = Transport(channel, self._name)
+        self._missions = missions = MissionAgent(transport, agent, locate, on_orphaned=succession.begin).start()
         self._closing.callback(missions.close)
         self._agent = agent
 
@@ -124,39 +135,65 @@ class Cooperation:
             self._agent.abort()
 
     def cooperate(self, icon: Icon, mission: str = "") -> None:
-        """Lead a mission to its end; `mission` names it, empty for a new name.
+        """Lead a mission to its end; `mission` names it, empty for a new name. One that another robot leads is taken
+        over.
 
-        Raises MissionFailed with the reason, ImpossibleCarry, NotReachable."""
+        Raises MissionFailed with the reason, NotReachable."""
         mission = mission or new_mission_name(self._name)
-        about = str(getattr(icon, "table", getattr(icon, "object", "")))
         OWN_CLOCK.synchronize()
-        led = LedMission(self._recorder, mission, kind(icon), about, self._name)
+        led = LedMission(self._recorder, mission, self._claimed(icon, mission))
         self._lead_as(mission)
         try:
-            report = self._lead(icon, mission, led)
+            report, is_aborted = self._lead(icon, mission, led)
+            report.save(self._reports)  # before others see that it has ended
+            led.end(report, is_aborted)
         except Exception as error:
             led.fail(str(error) or type(error).__name__, isinstance(error, Aborted))
             raise
         finally:
             self._lead_as("")
-        report.save(self._reports)
         for old in [stored.name for stored in self._plans.all()][:-MAX_PLANS_KEPT]:
             self._plans.remove(old)
         if report.result != "done":
             raise MissionFailed(report.reason)
 
+    def _claimed(self, icon: Icon, mission: str) -> MissionContent:
+        """The record of a mission that this robot leads from now on. Raises MissionTakenOver, MissionFailed."""
+        about = str(getattr(icon, "table", getattr(icon, "object", "")))
+        members = msgspec.to_builtins(icon)
+        begun = OWN_CLOCK.now()
+        new = MissionContent(kind=kind(icon), about=about, leader=self._name, icon=members, begun=begun)
+        try:
+            stored = self._records.mission(mission)
+        except (UnknownMission, NotReachable):
+            return new
+        before = decoded(stored.document)
+        if before is None:
+            return new
+        if not before.is_running:
+            raise MissionFailed(f"{mission} has ended already: {before.reason or before.result.value}")
+        if before.leader == self._name:
+            return replace(before, icon=members)
+        content = before.taken_over(self._name, f"{before.leader} was silent", OWN_CLOCK.now())
+        try:
+            self._records.put_mission(Mission(mission, stored.version, content.encode()))
+        except StaleMission:
+            check_term(self._records.mission(mission), before.term)
+            raise MissionFailed(f"{before.leader} leads {mission} again") from None
+        return content
+
     def _lead_as(self, mission: str) -> None:
         with self._lock:
             self._led = mission
 
-    def _lead(self, icon: Icon, mission: str, led: LedMission) -> MissionReport:
+    def _lead(self, icon: Icon, mission: str, led: LedMission) -> tuple[MissionReport, bool]:
+        """The report, and whether a user has aborted the mission."""
         agent = self._agent
         if agent is None:
             raise MissionFailed("the robot has no event channel; start it with --channel")
         if type(icon) not in PLANNERS:
             raise MissionFailed(f"unsupported cooperative icon {kind(icon)}")
-        here = Place(*agent.place[:3])
-        planner = PLANNERS[type(icon)](icon, self._world, self._name, here)
+        make_planner = PLANNERS[type(icon)]
         execution = agent.robot.execution
         is_aborted = False
 
@@ -174,10 +211,15 @@ class Cooperation:
                 self._store_plan,
                 interruption,
                 on_progress=led.update,
+                term=led.term,
+                attempts=led.attempts,
+                begin_attempt=led.begin_attempt,
             )
-            report = leader.lead(kind(icon).replace("_", " "), planner)
-        led.end(report, is_aborted)
-        return report
+            report = leader.lead(
+                kind(icon).replace("_", " "),
+                lambda: make_planner(icon, self._world, self._name, Place(*agent.place[:3])),
+            )
+        return report, is_aborted
 
     def _store_plan(self, plan: CooperativePlan, phase: str) -> None:
         """Store the plan in the data pool, where other robots and clients can read it."""
@@ -187,3 +229,17 @@ class Cooperation:
                 versions = {stored.name: stored.version for stored in self._plans.all()}
                 self._plans.put(plan.mission, content, versions.get(plan.mission, 0))
                 return
+
+
+class _Successor:
+    """The robot of an agent as a successor of leaders; see Succession."""
+
+    def __init__(self, agent: ControlAgent) -> None:
+        self._agent = agent
+
+    def is_free(self) -> bool:
+        return self._agent.is_free
+
+    def lead(self, mission: str, icon: dict[str, Any]) -> None:
+        """Raises RobotError."""
+        self._agent.take_over(mission, of_icon(msgspec.json.encode(icon).decode()))

@@ -39,8 +39,7 @@ from robocorba.corba.calls import error_of
 from robocorba.corba.conversion import paths
 from robocorba.corba.naming import corbaname
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.corba.remote.data_pool import RemotePool
+from robocorba.corba.remote.mission_control import RemoteMissionControl
 from robocorba.corba.remote.mission_world import RemoteWorld
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
@@ -52,9 +51,7 @@ from robocorba.missions.world import MovableObject
 from robocorba.names import MISSIONS
 from robocorba.planning.request import PathRequest, Place
 from robocorba.printing import Console, line
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.icons import Destination
-from robocorba.programs.program import dumps
+from robocorba.programs.icons import Destination, MoveTable
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.folder import StateFolder
@@ -241,17 +238,16 @@ def _carry(orb: Orb, goal: Destination, camera: Camera, folder: Path, console: C
     """Command the leader and follow the mission to its end; take a picture when the table is half way.
 
     Raises MissionFailed if it does not end within MISSION_TIMEOUT_S."""
-    agent, pool, world = RemoteAgent(orb, LEADER), RemotePool.of_robot(orb, LEADER), RemoteWorld(orb)
+    control, world = RemoteMissionControl(orb), RemoteWorld(orb)
     total_m = goal_error(world.movable(TABLE), goal).off_m
     place = f"{goal.floor}:{goal.x:g},{goal.y:g}"
     console.print(
         f"[bold]Mission[/bold]: robocorba mission start move-table --table {TABLE} --to {place} --leader {LEADER}"
     )
-    agent.load(dumps(ProgramBuilder(f"move {TABLE}").move_table(TABLE, goal).program()))
-    agent.run()
+    name = control.start(LEADER, msgspec.json.encode(MoveTable(TABLE, goal)).decode())
     began, printed = time.monotonic(), ""
     with progress(1.0) as bar:
-        for now in follow_mission(agent, pool, time.sleep):
+        for now in follow_mission(control, name, time.sleep):
             if now.result:
                 return now
             if now.phase != printed:

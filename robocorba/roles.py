@@ -61,7 +61,10 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         ),
     ),
     "OmniDatabase": _rules(
-        (EVERYBODY, "floors getFloor floorChanges lastScans scansSince postures reservations elevators missions"),
+        (
+            EVERYBODY,
+            "floors getFloor floorChanges lastScans scansSince postures reservations elevators missions mission",
+        ),
         (ROBOTS, "putMission"),
         (OPERATORS, "removeMission"),
     ),
@@ -76,7 +79,7 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         (SERVERS, "forRobot dismiss"),
     ),
     "MissionControl": _rules(
-        (EVERYBODY, "missionsSince mission report"),
+        (EVERYBODY, "missionsSince mission leaders report"),
         (OPERATORS, "start abort"),
     ),
     "RobotAgent": _rules(

@@ -96,8 +96,9 @@ class SimulationServer:
         self._monitor = Monitor(self.agent, remote_map.building)
         self._map_check = Repeating("map", self._follow_map, MAP_CHECK_INTERVAL_S)
         self._missions, leaders = MissionDirectory(store), RemoteLeaders(orb)
-        self._mission_control = MissionControl(self._missions, leaders)
-        self._leader_watch = LeaderWatch(self._missions, leaders, self._is_logged_on)
+        nearest = self.agent.robots_near
+        self._mission_control = MissionControl(self._missions, leaders, nearest)
+        self._leader_watch = LeaderWatch(self._missions, leaders, self._is_logged_on, nearest=nearest)
         self._leader_check = Repeating("leaders", self._leader_watch.check, LEADER_CHECK_INTERVAL_S)
 
     def start(self) -> None:

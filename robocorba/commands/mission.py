@@ -20,15 +20,15 @@ from robocorba.commands.reporting import reporting
 from robocorba.commands.waiting import Outage, StopSignal, progress
 from robocorba.errors.paths import InvalidRequest
 from robocorba.errors.services import NotReachable, ServiceError
-from robocorba.errors.simulation import UnknownMission
+from robocorba.errors.simulation import NoLeader
 from robocorba.names import MISSIONS
 from robocorba.printing import Console, echo, line
 from robocorba.settings import Settings
 
 if TYPE_CHECKING:
     from robocorba.corba.orb import Orb
-    from robocorba.corba.remote.control_agent import RemoteAgent
     from robocorba.corba.remote.data_pool import RemotePool
+    from robocorba.corba.remote.mission_control import RemoteMissionControl
     from robocorba.missions.subplan import StoredPlan
     from robocorba.programs.icons import Destination
     from robocorba.simulation.mission_record import MissionState
@@ -39,7 +39,9 @@ POLL_INTERVAL_S = 0.2
 app = typer.Typer(help="Missions of several robots.", no_args_is_help=True)
 start_app = typer.Typer(help="Start a mission.", no_args_is_help=True)
 app.add_typer(start_app, name="start")
-LeaderName = Annotated[str, typer.Option("--leader", metavar="ROBOT", help="The robot that leads.")]
+LeaderName = Annotated[
+    str, typer.Option("--leader", metavar="ROBOT", help="The robot that leads (default: the nearest free one).")
+]
 MissionName = Annotated[str, typer.Argument(metavar="[MISSION]", help="The mission's name, as `list` shows it.")]
 LeaderOption = Annotated[
     str, typer.Option("--leader", metavar="ROBOT", help="Instead of a name: the mission that this robot leads.")
@@ -52,25 +54,22 @@ def move_table(
     to: Annotated[
         str, typer.Option(metavar="FLOOR:X,Y[,HEADING]", help="Pose of its middle at the goal, in m and rad.")
     ],
-    leader: LeaderName,
+    leader: LeaderName = "",
     naming: Naming = None,
 ) -> None:
     """Carry a table to a goal. The leader finds the helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
     import msgspec
 
-    from robocorba.corba.remote.control_agent import RemoteAgent
-    from robocorba.corba.remote.data_pool import RemotePool
     from robocorba.corba.remote.mission_control import RemoteMissionControl
     from robocorba.programs.icons import MoveTable
 
     stop = StopSignal()
     with connected("mission", naming) as orb:
         icon = msgspec.json.encode(MoveTable(table, parse_destination(to))).decode()
-        agent = RemoteAgent(orb, leader)
-        name = RemoteMissionControl(orb).start(leader, icon)
-        result, reason, seconds = _print_progress(agent, RemotePool.of_robot(orb, leader), stop, name)
-    line(result, f"{seconds:.1f} s", *filter(None, [reason]))
-    if result != "done":
+        control = RemoteMissionControl(orb)
+        end = _print_progress(control, control.start(leader, icon), stop)
+    line(end.result, f"{end.seconds:.1f} s", *filter(None, [end.reason]))
+    if end.result != "done":
         raise typer.Exit(1)
 
 
@@ -108,7 +107,8 @@ def status(name: MissionName = "", leader: LeaderOption = "", naming: Naming = N
         if not _is_by_name(name, leader):
             _print_plan(orb, leader)
             return
-        state = RemoteMissionControl(orb).mission(name)
+        control = RemoteMissionControl(orb)
+        state, leaders = control.mission(name), control.leaders(name)
     if as_json:
         echo(json.dumps(_as_json(state), indent=1))
         return
@@ -121,7 +121,9 @@ def status(name: MissionName = "", leader: LeaderOption = "", naming: Naming = N
     Console().print(phases)
     robots = ", ".join(f"{member.robot} ({member.role})" for member in content.members)
     count = f"{len(content.phases)} of {content.phases_in_all} phases have begun; " if content.phases_in_all else ""
-    line(f"{count}led by {content.leader}; robots: {robots or 'not yet known'}")
+    line(f"{count}led by {content.leader}, term {content.term}; robots: {robots or 'not yet known'}")
+    for each in leaders[1:]:
+        line(f"{each.robot} took over in term {each.term} after {each.since - content.begun:.1f} s: {each.reason}")
     if content.reason:
         line(content.reason)
 
@@ -253,10 +255,11 @@ def parse_destination(text: str) -> Destination:
 
 
 class MissionStatus(NamedTuple):
-    """The progress of a mission. phase: empty before there is a plan. share: of the phases that are done. result: empty
-    while the mission runs; reason: of a failure."""
+    """The progress of a mission. share: of the phases that have ended. result: empty while the mission runs; reason: of
+    a failure."""
 
     phase: str
+    leader: str
     robots: tuple[str, ...]
     share: float
     seconds: float
@@ -265,57 +268,63 @@ class MissionStatus(NamedTuple):
 
 
 def follow_mission(
-    agent: RemoteAgent, pool: RemotePool, wait: Callable[[float], object], name: str = ""
+    control: RemoteMissionControl, name: str, wait: Callable[[float], object]
 ) -> Iterator[MissionStatus]:
-    """The progress of the mission that a robot leads, until its end; `wait` is called with the seconds in between.
+    """The progress of a mission until its end, whoever leads it; `wait` is called with the seconds in between.
 
-    name: of the mission; without it, an earlier mission's phase is reported until there is a new plan. Raises
-    NotReachable if the robot is not reachable for OUTAGE_LIMIT_S."""
+    Raises UnknownMission, and NotReachable if mission control is not reachable for OUTAGE_LIMIT_S."""
     outage = Outage()
     while True:
         try:
-            report, stored = agent.state().program, _latest(pool, name)
+            content = control.mission(name).content
             outage.note_answer()
         except NotReachable as error:
             outage.note_failure(error)
         else:
-            phase = stored.phase if stored else ""
-            phases = stored.plan.phases if stored else ()
-            robots = tuple(subplan.robot for subplan in stored.plan.subplans) if stored else ()
-            share = phases.index(phase) / len(phases) if phase in phases else 0.0
-            result = "" if report.result.name == "NO_RESULT" else report.result.name.lower()
-            yield MissionStatus(phase, robots, share, report.seconds, result, report.reason)
+            ended = sum(phase.ended > 0.0 for phase in content.phases)
+            result = "" if content.is_running else content.result.value
+            yield MissionStatus(
+                content.phases[-1].name if content.phases else "",
+                content.leader,
+                tuple(member.robot for member in content.members),
+                min(1.0, ended / content.phases_in_all) if content.phases_in_all else 0.0,
+                max(0.0, (content.ended or time.time()) - content.begun),
+                result,
+                content.reason,
+            )
             if result:
                 return
         wait(POLL_INTERVAL_S)
 
 
-def _print_progress(agent: RemoteAgent, pool: RemotePool, stop: StopSignal, name: str) -> tuple[str, str, float]:
-    """Print each phase that begins, until the mission `name` has ended; return result, reason and seconds."""
-    printed, is_ending = "", False
+def _print_progress(control: RemoteMissionControl, name: str, stop: StopSignal) -> MissionStatus:
+    """Print each phase that begins, and each change of the leader, until a mission has ended; return its end."""
+    printed, leader, is_ending = "", "", False
 
     def wait(seconds: float) -> None:
         if stop.wait(seconds):  # returns immediately after a Ctrl-C
             time.sleep(seconds)
 
     with progress(1.0) as bar:
-        for now in follow_mission(agent, pool, wait, name):
+        for now in follow_mission(control, name, wait):
             if now.result:
-                return now.result, now.reason, now.seconds
+                return now
+            if leader != now.leader:
+                line(f"{now.leader} leads", f"{now.seconds:.1f} s")
             if now.phase != printed:
-                printed = now.phase
-                line(printed, ", ".join(now.robots), f"{now.seconds:.1f} s")
+                line(now.phase, ", ".join(now.robots), f"{now.seconds:.1f} s")
+            printed, leader = now.phase, now.leader
             bar(now.share, printed)
             if stop.is_requested and not is_ending:
-                with contextlib.suppress(UnknownMission):  # it has just ended, or is about to begin
-                    agent.abort_mission(name)
+                with contextlib.suppress(NoLeader, NotReachable):  # it has just ended, or changes its leader
+                    control.abort(name)
                     is_ending = True
-    raise NotReachable(f"robot {agent.name} reports no result")  # not reached: follow_mission ends with one
+    raise NotReachable(f"mission {name} has no result")  # not reached: follow_mission ends with one
 
 
-def _latest(pool: RemotePool, name: str = "") -> StoredPlan | None:
-    """The last plan of a mission, or of all."""
+def _latest(pool: RemotePool) -> StoredPlan | None:
+    """The plan of the last mission."""
     from robocorba.missions.subplan import StoredPlan
 
-    plans = [plan for plan in pool.plans() if plan.name.startswith(name)]
+    plans = pool.plans()
     return StoredPlan.decode(plans[-1].content) if plans else None

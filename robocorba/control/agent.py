@@ -207,6 +207,15 @@ class ControlAgent:
             self.load(program)
             self.run(mission=mission)
 
+    def take_over(self, mission: str, program: Program) -> None:
+        """Run a program of one cooperative icon as the mission of this name; the loaded program stays. Raises
+        IllegalOrder."""
+        with self._lock:
+            self._refuse_while_running("lead a mission")
+            robot = self.robot
+            robot.execution.reset(False)
+            self._begin(Runner(program, robot, self._others, mission))
+
     def begun(self, first: int) -> list[IconBegun]:
         """Icons of the present or last program that have begun, from number `first`."""
         return self._task.begun(first) if self._task else []

@@ -88,6 +88,14 @@ class MissionFailed(RobotError):
     """A mission failed; its robots no longer hold the object."""
 
 
+class MissionTakenOver(MissionFailed):
+    """Another robot leads the mission now, since term `term`."""
+
+    def __init__(self, leader: str, term: int) -> None:
+        self.leader, self.term = leader, term
+        super().__init__(f"{leader} has taken the mission over, in term {term}")
+
+
 class AdaptorFailed(RobotError):
     """The robot behind an adaptor has failed because of `cause`."""
 

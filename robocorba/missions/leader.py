@@ -1,5 +1,7 @@
 """The mission layer: a leader collects offers, makes a plan, has each robot accept its SubPlan, synchronizes the steps
-of all robots, and reports the result."""
+of all robots, and reports the result.
+
+After a fault all robots end safely, and the leader begins another attempt from where everything stands now."""
 
 from __future__ import annotations
 
@@ -14,10 +16,11 @@ from typing import NamedTuple, Protocol
 
 from msgspec.structs import replace
 
-from robocorba.errors.robots import MissionFailed
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import MissionFailed, MissionTakenOver
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.messages import Answer, Assignment, Call, MemberState, Offer, Order
-from robocorba.missions.report import MissionReport, PhaseTimes
+from robocorba.missions.report import RECOVERING, MissionReport, PhaseTimes
 from robocorba.missions.subplan import Carry, CooperativePlan
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.transport import Transport
@@ -38,8 +41,12 @@ class LeaderPolicy:
     timeout_after_refusal_s: float = 1.0
     #: Interval between repeated calls and assignments [s].
     repeat_interval_s: float = 0.5
-    #: Time for all attempts to reach an agreement while robots refuse or are busy [s].
+    #: Time to reach an agreement while robots refuse or are busy [s].
     agreement_timeout_s: float = 60.0
+    #: The same after a fault, also while robots are missing or servers don't answer [s].
+    recovery_timeout_s: float = 60.0
+    #: Maximum number of attempts that begin after a fault.
+    max_recoveries: int = 5
     #: Maximum random pause between attempts [s]. It separates leaders that compete for the same robots.
     max_retry_pause_s: float = 3.0
     #: Candidates beyond the helpers needed, the nearest first.
@@ -50,11 +57,11 @@ class LeaderPolicy:
     step_lead_s: float = 0.3
     #: Lead time of a change of the carry's rate [s].
     rate_change_lead_s: float = 0.15
-    #: The mission ends after this time without status messages from a member [s].
+    #: The attempt ends after this time without status messages from a member [s].
     member_timeout_s: float = 4.0
     #: The carry pauses after this time without status messages from a member [s].
     carry_pause_timeout_s: float = 0.5
-    #: The mission ends if a step exceeds its limit by this time [s]; members detect it first.
+    #: The attempt ends if a step exceeds its limit by this time [s]; members detect it first.
     step_grace_s: float = 3.0
     #: Time for members to end safely [s].
     end_timeout_s: float = 25.0
@@ -88,6 +95,14 @@ class CooperativePlanner(Protocol):
         """A plan for some of these robots, including the leader. Raises MissionFailed, ImpossibleCarry, PathError."""
 
 
+class _Fault(MissionFailed):
+    """What ends an attempt, but not the mission."""
+
+
+class _Interrupted(MissionFailed):
+    """The leader's user or its robot ends the mission."""
+
+
 class _Offers(NamedTuple):
     """The answers to a call: positions of the free robots, and what occupies the busy ones."""
 
@@ -98,8 +113,11 @@ class _Offers(NamedTuple):
 class Leader:
     """Leads one mission, in one thread. place: returns the leader's current place. on_phase: called with the plan and
     each phase that begins. interruption: returns the reason of an interruption, else an empty string. on_progress:
-    called with the plan, its phases that have begun, and whether the mission ends safely, after each change of them;
-    must not block.
+    called with the plan, the phases of all attempts that have begun, and whether the mission ends safely, after each
+    change of them; must not block.
+
+    term, attempts: of the mission's record; see MissionContent. begin_attempt: called with the number of each attempt
+    before it begins; raises MissionTakenOver if another robot leads the mission now, NotReachable if that is unknown.
 
     The leader's own part is done by its mission agent, like that of every other robot."""
 
@@ -112,17 +130,22 @@ class Leader:
         interruption: Callable[[], str] = lambda: "",
         policy: LeaderPolicy = DEFAULT_POLICY,
         on_progress: Callable[[CooperativePlan, Sequence[PhaseTimes], bool], None] = lambda plan, phases, ending: None,
+        term: int = 1,
+        attempts: int = 0,
+        begin_attempt: Callable[[int], None] = lambda attempt: None,
     ) -> None:
         self._mission, self._transport, self._place, self._on_phase = mission, transport, place, on_phase
-        self._on_progress = on_progress
+        self._on_progress, self._on_attempt = on_progress, begin_attempt
         self._interruption, self._policy = interruption, policy
-        self._name = transport.name
+        self._name, self._term, self._attempts = transport.name, term, attempts
         self._phases: list[PhaseTimes] = []
+        #: What ended the attempts before.
+        self._faults: list[str] = []
         self._begin_attempt(None, mission)
 
     def _begin_attempt(self, plan: CooperativePlan | None, mission: str) -> None:
         self._plan = plan
-        self._order = Order(mission=mission, leader=self._name)
+        self._order = Order(mission=mission, leader=self._name, term=self._term)
         self._ordered_at = 0.0
         #: The latest state of each member, and when a state of it was received last [s, monotonic].
         self._states: dict[str, MemberState] = {}
@@ -130,18 +153,19 @@ class Leader:
         #: See Order.
         self._received_states: dict[str, tuple[float, float]] = {}
 
-    def lead(self, kind: str, planner: CooperativePlanner) -> MissionReport:
-        """Run the mission to its end. kind: for display. Errors are in the report."""
+    def lead(self, kind: str, make_planner: Callable[[], CooperativePlanner]) -> MissionReport:
+        """Run the mission to its end. kind: for display. make_planner: called before each attempt; its planner plans
+        with what is where then. Errors are in the report."""
         began, result, reason = OWN_CLOCK.now(), "done", ""
         try:
-            plan = self._agree(planner)
-            for step in range(len(plan.phases)):
-                self._do(plan, step)
-            self._end(plan, "done", "")
+            while not self._attempt(make_planner):
+                pass
         except Exception as error:
             result, reason = "failed", str(error) or type(error).__name__
             if not isinstance(error, MissionFailed):
                 _log.warning("mission %s: %s: %s", self._mission, type(error).__name__, error)
+            if self._faults:
+                reason = f"{reason}; before: {'; '.join(self._faults)}"
             if self._plan:
                 self._end(self._plan, "aborted", reason)
         measurements = {name: state.measurements for name, state in self._states.items() if state.measurements}
@@ -158,31 +182,60 @@ class Leader:
             self._phases,
             measurements,
             received,
+            tuple(self._faults),
         )
+
+    def _attempt(self, make_planner: Callable[[], CooperativePlanner]) -> bool:
+        """Agree on a plan, and do it. Returns whether it was done to its end; if not, all robots have ended safely."""
+        plan = self._agree(make_planner)
+        try:
+            for step in range(len(plan.phases)):
+                self._do(plan, step)
+        except _Fault as fault:
+            if len(self._faults) == self._policy.max_recoveries:
+                raise
+            _log.warning("mission %s: %s; %s tries again", self._mission, fault, self._name)
+            self._end(plan, "aborted", str(fault))
+            self._plan = None
+            self._faults.append(str(fault))
+            self._phases.append(PhaseTimes(RECOVERING, OWN_CLOCK.now(), {}, {}))
+            self._on_progress(plan, self._phases, False)
+            return False
+        self._end(plan, "done", "")
+        return True
 
     # ---- agreement: no robot moves ----
 
-    def _agree(self, planner: CooperativePlanner) -> CooperativePlan:
+    def _agree(self, make_planner: Callable[[], CooperativePlanner]) -> CooperativePlan:
         """A plan that all of its robots have accepted."""
-        deadline = time.monotonic() + self._policy.agreement_timeout_s
+        is_recovering, policy = bool(self._faults), self._policy
+        deadline = time.monotonic() + (policy.recovery_timeout_s if is_recovering else policy.agreement_timeout_s)
         refusing: dict[str, str] = {}
-        attempt = 0
         while True:
-            attempt += 1
-            mission = f"{self._mission}.{attempt}"
-            offers = self._collect_offers(mission, planner)
-            if missing := _lacking(planner, offers.free, offers.busy):
-                if not offers.busy or _lacking(planner, [*offers.free, *offers.busy]):
-                    raise MissionFailed(missing)
-            else:
-                plan = planner.plan(mission, self._name, self._candidates(planner, offers.free, refusing))
-                refusing = self._agree_on(plan)
-                if not refusing:
-                    return plan
-                missing = "not enough robots accept: " + "; ".join(f"{name}: {why}" for name, why in refusing.items())
+            self._attempts += 1
+            mission = f"{self._mission}.{self._attempts}"
+            try:
+                self._on_attempt(self._attempts)
+                planner = make_planner()
+                offers = self._collect_offers(mission, planner)
+                if missing := _lacking(planner, offers.free, offers.busy):
+                    is_hopeless = not offers.busy or _lacking(planner, [*offers.free, *offers.busy])
+                    if is_hopeless and not is_recovering:
+                        raise MissionFailed(missing)
+                else:
+                    plan = planner.plan(mission, self._name, self._candidates(planner, offers.free, refusing))
+                    refusing = self._agree_on(plan)
+                    if not refusing:
+                        return plan
+                    reasons = "; ".join(f"{name}: {why}" for name, why in refusing.items())
+                    missing = f"not enough robots accept: {reasons}"
+            except RoboCorbaError as error:  # after a fault, what is in the way may leave, what is away may come back
+                if not is_recovering or isinstance(error, (MissionTakenOver, _Interrupted)):
+                    raise
+                missing = str(error)
             if time.monotonic() > deadline:
                 raise MissionFailed(missing)
-            self._pause(random.uniform(0.0, self._policy.max_retry_pause_s))
+            self._pause(random.uniform(0.0, policy.max_retry_pause_s))
 
     def _collect_offers(self, mission: str, planner: CooperativePlanner) -> _Offers:
         """Publish calls and collect the offers."""
@@ -191,7 +244,7 @@ class Leader:
             return offers
         self._transport.subscribe([(Offer, "*")])
         floor, x, y = planner.meeting_point
-        call = Call(mission=mission, leader=self._name, floor=floor, x=x, y=y, helpers=planner.helpers)
+        call = Call(mission=mission, leader=self._name, term=self._term, floor=floor, x=x, y=y, helpers=planner.helpers)
         began, sent_at = time.monotonic(), 0.0
         while (now := time.monotonic()) - began < (
             policy.offer_timeout_s if _lacking(planner, offers.free) else policy.surplus_offer_timeout_s
@@ -251,7 +304,9 @@ class Leader:
         """Assign the SubPlans to the robots: each one's reason to refuse, empty if it accepts. Orders are published
         meanwhile, so that robots that have accepted do not time out."""
         assignments = {
-            subplan.robot: Assignment(mission=plan.mission, leader=self._name, phases=plan.phases, subplan=subplan)
+            subplan.robot: Assignment(
+                mission=plan.mission, leader=self._name, term=self._term, phases=plan.phases, subplan=subplan
+            )
             for subplan in plan.subplans
         }
         self._transport.subscribe([(kind, name) for name in assignments for kind in (Answer, MemberState)])
@@ -286,7 +341,7 @@ class Leader:
         self._phases.append(phase)
         self._on_phase(plan, phase.name)
         self._on_progress(plan, self._phases, False)
-        self._order = Order(mission=plan.mission, leader=self._name, step=step, at=at)
+        self._order = Order(mission=plan.mission, leader=self._name, term=self._term, step=step, at=at)
         if carry:
             self._order = replace(self._order, rate=1.0, since=at)
         self._ordered_at = 0.0
@@ -305,7 +360,7 @@ class Leader:
             self._check_members(phase.name)
             if OWN_CLOCK.now() > at + limit_s + self._policy.step_grace_s:
                 late = [name for name in steps if name not in phase.done]
-                raise MissionFailed(f"{phase.name}: {', '.join(late)} took longer than {limit_s:g} s")
+                raise _Fault(f"{phase.name}: {', '.join(late)} took longer than {limit_s:g} s")
             if carry:
                 self._set_rate(self._carry_rate(), carry_duration_s)
             self._publish_order()
@@ -331,17 +386,18 @@ class Leader:
         self._check_interruption(f"{phase}: {self._name}: ")
         for name, state in self._states.items():
             if state.failure:
-                raise MissionFailed(f"{phase}: {name} at {state.floor} ({state.x:.2f}, {state.y:.2f}): {state.failure}")
+                what = MissionFailed if state.is_aborted else _Fault
+                raise what(f"{phase}: {name} at {state.floor} ({state.x:.2f}, {state.y:.2f}): {state.failure}")
             if state.has_left:
-                raise MissionFailed(f"{phase}: {name} has left the mission")
+                raise _Fault(f"{phase}: {name} has left the mission")
         now = time.monotonic()
         for name, received_at in self._received_at.items():
             if now - received_at > self._policy.member_timeout_s:
-                raise MissionFailed(f"{phase}: {name} is silent")
+                raise _Fault(f"{phase}: {name} is silent")
 
     def _check_interruption(self, prefix: str = "") -> None:
         if reason := self._interruption():
-            raise MissionFailed(prefix + reason)
+            raise _Interrupted(prefix + reason)
 
     # ---- the end ----
 
@@ -351,7 +407,9 @@ class Leader:
         self._on_phase(plan, "done" if end == "done" else "ending safely")
         self._on_progress(plan, self._phases, end != "done")
         step, at = self._order.step, self._order.at
-        self._order = Order(mission=plan.mission, leader=self._name, step=step, at=at, end=end, reason=reason)
+        self._order = Order(
+            mission=plan.mission, leader=self._name, term=self._term, step=step, at=at, end=end, reason=reason
+        )
         self._ordered_at = 0.0
         began = time.monotonic()
         while (now := time.monotonic()) - began < self._policy.end_timeout_s:

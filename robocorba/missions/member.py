@@ -6,6 +6,8 @@ import threading
 import time
 from dataclasses import dataclass
 
+from msgspec.structs import replace
+
 from robocorba.control.execution_control import Aborted
 from robocorba.control.robot import Robot
 from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
@@ -47,16 +49,19 @@ class Member:
     It is a task of a control agent: it has a report, and its steps appear as the icons that have begun."""
 
     def __init__(self, assignment: Assignment, robot: Robot, locate: ObjectLocator, policy: MemberPolicy) -> None:
-        self.mission, self.leader = assignment.mission, assignment.leader
+        self.mission, self.leader, self.term = assignment.mission, assignment.leader, assignment.term
+        self.of = assignment.of
         self._subplan, self._phases = assignment.subplan, assignment.phases
         self._robot, self._policy = robot, policy
         self._clock, self._progress = LeaderClock(), CarryProgress()
         self._executor = StepExecutor(robot, self._progress, self._clock, locate, policy.driving_posture)
         self._changed = threading.Condition()
-        self._order = Order(mission=self.mission, leader=self.leader)
+        self._order = Order(mission=self.mission, leader=self.leader, term=self.term)
         self._order_received_at = self._began = time.monotonic()
         self._step, self._is_done, self._began_at = -1, False, 0.0
-        self._failure, self.has_ended = "", False
+        self._failure, self._is_aborted, self.has_ended = "", False, False
+        #: Whether it ends because its leader is silent.
+        self.is_orphaned = False
         #: When the current step exceeds its time limit [s, monotonic].
         self._late_at = float("inf")
         self._begun: list[IconBegun] = []
@@ -66,7 +71,7 @@ class Member:
 
     def follow(self, order: Order, received_at: float) -> None:
         """Take over an order of the leader. received_at: by the local clock."""
-        if order.leader != self.leader or order.mission != self.mission:
+        if (order.leader, order.mission, order.term) != (self.leader, self.mission, self.term):
             return
         self._order_received_at = time.monotonic()
         if self._subplan.robot in order.received_states:
@@ -89,11 +94,19 @@ class Member:
         if self.has_ended or self._order.end:
             return
         if now - self._order_received_at > self._policy.leader_timeout_s:
-            self._abort(f"the leader {self.leader} is silent")
+            self.is_orphaned = True
+            self.abort(f"the leader {self.leader} is silent")
         elif now > self._late_at:
             self._late_at = float("inf")
             limit_s = self._subplan.steps[self._step].limit_s
             self._robot.execution.interrupt(MissionFailed(f"{self._phase()} took longer than {limit_s:g} s"))
+
+    def abort(self, reason: str) -> None:
+        """End the part safely, as if the leader had ordered it."""
+        with self._changed:
+            self._order = replace(self._order, end="aborted", reason=reason, sent=OWN_CLOCK.now())
+            self._changed.notify_all()
+        self._robot.execution.abort(reason)
 
     def state(self) -> MemberState:
         """The status message for the leader."""
@@ -107,6 +120,7 @@ class Member:
             error_m=self._executor.error_m,
             began_at=self._began_at,
             failure=self._failure,
+            is_aborted=self._is_aborted,
             has_left=self.has_ended,
             floor=session.at.floor,
             x=session.at.x,
@@ -177,6 +191,7 @@ class Member:
         """Stay stopped until the leader ends the mission for all robots, then end safely."""
         self._late_at = float("inf")
         was_ordered = isinstance(error, Aborted) and bool(self._order.end)
+        self._is_aborted = isinstance(error, Aborted) and not was_ordered
         self._failure = "" if was_ordered else str(error)
         if not was_ordered:
             with self._changed:
@@ -185,14 +200,6 @@ class Member:
         self._executor.end_safely()
         reason = self._order.reason if was_ordered else str(error)
         self._update_report(ProgramResult.ABORTED if was_ordered else ProgramResult.FAILED, reason)
-
-    def _abort(self, reason: str) -> None:
-        with self._changed:
-            self._order = Order(
-                mission=self.mission, leader=self.leader, end="aborted", reason=reason, sent=OWN_CLOCK.now()
-            )
-            self._changed.notify_all()
-        self._robot.execution.abort(reason)
 
     def _phase(self) -> str:
         return self._phases[self._step] if 0 <= self._step < len(self._phases) else ""

@@ -5,6 +5,7 @@ late event does no harm."""
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import msgspec
@@ -15,17 +16,29 @@ from robocorba.missions.subplan import VERSION, SubPlan
 
 
 class _Message(Struct, frozen=True, kw_only=True):
-    """mission: its id. sent: time of sending by the sender's clock [s since 1970]."""
+    """mission: the name of an attempt at it, which ends in a number of its own. sent: time of sending by the sender's
+    clock [s since 1970]."""
 
     mission: str
     sent: float = 0.0
 
+    @property
+    def of(self) -> str:
+        """The mission's name, without the number of the attempt."""
+        return re.sub(r"\.\d+$", "", self.mission)
 
-class Call(_Message, frozen=True, kw_only=True):
+
+class _LeaderMessage(_Message, frozen=True, kw_only=True):
+    """term: of the leader; see MissionContent. Members obey the highest that they have seen."""
+
+    leader: str
+    term: int = 1
+
+
+class Call(_LeaderMessage, frozen=True, kw_only=True):
     """A leader looks for a number of helpers near a place. Every robot that is free, or will be free after its task,
     answers with an Offer, except those in `received_offers`, whose offers the leader has received."""
 
-    leader: str
     floor: str
     x: float
     y: float
@@ -44,10 +57,9 @@ class Offer(_Message, frozen=True, kw_only=True):
     busy: str = ""
 
 
-class Assignment(_Message, frozen=True, kw_only=True):
+class Assignment(_LeaderMessage, frozen=True, kw_only=True):
     """A leader assigns a SubPlan to a robot, which has to accept it. Repeated until the robot answers."""
 
-    leader: str
     phases: tuple[str, ...]
     subplan: SubPlan
 
@@ -61,7 +73,7 @@ class Answer(_Message, frozen=True, kw_only=True):
     reason: str = ""
 
 
-class Order(_Message, frozen=True, kw_only=True):
+class Order(_LeaderMessage, frozen=True, kw_only=True):
     """The mission as its leader directs it. All times are by the leader's clock.
 
     step, at: the current step of all robots and its start time; step is -1 before the first one. trajectory_s, rate,
@@ -69,7 +81,6 @@ class Order(_Message, frozen=True, kw_only=True):
     planned). end: empty while the mission runs, then "done" or "aborted"; reason: of the abort. received_states: for
     each robot, when it sent its latest state (by its own clock) and when the leader received it, for LeaderClock."""
 
-    leader: str
     step: int = -1
     at: float = 0.0
     trajectory_s: float = field(default=0.0, name="along_s")
@@ -82,8 +93,8 @@ class Order(_Message, frozen=True, kw_only=True):
 
 class MemberState(_Message, frozen=True, kw_only=True):
     """The status of a member: its current step, whether it has finished it, its distance from its setpoint [m], when it
-    began the step by the leader's clock. failure: why it cannot continue; empty if it can. has_left: its part has
-    ended; then it reports its measurements."""
+    began the step by the leader's clock. failure: why it cannot continue; empty if it can. is_aborted: a user has ended
+    its part. has_left: its part has ended; then it reports its measurements."""
 
     robot: str
     leader: str
@@ -92,6 +103,7 @@ class MemberState(_Message, frozen=True, kw_only=True):
     error_m: float = 0.0
     began_at: float = 0.0
     failure: str = field(default="", name="failed")
+    is_aborted: bool = field(default=False, name="aborted")
     has_left: bool = field(default=False, name="ended")
     floor: str = ""
     x: float = 0.0

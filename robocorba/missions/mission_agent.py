@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 
 from robocorba.control.agent import ControlAgent
 from robocorba.errors.events import EventError
@@ -17,18 +18,30 @@ from robocorba.missions.transport import Received, Transport
 
 #: Publishing is retried for this time; pause after the channel failed [s].
 RETRY_S = 1.0
+#: Missions whose terms are remembered, the latest ones.
+MAX_TERMS = 100
 
 _log = logging.getLogger(__name__)
 
 
 class MissionAgent:
-    """Takes part in missions from `start` to `close`. agent: of the robot. locate: returns objects in its frame."""
+    """Takes part in missions from `start` to `close`. agent: of the robot. locate: returns objects in its frame.
+    on_orphaned: called with a mission and its term when the robot has ended its part because the leader is silent; must
+    not block."""
 
     def __init__(
-        self, transport: Transport, agent: ControlAgent, locate: ObjectLocator, policy: MemberPolicy = DEFAULT_POLICY
+        self,
+        transport: Transport,
+        agent: ControlAgent,
+        locate: ObjectLocator,
+        policy: MemberPolicy = DEFAULT_POLICY,
+        on_orphaned: Callable[[str, int], None] = lambda mission, term: None,
     ) -> None:
         self._transport, self._agent, self._locate, self._policy = transport, agent, locate, policy
+        self._on_orphaned = on_orphaned
         self._member: Member | None = None
+        #: The highest term of each mission, the latest mission last.
+        self._terms: dict[str, int] = {}
         self._ended_at: float | None = None
         self._published_at = 0.0
         self._published: object = None
@@ -75,12 +88,25 @@ class MissionAgent:
 
     def _handle(self, received: Received) -> None:
         message = received.message
+        if isinstance(message, (Call, Assignment, Order)) and not self._obeys(message):
+            return
         if isinstance(message, Order) and self._member:
             self._member.follow(message, received.received_at)
         elif isinstance(message, Call):
             self._answer_call(message)
         elif isinstance(message, Assignment) and message.subplan.robot == self._transport.name:
             self._answer_assignment(message)
+
+    def _obeys(self, message: Call | Assignment | Order) -> bool:
+        """Whether no leader of a later term is known. A part under an earlier leader ends."""
+        highest = self._terms.pop(message.of, 0)
+        self._terms[message.of] = max(highest, message.term)
+        while len(self._terms) > MAX_TERMS:
+            del self._terms[next(iter(self._terms))]
+        member = self._member
+        if member and member.of == message.of and member.term < message.term and not member.has_ended:
+            member.abort(f"{message.leader} leads the mission now")
+        return message.term >= highest
 
     def _answer_call(self, call: Call) -> None:
         if self._transport.name in (call.leader, *call.received_offers):
@@ -131,6 +157,8 @@ class MissionAgent:
             self._transport.publish(state)
             self._published, self._published_at = changes, now
         if state.has_left:
+            if self._ended_at is None and member.is_orphaned and member.leader != self._transport.name:
+                self._on_orphaned(member.of, member.term)
             self._ended_at = self._ended_at or now
             if now - self._ended_at > self._policy.final_state_s:
                 self._member, self._is_subscribed = None, False

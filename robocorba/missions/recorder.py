@@ -1,21 +1,33 @@
-"""A leader's records of its missions in the Omni database, written in a thread of their own: a mission never waits for
-them, and a database that was away for a while gets the latest state afterwards."""
+"""A leader's records of its missions in the Omni database, written in a thread of their own: a mission waits for them
+only before an attempt, to know that no other robot leads it. A database that was away for a while gets the latest state
+afterwards, unless another robot has taken the mission over."""
 
 from __future__ import annotations
 
 import logging
 import threading
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
+import msgspec
 from msgspec.structs import replace
 
 from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import MissionTakenOver
 from robocorba.errors.simulation import InvalidMission, StaleMission
 from robocorba.missions.clock import OWN_CLOCK
-from robocorba.missions.report import MissionReport, PhaseTimes
+from robocorba.missions.report import RECOVERING, MissionReport, PhaseTimes
 from robocorba.missions.subplan import CooperativePlan
-from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord
+from robocorba.simulation.mission_record import (
+    MAX_FAULTS,
+    MAX_PHASES,
+    MemberRecord,
+    MissionContent,
+    MissionResult,
+    PhaseRecord,
+    decoded,
+)
 from robocorba.simulation.store import Mission
 
 #: Pause after each write [s]: changes that come faster are written together.
@@ -32,15 +44,25 @@ ASKING, ENDING = "asking", "ending safely"
 _log = logging.getLogger(__name__)
 
 
-class MissionRecorder:
-    """Writes the latest state of each mission by `put`, which returns the new version, and raises StaleMission,
-    InvalidMission or, if it should be retried, another RoboCorbaError. Its thread runs from the first record to
-    `close`."""
+class MissionRecords(Protocol):
+    """The Omni database, as far as missions are concerned. All methods raise NotReachable."""
 
-    def __init__(self, put: Callable[[Mission], int], backoff: Backoff = BACKOFF) -> None:
-        self._put, self._backoff = put, backoff
+    def mission(self, name: str) -> Mission:
+        """A mission. Raises UnknownMission."""
+
+    def put_mission(self, mission: Mission) -> int:
+        """Store a mission; return its new version. Raises InvalidMission, StaleMission."""
+
+
+class MissionRecorder:
+    """Writes the latest state of each mission. Its thread runs from the first record to `close`."""
+
+    def __init__(self, records: MissionRecords, backoff: Backoff = BACKOFF) -> None:
+        self._records, self._backoff = records, backoff
         self._changed = threading.Condition()
         self._waiting: dict[str, MissionContent] = {}
+        #: Held while a mission is written.
+        self._writing = threading.Lock()
         self._versions: dict[str, int] = {}
         self._is_closing = False
         self._thread: threading.Thread | None = None
@@ -57,6 +79,12 @@ class MissionRecorder:
                 self._thread = threading.Thread(target=self._run, name="mission records", daemon=True)
                 self._thread.start()
             self._changed.notify_all()
+
+    def write(self, name: str, content: MissionContent) -> None:
+        """Write this state of a mission now. Raises MissionTakenOver, InvalidMission, NotReachable."""
+        with self._changed:
+            self._waiting.pop(name, None)
+        self._put(name, content)
 
     def close(self) -> None:
         """Try once more to write what waits, and end the thread."""
@@ -85,13 +113,9 @@ class MissionRecorder:
 
     def _write(self, name: str, content: MissionContent) -> bool:
         """Whether the state need not be written again."""
-        document = content.encode()
         try:
-            try:
-                version = self._put(Mission(name, self._versions.get(name, 0), document))
-            except StaleMission as stale:  # an answer was lost, or mission control has written it
-                version = self._put(Mission(name, stale.current, document))
-        except InvalidMission as error:
+            self._put(name, content)
+        except (InvalidMission, MissionTakenOver) as error:
             _log.warning("mission %s can't be recorded: %s", name, error)
             return True
         except RoboCorbaError as error:
@@ -99,51 +123,82 @@ class MissionRecorder:
             return False
         except Exception:  # a defect must not end the thread
             _log.exception("recording mission %s failed", name)
-            return True
-        self._versions[name] = version
-        if not content.is_running:
-            del self._versions[name]
         return True
+
+    def _put(self, name: str, content: MissionContent) -> None:
+        """Store a mission, unless another robot leads it in a later term. Raises MissionTakenOver, InvalidMission,
+        NotReachable."""
+        document = content.encode()
+        with self._writing:
+            try:
+                version = self._records.put_mission(Mission(name, self._versions.get(name, 0), document))
+            except StaleMission:  # an answer was lost, mission control has written it, or another leader
+                stored = self._records.mission(name)
+                check_term(stored, content.term)
+                version = self._records.put_mission(Mission(name, stored.version, document))
+            self._versions[name] = version
+            if not content.is_running:
+                del self._versions[name]
+
+
+def check_term(stored: Mission, term: int) -> None:
+    """Raise MissionTakenOver if a mission has a later term."""
+    content = decoded(stored.document)
+    if content and content.term > term:
+        raise MissionTakenOver(content.leader, content.term)
 
 
 class LedMission:
     """The record of a mission that this robot leads; only its leader's thread calls it.
 
-    kind: tag of the icon. about: the object that it moves. clock: POSIX time [s]."""
+    content: the record as it begins. clock: POSIX time [s]."""
 
     def __init__(
         self,
         recorder: MissionRecorder,
         name: str,
-        kind: str,
-        about: str,
-        leader: str,
+        content: MissionContent,
         clock: Callable[[], float] = OWN_CLOCK.now,
     ) -> None:
         self._recorder, self._name, self._clock = recorder, name, clock
-        begun = clock()
-        self._content = MissionContent(
-            kind=kind, about=about, leader=leader, begun=begun, phases=(PhaseRecord(ASKING, begun),)
-        )
+        #: Phases under earlier leaders, and the one in which this leader looks for helpers.
+        self._before = (*content.phases, PhaseRecord(RECOVERING if content.phases else ASKING, clock()))
+        self._content = replace(content, phases=_closed(self._before))
+        self._plan: CooperativePlan | None = None
         self._recorder.record(name, self._content)
 
+    @property
+    def term(self) -> int:
+        return self._content.term
+
+    @property
+    def attempts(self) -> int:
+        return self._content.attempts
+
+    def begin_attempt(self, number: int) -> None:
+        """Note an attempt, before it begins. Raises MissionTakenOver if another robot leads the mission, InvalidMission
+        if there is no room, NotReachable."""
+        self._content = replace(self._content, attempts=number)
+        self._recorder.write(self._name, self._content)
+
     def update(self, plan: CooperativePlan, phases: Sequence[PhaseTimes], is_ending: bool) -> None:
-        """Record the plan's phases that have begun. is_ending: the mission ends safely after a failure."""
+        """Record the phases that have begun, of all attempts. is_ending: all end safely after a failure."""
         robots = [subplan.robot for subplan in plan.subplans]
-        begun = self._content.begun
-        rows = [PhaseRecord(ASKING, begun, phases[0].began if phases else 0.0)]
-        rows += [_phase(phase, robots) for phase in phases]
+        rows = [*self._before, *(_phase(phase, robots) for phase in phases)]
         if phases and is_ending:
-            now = next((row.begun for row in self._content.phases if row.name == ENDING), self._clock())
+            now = next((row.begun for row in self._content.phases[len(rows) :] if row.name == ENDING), self._clock())
             if not rows[-1].ended:  # it may have been ordered for a moment that has not come
                 rows[-1] = replace(rows[-1], begun=min(rows[-1].begun, now), ended=now)
             rows.append(PhaseRecord(ENDING, now))
-        self._content = replace(
-            self._content,
-            members=tuple(MemberRecord(subplan.robot, subplan.role) for subplan in plan.subplans),
-            phases=tuple(rows),
-            phases_in_all=1 + len(plan.phases),
-        )
+        if plan is not self._plan:
+            self._plan = plan
+            self._content = replace(
+                self._content,
+                members=tuple(MemberRecord(subplan.robot, subplan.role) for subplan in plan.subplans),
+                plan=msgspec.to_builtins(plan),
+                phases_in_all=len(self._before) + len(phases) + len(plan.phases),
+            )
+        self._content = replace(self._content, phases=_closed(rows))
         self._recorder.record(self._name, self._content)
 
     def end(self, report: MissionReport, is_aborted: bool) -> None:
@@ -152,7 +207,8 @@ class LedMission:
         if is_aborted and result is not MissionResult.DONE:
             result = MissionResult.ABORTED
         self._end(result, report.reason, report.ended)
-        self._content = replace(self._content, report={**report.brief_json(), "result": result.value})
+        document = {**report.brief_json(), "result": result.value}
+        self._content = replace(self._content, faults=report.faults[-MAX_FAULTS:], report=document)
         self._recorder.record(self._name, self._content)
 
     def fail(self, reason: str, is_aborted: bool = False) -> None:
@@ -164,9 +220,19 @@ class LedMission:
         self._content = self._content.ended_as(result, reason, at)
 
 
+def _closed(rows: Sequence[PhaseRecord]) -> tuple[PhaseRecord, ...]:
+    """Phases, the last MAX_PHASES of them; each ends at the latest when the next one begins."""
+    ends = [*(following.begun for following in rows[1:]), 0.0]
+    closed = [
+        row if row.ended or not end else replace(row, ended=max(row.begun, end))
+        for row, end in zip(rows, ends, strict=True)
+    ]
+    return tuple(closed[-MAX_PHASES:])
+
+
 def _phase(phase: PhaseTimes, robots: Sequence[str]) -> PhaseRecord:
     missing = [robot for robot in robots if robot not in phase.done]
-    if not missing:
+    if not missing and phase.name != RECOVERING:
         last = max(phase.done, key=phase.done.__getitem__)
         return PhaseRecord(phase.name, phase.began, max(phase.done[last], phase.began), last)
     return PhaseRecord(phase.name, phase.began, 0.0, missing[0] if phase.done else "")

@@ -15,6 +15,8 @@ from robocorba.missions.transport import Received
 from robocorba.spatial.grids import Floats
 
 REPORT_FILE = "report.json"
+#: The phase between two attempts.
+RECOVERING = "recovering"
 #: Messages in the report that the Omni database keeps, the last ones.
 MAX_BRIEF_EVENTS = 500
 
@@ -29,7 +31,8 @@ class PhaseTimes(NamedTuple):
 
 
 class MissionReport(NamedTuple):
-    """The outcome of a mission. result: done or failed; reason: of the failure. received: by the leader."""
+    """The outcome of a mission. result: done or failed; reason: of the failure. received: by the leader. faults: what
+    ended the attempts before the last one."""
 
     mission: str
     kind: str
@@ -42,6 +45,7 @@ class MissionReport(NamedTuple):
     phases: list[PhaseTimes]
     measurements: dict[str, MemberMeasurements]
     received: list[Received]
+    faults: tuple[str, ...] = ()
 
     def save(self, folder: Path) -> None:
         """Write it as JSON into a folder of its own."""
@@ -60,6 +64,7 @@ class MissionReport(NamedTuple):
             "leader": self.leader,
             "result": self.result,
             "reason": self.reason,
+            "faults": list(self.faults),
             "robots": {subplan.robot: subplan.role for subplan in self.plan.subplans} if self.plan else {},
             "thing": self.plan.thing if self.plan else "",
             "began": self.began,

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import InvalidChoice, SessionExpired, SimulationError, UnknownRobot
 from robocorba.maps.model import Building
@@ -157,6 +158,29 @@ class ManagementAgent:
     def evict(self, name: str) -> None:
         """Log a robot off. Raises UnknownRobot, SimulationBusy, ServiceError."""
         self._log_off_durably(self.registry.find(name))
+
+    def robots_near(self, thing: str) -> list[str]:
+        """The names of all robots: those on the floor of a body first, the nearest of them first."""
+        there = self._place_of(thing)
+
+        def rank(session: Session) -> tuple[bool, float]:
+            at = session.robot.state().pose
+            if there is None:
+                return True, 0.0
+            return at.floor != there.floor, math.dist((at.x, at.y), (there.x, there.y))
+
+        return [session.name for session in sorted(self.sessions.values(), key=rank)]
+
+    def _place_of(self, body: str) -> Pose | None:
+        """The pose of a robot or a movable object, None if there is none of that name."""
+        for floor in self.database.floors:
+            with contextlib.suppress(UnknownFloor):  # it was removed a moment ago
+                update = self.database.floor(floor)
+                numbers = [each.number for each in update.came if each.name == body]
+                for row in update.motions:
+                    if int(row["number"]) in numbers:
+                        return Pose(floor, float(row["x"]), float(row["y"]), float(row["heading"]))
+        return None
 
     # ---- time ----
 

@@ -1,4 +1,4 @@
-"""Mission control: starts and aborts missions through their leaders, and notices leaders that are gone."""
+"""Mission control: starts and aborts missions through their leaders, and looks after those whose leaders are gone."""
 
 from __future__ import annotations
 
@@ -10,16 +10,24 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol
 
+import msgspec
+
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import InvalidMission, NoLeader, UnknownMission
 from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.mission_record import MissionContent, MissionState, new_mission_name
 
-#: A mission fails when its leader has been logged off, or has not led it, for this time [s].
-GONE_LIMIT_S = 15.0
+#: When its leader has been logged off, or has not led it, for this time, a mission is given to another robot [s]. Its
+#: members take it over sooner, if it has any.
+HAND_OVER_S = 20.0
+#: After this time it fails [s].
+GONE_LIMIT_S = 60.0
 #: The same for a leader that is logged on, but does not answer [s].
 SILENT_LIMIT_S = 60.0
+#: Maximum number of robots that are asked to lead a mission.
+MAX_ASKED = 5
 #: Calls to leaders at the same time, so that robots that hang don't occupy all threads of the server.
 MAX_CALLS = 2
 #: Time for which an abort is retried [s]: a leader that has just accepted a mission leads it a moment later.
@@ -42,20 +50,28 @@ class Leaders(Protocol):
 
 
 class MissionControl:
-    """Mission control of a building. Thread-safe."""
+    """Mission control of a building. Thread-safe. nearest: the names of the robots, those near to an object first."""
 
-    def __init__(self, missions: MissionDirectory, leaders: Leaders) -> None:
-        self.missions, self._leaders = missions, leaders
+    def __init__(
+        self, missions: MissionDirectory, leaders: Leaders, nearest: Callable[[str], list[str]] = lambda about: []
+    ) -> None:
+        self.missions, self._leaders, self._nearest = missions, leaders, nearest
         self._calls = threading.BoundedSemaphore(MAX_CALLS)
 
     def start(self, leader: str, icon: str) -> str:
-        """Let a robot lead the mission of a cooperative icon in JSON; return the mission's name. Raises NoLeader;
-        InvalidProgram, IllegalOrder as the robot."""
-        name, begun = new_mission_name(leader), time.time()
+        """Let a robot lead the mission of a cooperative icon in JSON, without a name the nearest free one; return the
+        mission's name. Raises NoLeader; InvalidProgram, IllegalOrder as the robot."""
+        begun = time.time()
+        content = _content(leader, icon, begun)
         with self._calling():
-            self._leaders.start(leader, name, icon)
+            if leader:
+                name = new_mission_name(leader)
+                self._leaders.start(leader, name, icon)
+            else:
+                name = new_mission_name(content.about)
+                leader = self._lead_by_nearest(content.about, name, icon)
         with contextlib.suppress(InvalidMission):  # no room: the mission runs, as its leader's own record would show
-            self.missions.begin(name, _content(leader, icon, begun))
+            self.missions.begin(name, msgspec.structs.replace(content, leader=leader))
         return name
 
     def abort(self, name: str) -> None:
@@ -75,6 +91,19 @@ class MissionControl:
                     raise NoLeader(f"robot {content.leader} does not lead mission {name[:80]!r} any more") from None
             time.sleep(ABORT_PAUSE_S)
 
+    def _lead_by_nearest(self, about: str, name: str, icon: str) -> str:
+        """Let the robot nearest to an object lead a mission that can; return its name. Raises NoLeader,
+        InvalidProgram."""
+        reasons = []
+        for robot in self._nearest(about)[:MAX_ASKED]:
+            try:
+                self._leaders.start(robot, name, icon)
+            except (IllegalOrder, NotReachable) as error:
+                reasons.append(f"{robot}: {error}")
+            else:
+                return robot
+        raise NoLeader("no robot can lead it" + "".join(f"; {reason}" for reason in reasons))
+
     @contextlib.contextmanager
     def _calling(self) -> Iterator[None]:
         if not self._calls.acquire(blocking=False):
@@ -88,18 +117,22 @@ class MissionControl:
 
 
 class _Doubt(NamedTuple):
-    """Since when a mission seems to have no leader [s, monotonic], the reason, and the limit [s]."""
+    """Since when a mission seems to have no leader in its term [s, monotonic], the reason, and the limit [s].
+    is_offered: whether other robots were asked to lead it."""
 
     since: float
+    term: int
     reason: str
     limit_s: float
+    is_offered: bool = False
 
 
 class LeaderWatch:
-    """Ends the records of missions whose leaders are gone. `check` is called in one thread, every few seconds; `close`,
-    from another, ends a check after the call in progress.
+    """Gives missions whose leaders are gone to other robots, or ends their records. `check` is called in one thread,
+    every few seconds; `close`, from another, ends a check after the call in progress.
 
-    is_logged_on: whether a robot has a session of the simulation server. clock: monotonic [s]."""
+    is_logged_on: whether a robot has a session of the simulation server. nearest: see MissionControl. clock: monotonic
+    [s]."""
 
     def __init__(
         self,
@@ -107,14 +140,15 @@ class LeaderWatch:
         leaders: Leaders,
         is_logged_on: Callable[[str], bool],
         clock: Callable[[], float] = time.monotonic,
+        nearest: Callable[[str], list[str]] = lambda about: [],
     ) -> None:
         self._missions, self._leaders = missions, leaders
-        self._is_logged_on, self._clock = is_logged_on, clock
+        self._is_logged_on, self._clock, self._nearest = is_logged_on, clock, nearest
         self._doubts: dict[str, _Doubt] = {}
         self._is_closed = False
 
     def check(self) -> None:
-        """Ask the leaders of the running missions, each once, and fail the missions that have had none for too long."""
+        """Ask the leaders of the running missions, each once; give missions that have none to others, or fail them."""
         with _logged("old missions are not removed"):
             self._missions.forget_old()
         running = self._missions.running()
@@ -128,9 +162,16 @@ class LeaderWatch:
             reason, limit_s = self._problem(state, led[state.content.leader])
             if not reason:
                 continue
-            now = self._clock()
-            before = self._doubts.get(state.name)
-            doubt = _Doubt(before.since if before else now, reason, limit_s)
+            now, term = self._clock(), state.content.term
+            doubt = self._doubts.get(state.name)
+            if doubt is None or doubt.term != term:
+                doubt = _Doubt(now, term, reason, limit_s)
+            doubt = doubt._replace(reason=reason, limit_s=limit_s)
+            if now - doubt.since >= HAND_OVER_S and not doubt.is_offered:
+                with _logged(f"mission {state.name} can't be given to another robot"):
+                    self._offer(state)
+                    term = self._missions.mission(state.name).content.term
+                doubt = doubt._replace(is_offered=True, term=term)
             if now - doubt.since >= limit_s:
                 with _logged(f"mission {state.name} can't be ended"):
                     self._missions.fail(state, f"{reason} for {now - doubt.since:.0f} s")
@@ -141,6 +182,23 @@ class LeaderWatch:
     def close(self) -> None:
         """Ask no further leaders."""
         self._is_closed = True
+
+    def _offer(self, state: MissionState) -> None:
+        """Let the nearest of the other robots lead a mission that can."""
+        gone, icon = state.content.leader, state.content.icon
+        others = [robot for robot in self._nearest(state.content.about) if robot != gone]
+        for robot in others[:MAX_ASKED] if icon else ():
+            given = self._missions.give(state, robot, f"{gone} was gone")
+            if given is None:
+                return
+            state = given
+            try:
+                self._leaders.start(robot, state.name, json.dumps(icon))
+            except RoboCorbaError as error:
+                _log.info("mission %s: its leader %s is gone, and %s", state.name, gone, error)
+            else:
+                _log.warning("mission %s: its leader %s is gone; %s leads it now", state.name, gone, robot)
+                return
 
     def _led_by(self, leader: str) -> str | None:
         """The mission that a robot leads or takes part in, empty for none; None if the robot does not answer."""
@@ -179,4 +237,4 @@ def _content(leader: str, icon: str, begun: float) -> MissionContent:
         members = {}
     members = members if isinstance(members, dict) else {}
     kind, about = members.get("icon", ""), members.get("table", members.get("object", ""))
-    return MissionContent(kind=str(kind), about=str(about), leader=leader, begun=begun)
+    return MissionContent(kind=str(kind), about=str(about), leader=leader, icon=members, begun=begun)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import msgspec
 
 from robocorba.errors.simulation import NoRoom, StaleMission, UnknownMission
-from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState
+from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState, decoded
 from robocorba.simulation.store import Mission, SimulationStore
 
 #: Time for which a mission that has ended is kept [s].
@@ -30,7 +30,7 @@ class MissionDirectory:
         self._lock = threading.RLock()
         # Clients of an earlier process hold smaller versions, and so get all missions.
         self._version = time.time_ns() // 1000
-        #: Oldest change first, without reports, which can be long.
+        #: Oldest change first, without plans and reports.
         self._states: dict[str, MissionState] = {}
         for mission in sorted(store.missions(), key=_last_time):
             self._note(mission)
@@ -54,9 +54,26 @@ class MissionDirectory:
         """All missions as stored, sorted by name."""
         return self._store.missions()
 
-    def stored(self, name: str) -> Mission | None:
-        """A mission as stored, None if there is none of this name."""
-        return self._store.mission(name)
+    def stored(self, name: str) -> Mission:
+        """A mission as stored. Raises UnknownMission."""
+        found = self._store.mission(name)
+        if found is None:
+            raise UnknownMission(name)
+        return found
+
+    def may_put(self, robot: str, name: str, document: bytes) -> bool:
+        """Whether a robot may store this document of a mission: if it leads the mission, or takes it over as one of its
+        members."""
+        after, before = decoded(document), None
+        if stored := self._store.mission(name):
+            before = decoded(stored.document)
+            if before is None:
+                return False
+        if after is None or after.leader != robot:
+            return False
+        if before is None or before.leader == robot:
+            return True
+        return before.is_running and robot in before.successors() and after.term == before.term + 1
 
     def remove_mission(self, name: str) -> None:
         """Raises UnknownMission."""
@@ -94,6 +111,16 @@ class MissionDirectory:
         with contextlib.suppress(StaleMission):
             self.put_mission(Mission(name, 0, content.encode()))
 
+    def give(self, state: MissionState, robot: str, reason: str) -> MissionState | None:
+        """Let another robot lead a mission, unless it has changed since `state`; returns its state, None if it has."""
+        with self._lock:
+            stored = self._store.mission(state.name)
+            if stored is None or self._states.get(state.name) is not state:
+                return None
+            content = state.content.taken_over(robot, reason, self._clock())
+            self.put_mission(Mission(state.name, stored.version, content.encode()))
+            return self._states[state.name]
+
     def fail(self, state: MissionState, reason: str) -> None:
         """End a mission whose leader is gone, unless it has changed since `state`. A leader that comes back stores what
         is true."""
@@ -121,11 +148,9 @@ class MissionDirectory:
 
     def _note(self, mission: Mission) -> None:
         self._states.pop(mission.name, None)
-        with contextlib.suppress(msgspec.MsgspecError, UnicodeError, RecursionError):
-            content = MissionContent.decode(mission.document)
+        if content := decoded(mission.document):
             self._version += 1
-            without_report = msgspec.structs.replace(content, report=None)
-            self._states[mission.name] = MissionState(mission.name, self._version, without_report)
+            self._states[mission.name] = MissionState(mission.name, self._version, content.summary)
 
     def _forget_oldest(self, except_for: str) -> bool:
         """Remove the mission that ended first; whether there was one."""
@@ -140,8 +165,5 @@ class MissionDirectory:
 
 def _last_time(mission: Mission) -> float:
     """When a mission ended or began [s]."""
-    try:
-        content = MissionContent.decode(mission.document)
-    except (msgspec.MsgspecError, UnicodeError, RecursionError):
-        return 0.0
-    return content.ended or content.begun
+    content = decoded(mission.document)
+    return content.ended or content.begun if content else 0.0

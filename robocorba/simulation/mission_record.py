@@ -18,8 +18,8 @@ MAX_TEXT = 2000
 Text = Annotated[str, Meta(max_length=MAX_TEXT, pattern="^[^\x00]*$")]
 Seconds = Annotated[float, Meta(ge=0.0, le=1e12)]
 Count = Annotated[int, Meta(ge=0, le=2**31 - 1)]
-#: Maximum number of members and of phases.
-MAX_MEMBERS, MAX_PHASES = 100, 1000
+#: Maximum number of members, phases, leaders and faults; of the latter three the first ones are left out.
+MAX_MEMBERS, MAX_PHASES, MAX_LEADERS, MAX_FAULTS = 100, 1000, 20, 20
 #: Maximum length of the leader's part in a new mission's name [characters].
 MAX_LEADER = 150
 
@@ -50,17 +50,34 @@ class MemberRecord(Struct, frozen=True):
     role: Text
 
 
+class LeaderRecord(Struct, frozen=True):
+    """A robot that leads a mission since POSIX time `since` [s], from term `term` on. reason: why it took over."""
+
+    robot: Text
+    term: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+    since: Seconds
+    reason: Text = ""
+
+
 class MissionContent(Struct, frozen=True, kw_only=True):
     """The state of a mission. Unknown fields are ignored, so that later releases may add some.
 
-    kind: tag of the cooperative icon. about: the object that it moves. term: increments with each change of the leader.
-    phases_in_all: 0 before there is a plan. begun, ended: as of a phase. report: at the end, see docs/mission.md."""
+    kind: tag of the cooperative icon. about: the object that it moves. term: increments with each change of the leader;
+    who leads in a lower one is not obeyed. leaders: those since the first change, the present one last. icon: the
+    cooperative icon, for a robot that takes over. attempts: number of the last attempt. faults: what ended the attempts
+    before. plan: of the present attempt, a CooperativePlan. phases_in_all: 0 before there is a plan. begun, ended: as
+    of a phase. report: at the end, see docs/mission.md."""
 
     format: Literal[1] = 1
     kind: Text
     about: Text
     leader: Text
     term: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 1
+    leaders: Annotated[tuple[LeaderRecord, ...], Meta(max_length=MAX_LEADERS)] = ()
+    icon: dict[str, Any] | None = None
+    attempts: Count = 0
+    faults: Annotated[tuple[Text, ...], Meta(max_length=MAX_FAULTS)] = ()
+    plan: dict[str, Any] | None = None
     members: Annotated[tuple[MemberRecord, ...], Meta(max_length=MAX_MEMBERS)] = ()
     phases: Annotated[tuple[PhaseRecord, ...], Meta(max_length=MAX_PHASES)] = ()
     phases_in_all: Count = 0
@@ -75,16 +92,34 @@ class MissionContent(Struct, frozen=True, kw_only=True):
         return self.result is MissionResult.RUNNING
 
     def encode(self) -> bytes:
-        """The document for the Omni database; without the report if it would be too long."""
+        """The document for the Omni database; without plan and report if it would be too long."""
         document = msgspec.json.encode(self)
-        if len(document) > MAX_DOCUMENT:
-            document = msgspec.json.encode(msgspec.structs.replace(self, report=None))
-        return document
+        return document if len(document) <= MAX_DOCUMENT else msgspec.json.encode(self.summary)
+
+    @property
+    def summary(self) -> MissionContent:
+        """The same without what can be long: plan and report."""
+        return msgspec.structs.replace(self, plan=None, report=None)
 
     @classmethod
     def decode(cls, document: bytes) -> MissionContent:
         """The inverse of `encode`. Raises msgspec.ValidationError, msgspec.DecodeError for any other document."""
         return msgspec.json.decode(document, type=cls)
+
+    @property
+    def all_leaders(self) -> tuple[LeaderRecord, ...]:
+        """Those that have led the mission, the present one last."""
+        return self.leaders or (LeaderRecord(self.leader, self.term, self.begun),)
+
+    def successors(self) -> list[str]:
+        """The members that may take the mission over when its leader is gone, in turn."""
+        return [member.robot for member in self.members if member.robot != self.leader]
+
+    def taken_over(self, robot: str, reason: str, at: float) -> MissionContent:
+        """The mission with a new leader since POSIX time `at` [s], in the next term."""
+        term = self.term + 1
+        leaders = (*self.all_leaders, LeaderRecord(robot, term, at, reason[:MAX_TEXT]))[-MAX_LEADERS:]
+        return msgspec.structs.replace(self, leader=robot, term=term, leaders=leaders)
 
     def ended_as(self, result: MissionResult, reason: str, at: float) -> MissionContent:
         """The mission with its end at POSIX time `at` [s]; a phase that runs ends with it."""
@@ -92,7 +127,8 @@ class MissionContent(Struct, frozen=True, kw_only=True):
             phase if phase.ended else msgspec.structs.replace(phase, ended=max(at, phase.begun))
             for phase in self.phases
         )
-        return msgspec.structs.replace(self, phases=phases, ended=at, result=result, reason=reason[:MAX_TEXT])
+        reason = reason[:MAX_TEXT]
+        return msgspec.structs.replace(self, phases=phases, plan=None, ended=at, result=result, reason=reason)
 
     def brief_report(self, name: str) -> dict[str, Any]:
         """A report from what the record has, for a mission whose leader left none."""
@@ -135,12 +171,12 @@ class MissionState(NamedTuple):
     content: MissionContent
 
 
-def leader_of(document: bytes) -> str:
-    """The leader that a record names; empty if it is none of a mission."""
+def decoded(document: bytes) -> MissionContent | None:
+    """The content of a record; None if it is none of a mission."""
     try:
-        return MissionContent.decode(document).leader
+        return MissionContent.decode(document)
     except (msgspec.MsgspecError, UnicodeError, RecursionError):
-        return ""
+        return None
 
 
 def new_mission_name(leader: str) -> str:

@@ -85,6 +85,8 @@ class Crew:
     ) -> None:
         self.bus, self.place, self._leading = Bus(), place, leading
         self.agents: dict[str, ControlAgent] = {}
+        #: Robots whose leaders fell silent, with the mission and its term.
+        self.orphaned: list[tuple[str, str, int]] = []
         self._missions = []
         self._followers = []
         for name, at in robots.items():
@@ -95,24 +97,36 @@ class Crew:
             agent.start("simulated")
             self.agents[name] = agent
             transport = Transport(BusEnd(self.bus, name), name)
-            self._missions.append(MissionAgent(transport, agent, lambda thing: None, taking_part).start())
+            self._missions.append(
+                MissionAgent(transport, agent, lambda thing: None, taking_part, self._note_orphan(name)).start()
+            )
+
+    def _note_orphan(self, robot: str) -> Callable[[str, int], None]:
+        return lambda mission, term: self.orphaned.append((robot, mission, term))
 
     def leader(
         self,
         name: str,
         leading: LeaderPolicy | None = None,
         on_progress: Callable[..., None] = lambda plan, phases, is_ending: None,
+        mission: str = "",
+        term: int = 1,
+        attempts: int = 0,
+        begin_attempt: Callable[[int], None] = lambda attempt: None,
     ) -> Leader:
         agent = self.agents[name]
         course = agent.robot.execution
         course.reset(False)
         return Leader(
-            f"m{next(_numbers)}",
+            mission or f"m{next(_numbers)}",
             Transport(BusEnd(self.bus, name), name),
             lambda: Spot(*agent.place[:3]),
             interruption=lambda: str(course.interruption or ""),
             policy=leading or self._leading,
             on_progress=on_progress,
+            term=term,
+            attempts=attempts,
+            begin_attempt=begin_attempt,
         )
 
     def close(self) -> None:

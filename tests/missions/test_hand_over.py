@@ -163,7 +163,7 @@ def test_two_robots_hand_a_sheet_over(crew: Crew, place: Place) -> None:
 
     thread = threading.Thread(target=look)
     thread.start()
-    report = crew.leader("A").lead("hand over", planner)
+    report = crew.leader("A").lead("hand over", lambda: planner)
     ended.set()
     thread.join()
     assert (report.result, report.reason) == ("done", "")

@@ -67,7 +67,7 @@ def crew(tmp_path: Path) -> Iterator[Crew]:
 def test_the_new_icon_of_the_manual_works(crew: Crew) -> None:
     found: dict[str, Any] = {}
     exec(compile(SALUTE, "docs/mission.md", "exec", dont_inherit=True), found)
-    report = crew.leader("A").lead("salute", found["Salute"]("B", Spot("L1", 7.0, 2.0)))
+    report = crew.leader("A").lead("salute", lambda: found["Salute"]("B", Spot("L1", 7.0, 2.0)))
     assert (report.result, report.reason) == ("done", "")
     assert [phase.name for phase in report.phases] == ["gathering", "saluting"]
     with pytest.raises(MissionFailed, match="C did not offer to help"):

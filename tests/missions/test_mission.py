@@ -12,6 +12,8 @@ import pytest
 
 from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.control.runner import ProgramResult
+from robocorba.errors.robots import MissionTakenOver
+from robocorba.errors.services import NotReachable
 from robocorba.missions.leader import LeaderPolicy
 from robocorba.missions.member import MemberPolicy
 from robocorba.missions.report import MissionReport, PhaseTimes
@@ -34,7 +36,9 @@ LEADING = LeaderPolicy(
     member_timeout_s=1.5,
     step_grace_s=1.0,
     end_timeout_s=12.0,
+    max_recoveries=0,
 )
+RECOVERING = replace(LEADING, max_recoveries=2, recovery_timeout_s=15.0)
 #: The arms stay where they begin.
 TAKING_PART = MemberPolicy(leader_timeout_s=1.5, end_order_timeout_s=3.0, final_state_s=0.5, driving_posture="home")
 GIVING_WAY = GivingWayPolicy(max_search_s=2.0, blocked_by_parked_s=0.2, blocked_by_later_s=1.0)
@@ -60,10 +64,13 @@ def near(name: str, dx: float, limit_s: float = 30.0) -> Approach:
     return Approach(x=at.x + dx, y=at.y, heading=0.0, limit_s=limit_s)
 
 
-def leading(crew: Crew, planner: Given, name: str = "A") -> tuple[threading.Thread, list[MissionReport]]:
+def leading(
+    crew: Crew, *planners: Given, name: str = "A", policy: LeaderPolicy = LEADING
+) -> tuple[threading.Thread, list[MissionReport]]:
+    """A mission in a thread of its own. planners: of its attempts, in turn."""
     reports: list[MissionReport] = []
-    leader = crew.leader(name)
-    thread = threading.Thread(target=lambda: reports.append(leader.lead("test", planner)))
+    leader, left = crew.leader(name, policy), iter(planners)
+    thread = threading.Thread(target=lambda: reports.append(leader.lead("test", lambda: next(left))))
     thread.start()
     return thread, reports
 
@@ -73,7 +80,9 @@ def free(crew: Crew) -> bool:
 
 
 def test_steps_are_synchronized(crew: Crew) -> None:
-    report = crew.leader("A").lead("test", Given([near("A", 0.2), Idle()], [near("B", 0.1), Idle()], [Idle(), Idle()]))
+    report = crew.leader("A").lead(
+        "test", lambda: Given([near("A", 0.2), Idle()], [near("B", 0.1), Idle()], [Idle(), Idle()])
+    )
     assert (report.result, report.reason) == ("done", "")
     assert [phase.name for phase in report.phases] == ["phase 0", "phase 1"]
     first, second = report.phases
@@ -86,7 +95,7 @@ def test_steps_are_synchronized(crew: Crew) -> None:
     assert found["latency_ms"]["bus"]["count"] > 10
     eventually(lambda: free(crew), "all are free again")
     assert crew.agents["B"].state.program.result is ProgramResult.DONE
-    again = crew.leader("B").lead("test", Given([Idle()], [Idle()]))
+    again = crew.leader("B").lead("test", lambda: Given([Idle()], [Idle()]))
     assert again.result == "done"
 
 
@@ -99,7 +108,7 @@ def test_progress_is_reported(crew: Crew) -> None:
         endings.append(is_ending)
 
     given = Given([Idle(), Idle()], [Idle(), near("B", 0.1)])
-    report = crew.leader("A", on_progress=note).lead("test", given)
+    report = crew.leader("A", on_progress=note).lead("test", lambda: given)
     assert (report.result, report.reason) == ("done", "")
     assert seen[0] == ()
     assert seen[-1] == (("phase 0", 2), ("phase 1", 2))
@@ -108,7 +117,7 @@ def test_progress_is_reported(crew: Crew) -> None:
     eventually(lambda: free(crew), "all are free again")
     crew.agents["B"].robot.execution.reset(False)
     failing = Given([Idle()], [near("B", 0.6, limit_s=0.01)])
-    assert crew.leader("A", on_progress=note).lead("test", failing).result == "failed"
+    assert crew.leader("A", on_progress=note).lead("test", lambda: failing).result == "failed"
     assert endings[-1]
 
 
@@ -116,7 +125,7 @@ def test_carriers_move_simultaneously(crew: Crew) -> None:
     rows = Trajectory([(7.0, 3.0, 0.0), (7.4, 3.0, 0.0)]).to_rows()
     own = Carry(rows=rows, place=(0.0, -1.0, 0.0))
     other = Carry(rows=rows, place=(0.0, 1.0, 0.0))
-    report = crew.leader("A").lead("test", Given([own], [other]))
+    report = crew.leader("A").lead("test", lambda: Given([own], [other]))
     assert (report.result, report.reason) == ("done", "")
     for name, y in (("A", 2.0), ("B", 4.0)):
         at = crew.agents[name].place
@@ -129,7 +138,7 @@ def test_carriers_move_simultaneously(crew: Crew) -> None:
 def test_a_gathering_robot_drives_around_a_stationary_one(crew: Crew) -> None:
     crew.agents["A"].cap_speed(1.0)
     beyond = Gather(floor="L1", x=7.0, y=4.9, heading=0.0)  # beyond B, which is stationary
-    report = crew.leader("A").lead("test", Given([beyond], [Idle()]))
+    report = crew.leader("A").lead("test", lambda: Given([beyond], [Idle()]))
     assert (report.result, report.reason) == ("done", "")
     assert crew.agents["A"].place[:3] == pytest.approx(("L1", 7.0, 4.9), abs=0.02)
     assert crew.agents["B"].place == pytest.approx(ROBOTS["B"])
@@ -139,7 +148,7 @@ def test_a_gathering_robot_drives_around_a_stationary_one(crew: Crew) -> None:
 def test_a_blocked_robot_retries(crew: Crew) -> None:
     crew.agents["A"].cap_speed(1.0)
     beside = Gather(floor="L1", x=7.0, y=4.3, heading=0.0)  # B's place, until it leaves
-    report = crew.leader("A").lead("test", Given([beside], [near("B", 1.2)]))
+    report = crew.leader("A").lead("test", lambda: Given([beside], [near("B", 1.2)]))
     assert (report.result, report.reason) == ("done", "")
 
 
@@ -147,7 +156,7 @@ def test_a_busy_robot_is_not_assigned(crew: Crew) -> None:
     crew.agents["B"].load(ProgramBuilder("busy").wait(60).program())
     crew.agents["B"].run()
     begun = time.monotonic()
-    report = crew.leader("A").lead("test", Given([Idle()], [Idle()], [Idle()]))
+    report = crew.leader("A").lead("test", lambda: Given([Idle()], [Idle()], [Idle()]))
     assert report.result == "failed"
     assert report.reason == "2 helpers are needed; C offered to help; B runs a program"
     assert time.monotonic() - begun > LEADING.agreement_timeout_s
@@ -157,7 +166,7 @@ def test_a_busy_robot_is_not_assigned(crew: Crew) -> None:
 
 def test_the_leader_does_not_wait_for_robots_that_do_not_exist(crew: Crew) -> None:
     begun = time.monotonic()
-    report = crew.leader("A").lead("test", Given([Idle()], [Idle()], [Idle()], [Idle()]))
+    report = crew.leader("A").lead("test", lambda: Given([Idle()], [Idle()], [Idle()], [Idle()]))
     assert report.reason == "3 helpers are needed; B, C offered to help"
     assert time.monotonic() - begun < LEADING.agreement_timeout_s
 
@@ -165,7 +174,7 @@ def test_the_leader_does_not_wait_for_robots_that_do_not_exist(crew: Crew) -> No
 def test_the_nearest_robots_are_the_candidates(crew: Crew) -> None:
     near_c = Given([Idle()], [Idle()])
     near_c.meeting_point = Spot(*ROBOTS["C"][:3])
-    report = crew.leader("A", replace(LEADING, spare_candidates=0)).lead("test", near_c)
+    report = crew.leader("A", replace(LEADING, spare_candidates=0)).lead("test", lambda: near_c)
     assert report.result == "done"
     assert set(report.measurements) == {"A", "C"}
 
@@ -175,7 +184,8 @@ def test_leaders_that_need_the_same_robot_get_it_in_turn(crew: Crew) -> None:
     for name in "AB":
         crew.agents[name].load(ProgramBuilder("leads").wait(60).program())
         crew.agents[name].run()
-    started = [leading(crew, Given([Idle()], [near("C", dx)]), name) for name, dx in (("A", 0.2), ("B", -0.2))]
+    ways = (("A", 0.2), ("B", -0.2))
+    started = [leading(crew, *[Given([Idle()], [near("C", dx)])] * 20, name=name) for name, dx in ways]
     for thread, _ in started:
         thread.join(60.0)
     reports = [found for _, (found,) in started]
@@ -187,7 +197,7 @@ def test_leaders_that_need_the_same_robot_get_it_in_turn(crew: Crew) -> None:
 
 def test_a_failed_step_ends_the_mission_for_all(crew: Crew) -> None:
     blocked = Approach(x=5.0, y=4.6, heading=0.0)  # through the elevator's wall
-    report = crew.leader("A").lead("test", Given([near("A", 0.3), Idle()], [blocked, Idle()]))
+    report = crew.leader("A").lead("test", lambda: Given([near("A", 0.3), Idle()], [blocked, Idle()]))
     assert report.result == "failed"
     assert report.reason.startswith("phase 0: B at L1 (6.")
     eventually(lambda: free(crew), "all are free again")
@@ -227,7 +237,7 @@ def test_members_stop_without_their_leader(crew: Crew) -> None:
 def test_a_step_that_exceeds_its_limit_ends_the_mission(crew: Crew) -> None:
     begun = time.monotonic()
     report = crew.leader("A").lead(
-        "test", Given([Idle()], [Gather(floor="L1", x=9.0, y=9.0, heading=0.0, limit_s=1.0)])
+        "test", lambda: Given([Idle()], [Gather(floor="L1", x=9.0, y=9.0, heading=0.0, limit_s=1.0)])
     )
     assert "phase 0 took longer than 1 s" in report.reason
     assert time.monotonic() - begun < 30.0
@@ -241,3 +251,106 @@ def test_an_interrupted_leader_ends_the_mission(crew: Crew) -> None:
     thread.join(60.0)
     assert "enough" in reports[0].reason
     eventually(lambda: free(crew), "all are free again")
+
+
+# ---- after a fault ----
+
+
+def test_a_silent_helper_is_replaced(crew: Crew) -> None:
+    planners = (
+        Given([Idle(), Idle()], [near("B", 1.5, 60.0), Idle()]),
+        Given([Idle(), Idle()], [near("C", 0.1), Idle()]),
+    )
+    thread, reports = leading(crew, *planners, policy=RECOVERING)
+    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
+    crew.bus.disconnected = {"B"}
+    thread.join(120.0)
+    (report,) = reports
+    assert (report.result, report.reason) == ("done", "")
+    assert report.faults == ("phase 0: B is silent",)
+    assert report.plan and {subplan.robot for subplan in report.plan.subplans} == {"A", "C"}
+    assert [phase.name for phase in report.phases] == ["phase 0", "recovering", "phase 0", "phase 1"]
+    assert report.as_json()["faults"] == ["phase 0: B is silent"]
+
+
+def test_a_failed_step_is_tried_again_from_where_all_are(crew: Crew) -> None:
+    planners = [Given([Idle()], [near("B", 0.6, limit_s=0.01)]), Given([Idle()], [near("B", 0.1)])]
+    made = iter(planners)
+    report = crew.leader("A", RECOVERING).lead("test", lambda: next(made))
+    assert report.result == "done"
+    assert len(report.faults) == 1
+
+
+def test_attempts_are_bounded(crew: Crew) -> None:
+    failing = Given([Idle()], [near("B", 0.6, limit_s=0.01)])
+    report = crew.leader("A", RECOVERING).lead("test", lambda: failing)
+    assert report.result == "failed"
+    assert len(report.faults) == RECOVERING.max_recoveries
+    assert report.reason.endswith(f"; before: {'; '.join(report.faults)}")
+    eventually(lambda: free(crew), "all are free again")
+
+
+def test_it_is_not_tried_again_after_an_emergency_stop(crew: Crew) -> None:
+    thread, reports = leading(crew, Given([Idle()], [near("B", 1.5)]), policy=RECOVERING)
+    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
+    crew.agents["B"].stop()
+    thread.join(60.0)
+    assert reports[0].faults == ()
+    assert reports[0].reason.endswith("emergency stop")
+
+
+def test_a_leader_waits_for_servers_that_are_away_after_a_fault(crew: Crew) -> None:
+    failing, then = Given([Idle()], [near("B", 0.6, limit_s=0.01)]), Given([Idle()], [Idle()])
+    answers = iter([failing, NotReachable("the map editor does not answer"), then])
+
+    def make() -> Given:
+        answer = next(answers)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    assert crew.leader("A", RECOVERING).lead("test", make).result == "done"
+
+
+def test_a_leader_of_which_another_has_taken_over_gives_up(crew: Crew) -> None:
+    begun = []
+
+    def begin(attempt: int) -> None:
+        begun.append(attempt)
+        if len(begun) == 2:
+            raise MissionTakenOver("B", 2)
+
+    failing = Given([Idle()], [near("B", 0.6, limit_s=0.01)])
+    report = crew.leader("A", RECOVERING, begin_attempt=begin, attempts=4).lead("test", lambda: failing)
+    assert report.reason.startswith("B has taken the mission over, in term 2; before: ")
+    assert begun == [5, 6]
+    eventually(lambda: free(crew), "all are free again")
+
+
+def test_members_obey_the_leader_of_the_latest_term_only(crew: Crew) -> None:
+    """C leads the same mission in a later term: B leaves A, and A finds nobody any more."""
+    first = crew.leader("A", LEADING, mission="same")
+    reports: list[MissionReport] = []
+    given = Given([Idle()], [near("B", 1.5, 60.0)])
+    thread = threading.Thread(target=lambda: reports.append(first.lead("test", lambda: given)))
+    thread.start()
+    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
+    second = crew.leader("C", LEADING, mission="same", term=2, attempts=7)
+    later = Given([Idle()], [Idle()])
+    later.required = frozenset({"B"})
+    report = second.lead("test", lambda: later)
+    assert (report.result, report.reason) == ("done", "")
+    thread.join(60.0)
+    assert reports[0].result == "failed"
+    again = crew.leader("A", LEADING, mission="same").lead("test", lambda: Given([Idle()], [Idle()]))
+    assert again.reason == "1 helpers are needed; no robot offered to help"
+
+
+def test_a_member_whose_leader_is_silent_may_take_over(crew: Crew) -> None:
+    thread, _ = leading(crew, Given([Idle(), Idle()], [near("B", 1.5, 60.0), Idle()]))
+    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
+    assert crew.orphaned == []
+    crew.bus.disconnected = {"A"}
+    eventually(lambda: crew.orphaned, "B is told")
+    assert [(robot, term) for robot, _, term in crew.orphaned] == [("B", 1)]
+    thread.join(60.0)

@@ -5,11 +5,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 
+import msgspec
 import pytest
+from msgspec.structs import replace
 
 from robocorba.backoff import Backoff
+from robocorba.errors.robots import MissionTakenOver
 from robocorba.errors.services import NotReachable
-from robocorba.errors.simulation import InvalidMission, StaleMission
+from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.missions.messages import Answer, MemberState
 from robocorba.missions.recorder import MAX_WAITING, LedMission, MissionRecorder
 from robocorba.missions.report import MAX_BRIEF_EVENTS, MissionReport, PhaseTimes
@@ -26,6 +29,9 @@ PLAN = plan_of(
 )
 
 
+NEW = MissionContent(kind="move_table", about="desk", leader="A", begun=100.0)
+
+
 class Database:
     """Missions by name, as the Omni database keeps them. is_away: it does not answer."""
 
@@ -36,7 +42,13 @@ class Database:
         self.gate = threading.Event()
         self.gate.set()
 
-    def put(self, mission: Mission) -> int:
+    def mission(self, name: str) -> Mission:
+        if name not in self.missions:
+            raise UnknownMission(name)
+        version, content = self.missions[name]
+        return Mission(name, version, content.encode())
+
+    def put_mission(self, mission: Mission) -> int:
         self.calls += 1
         self.gate.wait(10.0)
         if self.is_away:
@@ -64,7 +76,7 @@ def database() -> Database:
 
 @pytest.fixture
 def recorder(database: Database) -> Iterator[MissionRecorder]:
-    recorder = MissionRecorder(database.put, QUICK)
+    recorder = MissionRecorder(database, QUICK)
     yield recorder
     database.gate.set()
     recorder.close()
@@ -125,6 +137,30 @@ def test_a_recorder_ends_while_the_database_is_away(database: Database, recorder
     assert "mission records" not in {thread.name for thread in threading.enumerate()}
 
 
+def test_what_a_leader_of_a_later_term_has_written_stays(database: Database, recorder: MissionRecorder) -> None:
+    recorder.record("m", content(1))
+    eventually(lambda: database.content("m") == content(1), "it is recorded")
+    later = content(1).taken_over("B", "A was silent", 2.0)
+    database.missions["m"] = 7, later
+    recorder.record("m", content(3, MissionResult.DONE))
+    recorder.record("next", content(4))
+    eventually(lambda: database.content("next") == content(4), "the next mission is recorded")
+    assert database.content("m") == later
+    with pytest.raises(MissionTakenOver, match=r"B has taken the mission over, in term 2"):
+        recorder.write("m", content(3))
+
+
+def test_a_state_is_written_at_once(database: Database, recorder: MissionRecorder) -> None:
+    recorder.write("m", content(1))
+    assert database.content("m") == content(1)
+    database.missions["m"] = 7, content(1, MissionResult.FAILED)  # mission control has written it
+    recorder.write("m", content(2))
+    assert database.missions["m"] == (8, content(2))
+    database.is_away = True
+    with pytest.raises(NotReachable):
+        recorder.write("m", content(3))
+
+
 # ---- what is recorded ----
 
 
@@ -132,7 +168,7 @@ class Kept(MissionRecorder):
     """Keeps the latest state instead of writing it."""
 
     def __init__(self) -> None:
-        super().__init__(lambda mission: 1)
+        super().__init__(Database())
 
     def record(self, name: str, content: MissionContent) -> None:
         self.latest = MissionContent.decode(content.encode())
@@ -148,7 +184,7 @@ def kept() -> Kept:
 
 
 def test_phases_say_who_is_waited_for(kept: Kept) -> None:
-    led = LedMission(kept, "m", "move_table", "desk", "A", Clock())
+    led = LedMission(kept, "m", NEW, Clock())
     assert kept.latest.phases == (PhaseRecord("asking", 100.0),)
     led.update(PLAN, [], False)
     assert kept.latest.members == (MemberRecord("A", "leader"), MemberRecord("B", "helper"))
@@ -166,7 +202,7 @@ def test_phases_say_who_is_waited_for(kept: Kept) -> None:
 
 def test_a_failure_ends_its_phase_and_the_mission_safely(kept: Kept) -> None:
     clock = Clock()
-    led = LedMission(kept, "m", "move_table", "desk", "A", clock)
+    led = LedMission(kept, "m", NEW, clock)
     phases = [PhaseTimes("one", 102.0, {}, {"A": 103.0})]
     clock.now = 110.0
     led.update(PLAN, phases, True)
@@ -180,14 +216,14 @@ def test_a_failure_ends_its_phase_and_the_mission_safely(kept: Kept) -> None:
 
 def test_a_phase_that_was_ordered_for_later_has_not_lasted(kept: Kept) -> None:
     clock = Clock()
-    led = LedMission(kept, "m", "move_table", "desk", "A", clock)
+    led = LedMission(kept, "m", NEW, clock)
     clock.now = 101.9
     led.update(PLAN, [PhaseTimes("one", 102.0, {}, {})], True)
     assert kept.latest.phases[1:] == (PhaseRecord("one", 101.9, 101.9), PhaseRecord("ending safely", 101.9))
 
 
 def test_a_phase_of_a_clock_that_is_ahead_ends_after_its_beginning(kept: Kept) -> None:
-    LedMission(kept, "m", "move_table", "desk", "A", Clock())
+    LedMission(kept, "m", NEW, Clock())
     (phase,) = kept.latest.ended_as(MissionResult.FAILED, "its leader is gone", 99.0).phases
     assert phase == PhaseRecord("asking", 100.0, 100.0)
 
@@ -203,9 +239,50 @@ def test_a_phase_of_a_clock_that_is_ahead_ends_after_its_beginning(kept: Kept) -
     ],
 )
 def test_ends(kept: Kept, end: Callable[[LedMission], None], result: MissionResult) -> None:
-    end(LedMission(kept, "m", "move_table", "sofa", "A", Clock()))
+    end(LedMission(kept, "m", NEW, Clock()))
     assert kept.latest.result is result
     assert kept.latest.ended
+
+
+def test_the_phases_of_several_attempts_follow_each_other(kept: Kept) -> None:
+    led = LedMission(kept, "m", NEW, Clock())
+    phases = [PhaseTimes("one", 102.0, {}, {"A": 103.0}), PhaseTimes("recovering", 108.0, {}, {})]
+    led.update(PLAN, phases, False)
+    again = replace(PLAN, mission="m.2")
+    led.update(again, phases, False)
+    assert kept.latest.phases == (
+        PhaseRecord("asking", 100.0, 102.0),
+        PhaseRecord("one", 102.0, 108.0, "B"),
+        PhaseRecord("recovering", 108.0),
+    )
+    assert kept.latest.phases_in_all == 5
+    assert msgspec.convert(kept.latest.plan, CooperativePlan) == again
+
+
+def test_a_leader_that_takes_over_continues_the_record() -> None:
+    kept, clock = Kept(), Clock()
+    LedMission(kept, "m", NEW, clock).update(PLAN, [PhaseTimes("one", 102.0, {}, {})], False)
+    clock.now = 110.0
+    taken = kept.latest.taken_over("B", "A was silent", 109.0)
+    led = LedMission(kept, "m", replace(taken, attempts=3), clock)
+    assert (led.term, led.attempts) == (2, 3)
+    assert [phase.name for phase in kept.latest.phases] == ["asking", "one", "recovering"]
+    assert [(each.robot, each.term, each.reason) for each in kept.latest.leaders] == [
+        ("A", 1, ""),
+        ("B", 2, "A was silent"),
+    ]
+    assert taken.successors() == ["A"]
+    led.begin_attempt(4)
+    assert led.attempts == 4
+
+
+def test_the_end_needs_no_plan(kept: Kept) -> None:
+    led = LedMission(kept, "m", NEW, Clock())
+    led.update(PLAN, [], False)
+    assert kept.latest.plan
+    led.end(report("done")._replace(faults=("one: B is silent",)), False)
+    assert kept.latest.plan is None
+    assert kept.latest.faults == ("one: B is silent",)
 
 
 def test_the_report_has_the_messages_that_say_something_new() -> None:

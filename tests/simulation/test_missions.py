@@ -14,7 +14,7 @@ from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import InvalidMission, NoLeader, StaleMission, UnknownMission
 from robocorba.simulation import store as store_module
-from robocorba.simulation.mission_control import GONE_LIMIT_S, SILENT_LIMIT_S, LeaderWatch, MissionControl
+from robocorba.simulation.mission_control import GONE_LIMIT_S, HAND_OVER_S, SILENT_LIMIT_S, LeaderWatch, MissionControl
 from robocorba.simulation.mission_directory import KEPT_S, MissionDirectory
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord
 from robocorba.simulation.store import MAX_DOCUMENT, Mission, SimulationStore
@@ -301,8 +301,8 @@ def test_an_abort_waits_for_a_leader_that_has_just_accepted(
 @pytest.mark.parametrize(
     ("robots", "logged_on", "limit_s", "reason"),
     [
-        (Robots(), False, GONE_LIMIT_S, "its leader A was gone for 15 s"),
-        (Robots(A="other"), True, GONE_LIMIT_S, "its leader A did not lead it any more for 15 s"),
+        (Robots(), False, GONE_LIMIT_S, "its leader A was gone for 60 s"),
+        (Robots(A="other"), True, GONE_LIMIT_S, "its leader A did not lead it any more for 60 s"),
         (Robots(), True, SILENT_LIMIT_S, "its leader A did not answer for 60 s"),
     ],
 )
@@ -323,6 +323,66 @@ def test_a_mission_without_a_leader_fails(
     assert content.phases[-1].ended == 1000.0
     put(missions, "one", ended(200.0), missions.missions()[0].version)
     assert missions.mission("one").content.result is MissionResult.DONE, "what a leader says that comes back"
+
+
+class Choosy(Robots):
+    """Some refuse to lead."""
+
+    def __init__(self, *refusing: str, **lead: str) -> None:
+        super().__init__(**lead)
+        self._refusing = refusing
+
+    def start(self, leader: str, mission: str, icon: str) -> None:
+        if leader in self._refusing:
+            raise IllegalOrder("run a program", "runs a program")
+        super().start(leader, mission, icon)
+
+
+def test_the_nearest_robot_that_can_leads(missions: MissionDirectory) -> None:
+    robots = Choosy("B", A="", B="", C="", D="")
+    control = MissionControl(missions, robots, lambda about: ["B", "gone", "C", "D"] if about == "desk" else [])
+    name = control.start("", '{"icon": "move_table", "table": "desk"}')
+    assert name.startswith("desk-")
+    assert robots.lead == {"A": "", "B": "", "C": name, "D": ""}
+    assert missions.mission(name).content.leader == "C"
+    with pytest.raises(NoLeader, match=r"no robot can lead it$"):
+        control.start("", '{"icon": "move_table", "table": "sofa"}')
+    robots.lead = {}
+    with pytest.raises(
+        NoLeader, match=r"no robot can lead it; B: can't run a program: .*; gone: robot gone does not answer; C: "
+    ):
+        control.start("", '{"icon": "move_table", "table": "desk"}')
+
+
+def test_a_mission_whose_leader_is_gone_is_given_to_another_robot(missions: MissionDirectory) -> None:
+    now, robots = 0.0, Choosy("B", B="", C="")
+    watch = LeaderWatch(missions, robots, lambda robot: False, lambda: now, lambda about: ["A", "B", "C"])
+    put(missions, "one", msgspec.structs.replace(RUNNING, icon={"icon": "move_table"}))
+    watch.check()
+    now = HAND_OVER_S - 0.1
+    watch.check()
+    assert missions.mission("one").content.leader == "A"
+    now = HAND_OVER_S
+    watch.check()
+    content = missions.mission("one").content
+    assert robots.lead == {"B": "", "C": "one"}
+    assert (content.leader, content.term) == ("C", 3)
+    assert [each.reason for each in content.leaders] == ["", "A was gone", "A was gone"]
+    now = 10 * GONE_LIMIT_S
+    watch.check()
+    assert missions.mission("one").content.is_running
+
+
+def test_a_mission_that_nobody_can_lead_fails(missions: MissionDirectory) -> None:
+    now, robots = 0.0, Choosy("B", B="")
+    watch = LeaderWatch(missions, robots, lambda robot: False, lambda: now, lambda about: ["A", "B"])
+    put(missions, "one", msgspec.structs.replace(RUNNING, icon={"icon": "move_table"}))
+    while now < GONE_LIMIT_S:
+        watch.check()
+        assert missions.mission("one").content.is_running
+        now += 5.0
+    watch.check()
+    assert missions.mission("one").content.result is MissionResult.FAILED
 
 
 def test_a_leader_that_answers_again_keeps_its_mission(missions: MissionDirectory) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 from robocorba.corba.conversion.errors import register
 from robocorba.errors import robots, simulation
 from robocorba.simulation.mission_record import (
+    LeaderRecord,
     MemberRecord,
     MissionContent,
     MissionResult,
@@ -56,6 +57,14 @@ def mission_state_of(struct: Any) -> MissionState:
         reason=struct.reason,
     )
     return MissionState(struct.name, struct.current, content)
+
+
+def leaders(content: MissionContent) -> list[Any]:
+    return [RoboCorba.MissionLeader(each.robot, each.term, each.since, each.reason) for each in content.all_leaders]
+
+
+def leader_of(struct: Any) -> LeaderRecord:
+    return LeaderRecord(struct.robot, struct.term, struct.since, struct.reason)
 
 
 register(robots.InvalidProgram, RoboCorba.InvalidProgram, "icon", "parameter", "reason")

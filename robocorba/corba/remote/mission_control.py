@@ -8,7 +8,7 @@ from typing import Any
 from robocorba.corba.conversion import missions
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import RemoteObject
-from robocorba.simulation.mission_record import MissionState
+from robocorba.simulation.mission_record import LeaderRecord, MissionState
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call [s]. A start waits until the leader has checked the icon.
@@ -36,9 +36,13 @@ class RemoteMissionControl:
         """Raises UnknownMission."""
         return missions.mission_state_of(self._control.call(lambda control: control.mission(name)))
 
+    def leaders(self, name: str) -> list[LeaderRecord]:
+        """Those that have led a mission, the last one last. Raises UnknownMission."""
+        return [missions.leader_of(struct) for struct in self._control.call(lambda control: control.leaders(name))]
+
     def start(self, leader: str, icon: str) -> str:
-        """Let a robot lead the mission of a cooperative icon in JSON; return the mission's name. Raises InvalidProgram,
-        IllegalOrder, NoLeader."""
+        """Let a robot lead the mission of a cooperative icon in JSON, without a name the nearest free one; return the
+        mission's name. Raises InvalidProgram, IllegalOrder, NoLeader."""
         return str(self._patient_control.call(lambda control: control.start(leader, icon)))
 
     def abort(self, name: str) -> None:

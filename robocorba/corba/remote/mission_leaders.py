@@ -6,6 +6,7 @@ from typing import Any
 
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import translated
+from robocorba.errors.services import NotReachable
 from robocorba.names import ROBOTS
 from robocorba.stubs import RoboCorba
 
@@ -38,6 +39,13 @@ class RemoteLeaders:
         agent = self._agent(leader, CALL_TIMEOUT_S)
         with translated(f"robot {leader}"):
             return str(agent._get_mission())
+
+    def leads(self, leader: str, mission: str) -> bool:
+        """Whether a robot answers that it leads a mission, or takes part in it."""
+        try:
+            return self.mission_of(leader) == mission
+        except NotReachable:
+            return False
 
     def _agent(self, name: str, call_timeout_s: float) -> Any:
         return self._orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, RESOLVE_TIMEOUT_S, call_timeout_s)

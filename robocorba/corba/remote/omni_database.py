@@ -73,6 +73,11 @@ class RemoteDatabase:
         """All reservations of areas, granted or waiting. Raises NotReachable."""
         return [simulation.reserved_areas_of(record) for record in self._database.call(lambda to: to.reservations())]
 
+    def mission(self, name: str) -> Mission:
+        """A mission. Raises UnknownMission, NotReachable."""
+        record = self._database.call(lambda database: database.mission(name))
+        return Mission(record.name, record.current, bytes(record.document))
+
     def put_mission(self, mission: Mission) -> int:
         """Store a mission; return its new version. Raises InvalidMission, StaleMission, NotReachable."""
         record = RoboCorba.MissionRecord(mission.name, mission.version, mission.document)

@@ -24,6 +24,10 @@ class MissionControlServant(RoboCorba__POA.MissionControl):
         return missions.mission_state(self._control.missions.mission(name))
 
     @translating
+    def leaders(self, name: str) -> list[Any]:
+        return missions.leaders(self._control.missions.mission(name).content)
+
+    @translating
     def start(self, leader: str, icon: str) -> str:
         return self._control.start(leader, icon)
 

@@ -10,7 +10,6 @@ from omniORB import CORBA
 from robocorba.corba.conversion import floors, scans, simulation
 from robocorba.corba.conversion.errors import translating
 from robocorba.simulation.mission_directory import MissionDirectory
-from robocorba.simulation.mission_record import leader_of
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.store import Mission
 from robocorba.stubs import RoboCorba, RoboCorba__POA
@@ -56,11 +55,10 @@ class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
         return self._missions.put_mission(Mission(mission.name, mission.current, mission.document))
 
     def bound_to(self, robot: str) -> dict[str, Callable[..., Any]]:
-        """What a robot with a file of its own calls instead: it stores the missions that it leads."""
+        """What a robot with a file of its own calls instead: it stores the missions that it leads, or takes over."""
 
         def put_mission(mission: Any) -> int:
-            before = self._missions.stored(mission.name)
-            if any(leader_of(each.document) != robot for each in (mission, before) if each):
+            if not self._missions.may_put(robot, mission.name, mission.document):
                 raise CORBA.NO_PERMISSION(0, CORBA.COMPLETED_NO)
             return int(self.putMission(mission))
 
@@ -68,10 +66,16 @@ class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
 
     @translating
     def missions(self) -> list[Any]:
-        return [
-            RoboCorba.MissionRecord(*(kept.name, kept.version, kept.document)) for kept in self._missions.missions()
-        ]
+        return [_record(mission) for mission in self._missions.missions()]
+
+    @translating
+    def mission(self, name: str) -> Any:
+        return _record(self._missions.stored(name))
 
     @translating
     def removeMission(self, name: str) -> None:
         self._missions.remove_mission(name)
+
+
+def _record(mission: Mission) -> Any:
+    return RoboCorba.MissionRecord(mission.name, mission.version, mission.document)

@@ -1,0 +1,119 @@
+"""Who leads a mission when its leader is gone: the members of its record, in turn."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from robocorba.errors.robots import RobotError
+from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import UnknownMission
+from robocorba.missions.recorder import MissionRecords
+from robocorba.simulation.mission_record import decoded
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class SuccessionPolicy:
+    """Intervals and limits."""
+
+    #: Each member waits this much longer than the one before it [s].
+    turn_s: float = 3.0
+    #: Interval between looks at the record [s].
+    interval_s: float = 0.5
+    #: After this time without another leader a member gives up [s].
+    limit_s: float = 60.0
+
+
+DEFAULT_POLICY = SuccessionPolicy()
+
+
+class Successor(Protocol):
+    """A robot that may take missions over."""
+
+    def is_free(self) -> bool:
+        """Whether it can lead now."""
+
+    def lead(self, mission: str, icon: dict[str, Any]) -> None:
+        """Begin to lead a mission, by its cooperative icon, unless another robot does. Raises RobotError."""
+
+
+class Succession:
+    """Lets a robot lead missions whose leaders have fallen silent, when it is its turn.
+
+    leads: whether a robot answers that it leads a mission; False if it does not answer. May take seconds."""
+
+    def __init__(
+        self,
+        robot: str,
+        records: MissionRecords,
+        leads: Callable[[str, str], bool],
+        successor: Successor,
+        policy: SuccessionPolicy = DEFAULT_POLICY,
+    ) -> None:
+        self._robot, self._records, self._leads = robot, records, leads
+        self._successor, self._policy = successor, policy
+        self._lock = threading.Lock()
+        self._waiting: dict[str, threading.Thread] = {}
+        self._closing = threading.Event()
+
+    def begin(self, mission: str, term: int) -> None:
+        """The leader of `term` has fallen silent, and the robot has ended its part. Does not block."""
+        with self._lock:
+            if self._closing.is_set() or mission in self._waiting:
+                return
+            thread = threading.Thread(target=self._run, args=(mission, term), name="succession", daemon=True)
+            self._waiting[mission] = thread
+            thread.start()
+
+    def close(self) -> None:
+        self._closing.set()
+        with self._lock:
+            threads = list(self._waiting.values())
+        for thread in threads:
+            thread.join()
+
+    def _run(self, mission: str, term: int) -> None:
+        began = time.monotonic()
+        try:
+            while time.monotonic() - began < self._policy.limit_s and not self._closing.is_set():
+                try:
+                    if self._is_over(mission, term, time.monotonic() - began):
+                        return
+                except NotReachable as error:
+                    _log.info("mission %s: %s", mission, error)
+                self._closing.wait(self._policy.interval_s)
+            _log.warning("mission %s: nobody has taken it over within %g s", mission, self._policy.limit_s)
+        except Exception:  # the robot goes on
+            _log.exception("taking over mission %s failed", mission)
+        finally:
+            with self._lock:
+                del self._waiting[mission]
+
+    def _is_over(self, mission: str, term: int, waited_s: float) -> bool:
+        """Lead the mission if it is this robot's turn. True if there is nothing more to do. Raises NotReachable."""
+        try:
+            content = decoded(self._records.mission(mission).document)
+        except UnknownMission:
+            return True
+        if content is None or not content.is_running or content.term != term or content.icon is None:
+            return True
+        successors = content.successors()
+        if self._robot not in successors:
+            return True
+        if waited_s < successors.index(self._robot) * self._policy.turn_s or not self._successor.is_free():
+            return False
+        if self._leads(content.leader, mission):  # it has lost this robot only, or comes back
+            return False
+        _log.warning("mission %s: its leader %s is silent; %s takes it over", mission, content.leader, self._robot)
+        try:
+            self._successor.lead(mission, content.icon)
+        except RobotError as error:
+            _log.warning("mission %s: %s can't lead it: %s", mission, self._robot, error)
+            return False
+        return True
