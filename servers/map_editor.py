@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Sequence
 from contextlib import closing
 
@@ -22,11 +23,20 @@ from robocorba.settings import ServerSettings
 #: Maximum numbers of calls that the map editor executes at the same time: those that read elements, and those that go
 #: through a whole floor or building. Edits, and followers of changes, don't wait for them.
 READING, ANALYSING = 4, 2
+#: Size of what forgotten transactions held beyond which it is worth while to search for free memory.
+LARGE = 10_000
 
 
 def preload() -> None:
     """Compile or load the kernels."""
     PathPlanner(Building("none")).warm_up()
+
+
+def keep(editor: BuildingEditor) -> None:
+    """Write the building's file again if it was removed, and end what clients have forgotten."""
+    editor.keep_stored()
+    if editor.end_idle() > LARGE:
+        gc.collect()  # also empties Python's lists of free objects, which keep a fourth of the memory
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -42,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             servant = MapEditorServant(editor, orb)
             CallLimit(READING).apply(servant, "elements", "editsSince")
             CallLimit(ANALYSING).apply(servant, "exportMap", "check", "checkFloor")
-            keeping = Repeating("keep", editor.keep_stored, KEEP_INTERVAL_S).start()
+            keeping = Repeating("keep", lambda: keep(editor), KEEP_INTERVAL_S).start()
             orb.serve({"MapEditor": servant, "PathPlanner": PathPlannerServant(planner)})
             with closing(keeping):
                 orb.run()

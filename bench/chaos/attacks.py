@@ -231,9 +231,10 @@ def attack_for(seconds: float, attacks: Attacks, bystander: Beside) -> list[floa
         while (passed := time.monotonic() - began) < seconds:
             attacks.replace_ended()
             running = attacks.kinds
+            bystander.complain.beside = ", ".join(running)
             time.sleep(1.0)
             loads.append(os.getloadavg()[0])
-            attacks.note(running, bystander.look(f"beside {', '.join(running)}"))
+            attacks.note(running, bystander.look())
             status.update(f"{passed / 60:.1f} of {seconds / 60:g} minutes, {', '.join(running)}")
     attacks.close()
     return loads

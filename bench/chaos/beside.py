@@ -30,6 +30,8 @@ class Complaints:
         self.count = 0
         self._lock = threading.Lock()
         self._began: float | None = None
+        #: What runs now.
+        self.beside = ""
         self._printed: dict[str, set[str]] = {}
         self._kinds: Counter[str] = Counter()
 
@@ -37,13 +39,13 @@ class Complaints:
         """The attacks begin now."""
         self._began = time.monotonic()
 
-    def add(self, what: str, where: str = "") -> None:
-        """Count a harm. where: what ran at that time."""
+    def add(self, what: str) -> None:
+        """Count a harm."""
         with self._lock:
             self.count += 1
-        self.note(what, where)
+        self.note(what)
 
-    def note(self, what: str, where: str = "") -> None:
+    def note(self, what: str) -> None:
         """The same for something that is counted elsewhere."""
         kind = re.sub(r"[0-9]+", "#", what)
         with self._lock:
@@ -53,7 +55,7 @@ class Complaints:
                 return
             printed.add(what)
         when = "before the attacks" if self._began is None else f"{time.monotonic() - self._began:.1f} s"
-        print(f"{when}: {what}{f', {where}' if where else ''}", flush=True)
+        print(f"{when}: {what}{f', beside {self.beside}' if self.beside else ''}", flush=True)
 
     def print_rest(self) -> None:
         """Print the number of each kind of which not all were printed."""
@@ -66,24 +68,23 @@ class Beside:
     """A process that calls every server while others attack. longest: its longest call of each object [s]."""
 
     def __init__(self, process: Process, complain: Complaints) -> None:
-        self._process, self._complain = process, complain
+        self._process, self.complain = process, complain
         self.longest: dict[str, float] = {}
 
     def begin(self) -> None:
         """Forget the calls until now: the attacks begin."""
         self._process.ask({"do": "longest"}, ANSWER_LIMIT_S)
-        self._complain.begin()
+        self.complain.begin()
 
-    def look(self, where: str) -> dict[str, float]:
-        """The longest call of each object since the last look [s]. Failed calls are complained of, slow ones noted.
-        where: what ran meanwhile."""
+    def look(self) -> dict[str, float]:
+        """The longest call of each object since the last look [s]. Failed calls are complained of, slow ones noted."""
         calls, errors = self._process.ask({"do": "longest"}, ANSWER_LIMIT_S)
         for name, error in errors.items():
-            self._complain.add(f"another client's call of {name}: {error}", where)
+            self.complain.add(f"another client's call of {name}: {error}")
         for name, took_s in calls.items():
             self.longest[name] = max(took_s, self.longest.get(name, 0.0))
             if took_s > MAX_CALL_S:
-                self._complain.note(f"another client's call of {name} took {took_s:.2f} s", where)
+                self.complain.note(f"another client's call of {name} took {took_s:.2f} s")
         found: dict[str, float] = calls
         return found
 

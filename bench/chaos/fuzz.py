@@ -57,13 +57,13 @@ def main(inputs: int = 1000, seconds: float = 60.0, only: str = "", seed: int = 
             everything = list(_calls(system, only))
             bystander.begin()
             for target, operation in progress(everything, "operations"):
+                where = bystander.complain.beside = f"{target.name}.{operation.name}"
                 tally = call_many(target, operation, inputs, seed, system.seen, seconds)
                 by_target.setdefault(target.name, []).append(tally)
-                where = f"{target.name}.{operation.name}"
                 faults += [f"{where}: {what} for {arguments}" for what, arguments in tally.faults.items()]
                 if tally.calls < inputs:
                     print(f"{where}: {tally.calls} calls in {seconds:g} s")
-                bystander.look(where)
+                bystander.look()
         ended, logged = system.ended(), error_lines(folder / "state") + error_lines(folder / "actual" / "state")
     print(*faults, *logged[:50], sep="\n")
     complain.print_rest()

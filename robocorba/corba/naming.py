@@ -24,6 +24,8 @@ from robocorba.settings import Address, RoleNaming
 #: Interval at which a process checks that its names are still bound to its objects [s]. With the calls of a check, a
 #: stolen name is taken back within 2 s.
 BINDING_CHECK_INTERVAL_S = 1.5
+#: For this time a name may be stolen [s].
+STOLEN_S = 2.5
 #: Interval between two log lines about the same stolen name [s].
 THEFT_LOG_INTERVAL_S = 60.0
 #: Timeout of a single call to the naming service, and of a call that probes an object [s].
@@ -65,15 +67,21 @@ class NamingService:
     def resolve(self, name: str, interface: Any, timeout_s: float, call_timeout_s: float | None) -> Any:
         """The object bound to `name`, as `interface` (a class of the stubs), once it has answered a call.
 
-        Retries for `timeout_s` while the name is not bound or the object does not answer, then raises NotReachable
-        with the reason. call_timeout_s: timeout of later calls through the reference (default: the ORB's), after
-        which they raise CORBA.TIMEOUT."""
+        Retries for `timeout_s` while the name is not bound or the object does not answer, for at most STOLEN_S while
+        something of another kind is bound, then raises NotReachable with the reason. call_timeout_s: timeout of later
+        calls through the reference (default: the ORB's), after which they raise CORBA.TIMEOUT."""
         if not all(name.split("/")):
             raise NotReachable(f"{self.path(name)!r} can't be a name")
-        deadline = time.monotonic() + timeout_s
+        began = time.monotonic()
+        deadline = began + timeout_s
 
         def resolve() -> Any:
-            return self._narrow(self._lookup(name, deadline), interface, name, deadline)
+            try:
+                return self._narrow(self._lookup(name, deadline), interface, name, deadline)
+            except _OtherKind as error:
+                if time.monotonic() > began + STOLEN_S:
+                    raise NotReachable(str(error)) from None
+                raise
 
         try:
             reference = BACKOFF.call(resolve, timeout_s, _Retryable)
@@ -212,7 +220,7 @@ class NamingService:
             reference = found._narrow(interface)
             if reference is None:
                 kind = interface._NP_RepositoryId
-                raise NotReachable(f"what is bound to {self.path(name)} at {self.address} is not a {kind}")
+                raise _OtherKind(f"what is bound to {self.path(name)} at {self.address} is not a {kind}")
             set_call_timeout(reference, _remaining_s(deadline))
             if reference._non_existent():
                 raise _Retryable("its server answers that the object does not exist")
@@ -321,6 +329,10 @@ def failures_of(do: Callable[..., None], arguments: Iterable[tuple[Any, ...]]) -
 
 class _Retryable(Exception):
     """An attempt to resolve failed for a reason that may be temporary."""
+
+
+class _OtherKind(_Retryable):
+    """An object of another kind is bound: the name may be stolen."""
 
 
 def _component(part: str, with_kinds: bool) -> Any:

@@ -218,6 +218,11 @@ class BuildingEditor:
         with self._lock:
             self._store.keep()
 
+    def end_idle(self) -> int:
+        """Roll back the transactions and end the sessions that have timed out. Returns the size of what was pending."""
+        with self._lock:
+            return self._expire()
+
     def begin(self, by: AuthorHistory | None = None) -> Transaction:
         """Open a transaction, in place of one that its client has forgotten if there are too many.
 
@@ -449,14 +454,15 @@ class BuildingEditor:
         self._expire()
         return version
 
-    def _expire(self) -> None:
-        """Roll back the transactions and end the sessions that have timed out. Requires the lock."""
+    def _expire(self) -> int:
+        """Roll back the transactions and end the sessions that have timed out. Requires the lock. Returns the size of
+        what was pending."""
         now = self._clock()
         oldest = now - self._limits.transaction_timeout_s
-        for transaction in [each for each in self._open if each._used_at < oldest]:
-            self._drop(transaction)
+        size = sum(self._drop(each).size for each in [each for each in self._open if each._used_at < oldest])
         oldest = now - self._limits.session_timeout_s
         self._sessions -= {each for each in self._sessions if each._used_at < oldest}
+        return size
 
     def _idle_s(self, used: Transaction | EditSession) -> float:
         return self._clock() - used._used_at

@@ -12,9 +12,11 @@ from omniORB import CORBA
 
 from robocorba.corba import naming as module
 from robocorba.corba.ior import IorAddress, address_of
-from robocorba.corba.naming import BoundNames
+from robocorba.corba.naming import BoundNames, NamingService
 from robocorba.corba.orb import Orb
+from robocorba.errors.services import NotReachable
 from robocorba.settings import Address
+from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
 
 PATIENCE_S = 30.0
@@ -155,3 +157,49 @@ def test_the_address_in_a_reference() -> None:
 )
 def test_a_malformed_reference_has_no_address(text: str) -> None:
     assert address_of(text) is None
+
+
+class OtherKind:
+    """An object of another interface than all that are asked for."""
+
+    def _narrow(self, interface: object) -> None:
+        return None
+
+
+class Rightful:
+    """An object of every interface."""
+
+    def _narrow(self, interface: object) -> Rightful:
+        return self
+
+    def _non_existent(self) -> bool:
+        return False
+
+
+@pytest.fixture
+def bound(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What is bound to all names, one after the other; the last one stays."""
+    found: list[Any] = []
+    monkeypatch.setattr(module, "set_call_timeout", lambda reference, timeout_s: None)
+    monkeypatch.setattr(
+        NamingService, "_lookup", lambda self, name, deadline: found.pop(0) if len(found) > 1 else found[0]
+    )
+    return found
+
+
+def test_a_stolen_name_is_resolved_once_its_owner_has_taken_it_back(bound: list[Any]) -> None:
+    names = NamingService(lambda uri: None, Address("127.0.0.1", 2809), "RoboCorba")
+    right = Rightful()
+    bound += [OtherKind(), OtherKind(), right]
+    assert names.resolve("PathPlanner", RoboCorba.PathPlanner, 60.0, None) is right
+
+
+def test_a_name_of_another_kind_is_told(bound: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "STOLEN_S", 0.1)
+    names = NamingService(lambda uri: None, Address("127.0.0.1", 2809), "RoboCorba")
+    bound.append(OtherKind())
+    wrong = r"what is bound to RoboCorba/PathPlanner at 127.0.0.1:2809 is not a IDL:RoboCorba/PathPlanner:1.0$"
+    with pytest.raises(NotReachable, match=f"^{wrong}"):
+        names.resolve("PathPlanner", RoboCorba.PathPlanner, 60.0, None)
+    with pytest.raises(NotReachable, match=wrong):
+        names.resolve("PathPlanner", RoboCorba.PathPlanner, 0.0, None)

@@ -26,6 +26,7 @@ from robocorba.errors.maps import (
     VersionUnavailable,
 )
 from robocorba.maps.changes import Change, ChangeKind, ElementKey, apply, elements_of, key_of
+from robocorba.maps.element_rules import size_of
 from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import (
     Area,
@@ -355,6 +356,22 @@ def test_transactions_are_bounded_and_time_out(store: MapStore) -> None:
     third.roll_back()
     with pytest.raises(TransactionClosed):
         third.roll_back()
+
+
+def test_what_is_idle_for_too_long_ends_by_itself(store: MapStore) -> None:
+    clock = Clock(0.0)
+    editor = BuildingEditor(store, MapLimits(transaction_timeout_s=10.0), clock)
+    idle = editor.begin()
+    idle.create(L1, wall("a"))
+    clock.now = 9.0
+    busy = editor.begin()
+    assert editor.end_idle() == 0
+    assert idle.is_open
+    clock.now = 11.0
+    assert editor.end_idle() == size_of(wall("a"))
+    assert not idle.is_open
+    assert busy.is_open
+    assert editor.end_idle() == 0
 
 
 def test_forgotten_transactions_stop_nobody(store: MapStore) -> None:
