@@ -88,6 +88,10 @@ class MissionFailed(RobotError):
     """A mission failed; its robots no longer hold the object."""
 
 
+class GoalReached(MissionFailed):
+    """There is nothing to do: what a mission is about is where it should be."""
+
+
 class MissionTakenOver(MissionFailed):
     """Another robot leads the mission now, since term `term`."""
 

@@ -17,7 +17,7 @@ from typing import NamedTuple, Protocol
 from msgspec.structs import replace
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import MissionFailed, MissionTakenOver
+from robocorba.errors.robots import GoalReached, MissionFailed, MissionTakenOver
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.messages import Answer, Assignment, Call, MemberState, Offer, Order
 from robocorba.missions.report import RECOVERING, MissionReport, PhaseTimes
@@ -155,11 +155,13 @@ class Leader:
 
     def lead(self, kind: str, make_planner: Callable[[], CooperativePlanner]) -> MissionReport:
         """Run the mission to its end. kind: for display. make_planner: called before each attempt; its planner plans
-        with what is where then. Errors are in the report."""
+        with what is where then. It raises GoalReached if there is nothing to do. Errors are in the report."""
         began, result, reason = OWN_CLOCK.now(), "done", ""
         try:
             while not self._attempt(make_planner):
                 pass
+        except GoalReached as error:
+            _log.info("mission %s: %s", self._mission, error)
         except Exception as error:
             result, reason = "failed", str(error) or type(error).__name__
             if not isinstance(error, MissionFailed):
@@ -230,7 +232,7 @@ class Leader:
                     reasons = "; ".join(f"{name}: {why}" for name, why in refusing.items())
                     missing = f"not enough robots accept: {reasons}"
             except RoboCorbaError as error:  # after a fault, what is in the way may leave, what is away may come back
-                if not is_recovering or isinstance(error, (MissionTakenOver, _Interrupted)):
+                if not is_recovering or isinstance(error, (GoalReached, MissionTakenOver, _Interrupted)):
                     raise
                 missing = str(error)
             if time.monotonic() > deadline:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from shapely import Polygon
 
-from robocorba.errors.robots import MissionFailed
+from robocorba.errors.robots import GoalReached, MissionFailed
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.missions.carry_planning import CarryLeg, plan_carry
 from robocorba.missions.formation import BACK_OFF_M, GripPoint
@@ -40,6 +40,8 @@ from robocorba.simulation.reservations import MAX_LIMIT_S
 from robocorba.spatial.frames import out_of
 from robocorba.spatial.pose import Pose, Pose2D
 
+#: Distance from its goal within which an object need not be carried [m, rad].
+AT_GOAL_M, AT_GOAL_RAD = 0.01, math.radians(1.0)
 #: Depth of the hands below the top of the object [m].
 BELOW_TOP_M = 0.02
 #: Clearance of the body from the shaft while it waits for the cabin [m].
@@ -65,7 +67,7 @@ CARRY_LIMIT_FACTOR, CARRY_LIMIT_EXTRA_S = 3.0, 20.0
 class MoveTablePlanner:
     """Plans the missions of the icon move_table (see CooperativePlanner). It plans the carry when it is created.
 
-    As many robots carry as the object's weight needs, at least two. Raises MissionFailed, ImpossibleCarry,
+    As many robots carry as the object's weight needs, at least two. Raises GoalReached, MissionFailed, ImpossibleCarry,
     NotReachable."""
 
     def __init__(self, world: World, table: str, goal: Destination) -> None:
@@ -73,6 +75,8 @@ class MoveTablePlanner:
         self._object = carried = world.movable(table)
         count = max(2, math.ceil(carried.mass_kg / PAYLOAD_KG - 1e-9))
         start, to = Pose(carried.floor, *carried.pose), Pose(goal.floor, goal.x, goal.y, goal.heading)
+        if _is_at(start, to):
+            raise GoalReached(f"{table} is at its goal")
         self._carry = plan_carry(world.building(), table, start, to, count, blocked=world.others(table))
         self._carrier_poses = self._carry.formation.carrier_poses()
         self.helpers = count - 1
@@ -197,6 +201,12 @@ class MoveTablePlanner:
         before = [(x, y, heading) for time, x, y, heading, _ in rows if time < clear_until]
         after = [(x, y, heading) for time, x, y, heading, _ in rows if time > clear_until]
         return [*before, last], [last, *after]
+
+
+def _is_at(pose: Pose, goal: Pose) -> bool:
+    """Whether an object need not be carried from a pose to its goal."""
+    off_rad = math.remainder(pose.heading - goal.heading, math.tau)
+    return pose.floor == goal.floor and math.dist(pose[1:3], goal[1:3]) <= AT_GOAL_M and abs(off_rad) <= AT_GOAL_RAD
 
 
 def _approach(pose: Pose2D) -> Approach:

@@ -12,7 +12,7 @@ import pytest
 
 from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.control.runner import ProgramResult
-from robocorba.errors.robots import MissionTakenOver
+from robocorba.errors.robots import GoalReached, MissionTakenOver
 from robocorba.errors.services import NotReachable
 from robocorba.missions.leader import LeaderPolicy
 from robocorba.missions.member import MemberPolicy
@@ -310,6 +310,20 @@ def test_a_leader_waits_for_servers_that_are_away_after_a_fault(crew: Crew) -> N
         return answer
 
     assert crew.leader("A", RECOVERING).lead("test", make).result == "done"
+
+
+def test_what_has_reached_its_goal_before_a_fault_needs_no_further_attempt(crew: Crew) -> None:
+    planners = iter([Given([Idle()], [near("B", 0.6, limit_s=0.01)])])
+
+    def make() -> Given:
+        for planner in planners:
+            return planner
+        raise GoalReached("the desk is at its goal")
+
+    report = crew.leader("A", RECOVERING).lead("test", make)
+    assert (report.result, report.reason) == ("done", "")
+    assert [phase.name for phase in report.phases] == ["phase 0", "recovering"]
+    eventually(lambda: free(crew), "all are free again")
 
 
 def test_a_leader_of_which_another_has_taken_over_gives_up(crew: Crew) -> None:

@@ -132,3 +132,10 @@ def test_missing_objects_and_robots_are_named(world: MapWorld) -> None:
         MoveTablePlanner(world, "piano", GOAL)
     with pytest.raises(MissionFailed, match="2 robots are needed; A are free"):
         MoveTablePlanner(world, "box", GOAL).plan("m", "A", {"A": ROBOTS["A"]})
+
+
+def test_what_is_at_its_goal_is_not_carried(world: MapWorld) -> None:
+    box = world.movable("box")
+    with pytest.raises(GoalReached, match="box is at its goal"):
+        MoveTablePlanner(world, "box", Destination(box.floor, box.x + 0.005, box.y, box.heading + math.tau))
+    assert MoveTablePlanner(world, "box", Destination(box.floor, box.x + 0.1, box.y, box.heading)).helpers
