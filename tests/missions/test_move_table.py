@@ -9,7 +9,7 @@ import pytest
 from shapely import Point, Polygon
 from shapely.affinity import rotate, translate
 
-from robocorba.errors.robots import ImpossibleCarry, MissionFailed
+from robocorba.errors.robots import GoalReached, ImpossibleCarry, MissionFailed
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.missions.formation import BACK_OFF_M
