@@ -16,6 +16,7 @@ READS += (
     "sensor",
     "render",
     "mission",
+    "leaders",
     "report",
     "peers",
     "icons",

@@ -131,6 +131,6 @@ class MissionFeed:
 
 def _row(state: MissionState) -> Row:
     row: Row = msgspec.to_builtins(state.content)
-    for internal in ("format", "report"):
-        del row[internal]
+    for unseen in ("format", "leaders", "icon", "attempts", "faults", "plan", "report"):
+        del row[unseen]
     return {"name": state.name, **row}

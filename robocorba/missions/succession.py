@@ -88,7 +88,7 @@ class Succession:
                 except NotReachable as error:
                     _log.info("mission %s: %s", mission, error)
                 self._closing.wait(self._policy.interval_s)
-            _log.warning("mission %s: nobody has taken it over within %g s", mission, self._policy.limit_s)
+            _log.info("mission %s: this robot has not taken it over within %g s", mission, self._policy.limit_s)
         except Exception:  # the robot goes on
             _log.exception("taking over mission %s failed", mission)
         finally:

@@ -27,7 +27,8 @@ from robocorba.stubs import RoboCorba
 LOCAL = {
     *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed"),
     *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide"),
-    *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed", "MissionFailed"),
+    *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed"),
+    *("GoalReached", "MissionTakenOver"),
     *("NotDelivered", "Unconfirmed", "Refused", "ClientGone", "RobotHeld"),
 }
 
