@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from dataclasses import dataclass
@@ -13,10 +14,11 @@ from robocorba.control.robot import Robot
 from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
-from robocorba.missions.carry_control import CarryProgress
+from robocorba.missions.carry_control import LEADER_TIMEOUT_S, CarryProgress
 from robocorba.missions.clock import OWN_CLOCK, LeaderClock
 from robocorba.missions.execution import ObjectLocator, StepExecutor
 from robocorba.missions.messages import Assignment, MemberMeasurements, MemberState, Order
+from robocorba.missions.subplan import Carry
 
 #: Remaining times up to this are slept in one piece before a step [s].
 _FINE_WAIT_S = 0.005
@@ -28,7 +30,9 @@ _MAX_TICKS_REPORTED = 2000
 class MemberPolicy:
     """Intervals and timeouts of a member."""
 
-    #: The member ends the mission after this time without orders from its leader [s].
+    #: The member stops after this time without orders from its leader [s], and drives on with the next order.
+    pause_timeout_s: float = LEADER_TIMEOUT_S
+    #: The member ends the mission after this time without orders [s].
     leader_timeout_s: float = 4.0
     #: A member that failed waits this long for the leader to end the mission [s].
     end_order_timeout_s: float = 5.0
@@ -62,6 +66,7 @@ class Member:
         self._failure, self._is_aborted, self.has_ended = "", False, False
         #: Whether it ends because its leader is silent.
         self.is_orphaned = False
+        self._is_waiting_for_leader = False
         #: When the current step exceeds its time limit [s, monotonic].
         self._late_at = float("inf")
         self._begun: list[IconBegun] = []
@@ -89,17 +94,31 @@ class Member:
             self._robot.execution.abort(order.reason)
 
     def check_timeouts(self) -> None:
-        """To be called periodically: check the leader's timeout and the step's time limit."""
+        """To be called periodically: check the leader's timeouts and the step's time limit."""
         now = time.monotonic()
         if self.has_ended or self._order.end:
             return
-        if now - self._order_received_at > self._policy.leader_timeout_s:
+        silent_s = now - self._order_received_at
+        self._wait_for_leader(silent_s > self._policy.pause_timeout_s)
+        if silent_s > self._policy.leader_timeout_s:
             self.is_orphaned = True
             self.abort(f"the leader {self.leader} is silent")
         elif now > self._late_at:
             self._late_at = float("inf")
             limit_s = self._subplan.steps[self._step].limit_s
             self._robot.execution.interrupt(MissionFailed(f"{self._phase()} took longer than {limit_s:g} s"))
+
+    def _wait_for_leader(self, is_silent: bool) -> None:
+        """Pause the step while the leader is silent. Carries stop by themselves, all at the same point."""
+        execution = self._robot.execution
+        with self._changed:
+            is_doing = math.isfinite(self._late_at) and not isinstance(self._subplan.steps[self._step], Carry)
+            if self._is_waiting_for_leader and not (is_silent and is_doing):
+                self._is_waiting_for_leader = False
+                execution.resume()
+            elif is_silent and is_doing and not execution.is_paused and not self._order.end:
+                self._is_waiting_for_leader = True
+                execution.pause()
 
     def abort(self, reason: str) -> None:
         """End the part safely, as if the leader had ordered it."""
@@ -190,6 +209,7 @@ class Member:
     def _fail(self, error: RoboCorbaError) -> None:
         """Stay stopped until the leader ends the mission for all robots, then end safely."""
         self._late_at = float("inf")
+        self._wait_for_leader(False)
         was_ordered = isinstance(error, Aborted) and bool(self._order.end)
         self._is_aborted = isinstance(error, Aborted) and not was_ordered
         self._failure = "" if was_ordered else str(error)

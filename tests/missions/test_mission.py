@@ -11,6 +11,7 @@ from dataclasses import replace
 import pytest
 
 from robocorba.collision_avoidance.policy import GivingWayPolicy
+from robocorba.control.agent import AgentCondition
 from robocorba.control.runner import ProgramResult
 from robocorba.errors.robots import GoalReached, MissionTakenOver
 from robocorba.errors.services import NotReachable
@@ -368,3 +369,27 @@ def test_a_member_whose_leader_is_silent_may_take_over(crew: Crew) -> None:
     eventually(lambda: crew.orphaned, "B is told")
     assert [(robot, term) for robot, _, term in crew.orphaned] == [("B", 1)]
     thread.join(60.0)
+
+
+@pytest.fixture
+def patient_crew(place: Place) -> Iterator[Crew]:
+    """Whose missions end after a minute of silence."""
+    patient = MemberPolicy(leader_timeout_s=60.0, driving_posture="home")
+    crew = Crew(place, ROBOTS, replace(LEADING, member_timeout_s=60.0), patient, GIVING_WAY)
+    yield crew
+    crew.bus.disconnected = set()
+    crew.close()
+
+
+def test_a_member_stops_while_its_leader_is_silent(patient_crew: Crew) -> None:
+    crew, policy = patient_crew, replace(LEADING, member_timeout_s=60.0)
+    thread, reports = leading(crew, Given([Idle()], [near("B", 1.5, 60.0)]), policy=policy)
+    robot = crew.agents["B"]
+    eventually(lambda: robot.state.actor.velocity[0] > 0.1, "moving")
+    crew.bus.disconnected = {"A"}
+    eventually(lambda: robot.state.condition is AgentCondition.PAUSED, "it waits for its leader")
+    eventually(lambda: abs(math.hypot(*robot.state.actor.velocity[:2])) < 0.01, "and stands")
+    crew.bus.disconnected = set()
+    thread.join(60.0)
+    assert (reports[0].result, reports[0].reason) == ("done", "")
+    assert robot.place.x == pytest.approx(ROBOTS["B"].x + 1.5, abs=0.02)
