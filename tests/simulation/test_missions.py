@@ -444,3 +444,21 @@ def test_a_watch_that_is_closed_asks_no_further_leaders(missions: MissionDirecto
         put(missions, f"led by {leader}", msgspec.structs.replace(RUNNING, leader=leader))
     watch.check()
     assert robots.called == ["A"]
+
+
+def test_a_robot_may_store_what_it_leads_or_takes_over(missions: MissionDirectory) -> None:
+    members = tuple(MemberRecord(robot, "helper") for robot in "AB")
+    before = msgspec.structs.replace(RUNNING, members=members)
+    by_b = before.taken_over("B", "A was silent", 2.0)
+    assert missions.may_put("A", "one", before.encode())
+    assert not missions.may_put("B", "one", before.encode()), "in the name of another robot"
+    assert not missions.may_put("A", "one", b"no mission")
+    put(missions, "one", before)
+    assert missions.may_put("A", "one", before.encode())
+    assert missions.may_put("B", "one", by_b.encode())
+    assert not missions.may_put("C", "one", before.taken_over("C", "A was silent", 2.0).encode()), "no member"
+    skipping = by_b.taken_over("A", "B was silent", 3.0).taken_over("B", "A was silent", 4.0)
+    assert not missions.may_put("B", "one", skipping.encode()), "not the next term"
+    ended_before = before.ended_as(MissionResult.DONE, "", 5.0)
+    put(missions, "two", ended_before)
+    assert not missions.may_put("B", "two", by_b.encode()), "it has ended"
