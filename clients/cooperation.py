@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import re
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from msgspec.structs import replace
 
 from robocorba.control.agent import ControlAgent
 from robocorba.control.execution_control import Aborted
@@ -24,7 +22,7 @@ from robocorba.data_pool.plans import Plans
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.robots import MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
-from robocorba.errors.simulation import StaleMission, UnknownMission
+from robocorba.errors.simulation import UnknownMission
 from robocorba.missions import carry_planning
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.execution import pose_in_robot_frame
@@ -32,7 +30,7 @@ from robocorba.missions.hand_over import HandOverPlanner
 from robocorba.missions.leader import CooperativePlanner, Leader
 from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.move_table import MoveTablePlanner
-from robocorba.missions.recorder import LedMission, MissionRecorder, check_term
+from robocorba.missions.recorder import LedMission, MissionRecorder, claimed
 from robocorba.missions.report import MissionReport
 from robocorba.missions.subplan import CooperativePlan, StoredPlan
 from robocorba.missions.succession import Succession
@@ -42,8 +40,7 @@ from robocorba.planning.request import Place
 from robocorba.programs import icons
 from robocorba.programs.icons import Icon, kind
 from robocorba.programs.program import of_icon
-from robocorba.simulation.mission_record import MissionContent, decoded, new_mission_name
-from robocorba.simulation.store import Mission
+from robocorba.simulation.mission_record import MissionContent, new_mission_name
 from robocorba.spatial.pose import Pose2D
 
 #: A program's event must be accepted by the channel within this time [s].
@@ -124,8 +121,7 @@ class Cooperation:
     @property
     def mission(self) -> str:
         """The mission that the robot leads or takes part in; empty for none."""
-        attempt = self._missions.mission if self._missions else ""
-        return self._led or re.sub(r"\.\d+$", "", attempt)  # leaders number their attempts to find robots
+        return self._led or (self._missions.mission if self._missions else "")
 
     def abort_mission(self, mission: str) -> None:
         """Abort the mission if the robot leads it at present. Raises UnknownMission."""
@@ -139,9 +135,16 @@ class Cooperation:
         over.
 
         Raises MissionFailed with the reason, NotReachable."""
-        mission = mission or new_mission_name(self._name)
         OWN_CLOCK.synchronize()
-        led = LedMission(self._recorder, mission, self._claimed(icon, mission))
+        about, begun = str(getattr(icon, "table", getattr(icon, "object", ""))), OWN_CLOCK.now()
+        content = MissionContent(
+            kind=kind(icon), about=about, leader=self._name, icon=msgspec.to_builtins(icon), begun=begun
+        )
+        if mission:
+            content = claimed(self._records, mission, content)
+        else:
+            mission = new_mission_name(self._name)
+        led = LedMission(self._recorder, mission, content)
         self._lead_as(mission)
         try:
             report, is_aborted = self._lead(icon, mission, led)
@@ -156,31 +159,6 @@ class Cooperation:
             self._plans.remove(old)
         if report.result != "done":
             raise MissionFailed(report.reason)
-
-    def _claimed(self, icon: Icon, mission: str) -> MissionContent:
-        """The record of a mission that this robot leads from now on. Raises MissionTakenOver, MissionFailed."""
-        about = str(getattr(icon, "table", getattr(icon, "object", "")))
-        members = msgspec.to_builtins(icon)
-        begun = OWN_CLOCK.now()
-        new = MissionContent(kind=kind(icon), about=about, leader=self._name, icon=members, begun=begun)
-        try:
-            stored = self._records.mission(mission)
-        except (UnknownMission, NotReachable):
-            return new
-        before = decoded(stored.document)
-        if before is None:
-            return new
-        if not before.is_running:
-            raise MissionFailed(f"{mission} has ended already: {before.reason or before.result.value}")
-        if before.leader == self._name:
-            return replace(before, icon=members)
-        content = before.taken_over(self._name, f"{before.leader} was silent", OWN_CLOCK.now())
-        try:
-            self._records.put_mission(Mission(mission, stored.version, content.encode()))
-        except StaleMission:
-            check_term(self._records.mission(mission), before.term)
-            raise MissionFailed(f"{before.leader} leads {mission} again") from None
-        return content
 
     def _lead_as(self, mission: str) -> None:
         with self._lock:

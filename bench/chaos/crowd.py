@@ -183,7 +183,7 @@ class Carrier(threading.Thread):
 
 class Stream:
     """Numbered events from one channel to the other. delivered_s: the longest time for one; held_up_s: the same while
-    consumers hold up suppliers, which `is_held_up` tells."""
+    consumers hold up suppliers (`is_held_up`)."""
 
     def __init__(self, place: MissionSystem, complain: Complaints, is_held_up: Callable[[], bool]) -> None:
         self._complain, self._is_held_up = complain, is_held_up

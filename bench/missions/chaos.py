@@ -65,7 +65,7 @@ FAULTS = (
 #: Number of robots; three of them carry.
 CREW = 5
 #: Time limit from the fault to the end of a mission [s]: members time out after 4 s, have 25 s for a safe end, find
-#: others within 60 s, and begin anew.
+#: others within 60 s, and begin again.
 DEADLINE_S = 180.0
 #: The same if the goal is blocked [s]: the carry's limit is three times its duration plus 20 s, at each attempt.
 BLOCKED_DEADLINE_S = 600.0

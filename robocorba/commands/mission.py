@@ -270,7 +270,7 @@ class MissionStatus(NamedTuple):
 def follow_mission(
     control: RemoteMissionControl, name: str, wait: Callable[[float], object]
 ) -> Iterator[MissionStatus]:
-    """The progress of a mission until its end, whoever leads it; `wait` is called with the seconds in between.
+    """The progress of a mission until its end, under all its leaders; `wait` is called with the seconds in between.
 
     Raises UnknownMission, and NotReachable if mission control is not reachable for OUTAGE_LIMIT_S."""
     outage = Outage()

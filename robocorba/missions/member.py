@@ -87,7 +87,7 @@ class Member:
         self._progress.follow(order.since, order.trajectory_s, order.rate, order.sent)
         with self._changed:
             is_end = bool(order.end and not self._order.end)
-            if order.sent >= self._order.sent:
+            if order.sent >= self._order.sent and not self._order.end:  # what has ended stays so
                 self._order = order
             self._changed.notify_all()
         if is_end and order.end != "done":

@@ -62,7 +62,7 @@ class MissionAgent:
     def mission(self) -> str:
         """The mission in which the robot takes part; empty for none."""
         member = self._member
-        return member.mission if member is not None and not member.has_ended else ""
+        return member.of if member is not None and not member.has_ended else ""
 
     def _run(self) -> None:
         while not self._closing.is_set():

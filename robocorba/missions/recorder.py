@@ -14,8 +14,8 @@ from msgspec.structs import replace
 
 from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import MissionTakenOver
-from robocorba.errors.simulation import InvalidMission, StaleMission
+from robocorba.errors.robots import MissionFailed, MissionTakenOver
+from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.report import RECOVERING, MissionReport, PhaseTimes
 from robocorba.missions.subplan import CooperativePlan
@@ -126,26 +126,50 @@ class MissionRecorder:
         return True
 
     def _put(self, name: str, content: MissionContent) -> None:
-        """Store a mission, unless another robot leads it in a later term. Raises MissionTakenOver, InvalidMission,
-        NotReachable."""
+        """Store a mission, unless another robot leads it. Raises MissionTakenOver, InvalidMission, NotReachable."""
         document = content.encode()
         with self._writing:
             try:
                 version = self._records.put_mission(Mission(name, self._versions.get(name, 0), document))
-            except StaleMission:  # an answer was lost, mission control has written it, or another leader
-                stored = self._records.mission(name)
-                check_term(stored, content.term)
-                version = self._records.put_mission(Mission(name, stored.version, document))
+            except StaleMission as stale:  # an answer was lost, mission control has written it, or another leader
+                if stale.current:
+                    _check_leader(self._records.mission(name), content)
+                version = self._records.put_mission(Mission(name, stale.current, document))
             self._versions[name] = version
             if not content.is_running:
                 del self._versions[name]
 
 
-def check_term(stored: Mission, term: int) -> None:
-    """Raise MissionTakenOver if a mission has a later term."""
-    content = decoded(stored.document)
-    if content and content.term > term:
-        raise MissionTakenOver(content.leader, content.term)
+def claimed(records: MissionRecords, name: str, new: MissionContent) -> MissionContent:
+    """The record of a mission that the leader of `new` leads from now on: as stored, taken over from another leader,
+    or `new` if there is none.
+
+    Raises MissionTakenOver if another robot is faster, MissionFailed if it has ended, NotReachable."""
+    try:
+        stored = records.mission(name)
+    except UnknownMission:
+        return new
+    before = decoded(stored.document)
+    if before is None:
+        return new
+    if not before.is_running:
+        raise MissionFailed(f"{name} has ended already: {before.reason or before.result.value}")
+    if before.leader == new.leader:
+        return replace(before, icon=new.icon)
+    content = before.taken_over(new.leader, f"{before.leader} was silent", new.begun)
+    try:
+        records.put_mission(Mission(name, stored.version, content.encode()))
+    except StaleMission:
+        _check_leader(records.mission(name), content)
+        raise MissionFailed(f"{before.leader} leads {name} again") from None
+    return content
+
+
+def _check_leader(stored: Mission, content: MissionContent) -> None:
+    """Raise MissionTakenOver if another robot leads a mission in the same term or a later one."""
+    found = decoded(stored.document)
+    if found and (found.term > content.term or (found.term == content.term and found.leader != content.leader)):
+        raise MissionTakenOver(found.leader, found.term)
 
 
 class LedMission:
@@ -176,10 +200,12 @@ class LedMission:
         return self._content.attempts
 
     def begin_attempt(self, number: int) -> None:
-        """Note an attempt, before it begins. Raises MissionTakenOver if another robot leads the mission, InvalidMission
-        if there is no room, NotReachable."""
+        """Note an attempt, before it begins. Raises MissionTakenOver, NotReachable."""
         self._content = replace(self._content, attempts=number)
-        self._recorder.write(self._name, self._content)
+        try:
+            self._recorder.write(self._name, self._content)
+        except InvalidMission as error:  # there is no room; nobody could take it over
+            _log.warning("mission %s can't be recorded: %s", self._name, error)
 
     def update(self, plan: CooperativePlan, phases: Sequence[PhaseTimes], is_ending: bool) -> None:
         """Record the phases that have begun, of all attempts. is_ending: all end safely after a failure."""

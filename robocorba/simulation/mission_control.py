@@ -188,7 +188,7 @@ class LeaderWatch:
         gone, icon = state.content.leader, state.content.icon
         others = [robot for robot in self._nearest(state.content.about) if robot != gone]
         for robot in others[:MAX_ASKED] if icon else ():
-            given = self._missions.give(state, robot, f"{gone} was gone")
+            given = None if self._is_closed else self._missions.give(state, robot, f"{gone} was gone")
             if given is None:
                 return
             state = given

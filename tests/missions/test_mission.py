@@ -366,7 +366,7 @@ def test_a_member_whose_leader_is_silent_may_take_over(crew: Crew) -> None:
     eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
     assert crew.orphaned == []
     crew.bus.disconnected = {"A"}
-    eventually(lambda: crew.orphaned, "B is told")
+    eventually(lambda: crew.orphaned, "B is orphaned")
     assert [(robot, term) for robot, _, term in crew.orphaned] == [("B", 1)]
     thread.join(60.0)
 

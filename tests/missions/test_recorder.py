@@ -10,11 +10,11 @@ import pytest
 from msgspec.structs import replace
 
 from robocorba.backoff import Backoff
-from robocorba.errors.robots import MissionTakenOver
+from robocorba.errors.robots import MissionFailed, MissionTakenOver
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.missions.messages import Answer, MemberState
-from robocorba.missions.recorder import MAX_WAITING, LedMission, MissionRecorder
+from robocorba.missions.recorder import MAX_WAITING, LedMission, MissionRecorder, claimed
 from robocorba.missions.report import MAX_BRIEF_EVENTS, MissionReport, PhaseTimes
 from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, plan_of
 from robocorba.missions.transport import Received
@@ -43,6 +43,8 @@ class Database:
         self.gate.set()
 
     def mission(self, name: str) -> Mission:
+        if self.is_away:
+            raise NotReachable("the Omni database does not answer")
         if name not in self.missions:
             raise UnknownMission(name)
         version, content = self.missions[name]
@@ -148,6 +150,65 @@ def test_what_a_leader_of_a_later_term_has_written_stays(database: Database, rec
     assert database.content("m") == later
     with pytest.raises(MissionTakenOver, match=r"B has taken the mission over, in term 2"):
         recorder.write("m", content(3))
+
+
+def test_a_record_that_was_removed_is_written_again(database: Database, recorder: MissionRecorder) -> None:
+    recorder.write("m", content(1))
+    del database.missions["m"]
+    recorder.write("m", content(2))
+    assert database.missions["m"] == (1, content(2))
+
+
+def test_a_mission_is_led_by_one_robot_in_a_term(database: Database, recorder: MissionRecorder) -> None:
+    database.missions["m"] = 7, replace(content(1), leader="B")
+    with pytest.raises(MissionTakenOver, match="B has taken the mission over, in term 1"):
+        recorder.write("m", content(1))
+
+
+# ---- who leads ----
+
+
+def test_a_new_mission_is_claimed(database: Database) -> None:
+    assert claimed(database, "m", NEW) is NEW
+
+
+def test_a_mission_of_another_leader_is_taken_over(database: Database) -> None:
+    database.missions["m"] = 7, replace(content(1), leader="B", attempts=3)
+    taken = claimed(database, "m", NEW)
+    assert database.missions["m"] == (8, taken)
+    assert (taken.leader, taken.term, taken.attempts) == ("A", 2, 3)
+    assert claimed(database, "m", replace(NEW, icon={"icon": "move_table"})).term == 2, "its own"
+
+
+def test_only_one_robot_takes_a_mission_over(database: Database) -> None:
+    class Late(Database):
+        """Another robot is faster."""
+
+        def mission(self, name: str) -> Mission:
+            found = super().mission(name)
+            version, before = self.missions[name]
+            if before.term == 1:
+                self.missions[name] = version + 1, before.taken_over("C", "B was silent", 2.0)
+            return found
+
+    late = Late()
+    late.missions["m"] = 7, replace(content(1), leader="B")
+    with pytest.raises(MissionTakenOver, match="C has taken the mission over, in term 2"):
+        claimed(late, "m", NEW)
+    assert late.missions["m"][0] == 8
+
+
+def test_a_mission_is_not_led_without_its_record(database: Database) -> None:
+    """Another robot could lead it in the same term."""
+    database.is_away = True
+    with pytest.raises(NotReachable):
+        claimed(database, "m", NEW)
+
+
+def test_a_mission_that_has_ended_is_not_claimed(database: Database) -> None:
+    database.missions["m"] = 7, content(1, MissionResult.FAILED)
+    with pytest.raises(MissionFailed, match="m has ended already: failed"):
+        claimed(database, "m", NEW)
 
 
 def test_a_state_is_written_at_once(database: Database, recorder: MissionRecorder) -> None:
