@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import shapely
+from shapely import MultiPoint, Point
 
 from robocorba.control.agent import ControlAgent
 from robocorba.control.execution_control import Aborted
@@ -25,9 +27,11 @@ from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
 from robocorba.missions import carry_planning
 from robocorba.missions.clock import OWN_CLOCK
+from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.execution import pose_in_robot_frame
 from robocorba.missions.hand_over import HandOverPlanner
-from robocorba.missions.leader import CooperativePlanner, Leader
+from robocorba.missions.leader import Leader
+from robocorba.missions.lookout import Seen
 from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.move_table import MoveTablePlanner
 from robocorba.missions.recorder import LedMission, MissionRecorder, claimed
@@ -75,6 +79,7 @@ class Cooperation:
         self._closing.callback(self._recorder.close)
         #: Set by `start` if the robot has an event channel.
         self._agent: ControlAgent | None = None
+        self._pool: DataPool | None = None
         self._missions: MissionAgent | None = None
         self._lock = threading.Lock()
         #: The mission that the robot leads; guarded by the lock.
@@ -101,7 +106,7 @@ class Cooperation:
         transport = Transport(channel, self._name)
         self._missions = missions = MissionAgent(transport, agent, locate, on_orphaned=succession.begin).start()
         self._closing.callback(missions.close)
-        self._agent = agent
+        self._agent, self._pool = agent, pool
 
     def close(self) -> None:
         self._closing.close()
@@ -192,12 +197,27 @@ class Cooperation:
                 term=led.term,
                 attempts=led.attempts,
                 begin_attempt=led.begin_attempt,
+                look=self._look,
             )
             report = leader.lead(
                 kind(icon).replace("_", " "),
                 lambda: make_planner(icon, self._world, self._name, Place(*agent.place[:3])),
             )
         return report, is_aborted
+
+    def _look(self) -> list[Seen]:
+        """The robots and movable objects on the floor. Raises NotReachable."""
+        if self._pool is None:
+            return []
+        snapshot = self._pool.current_snapshot()
+        found = [
+            Seen(each.name, True, Point(each.x, each.y).buffer(each.radius_m, quad_segs=8), each.vx, each.vy)
+            for each in snapshot.robots
+        ]
+        objects = (each for each in snapshot.objects() if each.is_movable)
+        return found + [
+            Seen(each.name, False, shapely.convex_hull(MultiPoint(each.corners)), each.vx, each.vy) for each in objects
+        ]
 
     def _store_plan(self, plan: CooperativePlan, phase: str) -> None:
         """Store the plan in the data pool, where other robots and clients can read it."""

@@ -8,15 +8,12 @@ from typing import NamedTuple, Protocol
 from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.collision_avoidance.temporary_obstacles import movable_objects, parked_robots, temporary_obstacles
 from robocorba.data_pool.pool import DataPool
-from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import BASE_LIMITS
 from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.spatial.pose import XY
 
 #: A driving robot ignores robots farther away than this [m].
 RANGE_M = 6.0
-#: Maximum age of data that is extrapolated [s]. With older data, other robots' positions are unknown.
-STALE_S = 0.3
 
 
 class OtherRobot(NamedTuple):
@@ -58,10 +55,7 @@ class PoolNearby:
         self._pool, self.name, self.policy = pool, name, policy
 
     def others(self, x: float, y: float) -> list[OtherRobot]:
-        lag_s = self._pool.lag_s
-        if lag_s > STALE_S:
-            cause = self._pool.problem or f"the data pool lags by {lag_s:.2f} s, more than {STALE_S:g} s"
-            raise NotReachable(f"positions of other robots are unknown: {cause}")
+        lag_s, snapshot = self._pool.lag_s, self._pool.current_snapshot()
         deviation_m = BASE_LIMITS.acceleration * lag_s * lag_s / 2.0
         return [
             OtherRobot(
@@ -73,7 +67,7 @@ class PoolNearby:
                 other.heading,
                 other.radius_m + deviation_m,
             )
-            for _, other in self._pool.loaded_snapshot().robots_near(x, y, RANGE_M)
+            for _, other in snapshot.robots_near(x, y, RANGE_M)
         ]
 
     def clearance_m(self, x: float, y: float) -> float:

@@ -210,10 +210,13 @@ class BaseMovements(Movements):
 
     # ---- elevators ----
 
-    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
+    def call_elevator(
+        self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
+    ) -> None:
         """Reserve a ride from this floor, and wait until the doors are open. party: name of a group of `size` robots
-        that ride together. Raises InvalidRide, ElevatorFull."""
-        self.session.call_elevator(elevator, destination, party, size)
+        that ride together. boarding_s: time that it needs to drive in, and to drive out; 0 if that is unknown. Raises
+        InvalidRide, ElevatorFull."""
+        self.session.call_elevator(elevator, destination, party, size, boarding_s)
         self.session.state()  # the latest state now has the ride
         self.wait_for_ride(RidePhase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}")
 

@@ -71,8 +71,11 @@ class BuildingSession(Protocol):
     def release(self) -> None:
         """Release the object."""
 
-    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
-        """Reserve a ride. party: name of a group of `size` robots that ride together and alone, or empty.
+    def call_elevator(
+        self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
+    ) -> None:
+        """Reserve a ride. party: name of a group of `size` robots that ride together and alone, or empty. boarding_s:
+        time that it needs to drive in, and to drive out; 0 if that is unknown.
 
         Raises InvalidRide, ElevatorFull."""
 

@@ -23,6 +23,9 @@ from robocorba.maps.model import Building
 from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
 
+#: Older snapshots don't tell where moving robots are now [s].
+STALE_S = 0.3
+
 
 class FloorUpdates(Protocol):
     """Supplies the state of every floor."""
@@ -117,6 +120,14 @@ class DataPool:
         if not snapshot.is_known:
             raise NotReachable(f"floor {snapshot.floor} is not loaded: {problem}")
         return snapshot
+
+    def current_snapshot(self) -> FloorSnapshot:
+        """The latest snapshot. Raises NotReachable if it is older than STALE_S."""
+        lag_s = self.lag_s
+        if lag_s > STALE_S:
+            cause = self.problem or f"the data pool lags by {lag_s:.2f} s, more than {STALE_S:g} s"
+            raise NotReachable(f"positions of other robots are unknown: {cause}")
+        return self.loaded_snapshot()
 
 
 class _Follower:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from robocorba.errors.base import FieldError, RoboCorbaError
 from robocorba.errors.paths import Blocker
@@ -86,6 +86,15 @@ class MotionFailed(RobotError):
 
 class MissionFailed(RobotError):
     """A mission failed; its robots no longer hold the object."""
+
+
+class InTheWay(MissionFailed):
+    """Robots stand where a mission needs room. aside: where each of them would step aside, as its floor, x and y [m];
+    None where there is no room for it."""
+
+    def __init__(self, aside: Mapping[str, tuple[str, float, float] | None]) -> None:
+        self.aside = dict(aside)
+        super().__init__(f"in the way: {', '.join(sorted(self.aside))}")
 
 
 class GoalReached(MissionFailed):

@@ -33,7 +33,7 @@ NEVER_HELD_UP = "mission."
 
 #: Maximum time for which one call of a supplier waits for room in queues [s]: below the 10 s after which most clients
 #: give a call up, and would not know whether their event was received.
-MAX_WAIT_S = 8.0
+MAX_WAIT_S = 4.0
 
 _UNFILTERED = SubscriptionMatch(True, ())
 

@@ -116,7 +116,7 @@ class StepExecutor:
 
     @execute.register
     def _(self, step: subplan.CallCabin) -> None:
-        self._robot.call_elevator(step.elevator, step.destination, step.party, step.size)
+        self._robot.call_elevator(step.elevator, step.destination, step.party, step.size, step.boarding_s)
 
     @execute.register
     def _(self, step: subplan.Ride) -> None:

@@ -9,12 +9,14 @@ from itertools import combinations, permutations
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.paths import PathError
 from robocorba.errors.robots import MissionFailed
 from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.missions.clearing import in_the_way, lane, united
 from robocorba.missions.obstacles import placed
-from robocorba.missions.world import MovableObject, World
+from robocorba.missions.world import MovableObject, StandingRobot, World
 from robocorba.planning.request import MAX_AREAS, Path, PathRequest, Place, RouteMode
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.spatial.pose import XY, Pose2D
@@ -23,6 +25,9 @@ from robocorba.spatial.pose import XY, Pose2D
 SPACING_M = 0.12
 #: A path that leaves a smaller gap to another robot is blocked by it [m].
 PASSING_CLEARANCE_M = 0.06
+#: Robots drive around others that stand in their lanes if the path is at most this long: a factor of the direct one,
+#: plus a distance [m].
+DETOUR_FACTOR, DETOUR_M = 1.3, 2.0
 #: Iterations of `spread_apart`.
 _ITERATIONS = 50
 #: Cost of a place that a robot cannot reach [m²].
@@ -33,15 +38,19 @@ _NO_LEADER = 1e10
 
 class GatheringPaths:
     """Finds paths around the `carried` object and all other movable objects at their present poses, which may differ
-    from the map. If there are more than MAX_AREAS of them, they are taken from the map.
+    from the map, and around `standing` robots. If there are more than MAX_AREAS of them, objects are taken from the
+    map, and robots are ignored.
 
     Raises NotReachable."""
 
-    def __init__(self, world: World, carried: MovableObject | None = None) -> None:
+    def __init__(
+        self, world: World, carried: MovableObject | None = None, standing: Sequence[StandingRobot] = ()
+    ) -> None:
         self._world = world
         shapes = [(carried.floor, carried.name, placed(carried.outline, carried.pose))] if carried else []
         others = world.others(carried.name if carried else "")
         shapes += [(floor, item.name, item.geometry) for floor, items in others.items() for item in items]
+        shapes += [(robot.floor, robot.name, robot.disc) for robot in standing]
         parts = [((floor, _corners(part)), name) for floor, name, shape in shapes for part in shapely.get_parts(shape)]
         areas, names = tuple(area for area, _ in parts), tuple(name for _, name in parts)
         fits = len(areas) <= MAX_AREAS
@@ -74,6 +83,28 @@ class GatheringPaths:
         with contextlib.suppress(PathError):
             return [(point.x, point.y) for point in self._find(start, goal).points if point.floor == goal.floor]
         return []
+
+
+def blocked_lanes(
+    world: World,
+    carried: MovableObject | None,
+    starts: Sequence[Place],
+    goals: Sequence[Place],
+    others: Sequence[StandingRobot],
+    staying: Sequence[StandingRobot],
+) -> list[tuple[str, BaseGeometry]]:
+    """The lanes from starts to goals, as floors and areas, where `others` stand in them and there is no short way
+    around. The lanes lead around those that stay where they are. Raises PathError, NotReachable."""
+    direct, around = GatheringPaths(world, carried, staying), GatheringPaths(world, carried, others)
+    found = []
+    for start, goal in zip(starts, goals, strict=True):
+        path = direct.path(start, goal)
+        needed = lane(path)
+        if in_the_way(united(needed), others):
+            length_m = around.length_m(start, goal)
+            if length_m is None or length_m > DETOUR_FACTOR * path.distance + DETOUR_M:
+                found += needed
+    return found
 
 
 def assign_places(

@@ -6,22 +6,24 @@ it."""
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import pairwise, product
 
 from shapely import LineString
 
-from robocorba.errors.robots import MissionFailed
+from robocorba.errors.robots import InTheWay, MissionFailed
 from robocorba.kinematics import tasks
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import RADIUS_M, Side
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.movable import movables
+from robocorba.missions.clearing import Way, in_the_way, places_aside, united
+from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.formation import BACK_OFF_M
-from robocorba.missions.gathering import GatheringPaths
+from robocorba.missions.gathering import GatheringPaths, blocked_lanes
 from robocorba.missions.obstacles import BuildingObstacles
 from robocorba.missions.subplan import BackOff, CooperativePlan, Gather, Grip, Idle, PhaseSteps, Reach, plan_of
-from robocorba.missions.world import World
+from robocorba.missions.world import StandingRobot, World
 from robocorba.planning.request import PathPoint, Place
 from robocorba.spatial.frames import out_of
 
@@ -43,7 +45,7 @@ MARGIN_M = 0.05
 GATHER_LIMIT_S, STEP_LIMIT_S = 240.0, 30.0
 
 
-class HandOverPlanner:
+class HandOverPlanner(CooperativePlanner):
     """Plans the missions of the icon hand_over (see CooperativePlanner). The leader may be giver, taker or neither of
     them. held: the object. here: the leader's place.
 
@@ -60,19 +62,44 @@ class HandOverPlanner:
         self.required = frozenset({giver, taker} - {leader})
         self.helpers = len(self.required)
         self.meeting_point = here
+        #: Of the last plan: all robots, and the room that it needs.
+        self._standing: list[StandingRobot] = []
+        self._way: Way = {}
 
-    def plan(self, mission: str, leader: str, robots: dict[str, Place]) -> CooperativePlan:
+    def plan(
+        self, mission: str, leader: str, robots: dict[str, Place], staying: Collection[str] = ()
+    ) -> CooperativePlan:
         """See CooperativePlanner. Raises MissionFailed if there is no room on the path between the robots, PathError if
-        there is no path."""
-        gathers = self._meeting_poses(robots[self._giver], robots[self._taker])
+        there is no path; InTheWay."""
+        giver, taker = robots[self._giver], robots[self._taker]
+        self._standing = self._world.robots()
+        others = [robot for robot in self._standing if robot.name not in (self._giver, self._taker)]
+        gathers = self._meeting_poses(giver, taker, others)
+        goals = [Place(gather.floor, gather.x, gather.y) for gather in gathers]
+        stay = [robot for robot in others if robot.name in staying]
+        self._way = united(blocked_lanes(self._world, None, [giver, taker], goals, others, stay))
+        if blocking := in_the_way(self._way, [robot for robot in others if robot.name not in staying]):
+            raise InTheWay(self._aside(blocking))
         roles = [(self._giver, "giver"), (self._taker, "taker")]
         return plan_of(mission, "hand over", leader, self._object, roles, _phases(*gathers))
 
-    def _meeting_poses(self, giver: Place, taker: Place) -> tuple[Gather, Gather]:
-        """Poses face to face on the path between the robots, as near to its middle as there is room."""
+    def aside(self, robot: str) -> Place | None:
+        """See CooperativePlanner. Raises NotReachable."""
+        self._standing = self._world.robots()
+        return self._aside([each for each in self._standing if each.name == robot]).get(robot)
+
+    def _aside(self, blocking: Sequence[StandingRobot]) -> dict[str, Place | None]:
+        objects = self._world.others("")
+        return places_aside(self._world.building(), objects, self._way, blocking, self._standing)
+
+    def _meeting_poses(self, giver: Place, taker: Place, others: Sequence[StandingRobot]) -> tuple[Gather, Gather]:
+        """Poses face to face on the path between the robots, as near to its middle as there is room beside others."""
         paths = GatheringPaths(self._world)
         building = self._world.building()
-        obstacles = BuildingObstacles(building, "", self._world.others(""))
+        blocked = self._world.others("")
+        for robot in others:
+            blocked.setdefault(robot.floor, []).append(robot.obstacle)
+        obstacles = BuildingObstacles(building, "", blocked)
         shafts = {
             floor: [shaft_polygon(elevator) for elevator in building.elevators_through(floor)]
             for floor in building.floors

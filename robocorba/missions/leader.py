@@ -12,18 +12,22 @@ import time
 from collections.abc import Callable, Collection, Container, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from msgspec.structs import replace
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import GoalReached, MissionFailed, MissionTakenOver
+from robocorba.errors.robots import GoalReached, InTheWay, MissionFailed, MissionTakenOver
+from robocorba.missions.clearing import Requests, requests_for
 from robocorba.missions.clock import OWN_CLOCK
-from robocorba.missions.messages import Answer, Assignment, Call, MemberState, Offer, Order
+from robocorba.missions.cooperative_planner import CooperativePlanner
+from robocorba.missions.lookout import Look, Lookout
+from robocorba.missions.messages import Answer, Assignment, Call, MemberState, Offer, Order, WayMade
 from robocorba.missions.report import RECOVERING, MissionReport, PhaseTimes
 from robocorba.missions.subplan import Carry, CooperativePlan
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.transport import Transport
+from robocorba.missions.way_ahead import WayAhead
 from robocorba.planning.request import Place
 
 
@@ -65,6 +69,8 @@ class LeaderPolicy:
     step_grace_s: float = 3.0
     #: Time for members to end safely [s].
     end_timeout_s: float = 25.0
+    #: The attempt ends if something stays in the way of a carry for this time [s].
+    way_timeout_s: float = 20.0
     #: The carry runs at half rate if a carrier's position error exceeds this [m].
     slow_error_m: float = 0.06
     #: The carry pauses if a carrier's position error exceeds this [m].
@@ -74,25 +80,6 @@ class LeaderPolicy:
 DEFAULT_POLICY = LeaderPolicy()
 
 _log = logging.getLogger(__name__)
-
-
-class CooperativePlanner(Protocol):
-    """Plans the mission of a cooperative icon."""
-
-    @property
-    def helpers(self) -> int:
-        """Number of robots needed in addition to the leader."""
-
-    @property
-    def required(self) -> frozenset[str]:
-        """Robots that must be among the helpers."""
-
-    @property
-    def meeting_point(self) -> Place:
-        """Where the helpers are needed."""
-
-    def plan(self, mission: str, leader: str, robots: dict[str, Place]) -> CooperativePlan:
-        """A plan for some of these robots, including the leader. Raises MissionFailed, ImpossibleCarry, PathError."""
 
 
 class _Fault(MissionFailed):
@@ -118,6 +105,7 @@ class Leader:
 
     term, attempts: of the mission's record; see MissionContent. begin_attempt: called with the number of each attempt
     before it begins; raises MissionTakenOver if another robot leads the mission now, NotReachable if that is unknown.
+    look: what is on the leader's floor, for its carries.
 
     The leader's own part is done by its mission agent, like that of every other robot."""
 
@@ -133,14 +121,19 @@ class Leader:
         term: int = 1,
         attempts: int = 0,
         begin_attempt: Callable[[int], None] = lambda attempt: None,
+        look: Look = lambda: (),
     ) -> None:
         self._mission, self._transport, self._place, self._on_phase = mission, transport, place, on_phase
-        self._on_progress, self._on_attempt = on_progress, begin_attempt
+        self._on_progress, self._on_attempt, self._look = on_progress, begin_attempt, look
         self._interruption, self._policy = interruption, policy
         self._name, self._term, self._attempts = transport.name, term, attempts
         self._phases: list[PhaseTimes] = []
         #: What ended the attempts before.
         self._faults: list[str] = []
+        #: Of the last plan.
+        self._planner: CooperativePlanner | None = None
+        #: Of the present carry.
+        self._way: WayAhead | None = None
         self._begin_attempt(None, mission)
 
     def _begin_attempt(self, plan: CooperativePlan | None, mission: str) -> None:
@@ -213,6 +206,7 @@ class Leader:
         is_recovering, policy = bool(self._faults), self._policy
         deadline = time.monotonic() + (policy.recovery_timeout_s if is_recovering else policy.agreement_timeout_s)
         refusing: dict[str, str] = {}
+        staying: dict[str, str] = {}
         while True:
             self._attempts += 1
             mission = f"{self._mission}.{self._attempts}"
@@ -225,19 +219,41 @@ class Leader:
                     if is_hopeless and not is_recovering:
                         raise MissionFailed(missing)
                 else:
-                    plan = planner.plan(mission, self._name, self._candidates(planner, offers.free, refusing))
+                    candidates = self._candidates(planner, offers.free, {*refusing, *staying})
+                    plan = planner.plan(mission, self._name, candidates, staying)
                     refusing = self._agree_on(plan)
                     if not refusing:
+                        self._planner = planner
                         return plan
                     reasons = "; ".join(f"{name}: {why}" for name, why in refusing.items())
                     missing = f"not enough robots accept: {reasons}"
-            except RoboCorbaError as error:  # after a fault, what is in the way may leave, what is away may come back
-                if not is_recovering or isinstance(error, (GoalReached, MissionTakenOver, _Interrupted)):
+            except InTheWay as blocked:
+                staying.update(self._clear_way(mission, blocked.aside))
+                missing = _stays(staying) or str(blocked)
+                if time.monotonic() <= deadline:
+                    continue
+            except RoboCorbaError as error:  # what is in the way may leave; after a fault, what is away may come back
+                is_final = isinstance(error, (GoalReached, MissionTakenOver, _Interrupted))
+                if is_final or not (is_recovering or staying):
                     raise
-                missing = str(error)
+                missing = f"{error}; {_stays(staying)}" if staying else str(error)
+                staying = {}
             if time.monotonic() > deadline:
                 raise MissionFailed(missing)
             self._pause(random.uniform(0.0, policy.max_retry_pause_s))
+
+    def _clear_way(self, mission: str, aside: Mapping[str, tuple[str, float, float] | None]) -> dict[str, str]:
+        """Ask robots to step aside. Returns those that stay, with the reasons."""
+        self._phases.append(PhaseTimes(f"clearing the way: {', '.join(sorted(aside))}", OWN_CLOCK.now(), {}, {}))
+        requests = requests_for(aside, mission, self._name, self._term, self._transport.publish)
+        self._transport.subscribe([(WayMade, name) for name in requests.robots])
+        while requests.robots:
+            requests.update()
+            received = self._transport.receive(0.05)
+            if received and isinstance(received.message, WayMade):
+                requests.hear(received.message)
+            self._check_interruption()
+        return requests.staying
 
     def _collect_offers(self, mission: str, planner: CooperativePlanner) -> _Offers:
         """Publish calls and collect the offers."""
@@ -311,7 +327,9 @@ class Leader:
             )
             for subplan in plan.subplans
         }
-        self._transport.subscribe([(kind, name) for name in assignments for kind in (Answer, MemberState)])
+        self._transport.subscribe(
+            [(WayMade, "*"), *((kind, name) for name in assignments for kind in (Answer, MemberState))]
+        )
         answers: dict[str, str] = {}
         deadline, sent_at = time.monotonic() + self._policy.answer_timeout_s, 0.0
         while len(answers) < len(assignments) and time.monotonic() < deadline:
@@ -337,7 +355,8 @@ class Leader:
         steps = {subplan.robot: subplan.steps[step] for subplan in plan.subplans}
         limit_s = max(each.limit_s for each in steps.values())
         carry = next((each for each in steps.values() if isinstance(each, Carry)), None)
-        carry_duration_s = Trajectory.from_rows(carry.rows).duration if carry else 0.0
+        trajectory = Trajectory.from_rows(carry.rows) if carry else None
+        self._way = self._watched_way(plan, trajectory) if trajectory else None
         at = OWN_CLOCK.now() + self._policy.step_lead_s
         phase = PhaseTimes(plan.phases[step], at, {}, {})
         self._phases.append(phase)
@@ -363,9 +382,47 @@ class Leader:
             if OWN_CLOCK.now() > at + limit_s + self._policy.step_grace_s:
                 late = [name for name in steps if name not in phase.done]
                 raise _Fault(f"{phase.name}: {', '.join(late)} took longer than {limit_s:g} s")
-            if carry:
-                self._set_rate(self._carry_rate(), carry_duration_s)
+            if trajectory:
+                self._set_rate(min(self._carry_rate(), self._way_rate()), trajectory.duration)
+                name = self._carry_phase(plan.phases[step])
+                if name != phase.name:
+                    phase.done.update(dict.fromkeys(steps, OWN_CLOCK.now()))
+                    phase = PhaseTimes(name, OWN_CLOCK.now(), {}, {})
+                    self._phases.append(phase)
+                    self._on_phase(plan, name)
+                    self._on_progress(plan, self._phases, False)
             self._publish_order()
+
+    # ---- the way of a carry ----
+
+    def _watched_way(self, plan: CooperativePlan, trajectory: Trajectory) -> WayAhead | None:
+        planner = self._planner
+        if planner is None or planner.footprint is None:
+            return None
+        team = {plan.thing, *(subplan.robot for subplan in plan.subplans)}
+        lookout = Lookout(trajectory, planner.footprint, team, self._look)
+
+        def ask(robot: str) -> Requests:
+            aside = {robot: planner.aside(robot)}
+            return requests_for(aside, plan.mission, self._name, self._term, self._transport.publish)
+
+        return WayAhead(lookout, ask)
+
+    def _way_rate(self) -> float:
+        """The rate at which what is in the way lets the carry continue. Raises _Fault if it stays there."""
+        way, order = self._way, self._order
+        if way is None:
+            return 1.0
+        rate = way.rate(order.trajectory_s + order.rate * max(0.0, OWN_CLOCK.now() - order.since))
+        if way.blocker and (way.waited_s > self._policy.way_timeout_s or way.staying):
+            at = f" at ({way.blocker.x:.2f}, {way.blocker.y:.2f})" if way.blocker.x or way.blocker.y else ""
+            why = f", and {way.staying}" if way.staying else ""
+            raise _Fault(f"carrying: {way.blocker.name} is in the way{at}{why}")
+        return rate
+
+    def _carry_phase(self, phase: str) -> str:
+        blocker = self._way.blocker if self._way else None
+        return f"waiting: {blocker.name} is in the way" if blocker else phase
 
     def _carry_rate(self) -> float:
         """The rate at which the carry may continue, 0 to 1."""
@@ -437,6 +494,8 @@ class Leader:
                     self._states[state.robot] = state
                     self._received_states[state.robot] = (state.sent, received.received_at)
                 self._received_at[state.robot] = time.monotonic()
+            elif isinstance(state, WayMade) and self._way:
+                self._way.hear(state)
             received = self._transport.receive(0.0)
 
     def _publish_order(self) -> None:
@@ -445,6 +504,11 @@ class Leader:
         if now - self._ordered_at >= self._policy.order_interval_s:
             self._ordered_at = now
             self._transport.publish(replace(self._order, received_states=dict(self._received_states)))
+
+
+def _stays(staying: Mapping[str, str]) -> str:
+    """The robots that do not step aside, and why."""
+    return "; ".join(f"{name} is in the way and {why}" for name, why in staying.items())
 
 
 def _lacking(

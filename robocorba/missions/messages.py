@@ -73,6 +73,24 @@ class Answer(_Message, frozen=True, kw_only=True):
     reason: str = ""
 
 
+class MakeWay(_LeaderMessage, frozen=True, kw_only=True):
+    """A leader asks a robot that is not in its mission to step aside, to (x, y) [m]. Repeated until it is there."""
+
+    robot: str
+    floor: str
+    x: float
+    y: float
+
+
+class WayMade(_Message, frozen=True, kw_only=True):
+    """A robot answers each MakeWay: it is on its way, it `is_done`, or it stays for a reason."""
+
+    robot: str
+    leader: str
+    is_done: bool = False
+    reason: str = ""
+
+
 class Order(_LeaderMessage, frozen=True, kw_only=True):
     """The mission as its leader directs it. All times are by the leader's clock.
 
@@ -122,13 +140,15 @@ class MemberMeasurements(Struct, frozen=True):
     max_slip_m: float = field(name="farthest_m")
 
 
-Message = Call | Offer | Assignment | Answer | Order | MemberState
+Message = Call | Offer | Assignment | Answer | MakeWay | WayMade | Order | MemberState
 #: The message of each event type.
 KINDS: dict[str, type[Message]] = {
     "mission.call": Call,
     "mission.offer": Offer,
     "mission.proposal": Assignment,
     "mission.answer": Answer,
+    "mission.make_way": MakeWay,
+    "mission.way_made": WayMade,
     "mission.order": Order,
     "mission.state": MemberState,
 }
@@ -142,7 +162,7 @@ def type_of(message: Message | type[Message]) -> str:
 
 def sender_of(message: Message) -> str:
     """The robot whose message it is, which is also the source of its event."""
-    return message.robot if isinstance(message, (Offer, Answer, MemberState)) else message.leader
+    return message.robot if isinstance(message, (Offer, Answer, WayMade, MemberState)) else message.leader
 
 
 def payload(message: Message) -> dict[str, Any]:

@@ -9,11 +9,12 @@ from collections.abc import Callable
 
 from robocorba.control.agent import ControlAgent
 from robocorba.errors.events import EventError
-from robocorba.errors.robots import RobotError
+from robocorba.errors.robots import MissionFailed, RobotError
 from robocorba.errors.services import NotReachable
 from robocorba.missions.execution import ObjectLocator
+from robocorba.missions.making_way import MakingWay
 from robocorba.missions.member import DEFAULT_POLICY, Member, MemberPolicy
-from robocorba.missions.messages import Answer, Assignment, Call, Message, Offer, Order
+from robocorba.missions.messages import Answer, Assignment, Call, MakeWay, Message, Offer, Order, WayMade
 from robocorba.missions.transport import Received, Transport
 
 #: Publishing is retried for this time; pause after the channel failed [s].
@@ -42,6 +43,8 @@ class MissionAgent:
         self._member: Member | None = None
         #: The highest term of each mission, the latest mission last.
         self._terms: dict[str, int] = {}
+        #: The latest task to step aside for others.
+        self._making_way: MakingWay | None = None
         self._ended_at: float | None = None
         self._published_at = 0.0
         self._published: object = None
@@ -80,7 +83,7 @@ class MissionAgent:
 
     def _subscribe(self) -> None:
         if not self._is_subscribed:
-            patterns: list[tuple[type[Message], str]] = [(Call, "*"), (Assignment, "*")]
+            patterns: list[tuple[type[Message], str]] = [(Call, "*"), (Assignment, "*"), (MakeWay, "*")]
             if self._member:
                 patterns.append((Order, self._member.leader))
             self._transport.subscribe(patterns)
@@ -88,7 +91,7 @@ class MissionAgent:
 
     def _handle(self, received: Received) -> None:
         message = received.message
-        if isinstance(message, (Call, Assignment, Order)) and not self._obeys(message):
+        if isinstance(message, (Call, Assignment, MakeWay, Order)) and not self._obeys(message):
             return
         if isinstance(message, Order) and self._member:
             self._member.follow(message, received.received_at)
@@ -96,8 +99,10 @@ class MissionAgent:
             self._answer_call(message)
         elif isinstance(message, Assignment) and message.subplan.robot == self._transport.name:
             self._answer_assignment(message)
+        elif isinstance(message, MakeWay) and message.robot == self._transport.name:
+            self._make_way(message)
 
-    def _obeys(self, message: Call | Assignment | Order) -> bool:
+    def _obeys(self, message: Call | Assignment | MakeWay | Order) -> bool:
         """Whether no leader of a later term is known. A part under an earlier leader ends."""
         highest = self._terms.pop(message.of, 0)
         self._terms[message.of] = max(highest, message.term)
@@ -111,18 +116,38 @@ class MissionAgent:
     def _answer_call(self, call: Call) -> None:
         if self._transport.name in (call.leader, *call.received_offers):
             return
-        if self._member is not None and not self._member.has_ended:
-            busy = f"is in mission {self._member.mission}"
-        elif self._agent.is_busy:
-            busy = "runs a program"
-        elif self._agent.is_free:
-            busy = ""
-        else:
+        busy = self._occupation()
+        if not busy and not self._agent.is_free:
             return
         floor, x, y, _ = self._agent.place
         name, leader = self._transport.name, call.leader
         offer = Offer(mission=call.mission, robot=name, leader=leader, floor=floor, x=x, y=y, busy=busy)
         self._transport.publish(offer, RETRY_S)
+
+    def _occupation(self) -> str:
+        """What the robot does; empty if it has no task."""
+        if self._member is not None and not self._member.has_ended:
+            return f"is in mission {self._member.mission}"
+        if not self._agent.is_busy:
+            return ""
+        task = self._making_way
+        return f"makes way for mission {task.request.of}" if task and task.is_running else "runs a program"
+
+    def _make_way(self, request: MakeWay) -> None:
+        """Step aside if the robot is free. A repeated request gets an answer how far it is."""
+        task = self._making_way
+        if task is None or not task.is_for(request):
+            occupation = self._occupation()
+            try:
+                if occupation:
+                    raise MissionFailed(occupation)
+                task = self._making_way = self._agent.begin_part(lambda robot: MakingWay(request, robot))
+            except RobotError as error:
+                robot, leader = request.robot, request.leader
+                stays = WayMade(mission=request.mission, robot=robot, leader=leader, reason=str(error))
+                self._transport.publish(stays, RETRY_S)
+                return
+        self._transport.publish(task.answer, RETRY_S)
 
     def _answer_assignment(self, assignment: Assignment) -> None:
         """Accept if the robot is free. A repeated assignment gets the same answer."""

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors.robots import GoalReached, MissionFailed
-from robocorba.maps.geometry import shaft_polygon
-from robocorba.missions.carry_planning import CarryLeg, plan_carry
+from robocorba.errors.robots import GoalReached, InTheWay, MissionFailed
+from robocorba.maps.geometry import Obstacle, shaft_polygon
+from robocorba.missions.carry_planning import CarryLeg, CarryPlan, plan_carry
+from robocorba.missions.clearing import Way, in_the_way, places_aside, united
+from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.formation import BACK_OFF_M, GripPoint
-from robocorba.missions.gathering import GatheringPaths, assign_places, driving_groups, spread_apart
+from robocorba.missions.gathering import GatheringPaths, assign_places, blocked_lanes, driving_groups, spread_apart
 from robocorba.missions.obstacles import placed
 from robocorba.missions.subplan import (
     Approach,
@@ -29,13 +32,13 @@ from robocorba.missions.subplan import (
     TakeHold,
     plan_of,
 )
-from robocorba.missions.swept_area import swept_areas
+from robocorba.missions.swept_area import swept_areas, swept_shapes
 from robocorba.missions.trajectory import Trajectory
-from robocorba.missions.world import World
+from robocorba.missions.world import StandingRobot, World
 from robocorba.planning.request import Place
 from robocorba.programs.icons import Destination
 from robocorba.simulation.building import PAYLOAD_KG
-from robocorba.simulation.elevator import BOARDING_LIMIT_S
+from robocorba.simulation.elevator import BOARDING_LIMIT_S, BOARDING_MARGIN_S, MAX_BOARDING_S
 from robocorba.simulation.reservations import MAX_LIMIT_S
 from robocorba.spatial.frames import out_of
 from robocorba.spatial.pose import Pose, Pose2D
@@ -64,7 +67,7 @@ CABIN_LIMIT_S = 300.0
 CARRY_LIMIT_FACTOR, CARRY_LIMIT_EXTRA_S = 3.0, 20.0
 
 
-class MoveTablePlanner:
+class MoveTablePlanner(CooperativePlanner):
     """Plans the missions of the icon move_table (see CooperativePlanner). It plans the carry when it is created.
 
     As many robots carry as the object's weight needs, at least two. Raises GoalReached, MissionFailed, ImpossibleCarry,
@@ -77,32 +80,79 @@ class MoveTablePlanner:
         start, to = Pose(carried.floor, *carried.pose), Pose(goal.floor, goal.x, goal.y, goal.heading)
         if _is_at(start, to):
             raise GoalReached(f"{table} is at its goal")
-        self._carry = plan_carry(world.building(), table, start, to, count, blocked=world.others(table))
-        self._carrier_poses = self._carry.formation.carrier_poses()
+        self._start, self._goal, self._count = start, to, count
+        self._carry = self._plan_carry()
+        #: Of the last plan: all robots, and the room that it needs.
+        self._standing: list[StandingRobot] = []
+        self._way: Way = {}
         self.helpers = count - 1
         self.required: frozenset[str] = frozenset()
         self.meeting_point = Place(carried.floor, carried.x, carried.y)
 
-    def plan(self, mission: str, leader: str, robots: dict[str, Place]) -> CooperativePlan:
-        """See CooperativePlanner. Raises MissionFailed, NotReachable."""
-        carried, formation, legs = self._object, self._carry.formation, self._carry.legs
-        paths = GatheringPaths(self._world, carried)
+    @property
+    def footprint(self) -> BaseGeometry:
+        """See CooperativePlanner."""
+        return self._carry.footprint()
+
+    def plan(
+        self, mission: str, leader: str, robots: dict[str, Place], staying: Collection[str] = ()
+    ) -> CooperativePlan:
+        """See CooperativePlanner. Raises MissionFailed, InTheWay, ImpossibleCarry, NotReachable."""
+        paths = GatheringPaths(self._world, self._object)
+        self._standing = self._world.robots()
         gathering, names = self._assign_gathering_poses(leader, robots, paths)
+        stay = [robot for robot in self._standing if robot.name in staying and robot.name not in names]
+        if in_the_way(united(swept_shapes(self._carry)), stay):
+            self._carry = self._plan_carry(stay)
+            gathering, names = self._assign_gathering_poses(leader, robots, paths)
+        carried, formation, legs = self._object, self._carry.formation, self._carry.legs
+        others = [robot for robot in self._standing if robot.name not in names]
+        starts = [robots[name] for name in names]
+        goals = [Place(carried.floor, x, y) for x, y, _ in gathering]
+        lanes = blocked_lanes(self._world, carried, starts, goals, others, stay)
+        self._way = united([*swept_shapes(self._carry), *lanes])
+        blocking = in_the_way(self._way, [robot for robot in others if robot.name not in staying])
+        if blocking:
+            raise InTheWay(self._aside(blocking))
         reserve = Reserve(areas=swept_areas(self._carry), hold_s=RESERVATION_LIMIT_S, limit_s=RESERVATION_LIMIT_S)
         idle = Idle(limit_s=RESERVATION_LIMIT_S)
         phases = [
             PhaseSteps("reserving", [reserve if name == leader else idle for name in names]),
-            *self._gathering_phases(gathering, [robots[name] for name in names], paths),
+            *self._gathering_phases(gathering, starts, paths),
             PhaseSteps("approaching", [_approach(_in_building(pose, carried.pose)) for pose in self._carrier_poses]),
             PhaseSteps("gripping", [self._take_hold(grip) for grip in formation.grips]),
         ]
         for before, leg, after in zip([None, *legs[:-1]], legs, [*legs[1:], None], strict=True):
-            elevator_before = before.elevator_after if before else ""
-            phases += self._leg_phases(mission, leg, elevator_before, after.floor if after else "")
+            phases += self._leg_phases(mission, before.elevator_after if before else "", leg, after)
         phases.append(PhaseSteps("putting down", [PutDown(limit_s=NEAR_LIMIT_S)] * len(names)))
         phases.append(PhaseSteps("backing off", [BackOff(distance_m=BACK_OFF_M, limit_s=NEAR_LIMIT_S)] * len(names)))
         roles = [(name, "leader" if name == leader else "helper") for name in names]
         return plan_of(mission, "move table", leader, carried.name, roles, phases)
+
+    def aside(self, robot: str) -> Place | None:
+        """See CooperativePlanner. Raises NotReachable."""
+        self._standing = self._world.robots()
+        return self._aside([each for each in self._standing if each.name == robot]).get(robot)
+
+    def _plan_carry(self, staying: Sequence[StandingRobot] = ()) -> CarryPlan:
+        """The carry around robots that stay where they are."""
+        name = self._object.name
+        blocked: dict[str, list[Obstacle]] = self._world.others(name)
+        for robot in staying:
+            blocked.setdefault(robot.floor, []).append(robot.obstacle)
+        return plan_carry(self._world.building(), name, self._start, self._goal, self._count, blocked=blocked)
+
+    @property
+    def _carrier_poses(self) -> tuple[Pose2D, ...]:
+        return self._carry.formation.carrier_poses()
+
+    def _aside(self, blocking: Sequence[StandingRobot]) -> dict[str, Place | None]:
+        """Where robots step aside out of the mission's way."""
+        carried = self._object
+        objects = self._world.others(carried.name)
+        body = Obstacle("object", carried.name, placed(carried.outline, carried.pose))
+        objects[carried.floor] = [*objects.get(carried.floor, ()), body]
+        return places_aside(self._world.building(), objects, self._way, blocking, self._standing)
 
     def _assign_gathering_poses(
         self, leader: str, robots: dict[str, Place], paths: GatheringPaths
@@ -139,23 +189,32 @@ class MoveTablePlanner:
         height_m = carried.height_m - BELOW_TOP_M
         return TakeHold(thing=carried.name, at=carried.pose, x=x, y=y, height_m=height_m, limit_s=NEAR_LIMIT_S)
 
-    def _leg_phases(self, mission: str, leg: CarryLeg, elevator_before: str, next_floor: str) -> list[PhaseSteps]:
+    def _leg_phases(
+        self, mission: str, elevator_before: str, leg: CarryLeg, after: CarryLeg | None
+    ) -> list[PhaseSteps]:
         """The phases on one floor: out of the elevator `elevator_before`, to the goal or into the next elevator, and
-        the ride."""
+        the ride to the leg `after`."""
         phases: list[PhaseSteps] = []
-        path: list[Pose2D] = [(x, y, heading) for x, y, heading in leg.poses.tolist()]
+        path = _poses(leg)
         elevator = leg.elevator_after
         if elevator_before:
             outside, inside = self._split_at_doors(path[::-1], elevator_before)
             phases += self._through_doors("driving out", inside[::-1], elevator_before)
             path = outside[::-1]
-        if not elevator:
+        if not elevator or not after:
             return [*phases, *self._carry_phases("carrying", path)]
         outside, inside = self._split_at_doors(path, elevator)
         count = len(self._carry.formation.grips)
-        party = f"{mission} to {next_floor}"  # the carriers ride together
-        call = CallCabin(elevator=elevator, destination=next_floor, party=party, size=count, limit_s=CABIN_LIMIT_S)
-        ride = Ride(elevator=elevator, destination=next_floor, limit_s=CABIN_LIMIT_S)
+        ways = inside, self._split_at_doors(_poses(after)[::-1], elevator)[1][::-1]
+        call = CallCabin(
+            elevator=elevator,
+            destination=after.floor,
+            party=f"{mission} to {after.floor}",  # the carriers ride together
+            size=count,
+            boarding_s=max(self._trajectory_through_doors(each).duration for each in ways),
+            limit_s=CABIN_LIMIT_S,
+        )
+        ride = Ride(elevator=elevator, destination=after.floor, limit_s=CABIN_LIMIT_S)
         return [
             *phases,
             *self._carry_phases("carrying", outside),
@@ -164,9 +223,11 @@ class MoveTablePlanner:
             PhaseSteps("riding", [ride] * count),
         ]
 
-    def _carry_phases(self, phase: str, poses: Sequence[Pose2D], *limits: float) -> list[PhaseSteps]:
-        """The phase that carries along `poses`; none if they are all the same. limits: as of Trajectory."""
-        trajectory = Trajectory(poses, self._carrier_poses, *limits)
+    def _carry_phases(self, phase: str, poses: Sequence[Pose2D]) -> list[PhaseSteps]:
+        """The phase that carries along `poses`; none if they are all the same."""
+        return self._phases_of(phase, Trajectory(poses, self._carrier_poses))
+
+    def _phases_of(self, phase: str, trajectory: Trajectory) -> list[PhaseSteps]:
         if trajectory.duration == 0.0:
             return []
         limit_s = CARRY_LIMIT_FACTOR * trajectory.duration + CARRY_LIMIT_EXTRA_S
@@ -174,18 +235,21 @@ class MoveTablePlanner:
         return [PhaseSteps(phase, [Carry(rows=rows, place=pose, limit_s=limit_s) for pose in self._carrier_poses])]
 
     def _through_doors(self, phase: str, poses: Sequence[Pose2D], elevator: str) -> list[PhaseSteps]:
-        """Pass the doors before they close, at DOOR_LIMITS only if needed. Raises MissionFailed if that is too slow."""
-        needed_s = Trajectory(poses, self._carrier_poses).duration
-        available_s = BOARDING_LIMIT_S - DOOR_MARGIN_S
-        if needed_s <= available_s:
-            return self._carry_phases(phase, poses)
-        needed_s = Trajectory(poses, self._carrier_poses, *DOOR_LIMITS).duration
-        if needed_s > available_s:
+        """The phase that passes the doors. Raises MissionFailed if it takes longer than doors stay open for a party."""
+        trajectory = self._trajectory_through_doors(poses)
+        if trajectory.duration > MAX_BOARDING_S - BOARDING_MARGIN_S:
             raise MissionFailed(
-                f"the doors of {elevator} stay open for {BOARDING_LIMIT_S:g} s; "
-                f"{phase} needs {needed_s + DOOR_MARGIN_S:.0f} s"
+                f"the doors of {elevator} stay open for {MAX_BOARDING_S:g} s at most; "
+                f"{phase} needs {trajectory.duration + BOARDING_MARGIN_S:.0f} s"
             )
-        return self._carry_phases(phase, poses, *DOOR_LIMITS)
+        return self._phases_of(phase, trajectory)
+
+    def _trajectory_through_doors(self, poses: Sequence[Pose2D]) -> Trajectory:
+        """At DOOR_LIMITS if the ordinary ones take so long that others wait for the cabin."""
+        ordinary = Trajectory(poses, self._carrier_poses)
+        if ordinary.duration <= BOARDING_LIMIT_S - DOOR_MARGIN_S:
+            return ordinary
+        return Trajectory(poses, self._carrier_poses, *DOOR_LIMITS)
 
     def _split_at_doors(self, poses: list[Pose2D], elevator: str) -> tuple[list[Pose2D], list[Pose2D]]:
         """A path into a cabin, split at the last pose at which the body is clear of the shaft."""
@@ -207,6 +271,10 @@ def _is_at(pose: Pose, goal: Pose) -> bool:
     """Whether an object need not be carried from a pose to its goal."""
     off_rad = math.remainder(pose.heading - goal.heading, math.tau)
     return pose.floor == goal.floor and math.dist(pose[1:3], goal[1:3]) <= AT_GOAL_M and abs(off_rad) <= AT_GOAL_RAD
+
+
+def _poses(leg: CarryLeg) -> list[Pose2D]:
+    return [(x, y, heading) for x, y, heading in leg.poses.tolist()]
 
 
 def _approach(pose: Pose2D) -> Approach:

@@ -83,12 +83,15 @@ class Ride(_Step, frozen=True, kw_only=True):
 
 
 class CallCabin(_Step, frozen=True, kw_only=True):
-    """Call an elevator for a party of `size` robots and wait until its doors are open."""
+    """Call an elevator for a party of `size` robots and wait until its doors are open.
+
+    boarding_s: time that the party needs to drive in, and to drive out [s]; 0 if that is unknown."""
 
     elevator: str
     destination: str
     party: str
     size: int
+    boarding_s: float = 0.0
 
 
 class PutDown(_Step, frozen=True, kw_only=True):

@@ -24,8 +24,13 @@ _MAX_CORNERS = 100
 
 
 def swept_areas(plan: CarryPlan) -> tuple[FloorArea, ...]:
-    """An area (floor, corners [m]) for each leg: the area that object and carriers sweep, and at start and goal the
-    room in which the carriers gather, backed off by BACK_OFF_M."""
+    """An area (floor, corners [m]) around each of `swept_shapes`."""
+    return tuple((floor, _corners(shape)) for floor, shape in swept_shapes(plan))
+
+
+def swept_shapes(plan: CarryPlan) -> list[tuple[str, BaseGeometry]]:
+    """The floor and a shape [m] for each leg: what object and carriers sweep, and at start and goal the room in which
+    the carriers gather, backed off by BACK_OFF_M."""
     gathered = plan.formation.footprint(plan.outline, BACK_OFF_M)
     found = []
     for number, leg in enumerate(plan.legs):
@@ -35,8 +40,8 @@ def swept_areas(plan: CarryPlan) -> tuple[FloorArea, ...]:
             shapes.append(placed(gathered, poses[0]).convex_hull)
         if number == len(plan.legs) - 1:
             shapes.append(placed(gathered, poses[-1]).convex_hull)
-        found.append((leg.floor, _corners(shapely.union_all(shapes))))
-    return tuple(found)
+        found.append((leg.floor, shapely.union_all(shapes)))
+    return found
 
 
 def _swept(body: BaseGeometry, poses: Sequence[Pose2D]) -> list[BaseGeometry]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+from shapely import Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.geometry import Obstacle
@@ -30,6 +31,24 @@ class MovableObject(NamedTuple):
         return self.x, self.y, self.heading
 
 
+class StandingRobot(NamedTuple):
+    """A robot where it is now: x, y [m], radius [m]."""
+
+    name: str
+    floor: str
+    x: float
+    y: float
+    radius_m: float
+
+    @property
+    def disc(self) -> Polygon:
+        return Point(self.x, self.y).buffer(self.radius_m, quad_segs=8)
+
+    @property
+    def obstacle(self) -> Obstacle:
+        return Obstacle("robot", self.name, self.disc)
+
+
 class World(Protocol):
     """The current state. All methods raise NotReachable."""
 
@@ -41,6 +60,9 @@ class World(Protocol):
 
     def others(self, carried: str) -> dict[str, list[Obstacle]]:
         """All movable objects except `carried`, by floor, at their current poses."""
+
+    def robots(self) -> list[StandingRobot]:
+        """All robots of the building, on whatever floor."""
 
     def paths(self, request: PathRequest) -> Sequence[Path]:
         """Paths from the path planning agent. Raises PathError."""

@@ -357,8 +357,11 @@ class SimulatedBuilding:
         robot.physics.release(robot.body)
         robot.physics.refresh()
 
-    def call_elevator(self, name: str, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
-        """Call an elevator to the robot's floor, for one robot or as a member of a party of `size` robots.
+    def call_elevator(
+        self, name: str, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
+    ) -> None:
+        """Call an elevator to the robot's floor, for one robot or as a member of a party of `size` robots, which needs
+        `boarding_s` to drive in, and to drive out; 0 if that is unknown.
 
         Raises UnknownRobot, InvalidRide, ElevatorFull."""
         robot = self._robot(name)
@@ -367,7 +370,7 @@ class SimulatedBuilding:
         called = next((other for other, cabin in self.cabins.items() if name in cabin.sessions), None)
         if called:
             raise InvalidRide("elevator", f"{name} has already called {called}")
-        self.cabins[elevator].call(name, robot.floor, destination, robot.description.radius_m, party, size)
+        self.cabins[elevator].call(name, robot.floor, destination, robot.description.radius_m, party, size, boarding_s)
         self._update_elevator_states()
 
     def cancel_elevator(self, name: str) -> None:

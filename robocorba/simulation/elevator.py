@@ -24,6 +24,8 @@ from robocorba.spatial.elevator_state import Doors, ElevatorState
 
 #: Time limit for boarding, and for alighting, while the doors are open [s].
 BOARDING_LIMIT_S = 15.0
+#: A party has its own estimate of this time plus a margin, if that is longer, up to a limit [s].
+BOARDING_MARGIN_S, MAX_BOARDING_S = 5.0, 60.0
 #: No robot starts boarding after the doors have been open for this time [s], since robots wait on other floors.
 OPEN_LIMIT_S = 2 * BOARDING_LIMIT_S
 #: Maximum number of simultaneous sessions of an elevator, and of members of a party.
@@ -50,8 +52,8 @@ _INSIDE = (RidePhase.RIDING, RidePhase.ALIGHTING)
 class RideSession:
     """Session of one robot, from call to alighting.
 
-    called_at: simulated time [s]. party: name of a party of `size` robots, empty for a lone robot. since: simulated
-    time at which boarding or alighting began [s]."""
+    called_at: simulated time [s]. party: name of a party of `size` robots, empty for a lone robot. limit_s: time limit
+    for boarding, and for alighting. since: simulated time at which boarding or alighting began [s]."""
 
     robot: str
     origin: str
@@ -60,6 +62,7 @@ class RideSession:
     called_at: float
     party: str = ""
     size: int = 1
+    limit_s: float = BOARDING_LIMIT_S
     phase: RidePhase = RidePhase.WAITING
     since: float = 0.0
 
@@ -88,8 +91,8 @@ class Cabin:
         #: Floor that the cabin travels to; empty while it is stopped.
         self._target = ""
         self._since = now
-        #: Time at which a party began to board [s].
-        self._party_since = now
+        #: Time at which a party began to board, and its limit [s].
+        self._party_since, self._party_limit_s = now, BOARDING_LIMIT_S
         self.sessions: dict[str, RideSession] = {}
         #: Robot and reason of each session that the elevator ended, since the robot was too late.
         self.ended: list[tuple[str, str]] = []
@@ -97,9 +100,17 @@ class Cabin:
     # ---- calls of robots ----
 
     def call(
-        self, robot: str, origin: str, destination: str, radius_m: float, party: str = "", size: int = 1
+        self,
+        robot: str,
+        origin: str,
+        destination: str,
+        radius_m: float,
+        party: str = "",
+        size: int = 1,
+        boarding_s: float = 0.0,
     ) -> RideSession:
-        """Request a ride for one robot, or for a member of a party of `size`. Raises InvalidRide, ElevatorFull."""
+        """Request a ride for one robot, or for a member of a party of `size`, which needs `boarding_s` to drive in, and
+        to drive out; 0 if that is unknown. Raises InvalidRide, ElevatorFull."""
         for field, floor in (("origin", origin), ("destination", destination)):
             if floor not in self.heights:
                 raise InvalidRide(field, f"{self.elevator.name} does not serve {floor}")
@@ -111,9 +122,13 @@ class Cabin:
             raise InvalidRide("radius", f"a robot of radius {radius_m} m does not fit into {self.elevator.name}")
         if party:
             self._check_party(party, size, origin, destination, radius_m)
+            if not 0.0 <= boarding_s <= MAX_BOARDING_S - BOARDING_MARGIN_S:  # also refuses NaN
+                raise InvalidRide("boardingTime", f"{boarding_s} s is not 0 to {MAX_BOARDING_S - BOARDING_MARGIN_S:g}")
         if len(self.sessions) >= MAX_SESSIONS:
             raise ElevatorFull(self.elevator.name, MAX_SESSIONS)
         session = RideSession(robot, origin, destination, radius_m, self.now, party, size if party else 1)
+        if party:
+            session.limit_s = max(BOARDING_LIMIT_S, boarding_s + BOARDING_MARGIN_S)
         self.sessions[robot] = session
         if party and self.doors is Doors.OPEN:
             self._start_alighting_and_boarding()
@@ -170,7 +185,10 @@ class Cabin:
     def record(self) -> CabinRecord:
         """Floor and sessions, for `restore`."""
         rides = [
-            RideRecord(s.robot, s.origin, s.destination, s.radius_m, s.called_at, s.phase in _INSIDE, s.party, s.size)
+            RideRecord(
+                *(s.robot, s.origin, s.destination, s.radius_m, s.called_at),
+                *(s.phase in _INSIDE, s.party, s.size, s.limit_s),
+            )
             for s in self.sessions.values()
         ]
         return CabinRecord(self.floor, rides)
@@ -183,11 +201,12 @@ class Cabin:
         for ride in record.rides:
             if ride.robot in robots and {ride.origin, ride.destination} <= self.heights.keys():
                 trip = (ride.robot, ride.origin, ride.destination, ride.radius_m, ride.called_at)
-                session = self.sessions[ride.robot] = RideSession(*trip, ride.party, ride.size)
+                session = self.sessions[ride.robot] = RideSession(*trip, ride.party, ride.size, ride.limit_s)
                 session.phase = RidePhase.RIDING if ride.inside else RidePhase.WAITING
-        if any(self._waits_for_party_members(session) for session in self.sessions.values()):
+        if waiting := [each for each in self.sessions.values() if self._waits_for_party_members(each)]:
             self._set_doors(Doors.OPENING)
             self._party_since = now + self.elevator.door_time
+            self._party_limit_s = max(each.limit_s for each in waiting)
 
     # ---- time ----
 
@@ -240,9 +259,9 @@ class Cabin:
         if self.doors in (Doors.OPENING, Doors.CLOSING):
             return self._since + self.elevator.door_time
         if self.doors is Doors.OPEN:
-            waits = [s.since + BOARDING_LIMIT_S for s in self._moving_through_doors()]
+            waits = [s.since + s.limit_s for s in self._moving_through_doors()]
             if self._is_waiting_for_party():
-                waits.append(self._party_since + BOARDING_LIMIT_S)
+                waits.append(self._party_since + self._party_limit_s)
             return min(waits, default=self.now)
         return self.now
 
@@ -256,9 +275,9 @@ class Cabin:
             self._start_alighting_and_boarding()
         elif self.doors is Doors.OPEN:
             for session in self._moving_through_doors():
-                if self.now >= session.since + BOARDING_LIMIT_S:
+                if self.now >= session.since + session.limit_s:
                     direction = "in" if session.phase is RidePhase.BOARDING else "out"
-                    self.cancel(session.robot, f"did not drive {direction} within {BOARDING_LIMIT_S:g} s")
+                    self.cancel(session.robot, f"did not drive {direction} within {session.limit_s:g} s")
             if not self._start_alighting_and_boarding():
                 self._set_doors(Doors.CLOSING)
         elif self.doors is Doors.CLOSING:
@@ -288,7 +307,7 @@ class Cabin:
         if not is_any_alighting and self.now < self._since + OPEN_LIMIT_S:
             for session in self._next_to_board():
                 if session.party and not self._riders_after_stop():
-                    self._party_since = self.now
+                    self._party_since, self._party_limit_s = self.now, session.limit_s
                 session.enter_phase(RidePhase.BOARDING, self._party_since if session.party else self.now)
         return bool(self._moving_through_doors()) or self._is_waiting_for_party()
 
@@ -333,7 +352,7 @@ class Cabin:
 
     def _is_party_in_time(self) -> bool:
         """Whether the boarding limit of a party has not expired and the doors are open or opening."""
-        return self.doors in (Doors.OPENING, Doors.OPEN) and self.now < self._party_since + BOARDING_LIMIT_S
+        return self.doors in (Doors.OPENING, Doors.OPEN) and self.now < self._party_since + self._party_limit_s
 
     def _is_waiting_for_party(self) -> bool:
         """Whether the doors stay open for members of a party that are still outside."""

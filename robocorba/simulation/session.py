@@ -84,20 +84,25 @@ class Session:
         """Release the held object, if any. Raises SimulationBusy, ServiceError."""
         self._do(lambda: self._building.release(self.name))
 
-    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
-        """Call an elevator to the robot's floor, for one robot or as a member of a party of `size` robots.
+    def call_elevator(
+        self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
+    ) -> None:
+        """Call an elevator to the robot's floor, for one robot or as a member of a party of `size` robots, which needs
+        `boarding_s` to drive in, and to drive out; 0 if that is unknown.
 
         Raises InvalidRide, ElevatorFull, SimulationBusy, ServiceError."""
         self._do(
-            lambda: self._building.call_elevator(self.name, elevator, destination, party, size),
+            lambda: self._building.call_elevator(self.name, elevator, destination, party, size, boarding_s),
             lambda: self._building.cancel_elevator(self.name),
         )
 
-    def call_elevator_together(self, elevator: str, destination: str, party: str, size: int) -> None:
+    def call_elevator_together(
+        self, elevator: str, destination: str, party: str, size: int, boarding_s: float = 0.0
+    ) -> None:
         """Call an elevator for a named party that rides alone. Raises as `call_elevator`."""
         if not party:
             raise InvalidRide("party", "needs a name")
-        self.call_elevator(elevator, destination, party, size)
+        self.call_elevator(elevator, destination, party, size, boarding_s)
 
     def cancel_elevator(self) -> None:
         """Cancel the ride, if any. Raises SimulationBusy, ServiceError."""

@@ -28,6 +28,8 @@ class RideRecord(msgspec.Struct, frozen=True, array_like=True):
     #: Name and size of the party; empty and 1 for a lone robot.
     party: str = ""
     size: int = 1
+    #: Time limit for boarding, and for alighting [s].
+    limit_s: float = 15.0
 
 
 class CabinRecord(msgspec.Struct, frozen=True, array_like=True):

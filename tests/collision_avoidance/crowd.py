@@ -180,7 +180,9 @@ class InStep:
     def release(self) -> None:
         self._world.release(self._robot.name)
 
-    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
+    def call_elevator(
+        self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
+    ) -> None:
         raise NotImplementedError
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from robocorba.collision_avoidance.neighbours import STALE_S, PoolNearby
+from robocorba.collision_avoidance.neighbours import PoolNearby
+from robocorba.data_pool.pool import STALE_S
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import RADIUS_M
 from tests.data_pool.places import Place

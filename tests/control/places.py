@@ -152,8 +152,10 @@ class InProcessSession:
     def release(self) -> None:
         self._answer().release()
 
-    def call_elevator(self, elevator: str, destination: str, party: str = "", size: int = 1) -> None:
-        self._answer().call_elevator(elevator, destination, party, size)
+    def call_elevator(
+        self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
+    ) -> None:
+        self._answer().call_elevator(elevator, destination, party, size, boarding_s)
 
     def cancel_elevator(self) -> None:
         self._answer().cancel_elevator()

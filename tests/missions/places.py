@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import itertools
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import msgpack
@@ -18,7 +18,9 @@ from robocorba.control.model_switcher import AdaptorContext
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.services import NotReachable
 from robocorba.missions import leader, member
+from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.leader import Leader, LeaderPolicy
+from robocorba.missions.lookout import Look
 from robocorba.missions.member import MemberPolicy
 from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, Step, plan_of
@@ -113,6 +115,7 @@ class Crew:
         term: int = 1,
         attempts: int = 0,
         begin_attempt: Callable[[int], None] = lambda attempt: None,
+        look: Look = lambda: (),
     ) -> Leader:
         agent = self.agents[name]
         course = agent.robot.execution
@@ -127,6 +130,7 @@ class Crew:
             term=term,
             attempts=attempts,
             begin_attempt=begin_attempt,
+            look=look,
         )
 
     def close(self) -> None:
@@ -138,7 +142,7 @@ class Crew:
             follower.close()
 
 
-class Given:
+class Given(CooperativePlanner):
     """A CooperativePlanner whose steps are given: a list of steps for the leader, and one for each helper."""
 
     def __init__(self, own: Sequence[Step | Idle], *others: Sequence[Step | Idle]) -> None:
@@ -146,7 +150,9 @@ class Given:
         self.helpers, self.required = len(others), frozenset[str]()
         self.meeting_point = Spot("L1", 5.0, 2.0)
 
-    def plan(self, mission: str, leader: str, robots: dict[str, Spot]) -> CooperativePlan:
+    def plan(
+        self, mission: str, leader: str, robots: dict[str, Spot], staying: Collection[str] = ()
+    ) -> CooperativePlan:
         names = [leader, *sorted(name for name in robots if name != leader)][: len(self._steps)]
         roles = [(name, "leader" if name == leader else "helper") for name in names]
         phases = [PhaseSteps(f"phase {number}", steps) for number, steps in enumerate(zip(*self._steps, strict=True))]

@@ -5,17 +5,21 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import pytest
+import shapely
+from shapely import Point
+from shapely.geometry.base import BaseGeometry
 
 from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.control.agent import AgentCondition
 from robocorba.control.runner import ProgramResult
-from robocorba.errors.robots import GoalReached, MissionTakenOver
+from robocorba.errors.robots import GoalReached, InTheWay, MissionTakenOver
 from robocorba.errors.services import NotReachable
 from robocorba.missions.leader import LeaderPolicy
+from robocorba.missions.lookout import Seen
 from robocorba.missions.member import MemberPolicy
 from robocorba.missions.report import MissionReport, PhaseTimes
 from robocorba.missions.subplan import Approach, Carry, CooperativePlan, Gather, Idle
@@ -393,3 +397,102 @@ def test_a_member_stops_while_its_leader_is_silent(patient_crew: Crew) -> None:
     thread.join(60.0)
     assert (reports[0].result, reports[0].reason) == ("done", "")
     assert robot.place.x == pytest.approx(ROBOTS["B"].x + 1.5, abs=0.02)
+
+
+# ---- the way is cleared ----
+
+
+class InTheirWay(Given):
+    """Needs the place of C first."""
+
+    def __init__(self, aside: tuple[str, float, float] | None) -> None:
+        super().__init__([near("A", 0.2)], [near("B", 0.2)])
+        self._aside, self.staying = aside, list[set[str]]()
+
+    def plan(
+        self, mission: str, leader: str, robots: dict[str, Spot], staying: Collection[str] = ()
+    ) -> CooperativePlan:
+        self.staying.append(set(staying))
+        if len(self.staying) == 1:
+            raise InTheWay({"C": self._aside})
+        return super().plan(mission, leader, {name: at for name, at in robots.items() if name != "C"}, staying)
+
+
+def test_a_free_robot_steps_aside(crew: Crew) -> None:
+    planner = InTheirWay(("L1", 1.6, 7.5))
+    report = crew.leader("A").lead("test", lambda: planner)
+    assert (report.result, report.reason) == ("done", "")
+    assert planner.staying == [set(), set()]
+    at = crew.agents["C"].place
+    assert (at.x, at.y) == pytest.approx((1.6, 7.5), abs=0.02)
+    assert report.phases[0].name == "clearing the way: C"
+    assert crew.agents["C"].state.program.name.startswith("way for mission")
+    eventually(lambda: free(crew), "all are free again")
+
+
+def test_robots_that_cannot_step_aside_are_planned_around(crew: Crew) -> None:
+    planner = InTheirWay(None)
+    report = crew.leader("A").lead("test", lambda: planner)
+    assert (report.result, report.reason) == ("done", "")
+    assert planner.staying == [set(), {"C"}]
+
+
+def test_a_robot_that_is_busy_stays(crew: Crew) -> None:
+    builder = ProgramBuilder("long")
+    builder.wait(20.0)
+    crew.agents["C"].load(builder.program())
+    crew.agents["C"].run()
+    planner = InTheirWay(("L1", 1.6, 7.5))
+    report = crew.leader("A").lead("test", lambda: planner)
+    assert (report.result, report.reason) == ("done", "")
+    assert planner.staying == [set(), {"C"}]
+    crew.agents["C"].abort()
+    eventually(lambda: free(crew), "all are free again")
+
+
+class Carried(Given):
+    """Two robots carry something 0.8 m wide eastwards; C steps aside to a place beside it."""
+
+    def __init__(self) -> None:
+        rows = Trajectory([(7.0, 3.0, 0.0), (8.6, 3.0, 0.0)]).to_rows()
+        super().__init__([Carry(rows=rows, place=(0.0, -1.0, 0.0))], [Carry(rows=rows, place=(0.0, 1.0, 0.0))])
+
+    @property
+    def footprint(self) -> BaseGeometry:
+        return shapely.box(-0.4, -1.3, 0.4, 1.3)
+
+    def plan(
+        self, mission: str, leader: str, robots: dict[str, Spot], staying: Collection[str] = ()
+    ) -> CooperativePlan:
+        return super().plan(mission, leader, {name: at for name, at in robots.items() if name != "C"}, staying)
+
+    def aside(self, robot: str) -> Spot | None:
+        return Spot("L1", 1.6, 7.5)
+
+
+def test_a_carry_waits_for_what_is_in_its_way(crew: Crew) -> None:
+    there = [Seen("C", True, Point(8.4, 3.0).buffer(0.3), 0.0, 0.0)]
+
+    def look() -> list[Seen]:
+        at = crew.agents["C"].place
+        return there if math.dist((at.x, at.y), (1.6, 7.5)) > 0.05 else []
+
+    report = crew.leader("A", look=look).lead("test", Carried)
+    assert (report.result, report.reason) == ("done", "")
+    assert [phase.name for phase in report.phases] == ["phase 0", "waiting: C is in the way", "phase 0"]
+    for name, y in (("A", 2.0), ("B", 4.0)):
+        at = crew.agents[name].place
+        assert (at.x, at.y) == pytest.approx((8.6, y), abs=0.02)
+    before, waiting, after = report.phases
+    assert before.began < waiting.began < after.began
+    assert set(before.done) == set(waiting.done) == set(after.done) == {"A", "B"}
+
+
+def test_what_stays_in_the_way_ends_the_attempt(crew: Crew) -> None:
+    chair = [Seen("chair", False, Point(8.4, 3.0).buffer(0.3), 0.0, 0.0)]
+    policy = replace(LEADING, way_timeout_s=1.0)
+    report = crew.leader("A", policy, look=lambda: chair).lead("test", Carried)
+    assert report.result == "failed"
+    assert report.reason == "carrying: chair is in the way at (8.40, 3.00)"
+    assert crew.agents["A"].place.x < 8.1 - 0.4
+    eventually(lambda: free(crew), "all are free again")

@@ -12,16 +12,17 @@ from robocorba.maps.geometry import Obstacle, object_geometry
 from robocorba.maps.model import BoxShape, Building, CabinSide, Elevator, ElevatorDoor, Floor, MapObject
 from robocorba.maps.movable import movables, object_outline
 from robocorba.maps.topology import topological_map
-from robocorba.missions.world import MovableObject
+from robocorba.missions.world import MovableObject, StandingRobot
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathRequest
 from robocorba.testing.buildings import with_all
 
 
 class MapWorld:
-    """Objects are at their places on the map; each has the same mass."""
+    """Objects are at their places on the map; each has the same mass. standing: the robots."""
 
-    def __init__(self, building: Building, mass_kg: float = 2.0) -> None:
+    def __init__(self, building: Building, mass_kg: float = 2.0, standing: Sequence[StandingRobot] = ()) -> None:
+        self.standing = list(standing)
         self._building, self._mass_kg = building, mass_kg
         self._planner = PathPlanner(building)
 
@@ -41,6 +42,9 @@ class MapWorld:
             if name != carried:
                 found.setdefault(floor, []).append(Obstacle("object", name, object_geometry(entry)))
         return found
+
+    def robots(self) -> list[StandingRobot]:
+        return self.standing
 
     def paths(self, request: PathRequest) -> Sequence[Path]:
         return self._planner.paths(request)

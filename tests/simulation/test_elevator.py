@@ -194,6 +194,36 @@ def test_doors_stay_open_for_late_members_of_a_party_until_the_limit() -> None:
     until(lift, "A", RidePhase.ALIGHTING)
 
 
+def test_doors_stay_open_for_as_long_as_a_party_has_estimated() -> None:
+    lift = cabin()
+    lift.call("A", "L1", "L2", 0.4, "table", 2, 25.0)
+    until(lift, "A", RidePhase.BOARDING)
+    lift.call("B", "L1", "L2", 0.4, "table", 2, 25.0)
+    pass_time(lift, 24.0)
+    assert lift.doors is Doors.OPEN
+    record = lift.record()
+    again = cabin()
+    again.restore(record, 0.0, {"A", "B"})
+    assert [session.limit_s for session in again.sessions.values()] == [30.0, 30.0]
+    lift.enter("A")
+    lift.enter("B")
+    until(lift, "B", RidePhase.ALIGHTING)
+    pass_time(lift, 29.0)
+    assert lift.doors is Doors.OPEN and not lift.ended
+    lift.leave("A")
+    pass_time(lift, 2.0)
+    assert lift.ended == [("B", "did not drive out within 30 s")]
+
+
+@pytest.mark.parametrize("boarding_s", [-1.0, 55.1, float("nan"), float("inf")])
+def test_a_party_can_not_hold_the_doors_for_ever(boarding_s: float) -> None:
+    lift = cabin()
+    with pytest.raises(InvalidRide) as refused:
+        lift.call("A", "L1", "L2", 0.4, "table", 2, boarding_s)
+    assert refused.value.field == "boardingTime"
+    assert not lift.sessions
+
+
 def test_a_member_that_cancels_frees_its_place_in_the_party() -> None:
     lift = cabin()
     for name in "AB":

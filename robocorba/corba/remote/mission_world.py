@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
+import numpy as np
 import shapely
 from shapely import Polygon
 
@@ -16,9 +17,9 @@ from robocorba.maps.geometry import Obstacle
 from robocorba.maps.model import Building
 from robocorba.maps.movable import movables
 from robocorba.missions.obstacles import placed
-from robocorba.missions.world import MovableObject
+from robocorba.missions.world import MovableObject, StandingRobot
 from robocorba.planning.request import Path, PathRequest
-from robocorba.spatial.floor_update import WHOLE, BodyKind
+from robocorba.spatial.floor_update import WHOLE, Body, BodyKind
 
 #: Timeout to resolve a server [s].
 RESOLVE_TIMEOUT_S = 5.0
@@ -59,19 +60,30 @@ class RemoteWorld:
                 found.setdefault(other.floor, []).append(Obstacle("object", other.name, shape))
         return found
 
+    def robots(self) -> list[StandingRobot]:
+        """All robots of the building, on whatever floor."""
+        return [
+            StandingRobot(body.name, floor, float(row["x"]), float(row["y"]), body.radius_m)
+            for floor, body, row in self._bodies(BodyKind.ROBOT)
+        ]
+
     def paths(self, request: PathRequest) -> Sequence[Path]:
         """Paths from the path planning agent. Raises PathError."""
         return self._planner.paths(request)
 
     def _movables(self) -> list[MovableObject]:
         found = []
+        for floor, body, row in self._bodies(BodyKind.OBJECT):
+            place = float(row["x"]), float(row["y"]), float(row["heading"])
+            outline = shapely.make_valid(Polygon(body.outline))
+            found.append(MovableObject(body.name, floor, *place, outline, body.mass_kg, 0.0))
+        return found
+
+    def _bodies(self, kind: BodyKind) -> Iterator[tuple[str, Body, np.void]]:
+        """The floor, the body and its row of MOTION, of all bodies of this kind."""
         for floor in self._database.floors():
             update = self._database.changes(floor, WHOLE)
             motions = {int(row["number"]): row for row in update.motions}
             for body in update.came:
-                if body.kind is BodyKind.OBJECT and body.number in motions:
-                    row = motions[body.number]
-                    place = float(row["x"]), float(row["y"]), float(row["heading"])
-                    outline = shapely.make_valid(Polygon(body.outline))
-                    found.append(MovableObject(body.name, floor, *place, outline, body.mass_kg, 0.0))
-        return found
+                if body.kind is kind and body.number in motions:
+                    yield floor, body, motions[body.number]

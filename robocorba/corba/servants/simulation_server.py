@@ -192,6 +192,10 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
         self.session.call_elevator_together(elevator, destination, party, size)
 
     @_measured
+    def callElevatorFor(self, elevator: str, destination: str, party: str, size: int, boardingTime: float) -> None:
+        self.session.call_elevator_together(elevator, destination, party, size, boardingTime)
+
+    @_measured
     def giveUpElevator(self) -> None:
         self.session.cancel_elevator()
 

@@ -364,6 +364,7 @@ class FuzzedSystem:
             "grip": [_each("box", RoboCorba.XY(2.0, 2.0))],
             "callElevator": [_each("E1", "L2")],
             "callElevatorTogether": [_each("E1", "L2", "party", 2)],
+            "callElevatorFor": [_each("E1", "L2", "party", 2, 20.0)],
             "reserveAreas": [_each(areas, 5.0)],
             "keepAreas": [_each(areas)],
             "reportPosture": [_each([0.1] * 18)],

@@ -1,0 +1,40 @@
+"""What the planner of a cooperative icon gives to its leader."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Protocol
+
+from shapely.geometry.base import BaseGeometry
+
+from robocorba.missions.subplan import CooperativePlan
+from robocorba.planning.request import Place
+
+
+class CooperativePlanner(Protocol):
+    """Plans the mission of a cooperative icon."""
+
+    #: Number of robots needed in addition to the leader.
+    helpers: int
+    #: Robots that must be among the helpers.
+    required: frozenset[str]
+    #: Where the helpers are needed.
+    meeting_point: Place
+
+    def plan(
+        self, mission: str, leader: str, robots: dict[str, Place], staying: Collection[str] = ()
+    ) -> CooperativePlan:
+        """A plan for some of these robots, including the leader, around others that stay where they are.
+
+        Raises InTheWay for other robots where room is needed; MissionFailed, ImpossibleCarry, PathError."""
+
+    @property
+    def footprint(self) -> BaseGeometry | None:
+        """Outline of what robots carry, and of these robots, in the frame of the trajectories of its plan's `Carry`
+        steps [m]; None if nothing is to be watched."""
+        return None
+
+    def aside(self, robot: str) -> Place | None:
+        """Where a robot that came into the way of the last plan would step aside; None if there is no room. Raises
+        NotReachable."""
+        return None

@@ -1,0 +1,152 @@
+"""Who stands in the way of a mission, where they step aside, and how they are asked."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import LineString, Point
+
+from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.maps.model import Building, Door, Floor, Wall
+from robocorba.missions import clearing
+from robocorba.missions.clearing import NO_ROOM, Requests, Way, in_the_way, places_aside, requests_for, united
+from robocorba.missions.messages import MakeWay, WayMade
+from robocorba.missions.world import StandingRobot
+from robocorba.testing.buildings import with_all
+
+WIDTH_M, HEIGHT_M = 12.0, 8.0
+
+
+def hall(*walls: Wall | Door) -> Building:
+    corners = ((0.0, 0.0), (WIDTH_M, 0.0), (WIDTH_M, HEIGHT_M), (0.0, HEIGHT_M))
+    floor = Floor(name="L1", level=1, elevation=0.0, outline=corners)
+    around = [Wall(f"w{number}", a, b) for number, (a, b) in enumerate(zip(corners, corners[1:] + corners[:1]))]  # noqa: B905
+    return with_all(Building("hall"), [("", floor), *(("L1", each) for each in (*around, *walls))])
+
+
+def at(name: str, x: float, y: float, floor: str = "L1") -> StandingRobot:
+    return StandingRobot(name, floor, x, y, RADIUS_M)
+
+
+def strip(y: float, half_m: float = 0.8) -> Way:
+    return {"L1": LineString([(1.0, y), (11.0, y)]).buffer(half_m)}
+
+
+def test_robots_in_the_way_are_those_that_the_way_touches() -> None:
+    way = strip(4.0)
+    robots = [at("in", 5.0, 4.5), at("beside", 5.0, 4.85 + RADIUS_M + 0.01), at("above", 5.0, 4.0, "L2")]
+    assert [robot.name for robot in in_the_way(way, robots)] == ["in"]
+    assert [robot.name for robot in in_the_way(way, [at("near", 5.0, 4.8 + RADIUS_M + 0.04)])] == ["near"]
+
+
+def test_a_robot_steps_to_the_nearer_side() -> None:
+    place = places_aside(hall(), {}, strip(4.0), [at("a", 5.0, 4.4)], [at("a", 5.0, 4.4)])["a"]
+    assert place is not None
+    assert place.floor == "L1"
+    assert 4.8 + RADIUS_M <= place.y <= 4.8 + RADIUS_M + clearing.ASIDE_GAP_M + 0.15
+    assert abs(place.x - 5.0) < 0.3
+
+
+def test_robots_that_step_aside_do_not_meet_there() -> None:
+    standing = [at("a", 5.0, 4.3), at("b", 5.0 + 2 * RADIUS_M + 0.05, 4.3), at("c", 5.0, 6.2)]
+    places = places_aside(hall(), {}, strip(4.0), standing[:2], standing)
+    a, b = places["a"], places["b"]
+    assert a and b
+    assert math.dist((a.x, a.y), (b.x, b.y)) >= 2 * RADIUS_M
+    for place in (a, b):
+        assert math.dist((place.x, place.y), (5.0, 6.2)) >= 2 * RADIUS_M
+
+
+def test_there_may_be_no_room() -> None:
+    building = hall(Wall("south", (0.0, 3.5), (12.0, 3.5)), Wall("north", (0.0, 5.0), (12.0, 5.0)))
+    way = {"L1": shapely.box(0.0, 3.5, 12.0, 5.0)}
+    assert places_aside(building, {}, way, [at("a", 5.0, 4.2)], [at("a", 5.0, 4.2)]) == {"a": None}
+
+
+def test_doors_are_kept_free() -> None:
+    door = Door("door", (5.0, 3.0), (6.4, 3.0))
+    building = hall(Wall("left", (0.0, 3.0), (5.0, 3.0)), Wall("right", (6.4, 3.0), (12.0, 3.0)), door)
+    robot = at("a", 5.7, 3.6)
+    way = {"L1": shapely.box(1.0, 3.3, 11.0, 5.0)}
+    place = places_aside(building, {}, way, [robot], [robot])["a"]
+    assert place is not None
+    assert LineString([door.a, door.b]).distance(Point(place.x, place.y)) >= clearing.DOOR_M + RADIUS_M
+
+
+@given(
+    x=st.floats(1.0, 11.0),
+    y=st.floats(1.0, 7.0),
+    turn=st.floats(0.0, math.pi),
+    half_m=st.floats(0.3, 2.0),
+    others=st.lists(st.tuples(st.floats(0.5, 11.5), st.floats(0.5, 7.5)), max_size=6),
+)
+@settings(max_examples=40, deadline=None)
+def test_places_are_free_and_outside_the_way(
+    x: float, y: float, turn: float, half_m: float, others: list[tuple[float, float]]
+) -> None:
+    robot = at("a", x, y)
+    standing = [at(f"o{number}", *place) for number, place in enumerate(others)]
+    standing = [other for other in standing if math.dist((other.x, other.y), (x, y)) > 2 * RADIUS_M]
+    dx, dy = 3.0 * math.cos(turn), 3.0 * math.sin(turn)
+    way = {"L1": LineString([(x - dx, y - dy), (x + dx, y + dy)]).buffer(half_m)}
+    place = places_aside(hall(), {}, way, [robot], [robot, *standing])["a"]
+    if place is None:
+        return
+    there = Point(place.x, place.y)
+    assert way["L1"].distance(there) >= RADIUS_M + clearing.GAP_M - 1e-6
+    assert RADIUS_M <= place.x <= WIDTH_M - RADIUS_M and RADIUS_M <= place.y <= HEIGHT_M - RADIUS_M
+    assert all(math.dist((other.x, other.y), (place.x, place.y)) >= 2 * RADIUS_M - 0.02 for other in standing)
+
+
+def test_areas_of_a_floor_are_united() -> None:
+    found = united([("L1", shapely.box(0, 0, 1, 1)), ("L2", shapely.box(0, 0, 1, 1)), ("L1", shapely.box(1, 0, 2, 1))])
+    assert {floor: area.area for floor, area in found.items()} == pytest.approx({"L1": 2.0, "L2": 1.0})
+
+
+# ---- requests ----
+
+
+def asked(*names: str) -> tuple[Requests, list[MakeWay]]:
+    sent: list[MakeWay] = []
+    aside = dict.fromkeys(names, ("L1", 1.0, 2.0))
+    return requests_for({**aside, "stuck": None}, "m.1", "A", 3, sent.append), sent
+
+
+def said(robot: str, is_done: bool = False, reason: str = "", mission: str = "m.1") -> WayMade:
+    return WayMade(mission=mission, robot=robot, leader="A", is_done=is_done, reason=reason)
+
+
+def test_requests_are_repeated_until_the_robot_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clearing, "REPEAT_S", 0.0)
+    requests, sent = asked("B")
+    requests.update()
+    requests.hear(said("B"))
+    requests.update()
+    assert [(each.robot, each.x, each.y, each.term) for each in sent] == [("B", 1.0, 2.0, 3)] * 2
+    assert requests.robots == ("B",)
+    requests.hear(said("B", is_done=True, mission="m.0"))  # of an earlier attempt
+    requests.hear(said("C", is_done=True))
+    assert requests.robots == ("B",)
+    requests.hear(said("B", is_done=True))
+    assert requests.robots == ()
+    requests.update()
+    assert len(sent) == 2
+    assert requests.staying == {"stuck": NO_ROOM}
+
+
+def test_robots_that_stay_are_named_with_their_reasons(monkeypatch: pytest.MonkeyPatch) -> None:
+    requests, _ = asked("B", "C", "D")
+    requests.hear(said("B", reason="runs a program"))
+    requests.hear(said("C"))
+    monkeypatch.setattr(clearing, "ANSWER_S", 0.0)
+    requests.update()
+    assert requests.robots == ("C",)
+    monkeypatch.setattr(clearing, "CLEAR_S", 0.0)
+    requests.update()
+    assert requests.robots == ()
+    late = "did not step aside within 0 s"
+    assert requests.staying == {"stuck": NO_ROOM, "B": "runs a program", "D": "does not answer", "C": late}

@@ -1,0 +1,144 @@
+"""What comes into the way of a carried body, and how its pace follows."""
+
+from __future__ import annotations
+
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import Point
+
+from robocorba.errors.services import NotReachable
+from robocorba.missions import way_ahead
+from robocorba.missions.clearing import Requests, requests_for
+from robocorba.missions.lookout import GAP_M, LOOK_S, STOP_S, Ahead, Lookout, Seen
+from robocorba.missions.messages import WayMade
+from robocorba.missions.obstacles import placed
+from robocorba.missions.trajectory import Trajectory
+from robocorba.missions.way_ahead import SLOW_RATE, WayAhead
+
+PATH = Trajectory([(0.0, 0.0, 0.0), (5.0, 0.0, 0.0)])
+BODY = shapely.box(-0.5, -0.4, 0.5, 0.4)
+
+
+def robot(x: float, y: float, vx: float = 0.0, vy: float = 0.0, name: str = "r") -> Seen:
+    return Seen(name, True, Point(x, y).buffer(0.3), vx, vy)
+
+
+def looking_at(*seen: Seen) -> Lookout:
+    return Lookout(PATH, BODY, {"A", "table"}, lambda: seen)
+
+
+def test_what_stands_ahead_is_seen_in_time() -> None:
+    lookout = looking_at(robot(3.0, 0.0))
+    assert lookout.ahead(0.0) is None
+    reached_s = next(t / 100 for t in range(2000) if PATH.at(t / 100)[0][0] >= 3.0 - 0.3 - 0.5 - GAP_M)
+    ahead = lookout.ahead(reached_s - 3.0)
+    assert ahead is not None
+    assert (ahead.name, ahead.is_robot, ahead.x, ahead.y) == ("r", True, pytest.approx(3.0), pytest.approx(0.0))
+    assert ahead.after_s == pytest.approx(3.0, abs=0.3)
+    assert lookout.ahead(reached_s - LOOK_S - 0.5) is None
+    here = lookout.ahead(reached_s + 0.1)
+    assert here is not None and here.after_s == 0.0
+
+
+def test_the_team_and_what_is_beside_are_not_in_the_way() -> None:
+    assert looking_at(robot(1.0, 0.0, name="A"), robot(1.0, 0.0, name="table")).ahead(4.0) is None
+    assert looking_at(robot(2.0, 0.4 + 0.3 + 2 * GAP_M)).ahead(7.0) is None
+    assert looking_at(robot(2.0, 0.4 + 0.3 - 0.01)).ahead(7.0) is not None
+
+
+def test_what_moves_is_seen_where_it_will_be() -> None:
+    beside = 0.4 + 0.3 + 0.5
+    assert looking_at(robot(1.5, beside)).ahead(4.0) is None
+    assert looking_at(robot(1.5, beside, vy=-0.6)).ahead(4.0) is not None
+    assert looking_at(robot(1.5, beside, vy=0.6)).ahead(4.0) is None
+
+
+@given(x=st.floats(-2.0, 7.0), y=st.floats(-2.0, 2.0), begin_s=st.floats(0.0, PATH.duration))
+@settings(max_examples=100, deadline=None)
+def test_the_body_never_touches_what_it_has_not_seen(x: float, y: float, begin_s: float) -> None:
+    seen = robot(x, y)
+    if looking_at(seen).ahead(begin_s) is None:
+        for number in range(41):
+            pose = PATH.at(min(PATH.duration, begin_s + number / 40 * LOOK_S))[0]
+            assert not placed(BODY, pose).intersects(seen.shape)
+
+
+class Scene:
+    """A way whose lookout sees `ahead`; the robots in it are asked to go to the origin."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.seen: Ahead | NotReachable | None = None
+        self.now = 100.0
+        self.asked: list[str] = []
+        monkeypatch.setattr(way_ahead, "time", self)
+        monkeypatch.setattr(way_ahead.threading, "Thread", _AtOnce)
+        self.way = WayAhead(self, self._ask)  # type: ignore[arg-type]
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def ahead(self, trajectory_s: float) -> Ahead | None:
+        if isinstance(self.seen, NotReachable):
+            raise self.seen
+        return self.seen
+
+    def rate(self, seconds: float = 0.2) -> float:
+        self.now += seconds
+        return self.way.rate(0.0)
+
+    def _ask(self, robot: str) -> Requests:
+        self.asked.append(robot)
+        return requests_for({robot: ("L1", 0.0, 0.0)}, "m.1", "A", 1, lambda message: None)
+
+
+class _AtOnce:
+    def __init__(self, target: object, args: tuple[str, ...], **_: object) -> None:
+        self._run = lambda: target(*args)  # type: ignore[operator]
+
+    def start(self) -> None:
+        self._run()
+
+
+def test_the_pace_follows_what_is_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(monkeypatch)
+    assert scene.rate() == 1.0
+    scene.seen = Ahead("r", True, 1.0, 1.0, STOP_S + 0.5)
+    assert scene.rate() == SLOW_RATE
+    assert scene.way.blocker is None
+    scene.seen = Ahead("r", True, 1.0, 1.0, STOP_S - 0.5)
+    assert scene.rate() == 0.0
+    assert scene.way.blocker == scene.seen
+    assert scene.asked == ["r"]
+    assert scene.rate(3.0) == 0.0
+    assert scene.way.waited_s == pytest.approx(3.0)
+    assert scene.asked == ["r"]
+    scene.seen = None
+    assert scene.rate(0.2) == 0.0  # it might come back
+    assert scene.rate(0.5) == 1.0
+    assert scene.way.blocker is None and scene.way.waited_s == 0.0
+
+
+def test_objects_are_not_asked_and_refusals_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(monkeypatch)
+    scene.seen = Ahead("chair", False, 1.0, 1.0, 0.0)
+    assert scene.rate() == 0.0
+    assert scene.asked == [] and scene.way.staying == ""
+    scene.seen = Ahead("r", True, 1.0, 1.0, 0.0)
+    assert scene.rate(5.0) == 0.0
+    assert scene.way.waited_s == pytest.approx(5.0)  # for one after another
+    scene.way.hear(WayMade(mission="m.1", robot="r", leader="A", reason="runs a program"))
+    assert scene.way.staying == "runs a program"
+
+
+def test_the_body_stops_once_its_way_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(monkeypatch)
+    assert scene.rate() == 1.0
+    scene.seen = NotReachable("positions of other robots are unknown")
+    assert scene.rate() == 1.0
+    assert scene.rate(1.5) == 0.0
+    assert scene.way.blocker and "unknown" in scene.way.blocker.name
+    scene.seen = None
+    scene.rate()
+    assert scene.rate(1.0) == 1.0
