@@ -3,8 +3,8 @@
     python -m bench.missions.ways --missions 30 [--only CASE]
 
 Three robots of two sub-networks carry a table to and fro in a hall. Before each mission, or while they carry, something
-is put in their way: a free robot, which steps aside when asked; a robot that runs a program; a stranger, which does not
-answer requests; a chair. Each mission must be done with the table at its goal, or be refused with the name of what can't
+is put in their way: a free robot, which steps aside when asked; a robot that runs a program; a stranger, which never
+answers; a chair. Each mission must be done with the table at its goal, or be refused with the name of what can't
 move, and nothing may touch anything."""
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ GOALS = ((3.5, 4.5), (11.5, 4.5))
 CARRIERS = {
     "a": RobotStart(1.0, 1.0, 0.0, "lab"),
     "b": RobotStart(1.0, 8.0, 0.0, "lab"),
-    "c": RobotStart(14.0, 1.0, math.pi, "hall"),
+    "c": RobotStart(5.0, 1.0, math.pi, "hall"),
 }
 #: The robot that is put in the way. It is farther from the table than the others, so that it does not carry.
 OTHER, OTHER_AT = "z", RobotStart(14.2, 8.2, math.pi, "hall")
@@ -113,7 +113,7 @@ class Trials:
             events = stack.enter_context(EventClient(self.place.orb, "lab"))
             events.subscribe(lambda event: touched.append(" and ".join(event.payload["who"])), "simulation.collision")
             if "before" in case:
-                middle = (table.x + goal[0]) / 2, (table.y + goal[1]) / 2 + self._random.uniform(-0.8, 0.8)
+                middle = 0.4 * table.x + 0.6 * goal[0], goal[1] + self._random.uniform(-0.8, 0.8)
                 stack.enter_context(self._blocked(case, middle))
             user = self.place.mission("a", TABLE, f"{FLOOR}:{goal[0]},{goal[1]}")
             if "meanwhile" in case:
@@ -252,7 +252,7 @@ def main(missions: int = 30, seed: int = 1, only: str = "") -> bool:
             for case in progress(cases[:missions], "missions"):
                 one = trials.mission(case)
                 outcomes.append(one)
-                print(*one[:4], ", ".join(one.phases), one.wrong, sep="\t", flush=True)
+                print(*one[:3], f"{one.took_s:.1f} s", ", ".join(one.phases), one.wrong, sep="\t", flush=True)
     by_case = {case: [one for one in outcomes if one.case == case] for case in sorted({o.case for o in outcomes})}
     unnamed = sum(bool(one.wrong) for one in outcomes)
     touches = sum(any("touched" in each for each in one.wrong) for one in outcomes)
