@@ -40,6 +40,12 @@ def accepts_valuetypes(environment: Mapping[str, str] = os.environ) -> bool:
     return environment.get("ROBOCORBA_VALUETYPES", "0") not in ("", "0")
 
 
+def omniorb_trace(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
+    """omniORB's option `traceLevel`, 0 unless the environment sets it: at its default omniORB writes a line for each
+    connection that sends garbage; 27,000 within twenty seconds filled a log."""
+    return {} if "ORBtraceLevel" in environment else {"traceLevel": "0"}
+
+
 class InvalidSetting(ServiceError):
     """`setting` (a variable or an option) has an unusable `value`."""
 

@@ -49,7 +49,7 @@ from robocorba.corba.robot_objects import RobotObjects
 from robocorba.corba.texts import refuse_unreadable_texts
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.roles import Role
-from robocorba.settings import Address, RoleNaming
+from robocorba.settings import Address, RoleNaming, omniorb_trace
 
 CONTEXT = "RoboCorba"
 #: Name of the adapter of objects whose keys are secrets.
@@ -162,6 +162,7 @@ class Orb:
         self._active_keys: set[str] = set()
         self._options = {
             **OPTIONS,
+            **omniorb_trace(),
             # By default a call to a peer that hangs or was switched off never returns.
             "clientCallTimeOutPeriod": str(round(call_timeout_s * 1000)),
             "InitRef": f"NameService={self._names.root_uri}",

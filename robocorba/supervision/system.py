@@ -28,7 +28,7 @@ from robocorba.errors.services import PortInUse, ServiceError
 from robocorba.names import SUPERVISOR
 from robocorba.processes import RobotOrder
 from robocorba.roles import Role
-from robocorba.settings import Address
+from robocorba.settings import Address, omniorb_trace
 from robocorba.supervision.access import Access, remove_access
 from robocorba.supervision.child_descriptors import ChildDescriptors
 from robocorba.supervision.console import console_spec
@@ -266,7 +266,8 @@ def naming_service_command(naming: Address, data: Path) -> tuple[str, ...]:
     limits = ("-ORBserverCallTimeOutPeriod", "20000", "-ORBmaxServerThreadPerConnection", "16")
     # Beyond this number, by default 10,000, connections would share a few threads, which those that stall keep.
     threads = ("-ORBthreadPerConnectionUpperLimit", "100000", "-ORBthreadPerConnectionLowerLimit", "90000")
-    return (find_omninames(), *options, *limits, *threads, "-ORBendPoint", f"giop:tcp:{naming}")
+    quiet = [argument for option, value in omniorb_trace().items() for argument in (f"-ORB{option}", value)]
+    return (find_omninames(), *options, *limits, *threads, *quiet, "-ORBendPoint", f"giop:tcp:{naming}")
 
 
 def find_omninames() -> str:

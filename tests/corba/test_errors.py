@@ -28,7 +28,7 @@ LOCAL = {
     *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed"),
     *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide"),
     *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed"),
-    *("GoalReached", "MissionTakenOver"),
+    *("GoalReached", "InTheWay", "MissionTakenOver"),
     *("NotDelivered", "Unconfirmed", "Refused", "ClientGone", "RobotHeld"),
 }
 

@@ -9,7 +9,7 @@ import pytest
 
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
-from robocorba.testing.attacks import greedy_clients, stalled_connections
+from robocorba.testing.attacks import connections, greedy_clients, stalled_connections
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import Place, simulation
 
@@ -55,6 +55,19 @@ def test_stalled_connections_harm_nobody(place: Place) -> None:
         for endpoint in endpoints:
             attack.enter_context(stalled_connections(Address.parse(endpoint), STALLED))
         check_a_robot_and_a_client(place)
+
+
+def test_garbage_fills_no_log(place: Place) -> None:
+    logs = [place.running.state / "logs" / f"{name}.log" for name in ("simulation", "map_editor", "omniNames")]
+    before = [log.stat().st_size if log.exists() else 0 for log in logs]
+    refused = b"GIOP\1\2\3\1\xff\xff\xff\xff garbage"  # omniORB reports messages of this length
+    for process in place.running.record().processes:
+        if process.endpoint:
+            with connections(Address.parse(process.endpoint), [refused] * 50):
+                pass
+    check_a_robot_and_a_client(place)
+    after = [log.stat().st_size if log.exists() else 0 for log in logs]
+    assert all(then <= now < then + 2000 for then, now in zip(before, after, strict=True))
 
 
 def test_pictures_harm_nobody(place: Place) -> None:
