@@ -29,7 +29,7 @@ from robocorba.spatial.pose import XY
 
 #: Distance from the middle of a cabin at which a robot calls the elevator [m]; this is outside the doors.
 ELEVATOR_CALL_DISTANCE_M = 2.0
-#: Timeout of waiting for an elevator [s, robot's clock].
+#: Timeout of a ride, and of waiting for the elevator beyond the longest wait that it tells [s, robot's clock].
 ELEVATOR_LIMIT_S = 300.0
 #: Clearances that are tried for a path [m], widest first, because the base cuts corners.
 PATH_CLEARANCES_M = (0.06, 0.03, 0.0)
@@ -218,7 +218,8 @@ class BaseMovements(Movements):
         InvalidRide, ElevatorFull."""
         self.session.call_elevator(elevator, destination, party, size, boarding_s)
         self.session.state()  # the latest state now has the ride
-        self.wait_for_ride(RidePhase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}")
+        limit_s = ELEVATOR_LIMIT_S + self.session.longest_elevator_wait_s()
+        self.wait_for_ride(RidePhase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}", limit_s)
 
     def _ride(self, entry: PathPoint, exit: PathPoint, speed: float) -> None:
         try:
@@ -230,9 +231,15 @@ class BaseMovements(Movements):
                 self.session.cancel_elevator()
             raise
 
-    def wait_for_ride(self, phase: RidePhase, otherwise: str, check: Callable[[], None] = lambda: None) -> None:
-        """Wait until the ride is in this phase. otherwise: text of the MotionFailed if it is not within
-        ELEVATOR_LIMIT_S. check: raises another error that ends the wait."""
+    def wait_for_ride(
+        self,
+        phase: RidePhase,
+        otherwise: str,
+        limit_s: float = ELEVATOR_LIMIT_S,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Wait until the ride is in this phase. otherwise: text of the MotionFailed if it is not within `limit_s`.
+        check: raises another error that ends the wait."""
 
         def is_there() -> bool:
             check()
@@ -241,7 +248,7 @@ class BaseMovements(Movements):
                 raise MotionFailed(f"{otherwise}: the ride was lost")
             return ride.phase is phase
 
-        if not self.wait(ELEVATOR_LIMIT_S, is_there):
+        if not self.wait(limit_s, is_there):
             raise MotionFailed(otherwise)
 
 

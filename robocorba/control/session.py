@@ -79,6 +79,10 @@ class BuildingSession(Protocol):
 
         Raises InvalidRide, ElevatorFull."""
 
+    def longest_elevator_wait_s(self) -> float:
+        """Upper bound of the simulated time until the doors open for the ride [s], whatever other robots do; 0 once
+        they have, and without a ride."""
+
     def cancel_elevator(self) -> None:
         """Cancel the ride."""
 

@@ -121,7 +121,7 @@ class StepExecutor:
     @execute.register
     def _(self, step: subplan.Ride) -> None:
         otherwise = f"{step.elevator} did not arrive at {step.destination}"
-        self._robot.wait_for_ride(RidePhase.ALIGHTING, otherwise, self._check_hold)
+        self._robot.wait_for_ride(RidePhase.ALIGHTING, otherwise, check=self._check_hold)
         if self._areas:
             self._areas = self._areas[1:]
             self._robot.session.keep_areas(self._areas)

@@ -61,8 +61,8 @@ RESERVATION_LIMIT_S = MAX_LIMIT_S
 GATHER_LIMIT_S = 240.0
 #: Time limit of approaching, gripping, putting down and backing off [s].
 NEAR_LIMIT_S = 30.0
-#: Time limit of waiting for the cabin, and of riding [s].
-CABIN_LIMIT_S = 300.0
+#: Time limits of waiting for the cabin, while other missions use it, and of riding [s].
+CALL_LIMIT_S, RIDE_LIMIT_S = 1800.0, 300.0
 #: Time limit of a carry: a multiple of its planned duration, plus an extra time [s].
 CARRY_LIMIT_FACTOR, CARRY_LIMIT_EXTRA_S = 3.0, 20.0
 
@@ -212,9 +212,9 @@ class MoveTablePlanner(CooperativePlanner):
             party=f"{mission} to {after.floor}",  # the carriers ride together
             size=count,
             boarding_s=max(self._trajectory_through_doors(each).duration for each in ways),
-            limit_s=CABIN_LIMIT_S,
+            limit_s=CALL_LIMIT_S,
         )
-        ride = Ride(elevator=elevator, destination=after.floor, limit_s=CABIN_LIMIT_S)
+        ride = Ride(elevator=elevator, destination=after.floor, limit_s=RIDE_LIMIT_S)
         return [
             *phases,
             *self._carry_phases("carrying", outside),

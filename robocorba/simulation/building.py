@@ -27,6 +27,7 @@ from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building, Elevator, MapObject
 from robocorba.maps.movable import fixed_obstacles, landing_doors, movables, object_outline
 from robocorba.simulation.elevator import Cabin, RidePhase, RideStatus
+from robocorba.simulation.elevator_wait import longest_wait_s
 from robocorba.simulation.floor_pool import FloorPool
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
@@ -372,6 +373,10 @@ class SimulatedBuilding:
             raise InvalidRide("elevator", f"{name} has already called {called}")
         self.cabins[elevator].call(name, robot.floor, destination, robot.description.radius_m, party, size, boarding_s)
         self._update_elevator_states()
+
+    def longest_elevator_wait_s(self, name: str) -> float:
+        """Upper bound of the simulated time until the doors open for a robot's ride [s]; 0 without one."""
+        return max((longest_wait_s(cabin, name) for cabin in list(self.cabins.values())), default=0.0)
 
     def cancel_elevator(self, name: str) -> None:
         """Cancel the robot's ride, if any."""

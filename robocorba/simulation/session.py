@@ -104,6 +104,11 @@ class Session:
             raise InvalidRide("party", "needs a name")
         self.call_elevator(elevator, destination, party, size, boarding_s)
 
+    def longest_elevator_wait_s(self) -> float:
+        """Upper bound of the simulated time until the doors open for the robot's ride [s]; 0 without one."""
+        self.client.renew_lease(time.monotonic())
+        return self._building.longest_elevator_wait_s(self.name)
+
     def cancel_elevator(self) -> None:
         """Cancel the ride, if any. Raises SimulationBusy, ServiceError."""
         self._do(lambda: self._building.cancel_elevator(self.name))

@@ -157,6 +157,9 @@ class InProcessSession:
     ) -> None:
         self._answer().call_elevator(elevator, destination, party, size, boarding_s)
 
+    def longest_elevator_wait_s(self) -> float:
+        return float(self._answer().longest_elevator_wait_s())
+
     def cancel_elevator(self) -> None:
         self._answer().cancel_elevator()
 

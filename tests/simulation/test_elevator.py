@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
 from robocorba.maps.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
 from robocorba.planning.elevators import ride, travel_time, travelled
-from robocorba.simulation.elevator import BOARDING_LIMIT_S, MAX_SESSIONS, OPEN_LIMIT_S, Cabin, RidePhase, fits
+from robocorba.simulation.elevator import BOARDING_LIMIT_S, MAX_SESSIONS, Cabin, RidePhase, fits
+from robocorba.simulation.elevator_wait import longest_wait_s
 from robocorba.spatial.elevator_state import Doors
 
 HEIGHTS = {f"L{level}": 4.0 * level for level in range(1, 6)}
@@ -299,7 +300,8 @@ def test_invalid_calls_of_a_party_name_the_field() -> None:
 
 floors = st.sampled_from(list(HEIGHTS))
 behaviours = st.sampled_from(["goes", "no", "stays"])
-#: When, from where, to where, and the radius, behaviour and delay (s) of each robot: more than one are a party.
+#: When, from where, to where, and the radius, behaviour and delay (s) of each robot: more than one are a party, with
+#: the number of its robots that never call, and the time that it needs to board (s).
 calls = st.lists(
     st.tuples(
         st.floats(0, 120),
@@ -311,20 +313,11 @@ calls = st.lists(
             max_size=3,
         ),
         st.sampled_from([0, 0, 1]),
+        st.sampled_from([0.0, 25.0, 55.0]),
     ).filter(lambda call: call[1] != call[2]),
     min_size=1,
     max_size=16,
 )
-
-
-def longest_wait(lift: Cabin, ahead: int) -> float:
-    """Upper bound of the wait until the doors open for a call with `ahead` calls before it [s]."""
-    span = max(HEIGHTS.values()) - min(HEIGHTS.values())
-    stops = len(HEIGHTS) + 1
-    # Robots alight, then board; the last one to start boarding still has its full limit.
-    stop_s = 2 * LIFT.door_time + OPEN_LIMIT_S + BOARDING_LIMIT_S
-    # Each earlier call may be the oldest one once: a round trip over the full height with a stop at every floor.
-    return (ahead + 1) * 2 * (travel_time(LIFT, span) * stops + stops * stop_s)
 
 
 class Behaving:
@@ -334,19 +327,18 @@ class Behaving:
         self.lift = lift
         self.bounds: dict[str, float] = {}
         self.does: dict[str, str] = {}
-        self.arrived = 0
+        self.arrived = self.steps = 0
 
     def call(self, does: str, *arguments: Any) -> None:
         name = f"R{len(self.does)}"
-        bound = self.lift.now + longest_wait(self.lift, len(self.lift.sessions))
         try:
             self.lift.call(name, *arguments)
         except InvalidRide:  # its party has left
             return
-        self.does[name], self.bounds[name] = does, bound
+        self.does[name], self.bounds[name] = does, self.lift.now + longest_wait_s(self.lift, name)
 
     def step(self) -> None:
-        lift = self.lift
+        lift, self.steps = self.lift, self.steps + 1
         lift.advance(STEP_S)
         inside = [s for s in lift.sessions.values() if s.phase is not RidePhase.WAITING]
         assert not inside or fits(LIFT, [s.radius_m for s in inside])
@@ -356,7 +348,10 @@ class Behaving:
         for session in list(lift.sessions.values()):
             does = self.does[session.robot]
             if session.phase is RidePhase.WAITING:
-                assert lift.now <= self.bounds[session.robot]
+                assert lift.now <= self.bounds[session.robot] + STEP_S
+                if self.steps % 10 == 0:  # what is told later must be kept, too
+                    told = lift.now + longest_wait_s(lift, session.robot)
+                    self.bounds[session.robot] = min(self.bounds[session.robot], told)
             elif session.phase is RidePhase.BOARDING and does != "no":
                 assert (lift.floor, lift.doors) == (session.origin, Doors.OPEN)
                 lift.enter(session.robot)
@@ -371,8 +366,17 @@ class Behaving:
 def test_no_robot_waits_longer_than_the_bound(calls: list) -> None:
     robots = Behaving(cabin())
     due = [
-        (at + late, does, origin, destination, radius, f"P{number}" if len(who) > 1 else "", len(who) + missing)
-        for number, (at, origin, destination, who, missing) in enumerate(calls)
+        (
+            at + late,
+            does,
+            origin,
+            destination,
+            radius,
+            f"P{number}" if len(who) > 1 else "",
+            len(who) + missing,
+            needs_s,
+        )
+        for number, (at, origin, destination, who, missing, needs_s) in enumerate(calls)
         for radius, does, late in who
     ]
     due.sort()
@@ -421,3 +425,21 @@ def test_invalid_calls_name_the_field() -> None:
         lift.call(f"R{number}", "L1", "L2", 0.4)
     with pytest.raises(ElevatorFull):
         lift.call("last", "L1", "L2", 0.4)
+
+
+def test_the_longest_wait_is_told() -> None:
+    lift = cabin()
+    assert longest_wait_s(lift, "A") == 0.0
+    lift.call("A", "L3", "L1", 0.4)
+    alone_s = longest_wait_s(lift, "A")
+    travel_s = travel_time(LIFT, HEIGHTS["L3"] - HEIGHTS["L1"])
+    assert travel_s + LIFT.door_time < alone_s < travel_s + LIFT.door_time + 60.0
+    lift.call("B", "L5", "L4", 0.4)
+    assert longest_wait_s(lift, "B") > alone_s
+    lift.call("T1", "L1", "L2", 0.4, "table", 2)
+    lift.call("T2", "L1", "L2", 0.4, "table", 2)
+    assert longest_wait_s(lift, "T2") == longest_wait_s(lift, "T1")  # they board together
+    lift.cancel("A")
+    assert longest_wait_s(lift, "B") < alone_s + 20.0
+    until(lift, "B", RidePhase.BOARDING)
+    assert longest_wait_s(lift, "B") == 0.0

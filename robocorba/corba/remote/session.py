@@ -145,6 +145,9 @@ class RemoteSession:
         else:
             self._call(lambda to: to.slow_session.callElevator(elevator, destination))
 
+    def longest_elevator_wait_s(self) -> float:
+        return float(self._call(lambda to: to.session.longestElevatorWait()))
+
     def cancel_elevator(self) -> None:
         self._call(lambda to: to.slow_session.giveUpElevator())
 

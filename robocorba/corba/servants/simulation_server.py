@@ -196,6 +196,10 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
         self.session.call_elevator_together(elevator, destination, party, size, boardingTime)
 
     @_measured
+    def longestElevatorWait(self) -> float:
+        return self.session.longest_elevator_wait_s()
+
+    @_measured
     def giveUpElevator(self) -> None:
         self.session.cancel_elevator()
 
