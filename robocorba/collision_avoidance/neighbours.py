@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
+from shapely import Polygon
+
 from robocorba.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.collision_avoidance.temporary_obstacles import movable_objects, parked_robots, temporary_obstacles
 from robocorba.data_pool.pool import DataPool
@@ -41,6 +43,9 @@ class Nearby(Protocol):
     def clearance_m(self, x: float, y: float) -> float:
         """Distance of a point from walls and objects [m]; infinite where there are none. Raises NotReachable."""
 
+    def shaft(self, elevator: str) -> Polygon | None:
+        """The shaft of an elevator on this floor [m]; None while the floor is not loaded."""
+
     def movable_objects(self, held: str) -> TemporaryObstacles:
         """As temporary_obstacles.movable_objects; empty while the floor is not loaded."""
 
@@ -73,6 +78,10 @@ class PoolNearby:
     def clearance_m(self, x: float, y: float) -> float:
         near = self._pool.loaded_snapshot().nearest_non_robot(x, y)
         return near.distance_m if near else math.inf
+
+    def shaft(self, elevator: str) -> Polygon | None:
+        walls = self._pool.snapshot().walls
+        return walls.shafts.get(elevator) if walls else None
 
     def movable_objects(self, held: str) -> TemporaryObstacles:
         return movable_objects(self._pool.snapshot(), self.name, held, self.policy)

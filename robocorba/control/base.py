@@ -9,6 +9,8 @@ import random
 from collections.abc import Callable, Sequence
 from itertools import product
 
+from shapely import LineString, Point, Polygon
+
 from robocorba.collision_avoidance.giving_way import Blocked, GiveWay
 from robocorba.collision_avoidance.neighbours import Nearby, OtherRobot
 from robocorba.collision_avoidance.stepping_aside import place_aside
@@ -27,8 +29,10 @@ from robocorba.programs.base_checks import CONTACT_M, Planner
 from robocorba.simulation.elevator import RidePhase
 from robocorba.spatial.pose import XY
 
-#: Distance from the middle of a cabin at which a robot calls the elevator [m]; this is outside the doors.
+#: Distance from the middle of a cabin at which a robot calls the elevator [m], at least.
 ELEVATOR_CALL_DISTANCE_M = 2.0
+#: Gap between a robot that waits for an elevator and its doors [m].
+DOOR_GAP_M = 0.1
 #: Timeout of a ride, and of waiting for the elevator beyond the longest wait that it tells [s, robot's clock].
 ELEVATOR_LIMIT_S = 300.0
 #: Clearances that are tried for a path [m], widest first, because the base cuts corners.
@@ -157,7 +161,8 @@ class BaseMovements(Movements):
         for before, point, after in zip([points[0], *points], points, [*points[1:], None], strict=False):
             if point.kind is PointKind.ELEVATOR_ENTRY and after:
                 came_from = leg[-1] if leg else (state.x, state.y)
-                leg.append(_before(came_from, (point.x, point.y), ELEVATOR_CALL_DISTANCE_M))
+                shaft = self._nearby.shaft(point.elevator) if self._nearby else None
+                leg.append(call_point(came_from, (point.x, point.y), shaft))
                 self._drive(leg, None, limit, [*speeds, _speed_between(before, point)])
                 self._ride(point, after, _speed_between(before, point))
                 leg, speeds = [], []
@@ -258,10 +263,13 @@ def _speed_between(one: PathPoint, other: PathPoint) -> float:
     return (other.distance - one.distance) / seconds if seconds > 0.0 else math.inf
 
 
-def _before(start: tuple[float, float], goal: tuple[float, float], distance_m: float) -> tuple[float, float]:
-    """The point at this distance before the goal on the line from `start`; `start` if that is nearer."""
-    length = math.dist(start, goal)
-    if length <= distance_m:
-        return start
-    share = 1.0 - distance_m / length
-    return start[0] + share * (goal[0] - start[0]), start[1] + share * (goal[1] - start[1])
+def call_point(start: XY, middle: XY, shaft: Polygon | None) -> XY:
+    """Where a robot from `start` waits for a cabin with this middle: on the line to it, clear of its doors, at least
+    ELEVATOR_CALL_DISTANCE_M away; `start` if that is nearer."""
+    line = LineString([middle, start])
+    away_m = ELEVATOR_CALL_DISTANCE_M
+    if shaft is not None:
+        outside = line.difference(shaft.buffer(RADIUS_M + DOOR_GAP_M))
+        away_m = line.length if outside.is_empty else max(away_m, float(outside.distance(Point(middle))))
+    point = line.interpolate(away_m)  # ends at `start`
+    return point.x, point.y

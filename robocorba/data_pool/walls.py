@@ -12,7 +12,7 @@ from shapely import Point, STRtree
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.maps.geometry import compute_obstacles
+from robocorba.maps.geometry import compute_obstacles, shaft_polygon
 from robocorba.maps.model import Building, Elevator, Floor, GeometricalMap
 from robocorba.maps.movable import landing_doors, movables
 from robocorba.spatial.elevator_state import Doors, ElevatorState
@@ -52,6 +52,8 @@ class Walls:
             for elevator in elevators
             if floor in elevator.floors()
         }
+        #: The shafts of elevators, by name.
+        self.shafts = {elevator.name: shaft_polygon(elevator) for elevator in elevators}
         #: The map's objects that can't be moved, by name.
         self.objects = {name: item for name, item in plan.objects.items() if name not in movable}
 

@@ -9,6 +9,7 @@ from functools import partial
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as some
+from shapely import Polygon
 
 from robocorba.collision_avoidance.giving_way import MARGIN_M, NEAR_MARGIN_M, GiveWay, safe_share, should_yield
 from robocorba.collision_avoidance.neighbours import OtherRobot
@@ -50,6 +51,9 @@ class Base:
         found = [base.seen[-KNOWN_LATE_TICKS:][0] for base in self.neighbours]
         late_s = KNOWN_LATE_TICKS * TICK_S
         return [one._replace(x=one.x + one.vx * late_s, y=one.y + one.vy * late_s) for one in found]
+
+    def shaft(self, elevator: str) -> Polygon | None:
+        return None
 
     def clearance_m(self, x: float, y: float) -> float:
         return self.wall_y - y
