@@ -43,8 +43,9 @@ FOLLOW_VALID_S = 0.1
 #: Distance of the body from its actual robot above which the body counts as blocked by an obstacle in the building [m].
 #: The robot's motion fails then, as if the obstacle blocked the robot.
 BODY_BLOCKED_M = 0.1
-#: Number of control cycles above that distance, without getting closer, after which the body counts as blocked. A body
-#: that was only late, because its robot's process got no processor time, took up to 19 cycles to get closer.
+#: Number of control cycles above that distance in which the body neither gets closer nor gains speed while the
+#: simulation goes on, after which it counts as blocked. A body that was only late, because a process got no processor
+#: time, gains speed until it gets closer.
 BODY_BLOCKED_CYCLES = 25
 #: Distance above which the body can't follow any more, and the robot counts as lost [m].
 BODY_LOST_M = 1.0
@@ -133,7 +134,7 @@ class ControlAgent:
         #: Distance of an actual robot's body above which it is blocked [m]; infinite after a start until it is known.
         #: The body brakes more gently than the robot, so it may begin some distance away.
         self._blocked_at_m = math.inf
-        self._body_distance_m = 0.0
+        self._body_time_s = self._body_distance_m = self._body_speed_m_s = 0.0
         self._cycles_falling_behind = 0
         self._lease = Repeating("lease", self._renew, LEASE_RENEWAL_S)
 
@@ -463,13 +464,16 @@ class ControlAgent:
             return
         body = self.session.state()
         distance_m = math.hypot(state.x - body.at.x, state.y - body.at.y)
+        speed_m_s = math.hypot(*body.velocity[:2])
         if distance_m > BODY_LOST_M:
             raise RobotLost(_blocked_reason(body, distance_m))
         if distance_m <= self._blocked_at_m:
             self._cycles_falling_behind = 0
-        elif distance_m >= self._body_distance_m:
+        elif (
+            body.time > self._body_time_s and distance_m >= self._body_distance_m and speed_m_s <= self._body_speed_m_s
+        ):
             self._cycles_falling_behind += 1
-        self._body_distance_m = distance_m
+        self._body_time_s, self._body_distance_m, self._body_speed_m_s = body.time, distance_m, speed_m_s
         if distance_m < BODY_BLOCKED_M / 2:
             self._blocked_at_m = BODY_BLOCKED_M
         elif math.isinf(self._blocked_at_m):

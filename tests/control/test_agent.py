@@ -274,7 +274,7 @@ def test_a_body_that_was_only_late_does_not_end_a_program(
         robot = agent.state.actor
         behind_m.append(math.dist((robot.x, robot.y), session.latest.at[1:3]))
         is_driving = math.dist((robot.x, robot.y), began[1:3]) > 0.2
-        if not is_driving or max(behind_m) > BODY_BLOCKED_M + 0.01:
+        if not is_driving or max(behind_m) > BODY_BLOCKED_M + 0.05:
             command(velocity, valid_s)
 
     monkeypatch.setattr(session, "command", late)
