@@ -6,7 +6,7 @@ it."""
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import pairwise, product
 
 from shapely import LineString
@@ -37,6 +37,8 @@ GIVING, TAKING = Side.RIGHT, Side.LEFT
 HAND_BACK_M = 0.1
 #: Distance between candidate meeting points along the path [m].
 SPACING_M = 0.25
+#: Distances from the path at which they look for a meeting point if there is no room on it [m].
+BESIDE_M = tuple(0.5 * number for number in range(1, 9))
 #: Directions tried at each of them, relative to the path [rad].
 TURNS_RAD = (0.0, math.pi / 4, -math.pi / 4, math.pi / 2)
 #: Clearance around both robots [m].
@@ -69,8 +71,8 @@ class HandOverPlanner(CooperativePlanner):
     def plan(
         self, mission: str, leader: str, robots: dict[str, Place], staying: Collection[str] = ()
     ) -> CooperativePlan:
-        """See CooperativePlanner. Raises MissionFailed if there is no room on the path between the robots, PathError if
-        there is no path; InTheWay."""
+        """See CooperativePlanner. Raises MissionFailed if there is no room on the path between the robots and near it,
+        PathError if there is no path; InTheWay."""
         giver, taker = robots[self._giver], robots[self._taker]
         self._standing = self._world.robots()
         others = [robot for robot in self._standing if robot.name not in (self._giver, self._taker)]
@@ -93,7 +95,8 @@ class HandOverPlanner(CooperativePlanner):
         return places_aside(self._world.building(), objects, self._way, blocking, self._standing)
 
     def _meeting_poses(self, giver: Place, taker: Place, others: Sequence[StandingRobot]) -> tuple[Gather, Gather]:
-        """Poses face to face on the path between the robots, as near to its middle as there is room beside others."""
+        """Poses face to face on the path between the robots, as near to its middle as there is room beside others; near
+        the path if there is none on it."""
         paths = GatheringPaths(self._world)
         building = self._world.building()
         blocked = self._world.others("")
@@ -105,7 +108,8 @@ class HandOverPlanner(CooperativePlanner):
             for floor in building.floors
         }
         half_m = BETWEEN_M / 2
-        for (floor, x, y, along), turn in product(_candidates(paths.path(giver, taker).points), TURNS_RAD):
+        path = paths.path(giver, taker)
+        for (floor, x, y, along, away_m), turn in product(_candidates(path.points), TURNS_RAD):
             middle = (x, y, along + turn)
             ends = [out_of(ahead_m, 0.0, middle) for ahead_m in (-half_m - BACK_OFF_M, half_m + BACK_OFF_M)]
             shape = LineString(ends).buffer(RADIUS_M)
@@ -113,16 +117,21 @@ class HandOverPlanner(CooperativePlanner):
                 continue
             giver_goal = Place(floor, *out_of(-half_m, 0.0, middle))
             taker_goal = Place(floor, *out_of(half_m, 0.0, middle))
-            if paths.length_m(giver, giver_goal) is not None and paths.length_m(taker, taker_goal) is not None:
+            lengths_m = paths.length_m(giver, giver_goal), paths.length_m(taker, taker_goal)
+            if None in lengths_m:
+                continue
+            # Not behind a wall: to there and back, and twice the distance between the robots for their turns.
+            if not away_m or sum(filter(None, lengths_m)) < path.distance + 4 * away_m + 2 * BETWEEN_M:
                 return _gather(giver_goal, middle[2]), _gather(taker_goal, middle[2] + math.pi)
         raise MissionFailed(
-            f"no room for both face to face on the path from {self._giver} to {self._taker}: "
+            f"no room for both face to face within {BESIDE_M[-1]:g} m of the path from {self._giver} to {self._taker}: "
             f"{BETWEEN_M + 2 * (BACK_OFF_M + RADIUS_M):.1f} m by {2 * RADIUS_M:.1f} m needed"
         )
 
 
-def _candidates(points: Sequence[PathPoint]) -> list[tuple[str, float, float, float]]:
-    """Floor, x, y and direction [rad] of points along a path, those nearest to its middle first."""
+def _candidates(points: Sequence[PathPoint]) -> Iterator[tuple[str, float, float, float, float]]:
+    """Floor, x, y and direction of the path [rad] of points along it, those nearest to its middle first, then of points
+    ahead, behind and on both sides of these, with their distance from them."""
     length_m = points[-1].distance
     found = []
     for one, other in pairwise(points):
@@ -135,7 +144,11 @@ def _candidates(points: Sequence[PathPoint]) -> list[tuple[str, float, float, fl
             passed_m = one.distance + share * (other.distance - one.distance)
             point = (one.floor, one.x + share * dx, one.y + share * dy, math.atan2(dy, dx))
             found.append((abs(passed_m - length_m / 2), point))
-    return [point for _, point in sorted(found)]
+    on_path = [point for _, point in sorted(found)]
+    yield from ((*point, 0.0) for point in on_path)
+    for away_m, (floor, *pose) in product(BESIDE_M, on_path):
+        for ahead_m, left_m in ((0.0, away_m), (0.0, -away_m), (away_m, 0.0), (-away_m, 0.0)):
+            yield floor, *out_of(ahead_m, left_m, (pose[0], pose[1], pose[2])), pose[2], away_m
 
 
 def _phases(giver_gathers: Gather, taker_gathers: Gather) -> list[PhaseSteps]:

@@ -116,12 +116,22 @@ def test_impossible_hand_overs_are_refused(world: MapWorld) -> None:
         HandOverPlanner(world, "sheet", "B", "B", "A", ROBOTS["A"])
 
 
+def test_they_meet_beside_a_path_without_room(world: MapWorld) -> None:
+    """Both stand at the elevator, on different floors."""
+    robots = {"A": Spot("L1", 7.44, 2.48), "B": Spot("L2", 7.5, 3.9)}
+    here, there = meeting(HandOverPlanner(world, "sheet", "A", "B", "A", robots["A"]).plan("m", "A", robots))
+    assert here.floor == there.floor
+    assert min(math.dist((gather.x, gather.y), (7.44, 2.48)) for gather in (here, there)) < 3.0
+
+
 def test_too_small_rooms_are_refused() -> None:
     outline = ((0.0, 0.0), (2.4, 0.0), (2.4, 2.0), (0.0, 2.0))
     building = Building("box room").with_element("", Floor(name="L1", level=1, elevation=0.0, outline=outline))
     building.floors["L1"] = msgspec.structs.replace(building.floors["L1"], topological=topological_map(building, "L1"))
     here, there = Spot("L1", 0.6, 1.0), Spot("L1", 1.6, 1.0)
-    with pytest.raises(MissionFailed, match=r"no room for both face to face on the path from A to B: 2\.6 m"):
+    with pytest.raises(
+        MissionFailed, match=r"no room for both face to face within 4 m of the path from A to B: 2\.6 m"
+    ):
         HandOverPlanner(MapWorld(building), "sheet", "A", "B", "A", here).plan("m", "A", {"A": here, "B": there})
 
 
