@@ -19,8 +19,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,15 +27,11 @@ from matplotlib.axes import Axes
 from omniORB import CORBA
 
 from bench.common.harness import progress, run
-from robocorba.control.agent import AgentCondition
-from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.services import NotReachable
+from bench.missions.crew import Crew
 from robocorba.missions.subplan import Carry
 from robocorba.stubs import RoboCorba
 from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart, save_three_rooms
 from robocorba.testing.missions import missions as mission_system
-from robocorba.testing.processes import eventually
 from robocorba.testing.report import at_least, at_most, quantile, summarize
 
 TABLE, GOALS = "table", ((3.8, 2.6), (2.2, 2.6))
@@ -62,8 +57,6 @@ FAULTS = (
     "helper's channel killed while carrying",
     "somebody stands in the way",
 )
-#: Number of robots; three of them carry.
-CREW = 5
 #: Time limit from the fault to the end of a mission [s]: members time out after 4 s, have 25 s for a safe end, find
 #: others within 60 s, and begin again.
 DEADLINE_S = 180.0
@@ -100,16 +93,14 @@ class Chaos:
 
     def __init__(self, place: MissionSystem, seed: int) -> None:
         self.place, self._random = place, random.Random(seed)
-        self._count = 0
         self._parked: Any = None
-        self._crew: dict[str, RobotStart] = {}
-        self._restore()
+        self._crew = Crew(place, STARTS, TABLE)
 
     def mission(self, fault: str) -> Outcome:
         """Run a mission with a fault, or without one if it is empty."""
         wrong: list[str] = []
-        self._restore()
-        leader = self._random.choice([name for name, at in self._crew.items() if at.channel == "lab"])
+        self._crew.restore()
+        leader = self._random.choice([name for name, at in self._crew.members.items() if at.channel == "lab"])
         table = self.place.body(TABLE)
         x, y = max(GOALS, key=lambda goal: math.dist(goal, table[:2]))
         user = self.place.mission(leader, TABLE, f"{FLOOR}:{x},{y}")
@@ -161,15 +152,14 @@ class Chaos:
             self.place.kill_server(what.split()[0])
             return "."
         kept = self.place.kept(leader)
-        members = [subplan.robot for subplan in kept.plan.subplans] if kept and phase else list(self._crew)
+        members = [subplan.robot for subplan in kept.plan.subplans] if kept and phase else list(self._crew.members)
         helper = self._random.choice([name for name in members if name != leader])
         victim = leader if fault.startswith("leader") else helper
         if "channel" in what:
-            self.place.kill_server(f"events_{self._crew[victim].channel}")
+            self.place.kill_server(f"events_{self._crew.members[victim].channel}")
             return "silent|has left|channel|not answer"
         if "killed" in what:
-            self.place.robots.pop(victim).kill()
-            self._crew.pop(victim)
+            self._crew.kill(victim)
             if victim == leader:
                 return f"{leader}|not reachable|not answer"
             return rf"\b{helper}\b" if phase else rf"\b{helper}\b|helpers are needed"
@@ -203,60 +193,16 @@ class Chaos:
             self._parked.command(RoboCorba.Velocity(0.0, 0.0, 0.0), 0.5)
             time.sleep(0.2)
 
-    # ---- before and after ----
-
-    def _restore(self) -> None:
-        """Start robots until there are three, one of them in the other sub-network."""
-        while len(self._crew) < CREW:
-            channel = "hall" if all(at.channel != "hall" for at in self._crew.values()) else "lab"
-            bodies = self.place.bodies()[1].values()
-            start = max(STARTS, key=lambda at: min((math.dist((at.x, at.y), one[:2]) for one in bodies), default=9.0))
-            self._count += 1
-            name = f"r{self._count}"
-            self._crew[name] = start._replace(channel=channel)
-            self.place.start({name: self._crew[name]})
-
     def _aftermath(self) -> list[str]:
         """Errors in the state of robots and table after the mission."""
-        wrong: list[str] = []
         if self._parked is not None:
             with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):  # its lease is over
                 self._parked.deregister()
             self._parked = None
-        names = list(self._crew)
-        for name in names:
-            with contextlib.suppress(RoboCorbaError):
-                agent = self.place.agent(name)
-                if agent.state().condition is AgentCondition.STOPPED and not _soon(partial(_reset, agent), 15.0):
-                    wrong.append(f"the emergency stop of {name} cannot be reset")
-        if not _soon(lambda: all(map(self.place.is_free, names)), 40.0):
-            wrong.append(f"not free: {[name for name in names if not self.place.is_free(name)]}")
-        if not _soon(lambda: self.place.names() == set(names), 10.0):
-            wrong.append(f"logged on: {self.place.names()}, expected: {names}")
-        if held := self.place.holding():
-            wrong.append(f"still held: {held}")
-        if not self.place.is_stationary((*names, TABLE)):
-            wrong.append("something moves")
+        wrong = self._crew.aftermath()
         if not 0.4 < self.place.body(TABLE).x < 5.6:
             wrong.append(f"the table is at {self.place.body(TABLE)}")
         return wrong
-
-
-def _reset(agent: RemoteAgent) -> bool:
-    try:
-        agent.reset_stop()
-    except NotReachable:
-        raise
-    except RoboCorbaError:
-        return agent.state().condition is not AgentCondition.STOPPED
-    return True
-
-
-def _soon(is_so: Callable[[], bool], limit_s: float) -> bool:
-    try:
-        return bool(eventually(is_so, limit_s))
-    except AssertionError:
-        return False
 
 
 def row(fault: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -292,7 +238,7 @@ def main(missions: int = 20, seed: int = 1, only: str = "") -> bool:
         at_most("missions with errors", sum(bool(one.wrong) for one in outcomes), 0),
         at_least("share of the missions that survive a kill or a hang", done / max(1, len(survivable)), SURVIVING),
     ]
-    title = f"{missions} missions of three of {CREW} robots, with a fault each, and one without"
+    title = f"{missions} missions of three of {len(STARTS)} robots, with a fault each, and one without"
 
     def draw(axes: Axes) -> None:
         axes.plot([one.end_s for one in outcomes], [one.fault for one in outcomes], "o")

@@ -20,7 +20,7 @@ from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import Building, Elevator, Floor
 from robocorba.maps.movable import movables, object_outline
 from robocorba.missions.blocked_carry import Attempt, FailedSearch, why_impossible, why_not_free
-from robocorba.missions.formation import ARMS_WIDTH_M, BACK_OFF_M, MARGIN_M, Formation, formations
+from robocorba.missions.formation import ARMS_WIDTH_M, BACK_OFF_M, MARGIN_M, SHORT_BACK_OFFS_M, Formation, formations
 from robocorba.missions.obstacles import Blocked, BuildingObstacles, FloorObstacles, placed
 from robocorba.planning.body import body_of
 from robocorba.planning.body_search import (
@@ -54,11 +54,12 @@ class CarryLeg(NamedTuple):
 
 class CarryPlan(NamedTuple):
     """How robots carry an object: their formation, and the path on each floor. outline: of the object in its own
-    frame."""
+    frame. back_off_m: distance from their places at which the carriers gather, and to which they back off."""
 
     formation: Formation
     legs: tuple[CarryLeg, ...]
     outline: Polygon
+    back_off_m: float = BACK_OFF_M
 
     def footprint(self) -> BaseGeometry:
         """The outline of object, carriers and arms, in the object's frame."""
@@ -77,7 +78,8 @@ def plan_carry(
 
     carried: name of a movable object (see `maps.movable.movables`), or an outline in its own frame. start: None for the
     pose of the map. blocked: additional obstacles; see BuildingObstacles. Carriers have room to approach their places
-    at the start, and to back off at the goal, on straight lines of BACK_OFF_M. Raises InvalidCarry, ImpossibleCarry."""
+    at the start, and to back off at the goal, on straight lines of BACK_OFF_M, or shorter ones if no formation has so
+    much room. Raises InvalidCarry, ImpossibleCarry."""
     name = carried if isinstance(carried, str) else ""
     outline, known = _outline_and_pose(building, carried)
     if start is None and known is None:
@@ -95,17 +97,18 @@ def plan_carry(
 
     attempts: list[Attempt] = []
     collisions: list[ImpossibleCarry] = []
-    for formation in formations(outline, count):
-        body = _FormationBody(formation, outline)
-        if collision := _collision_at_ends(obstacles, body, start, goal):
-            collisions.append(collision)
-            continue
-        for route in routes:
-            if legs := _plan_legs(obstacles, body, route, start, goal, attempts):
-                return CarryPlan(formation, tuple(legs), outline)
-    if not attempts:
-        raise collisions[0]
-    raise why_impossible(obstacles, attempts)
+    bodies = [_FormationBody(formation, outline) for formation in formations(outline, count)]
+    for back_off_m in (BACK_OFF_M, *SHORT_BACK_OFFS_M):
+        for body in bodies:
+            if collision := _collision_at_ends(obstacles, body, start, goal, back_off_m):
+                collisions.append(collision)
+                continue
+            for route in routes:
+                if legs := _plan_legs(obstacles, body, route, start, goal, attempts):
+                    return CarryPlan(body.formation, tuple(legs), outline, back_off_m)
+        if attempts:
+            raise why_impossible(obstacles, attempts)
+    raise collisions[0]
 
 
 def warm_up() -> None:
@@ -116,14 +119,11 @@ def warm_up() -> None:
 
 
 class _FormationBody:
-    """Object, carriers and arms as shapes, and as a body for the search. approach_areas: where the carriers approach
-    and back off."""
+    """Object, carriers and arms as shapes, and as a body for the search."""
 
     def __init__(self, formation: Formation, outline: Polygon) -> None:
         self.formation, self.outline = formation, outline
         self.footprint = formation.footprint(outline)
-        lines = zip(formation.carrier_poses(), formation.carrier_poses(BACK_OFF_M), strict=True)
-        self.approach_areas = [LineString([here[:2], back[:2]]).buffer(RADIUS_M, quad_segs=16) for here, back in lines]
         rounded = []
         for (x, y, _), grip in zip(formation.carrier_poses(), formation.grips, strict=True):
             rounded.append((x, y, x, y, RADIUS_M))
@@ -137,6 +137,11 @@ class _FormationBody:
         #: Radius of the largest disc around the origin within the object [m]; -inf if the origin is outside.
         self.core_m = outline.exterior.distance(middle) if outline.contains(middle) else -math.inf
 
+    def approach_areas(self, back_off_m: float) -> list[BaseGeometry]:
+        """Where the carriers approach and back off."""
+        lines = zip(self.formation.carrier_poses(), self.formation.carrier_poses(back_off_m), strict=True)
+        return [LineString([here[:2], back[:2]]).buffer(RADIUS_M, quad_segs=16) for here, back in lines]
+
 
 def _outline_and_pose(building: Building, carried: str | Polygon) -> tuple[Polygon, Pose | None]:
     if isinstance(carried, Polygon):
@@ -149,11 +154,11 @@ def _outline_and_pose(building: Building, carried: str | Polygon) -> tuple[Polyg
 
 
 def _collision_at_ends(
-    obstacles: BuildingObstacles, body: _FormationBody, start: Pose, goal: Pose
+    obstacles: BuildingObstacles, body: _FormationBody, start: Pose, goal: Pose, back_off_m: float
 ) -> ImpossibleCarry | None:
     """The error if the object or a carrier collides at the start or at the goal, else None."""
     parts = [("the object", body.outline, MARGIN_M), ("its carriers", body.footprint, MARGIN_M)]
-    parts += [("an approaching or leaving carrier", area, 0.0) for area in body.approach_areas]
+    parts += [("an approaching or leaving carrier", area, 0.0) for area in body.approach_areas(back_off_m)]
     for (which, pose), (part, shape, margin_m) in product((("start", start), ("goal", goal)), parts):
         if near := obstacles.on_floor(pose.floor).nearest(placed(shape, pose[1:]), margin_m):
             return why_not_free(which, pose, part, near, margin_m)

@@ -23,6 +23,8 @@ from robocorba.spatial.pose import Pose2D
 HAND_M = 0.62
 #: Distance at which robots gather behind their places, from which they approach straight, and that they back off [m].
 BACK_OFF_M = 0.3
+#: The same where there is less room, such as in a door in which a mission had to put its object down.
+SHORT_BACK_OFFS_M = (0.2, 0.1)
 #: Minimum clearance of object, carriers and arms [m].
 MARGIN_M = 0.05
 #: Width of both arms of a carrier in its footprint [m]: no obstacle fits between a carrier and the object.

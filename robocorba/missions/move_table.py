@@ -14,7 +14,7 @@ from robocorba.maps.geometry import Obstacle, shaft_polygon
 from robocorba.missions.carry_planning import CarryLeg, CarryPlan, plan_carry
 from robocorba.missions.clearing import Way, in_the_way, places_aside, united
 from robocorba.missions.cooperative_planner import CooperativePlanner
-from robocorba.missions.formation import BACK_OFF_M, GripPoint
+from robocorba.missions.formation import GripPoint
 from robocorba.missions.gathering import GatheringPaths, assign_places, blocked_lanes, driving_groups, spread_apart
 from robocorba.missions.obstacles import placed
 from robocorba.missions.subplan import (
@@ -125,7 +125,8 @@ class MoveTablePlanner(CooperativePlanner):
         for before, leg, after in zip([None, *legs[:-1]], legs, [*legs[1:], None], strict=True):
             phases += self._leg_phases(mission, before.elevator_after if before else "", leg, after)
         phases.append(PhaseSteps("putting down", [PutDown(limit_s=NEAR_LIMIT_S)] * len(names)))
-        phases.append(PhaseSteps("backing off", [BackOff(distance_m=BACK_OFF_M, limit_s=NEAR_LIMIT_S)] * len(names)))
+        back_off = BackOff(distance_m=self._carry.back_off_m, limit_s=NEAR_LIMIT_S)
+        phases.append(PhaseSteps("backing off", [back_off] * len(names)))
         roles = [(name, "leader" if name == leader else "helper") for name in names]
         return plan_of(mission, "move table", leader, carried.name, roles, phases)
 
@@ -159,7 +160,7 @@ class MoveTablePlanner(CooperativePlanner):
     ) -> tuple[list[Pose2D], list[str]]:
         """Poses behind the carriers' places, and the robot for each of them. The poses are spread apart if there is
         room. Raises MissionFailed."""
-        carried, close = self._object, self._carry.formation.carrier_poses(BACK_OFF_M)
+        carried, close = self._object, self._carry.formation.carrier_poses(self._carry.back_off_m)
 
         def assigned(poses: Sequence[Pose2D]) -> tuple[list[Pose2D], list[str]]:
             poses = [_in_building(pose, carried.pose) for pose in poses]

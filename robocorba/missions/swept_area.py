@@ -12,7 +12,6 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.polygons import FloorArea
 from robocorba.missions.carry_planning import CarryPlan
-from robocorba.missions.formation import BACK_OFF_M
 from robocorba.missions.obstacles import placed
 from robocorba.spatial.pose import XY, Pose2D
 
@@ -30,8 +29,8 @@ def swept_areas(plan: CarryPlan) -> tuple[FloorArea, ...]:
 
 def swept_shapes(plan: CarryPlan) -> list[tuple[str, BaseGeometry]]:
     """The floor and a shape [m] for each leg: what object and carriers sweep, and at start and goal the room in which
-    the carriers gather, backed off by BACK_OFF_M."""
-    gathered = plan.formation.footprint(plan.outline, BACK_OFF_M)
+    the carriers gather and back off."""
+    gathered = plan.formation.footprint(plan.outline, plan.back_off_m)
     found = []
     for number, leg in enumerate(plan.legs):
         poses = [(x, y, heading) for x, y, heading in leg.poses.tolist()]

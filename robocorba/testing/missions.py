@@ -33,6 +33,7 @@ from robocorba.maps.topology import topological_map
 from robocorba.missions.subplan import StoredPlan
 from robocorba.names import MISSIONS
 from robocorba.simulation.mission_record import MissionContent, MissionState
+from robocorba.simulation.registry import Pose
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.floor_update import WHOLE
 from robocorba.stubs import RoboCorba
@@ -78,6 +79,7 @@ class RobotStart(NamedTuple):
     channel: str
     adaptor: tuple[str, ...] = ()
     within: tuple[str, ...] = ()
+    floor: str = FLOOR
 
 
 class BodyPose(NamedTuple):
@@ -120,7 +122,7 @@ class MissionSystem:
     def start(self, starts: Mapping[str, RobotStart]) -> None:
         """Start robots simultaneously and wait until all are ready."""
         for name, at in starts.items():
-            where = ("--floor", FLOOR, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
+            where = ("--floor", at.floor, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
             adaptor = ("--adaptor", at.adaptor[0], "--", *at.adaptor[1:]) if at.adaptor else ()
             self.robots[name] = self._robocorba(name, "robot", name, *where, *adaptor, within=at.within)
         for name in starts:
@@ -167,8 +169,8 @@ class MissionSystem:
     # ---- missions ----
 
     def mission(self, leader: str, table: str, to: str) -> subprocess.Popen[str]:
-        """Start `robocorba mission start move-table`."""
-        arguments = ("--table", table, "--to", to, "--leader", leader)
+        """Start `robocorba mission start move-table`. leader: empty for the nearest free robot."""
+        arguments = ("--table", table, "--to", to, *(("--leader", leader) if leader else ()))
         return self._robocorba("user", "mission", "start", "move-table", *arguments)
 
     def outcome(self, user: subprocess.Popen[str]) -> tuple[int, str, str]:
@@ -257,6 +259,16 @@ class MissionSystem:
     def body(self, name: str) -> BodyPose:
         return self.bodies()[1][name]
 
+    def poses(self) -> dict[str, Pose]:
+        """Poses of all bodies of all floors."""
+        found: dict[str, Pose] = {}
+        for floor in self._database.floors():
+            update = self._database.changes(floor, WHOLE)
+            names = {body.number: body.name for body in update.came}
+            for row in update.motions:
+                found[names[int(row["number"])]] = Pose(floor, float(row["x"]), float(row["y"]), float(row["heading"]))
+        return found
+
     def holding(self) -> dict[str, str]:
         """The held object of each robot that holds one, by the server's store: it stores grips before it replies."""
         with tempfile.TemporaryDirectory() as copy:
@@ -283,10 +295,10 @@ class MissionSystem:
 
     def is_stationary(self, names: tuple[str, ...], seconds: float = 0.5) -> bool:
         """Whether none of the bodies moves within some time."""
-        _, before = self.bodies()
+        before = self.poses()
         time.sleep(seconds)
-        _, after = self.bodies()
-        return all(name in after and math.dist(before[name][:2], after[name][:2]) < 0.005 for name in names)
+        after = self.poses()
+        return all(name in after and math.dist(before[name][1:3], after[name][1:3]) < 0.005 for name in names)
 
     # ---- inside ----
 

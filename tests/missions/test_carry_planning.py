@@ -79,7 +79,7 @@ def check(building: Building, plan: CarryPlan, carried: str = "", blocked: tuple
         for t in np.arange(0.0, trajectory.duration + 0.1, 0.1):
             body = placed(footprint, trajectory.at(t)[0])
             assert everything.distance(body) > MARGIN_M - 0.006, (leg.floor, t)
-        for place in plan.formation.carrier_poses(BACK_OFF_M):
+        for place in plan.formation.carrier_poses(plan.back_off_m):
             x, y, _ = trajectory.carrier(trajectory.duration, place)[0]
             assert leg.elevator_after or everything.distance(shapely.Point(x, y)) > RADIUS_M - 1e-6
 
@@ -117,6 +117,18 @@ def test_carriers_and_object_touch_nothing(
         assert impossible.blockers
         return
     assert tuple(plan.legs[0].poses[0]) == start[1:]
+    assert reached(plan.legs[-1].poses[-1], goal[1:])
+    check(building, plan)
+
+
+def test_what_was_put_down_at_a_door_is_carried_on() -> None:
+    """The carriers have no room to approach from afar."""
+    building = floor("L1", 14.0, 7.0)
+    for element in (Wall("wall", (7.0, 0.0), (7.0, 7.0)), Door("door", (7.0, 2.5), (7.0, 4.5))):
+        building = building.with_element("L1", element)
+    start, goal = ("L1", 5.94, 3.52, math.pi / 4), ("L1", 10.5, 3.5, 0.0)
+    plan = plan_carry(building, BOX, start, goal, 2)
+    assert plan.back_off_m < BACK_OFF_M
     assert reached(plan.legs[-1].poses[-1], goal[1:])
     check(building, plan)
 

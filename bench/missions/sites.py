@@ -1,0 +1,144 @@
+"""Buildings in which robots carry something to and fro, for benches that kill while they do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import msgspec
+
+from robocorba.maps.model import (
+    BoxShape,
+    Building,
+    CabinSide,
+    Door,
+    Element,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    MapObject,
+    Wall,
+)
+from robocorba.maps.topology import topological_map
+from robocorba.simulation.registry import Pose
+from robocorba.testing.missions import FLOOR, RobotStart, three_rooms
+
+UPPER = "L2"
+
+
+class Site(NamedTuple):
+    """item: what is carried between `goals`. starts: of robots; more than carry it, and far from its way."""
+
+    building: Callable[[], Building]
+    item: str
+    goals: tuple[Pose, Pose]
+    starts: tuple[RobotStart, ...]
+
+
+def _building(name: str, size: tuple[float, float], floors: Sequence[str], *elements: tuple[str, Element]) -> Building:
+    """Floors of one size [m] above each other, with elements, each with its floor, and roads."""
+    width, height = size
+    outline = ((0.0, 0.0), (width, 0.0), (width, height), (0.0, height))
+    building = Building(name)
+    for level, floor in enumerate(floors):
+        building = building.with_element("", Floor(floor, level + 1, 3.0 * level, outline=outline))
+    for floor, element in elements:
+        building = building.with_element(floor, element)
+    for floor, plan in building.floors.items():
+        building.floors[floor] = msgspec.structs.replace(plan, topological=topological_map(building, floor))
+    return building
+
+
+def _elevator(name: str, at: tuple[float, float], heading: float, cabin_m: float) -> Elevator:
+    doors = tuple(ElevatorDoor(floor, CabinSide.FRONT, cabin_m - 0.6) for floor in (FLOOR, UPPER))
+    return Elevator(name, at, (cabin_m, cabin_m), doors, heading=heading, speed=1.0, door_time=2.0)
+
+
+def two_halls() -> Building:
+    """Two halls of 7 m by 7 m with a door of 2 m between them, and a box for two robots."""
+    return _building(
+        "two halls",
+        (14.0, 7.0),
+        [FLOOR],
+        (FLOOR, MapObject("box", BoxShape((0.6, 0.4)), (3.5, 3.5), height=0.8, movable=True)),
+        (FLOOR, Wall("wall", (7.0, 0.0), (7.0, 7.0))),
+        (FLOOR, Door("door", (7.0, 2.5), (7.0, 4.5))),
+    )
+
+
+def two_storeys() -> Building:
+    """Two floors of 12 m by 7 m with an elevator, and a box for two robots."""
+    return _building(
+        "two storeys",
+        (12.0, 7.0),
+        [FLOOR, UPPER],
+        (FLOOR, MapObject("box", BoxShape((0.6, 0.4)), (4.5, 3.5), math.pi / 2, height=0.8, movable=True)),
+        ("", _elevator("lift", (9.5, 3.5), -math.pi / 2, 3.0)),
+    )
+
+
+def workshop() -> Building:
+    """A workshop with a gate to a yard with a goods lift, and a store upstairs: a building that nothing is tuned to."""
+    return _building(
+        "workshop",
+        (14.2, 8.6),
+        [FLOOR, UPPER],
+        (FLOOR, MapObject("crate", BoxShape((0.8, 0.5)), (2.6, 6.4), 0.5, height=0.7, movable=True)),
+        (FLOOR, MapObject("shelf", BoxShape((1.4, 0.6)), (4.9, 0.5))),
+        (FLOOR, MapObject("workbench", BoxShape((0.7, 2.0)), (0.5, 2.2))),
+        (FLOOR, MapObject("column", BoxShape((0.4, 0.4)), (10.3, 6.3), 0.3)),
+        (FLOOR, Wall("wall", (6.2, 0.0), (6.2, 8.6))),
+        (FLOOR, Door("gate", (6.2, 4.6), (6.2, 7.0))),
+        (UPPER, MapObject("rack", BoxShape((2.2, 0.6)), (3.4, 1.0), 0.2)),
+        ("", _elevator("goods lift", (12.0, 2.4), math.pi, 3.2)),
+    )
+
+
+SITES = {
+    "rooms": Site(
+        three_rooms,
+        "table",
+        (Pose(FLOOR, 2.2, 2.6, 0.0), Pose(FLOOR, 3.8, 2.6, 0.0)),
+        (
+            RobotStart(0.5, 0.5, 0.0, "lab"),
+            RobotStart(5.4, 4.5, math.pi, "lab"),
+            RobotStart(9.4, 2.6, math.pi, "hall"),
+            RobotStart(8.5, 1.0, math.pi, "hall"),
+            RobotStart(8.5, 4.0, math.pi, "hall"),
+        ),
+    ),
+    "door": Site(
+        two_halls,
+        "box",
+        (Pose(FLOOR, 3.5, 3.5, 0.0), Pose(FLOOR, 10.5, 3.5, 0.0)),
+        (
+            RobotStart(0.6, 0.6, 0.0, "lab"),
+            RobotStart(0.6, 6.4, 0.0, "hall"),
+            RobotStart(13.4, 0.6, math.pi, "hall"),
+            RobotStart(13.4, 6.4, math.pi, "lab"),
+        ),
+    ),
+    "elevator": Site(
+        two_storeys,
+        "box",
+        (Pose(FLOOR, 4.5, 3.5, math.pi / 2), Pose(UPPER, 4.5, 3.5, math.pi / 2)),
+        (
+            RobotStart(0.6, 0.6, 0.0, "lab"),
+            RobotStart(0.6, 6.4, 0.0, "hall"),
+            RobotStart(0.6, 0.6, 0.0, "hall", floor=UPPER),
+            RobotStart(0.6, 6.4, 0.0, "lab", floor=UPPER),
+        ),
+    ),
+    "workshop": Site(
+        workshop,
+        "crate",
+        (Pose(FLOOR, 2.6, 6.4, 0.5), Pose(UPPER, 5.2, 5.6, 2.0)),
+        (
+            RobotStart(1.8, 3.6, 0.0, "lab"),
+            RobotStart(0.7, 7.8, 0.0, "hall"),
+            RobotStart(13.4, 7.8, math.pi, "hall"),
+            RobotStart(0.7, 7.8, 0.0, "lab", floor=UPPER),
+        ),
+    ),
+}

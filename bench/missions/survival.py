@@ -1,0 +1,204 @@
+"""Carries with a kill -9 at a random moment.
+
+    python -m bench.missions.survival --missions 25 [--site SITE] [--kill robots|servers|nothing]
+
+Robots of two sub-networks carry something to and fro at a site: in rooms, through a door, over floors by an elevator,
+or all of it in a workshop. In each mission the leader or a member is killed, or a server or a channel, at a random
+moment between the command and the time that a carry takes; free robots are nearby. Each mission must be done with the
+object at its goal, or end safely with a reason. No robot may obey two leaders, nothing may be torn from a hand or
+touch anything, and robots must stand soon after their leader is silent."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import random
+import statistics
+import subprocess
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from matplotlib.axes import Axes
+
+from bench.common.harness import progress, run
+from bench.missions.crew import Crew
+from bench.missions.sites import SITES, Site
+from bench.missions.witness import Witness
+from robocorba.errors.services import NotReachable
+from robocorba.maps import native
+from robocorba.testing.missions import MissionSystem
+from robocorba.testing.missions import missions as mission_system
+from robocorba.testing.report import at_least, at_most, quantile, summarize
+
+SERVERS = ("simulation", "map_editor", "omniNames", "events_lab", "events_hall")
+#: Time limit of a mission [s].
+LIMIT_S = 400.0
+#: Largest distance of the object from its goal [m].
+NEAR_M = 0.01
+#: Least shares of the missions that are done with a kill of a robot and of a server.
+DONE = {"robots": 0.95, "servers": 0.96, "nothing": 1.0}
+#: Time for which robots may drive after the kill of their leader [s]: its last order is 0.1 s old, they wait 0.3 s and
+#: brake within 0.4 s, and the witness looks every 0.04 s.
+DROVE_ON_S = 1.0
+
+
+class Outcome(NamedTuple):
+    """The outcome of a mission. killed: whom, as leader or member, or which server. at_s: after the command. phase: of
+    the mission at the kill. end_s: from the kill to the end. off_m: of the object from its goal. drove_on_s: of robots
+    whose leader was killed. attempts: that it took."""
+
+    killed: str
+    at_s: float
+    phase: str
+    result: str
+    reason: str
+    end_s: float
+    off_m: float
+    drove_on_s: float
+    attempts: int
+    wrong: tuple[str, ...]
+
+
+class Survival:
+    """Successive missions at one site."""
+
+    def __init__(self, place: MissionSystem, site: Site, kill: str, seed: int) -> None:
+        self.place, self.site, self._kill, self._random = place, site, kill, random.Random(seed)
+        self._crew = Crew(place, site.starts, site.item)
+        #: Duration of the missions without a kill [s].
+        self._took_s: list[float] = []
+
+    def mission(self, kill: bool) -> Outcome:
+        """Run a mission, with a kill or without."""
+        self._crew.restore()
+        at = self.place.poses()[self.site.item]
+        goal = max(self.site.goals, key=lambda each: (each.floor != at.floor, math.dist(each[1:3], at[1:3])))
+        began = time.monotonic()
+        killed, killed_at, phase = "", began, ""
+        team: tuple[str, ...] = ()
+        with Witness(self.place) as witness:
+            leader = self._random.choice(list(self._crew.members))
+            user = self.place.mission(leader, self.site.item, f"{goal.floor}:{goal.x},{goal.y},{goal.heading}")
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                if kill:
+                    user.wait(self._random.uniform(1.0, statistics.median(self._took_s)))
+            if kill and user.poll() is None:
+                killed, phase, team = self._strike()
+                killed_at = time.monotonic()
+            try:
+                out, err = user.communicate(timeout=LIMIT_S)
+            except subprocess.TimeoutExpired:
+                user.kill()
+                out, err = user.communicate()
+                err += f"did not end within {LIMIT_S:g} s"
+            ended = time.monotonic()
+            wrong = self._crew.aftermath()
+        last = (err or out).strip().splitlines()[-1]
+        result, _, rest = last.partition("\t")
+        if result != "done":
+            result, rest = "ended", last
+        at = self.place.poses()[self.site.item]
+        off_m = math.dist(at[1:3], goal[1:3]) if at.floor == goal.floor else math.inf
+        if result == "done" and off_m > NEAR_M:
+            wrong.append(f"the {self.site.item} is {1000 * off_m:.0f} mm from its goal")
+        wrong += witness.disobedience()
+        wrong += [f"touched: {each}" for each in dict.fromkeys(witness.touched)]
+        wrong += [f"grip lost: {each}" for each in dict.fromkeys(witness.grips_lost)]
+        drove_on_s = witness.drove_on_s(team, killed_at) if killed.startswith("leader") else 0.0
+        if not killed:
+            self._took_s.append(ended - began)
+        return Outcome(
+            killed or "nothing",
+            killed_at - began,
+            phase,
+            result,
+            rest,
+            ended - killed_at,
+            off_m,
+            drove_on_s,
+            self._attempts(),
+            tuple(wrong),
+        )
+
+    def _strike(self) -> tuple[str, str, tuple[str, ...]]:
+        """Kill somebody: whom, the mission's phase, and the rest of its team."""
+        if self._kill == "servers":
+            server = self._random.choice(SERVERS)
+            phase = self._running()[1]
+            self.place.kill_server(server)
+            return server, phase, ()
+        leader, phase, team = self._running()
+        members = [name for name in team or self._crew.members if name != leader]
+        role = self._random.choice(("leader", "member")) if leader else "member"
+        victim = leader if role == "leader" else self._random.choice(members)
+        self._crew.kill(victim)
+        return role, phase, tuple(name for name in team if name != victim)
+
+    def _running(self) -> tuple[str, str, tuple[str, ...]]:
+        """Leader, phase and team of the running mission; empty if nobody says."""
+        with contextlib.suppress(NotReachable):
+            for state in self.place.control.missions_since(0):
+                content = state.content
+                if content.is_running:
+                    phase = content.phases[-1].name if content.phases else ""
+                    return content.leader, phase, tuple(member.robot for member in content.members)
+        return "", "", ()
+
+    def _attempts(self) -> int:
+        states = self.place.missions_since(0)
+        return max(states, key=lambda state: state.content.begun).content.attempts if states else 0
+
+
+def row(what: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    done = [one for one in outcomes if one.result == "done"]
+    return {
+        "killed": what,
+        "missions": len(outcomes),
+        "done": len(done),
+        "ended safely": sum(one.result != "done" and not one.wrong for one in outcomes),
+        "wrong": sum(bool(one.wrong) for one in outcomes),
+        "attempts": statistics.mean(one.attempts for one in outcomes),
+        "s to the end": quantile([one.end_s for one in outcomes], 0.5),
+        "most": max(one.end_s for one in outcomes),
+        "mm off": max((1000 * one.off_m for one in done), default=math.nan),
+        "drove on, s": max(one.drove_on_s for one in outcomes),
+    }
+
+
+def main(missions: int = 25, seed: int = 1, site: str = "rooms", kill: str = "robots") -> bool:
+    outcomes: list[Outcome] = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        native.save(SITES[site].building(), folder / "site.yaml")
+        with mission_system(folder, folder / "site.yaml") as place:
+            survival = Survival(place, SITES[site], kill, seed)
+            for number in progress(range(missions + 1), "missions"):
+                one = survival.mission(kill != "nothing" and number > 0)  # the first one tells how long a carry takes
+                outcomes.append(one)
+                when = f"at {one.at_s:.1f} s ({one.phase})\tended {one.end_s:.1f} s later"
+                measured = f"{one.attempts} attempts\tdrove on {one.drove_on_s:.2f} s"
+                print(number, one.killed, when, measured, one.result, one.reason, one.wrong, sep="\t", flush=True)
+    killed = [one for one in outcomes if one.killed != "nothing"] or outcomes
+    done = sum(one.result == "done" for one in killed) / len(killed)
+    marks = [
+        at_least(f"share of the missions that are done with a kill of {kill}", done, DONE[kill]),
+        at_most("missions with errors", sum(bool(one.wrong) for one in outcomes), 0),
+        at_most("drove on after the kill of the leader, s", max(one.drove_on_s for one in outcomes), DROVE_ON_S),
+    ]
+    by_kind = {what: [one for one in outcomes if one.killed == what] for what in sorted({o.killed for o in outcomes})}
+
+    def draw(axes: Axes) -> None:
+        for what, found in by_kind.items():
+            axes.plot([one.at_s for one in found], [one.end_s for one in found], "o", label=what)
+        axes.set(xlabel="s from the command to the kill", ylabel="s from the kill to the end")
+        axes.legend()
+
+    title = f"{len(outcomes)} carries at the site {site}, with a kill of {kill}"
+    return summarize(f"mission_survival_{site}", title, [row(*each) for each in by_kind.items()], marks, draw)
+
+
+if __name__ == "__main__":
+    run(main, seed="of kills and moments", site="|".join(SITES), kill="|".join(DONE))
