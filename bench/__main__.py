@@ -13,7 +13,7 @@ BENCHES = {
     "events": ("network", "channel", "chaos"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos", "attacks"),
     "robots": ("kinematics", "virtual_and_actual", "control", "stops", "fleet"),
-    "missions": ("carry", "network", "many", "chaos", "ways"),
+    "missions": ("carry", "network", "many", "chaos", "ways", "survival"),
     "console": ("viewers", "returns"),
     "starts": ("ready", "kills", "memory", "forks"),
     "chaos": ("fuzz", "roles", "guarded_cost"),

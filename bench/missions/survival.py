@@ -1,6 +1,6 @@
 """Carries with a kill -9 at a random moment.
 
-    python -m bench.missions.survival --missions 25 [--site SITE] [--kill robots|servers|nothing]
+    python -m bench.missions.survival --missions 25 [--site SITE] [--kill robots|servers|nothing] [--phase PHASE]
 
 Robots of two sub-networks carry something to and fro at a site: in rooms, through a door, over floors by an elevator,
 or all of it in a workshop. In each mission the leader or a member is killed, or a server or a channel, at a random
@@ -27,8 +27,10 @@ from bench.common.harness import progress, run
 from bench.missions.crew import Crew
 from bench.missions.sites import SITES, Site
 from bench.missions.witness import Witness
+from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
+from robocorba.simulation.mission_record import MissionContent
 from robocorba.testing.missions import MissionSystem
 from robocorba.testing.missions import missions as mission_system
 from robocorba.testing.report import at_least, at_most, quantile, summarize
@@ -65,9 +67,10 @@ class Outcome(NamedTuple):
 class Survival:
     """Successive missions at one site."""
 
-    def __init__(self, place: MissionSystem, site: Site, kill: str, seed: int) -> None:
-        self.place, self.site, self._kill, self._random = place, site, kill, random.Random(seed)
+    def __init__(self, place: MissionSystem, site: Site, kill: str, phase: str, seed: int) -> None:
+        self.place, self.site, self._kill, self._phase, self._random = place, site, kill, phase, random.Random(seed)
         self._crew = Crew(place, site.starts, site.item)
+        self._database = RemoteDatabase(place.orb, 5.0)
         #: Duration of the missions without a kill [s].
         self._took_s: list[float] = []
 
@@ -82,8 +85,11 @@ class Survival:
         with Witness(self.place) as witness:
             leader = self._random.choice(list(self._crew.members))
             user = self.place.mission(leader, self.site.item, f"{goal.floor}:{goal.x},{goal.y},{goal.heading}")
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                if kill:
+            if kill and self._phase:
+                self.place.at_phase(leader, self._phase, user)
+                time.sleep(self._random.uniform(0.0, 5.0))
+            elif kill:
+                with contextlib.suppress(subprocess.TimeoutExpired):
                     user.wait(self._random.uniform(1.0, statistics.median(self._took_s)))
             if kill and user.poll() is None:
                 killed, phase, team = self._strike()
@@ -148,8 +154,12 @@ class Survival:
         return "", "", ()
 
     def _attempts(self) -> int:
+        """Number of attempts at the last mission, by its record."""
         states = self.place.missions_since(0)
-        return max(states, key=lambda state: state.content.begun).content.attempts if states else 0
+        if not states:
+            return 0
+        last = max(states, key=lambda state: state.content.begun)
+        return MissionContent.decode(self._database.mission(last.name).document).attempts
 
 
 def row(what: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -168,13 +178,13 @@ def row(what: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
-def main(missions: int = 25, seed: int = 1, site: str = "rooms", kill: str = "robots") -> bool:
+def main(missions: int = 25, seed: int = 1, site: str = "rooms", kill: str = "robots", phase: str = "") -> bool:
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         native.save(SITES[site].building(), folder / "site.yaml")
         with mission_system(folder, folder / "site.yaml") as place:
-            survival = Survival(place, SITES[site], kill, seed)
+            survival = Survival(place, SITES[site], kill, phase, seed)
             for number in progress(range(missions + 1), "missions"):
                 one = survival.mission(kill != "nothing" and number > 0)  # the first one tells how long a carry takes
                 outcomes.append(one)
@@ -201,4 +211,10 @@ def main(missions: int = 25, seed: int = 1, site: str = "rooms", kill: str = "ro
 
 
 if __name__ == "__main__":
-    run(main, seed="of kills and moments", site="|".join(SITES), kill="|".join(DONE))
+    run(
+        main,
+        seed="of kills and moments",
+        site="|".join(SITES),
+        kill="|".join(DONE),
+        phase="of the mission in which they are killed, instead of at any time",
+    )
