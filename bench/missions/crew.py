@@ -1,4 +1,4 @@
-"""The robots of a system in which missions lose some: started anew before a mission, and looked at after it."""
+"""The robots of a system in which missions lose some: replaced before a mission, and checked after it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from robocorba.control.agent import AgentCondition
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
+from robocorba.simulation.registry import Pose
 from robocorba.testing.missions import MissionSystem, RobotStart
 from robocorba.testing.processes import eventually
 
@@ -32,13 +33,7 @@ class Crew:
         channels = {start.channel for start in self._starts}
         while len(self.members) < len(self._starts):
             missing = channels - {start.channel for start in self.members.values()}
-            poses = self.place.poses().values()
-
-            def gap_m(start: RobotStart, poses: Sequence[tuple[str, float, float, float]] = tuple(poses)) -> float:
-                near = (math.dist((start.x, start.y), at[1:3]) for at in poses if at[0] == start.floor)
-                return min(near, default=9.0)
-
-            start = max(self._starts, key=gap_m)
+            start = max(self._starts, key=partial(_gap_m, list(self.place.poses().values())))
             self._count += 1
             name = f"r{self._count}"
             self.members[name] = start._replace(channel=min(missing)) if missing else start
@@ -69,6 +64,12 @@ class Crew:
         if not self.place.is_stationary((*names, self._item)):
             wrong.append("something moves")
         return wrong
+
+
+def _gap_m(poses: Sequence[Pose], start: RobotStart) -> float:
+    """Distance of a start pose from the nearest of `poses` [m]."""
+    near = (math.dist((start.x, start.y), at[1:3]) for at in poses if at.floor == start.floor)
+    return min(near, default=math.inf)
 
 
 def _reset(agent: RemoteAgent) -> bool:

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
-
-import msgspec
 
 from robocorba.maps.model import (
     BoxShape,
     Building,
     CabinSide,
     Door,
-    Element,
     Elevator,
     ElevatorDoor,
-    Floor,
     MapObject,
     Wall,
 )
-from robocorba.maps.topology import topological_map
 from robocorba.simulation.registry import Pose
+from robocorba.testing.buildings import rectangular, two_storeys
 from robocorba.testing.missions import FLOOR, RobotStart, three_rooms
 
 UPPER = "L2"
@@ -36,28 +32,9 @@ class Site(NamedTuple):
     starts: tuple[RobotStart, ...]
 
 
-def _building(name: str, size: tuple[float, float], floors: Sequence[str], *elements: tuple[str, Element]) -> Building:
-    """Floors of one size [m] above each other, with elements, each with its floor, and roads."""
-    width, height = size
-    outline = ((0.0, 0.0), (width, 0.0), (width, height), (0.0, height))
-    building = Building(name)
-    for level, floor in enumerate(floors):
-        building = building.with_element("", Floor(floor, level + 1, 3.0 * level, outline=outline))
-    for floor, element in elements:
-        building = building.with_element(floor, element)
-    for floor, plan in building.floors.items():
-        building.floors[floor] = msgspec.structs.replace(plan, topological=topological_map(building, floor))
-    return building
-
-
-def _elevator(name: str, at: tuple[float, float], heading: float, cabin_m: float) -> Elevator:
-    doors = tuple(ElevatorDoor(floor, CabinSide.FRONT, cabin_m - 0.6) for floor in (FLOOR, UPPER))
-    return Elevator(name, at, (cabin_m, cabin_m), doors, heading=heading, speed=1.0, door_time=2.0)
-
-
 def two_halls() -> Building:
     """Two halls of 7 m by 7 m with a door of 2 m between them, and a box for two robots."""
-    return _building(
+    return rectangular(
         "two halls",
         (14.0, 7.0),
         [FLOOR],
@@ -67,20 +44,10 @@ def two_halls() -> Building:
     )
 
 
-def two_storeys() -> Building:
-    """Two floors of 12 m by 7 m with an elevator, and a box for two robots."""
-    return _building(
-        "two storeys",
-        (12.0, 7.0),
-        [FLOOR, UPPER],
-        (FLOOR, MapObject("box", BoxShape((0.6, 0.4)), (4.5, 3.5), math.pi / 2, height=0.8, movable=True)),
-        ("", _elevator("lift", (9.5, 3.5), -math.pi / 2, 3.0)),
-    )
-
-
 def workshop() -> Building:
     """A workshop with a gate to a yard with a goods lift, and a store upstairs: a building that nothing is tuned to."""
-    return _building(
+    doors = tuple(ElevatorDoor(floor, CabinSide.FRONT, 2.6) for floor in (FLOOR, UPPER))
+    return rectangular(
         "workshop",
         (14.2, 8.6),
         [FLOOR, UPPER],
@@ -91,7 +58,7 @@ def workshop() -> Building:
         (FLOOR, Wall("wall", (6.2, 0.0), (6.2, 8.6))),
         (FLOOR, Door("gate", (6.2, 4.6), (6.2, 7.0))),
         (UPPER, MapObject("rack", BoxShape((2.2, 0.6)), (3.4, 1.0), 0.2)),
-        ("", _elevator("goods lift", (12.0, 2.4), math.pi, 3.2)),
+        ("", Elevator("goods lift", (12.0, 2.4), (3.2, 3.2), doors, heading=math.pi, speed=1.0, door_time=2.0)),
     )
 
 
@@ -122,7 +89,7 @@ SITES = {
     "elevator": Site(
         two_storeys,
         "box",
-        (Pose(FLOOR, 4.5, 3.5, math.pi / 2), Pose(UPPER, 4.5, 3.5, math.pi / 2)),
+        (Pose(FLOOR, 5.4, 3.5, -0.785), Pose(UPPER, 5.4, 3.5, -0.785)),
         (
             RobotStart(0.6, 0.6, 0.0, "lab"),
             RobotStart(0.6, 6.4, 0.0, "hall"),

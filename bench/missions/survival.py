@@ -48,7 +48,7 @@ DROVE_ON_S = 1.0
 
 
 class Outcome(NamedTuple):
-    """The outcome of a mission. killed: whom, as leader or member, or which server. at_s: after the command. phase: of
+    """The outcome of a mission. killed: leader, member, or the name of a server. at_s: after the command. phase: of
     the mission at the kill. end_s: from the kill to the end. off_m: of the object from its goal. drove_on_s: of robots
     whose leader was killed. attempts: that it took."""
 
@@ -94,23 +94,16 @@ class Survival:
             if kill and user.poll() is None:
                 killed, phase, team = self._strike()
                 killed_at = time.monotonic()
-            try:
-                out, err = user.communicate(timeout=LIMIT_S)
-            except subprocess.TimeoutExpired:
-                user.kill()
-                out, err = user.communicate()
-                err += f"did not end within {LIMIT_S:g} s"
+            result, rest = self.place.result(user, LIMIT_S)
             ended = time.monotonic()
             wrong = self._crew.aftermath()
-        last = (err or out).strip().splitlines()[-1]
-        result, _, rest = last.partition("\t")
-        if result != "done":
-            result, rest = "ended", last
         at = self.place.poses()[self.site.item]
         off_m = math.dist(at[1:3], goal[1:3]) if at.floor == goal.floor else math.inf
         if result == "done" and off_m > NEAR_M:
             wrong.append(f"the {self.site.item} is {1000 * off_m:.0f} mm from its goal")
         wrong += witness.disobedience()
+        if result == "done":
+            wrong += witness.blindness()
         wrong += [f"touched: {each}" for each in dict.fromkeys(witness.touched)]
         wrong += [f"grip lost: {each}" for each in dict.fromkeys(witness.grips_lost)]
         drove_on_s = witness.drove_on_s(team, killed_at) if killed.startswith("leader") else 0.0
@@ -130,7 +123,7 @@ class Survival:
         )
 
     def _strike(self) -> tuple[str, str, tuple[str, ...]]:
-        """Kill somebody: whom, the mission's phase, and the rest of its team."""
+        """Kill a robot or a server. Returns which one, the mission's phase, and the rest of the team."""
         if self._kill == "servers":
             server = self._random.choice(SERVERS)
             phase = self._running()[1]
@@ -186,7 +179,7 @@ def main(missions: int = 25, seed: int = 1, site: str = "rooms", kill: str = "ro
         with mission_system(folder, folder / "site.yaml") as place:
             survival = Survival(place, SITES[site], kill, phase, seed)
             for number in progress(range(missions + 1), "missions"):
-                one = survival.mission(kill != "nothing" and number > 0)  # the first one tells how long a carry takes
+                one = survival.mission(kill != "nothing" and number > 0)  # the first one measures a carry
                 outcomes.append(one)
                 when = f"at {one.at_s:.1f} s ({one.phase})\tended {one.end_s:.1f} s later"
                 measured = f"{one.attempts} attempts\tdrove on {one.drove_on_s:.2f} s"

@@ -19,19 +19,18 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 from matplotlib.axes import Axes
 from omniORB import CORBA
 
 from bench.common.harness import progress, run
 from robocorba.corba.event_client import EventClient
 from robocorba.maps import native
-from robocorba.maps.model import BoxShape, Building, Floor, FloorMap, GeometricalMap, MapObject, Wall
-from robocorba.maps.topology import topological_map
+from robocorba.maps.model import BoxShape, Building, MapObject
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.repeating import Repeating
 from robocorba.stubs import RoboCorba
+from robocorba.testing.buildings import rectangular
 from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart
 from robocorba.testing.missions import missions as mission_system
 from robocorba.testing.processes import eventually
@@ -75,21 +74,13 @@ class Outcome(NamedTuple):
 
 
 def hall() -> Building:
-    width, height = HALL_M
-    outline = ((0.0, 0.0), (width, 0.0), (width, height), (0.0, height))
-    walls = [
-        Wall(f"wall-{number}", a, b)
-        for number, (a, b) in enumerate(zip(outline, (*outline[1:], outline[0]), strict=True))
-    ]
-    objects = [
-        MapObject(TABLE, BoxShape((1.2, 0.8)), GOALS[0], height=0.7, movable=True),
-        MapObject(CHAIR, BoxShape((0.5, 0.5)), CHAIR_AT, height=0.9, movable=True),
-    ]
-    plan = GeometricalMap({wall.name: wall for wall in walls}, {each.name: each for each in objects})
-    building = Building("hall", {FLOOR: FloorMap(Floor(FLOOR, 1, 0.0, outline=outline), plan)})
-    floor = building.floors[FLOOR]
-    building.floors[FLOOR] = msgspec.structs.replace(floor, topological=topological_map(building, FLOOR))
-    return building
+    return rectangular(
+        "hall",
+        HALL_M,
+        [FLOOR],
+        (FLOOR, MapObject(TABLE, BoxShape((1.2, 0.8)), GOALS[0], height=0.7, movable=True)),
+        (FLOOR, MapObject(CHAIR, BoxShape((0.5, 0.5)), CHAIR_AT, height=0.9, movable=True)),
+    )
 
 
 class Trials:
@@ -119,21 +110,14 @@ class Trials:
             if "meanwhile" in case:
                 self.place.carrying("a", TABLE, user, self._random.uniform(0.3, 3.0))
                 self._intrude(stack, case, goal, user)
-            try:
-                out, err = user.communicate(timeout=LIMIT_S)
-            except subprocess.TimeoutExpired:
-                user.kill()
-                out, err = user.communicate()
-                err += f"did not end within {LIMIT_S:g} s"
-        last = (err or out).strip().splitlines()[-1]
-        result, _, rest = last.partition("\t")
+            result, rest = self.place.result(user, LIMIT_S)
         wrong = [f"touched: {', '.join(dict.fromkeys(touched))}"] if touched else []
         off_m = math.dist(self.place.body(TABLE)[:2], goal)
         names = (CHAIR,) if "chair" in case else (OTHER, STRANGER)
         if result == "done" and off_m > NEAR_M:
             wrong.append(f"the table is {1000 * off_m:.0f} mm from its goal")
-        elif result != "done" and not any(name in last for name in names):
-            wrong.append(f"ended without naming what is in the way: {last}")
+        elif result != "done" and not any(name in rest for name in names):
+            wrong.append(f"ended without naming what is in the way: {rest}")
         took_s = time.monotonic() - began
         phases = tuple(phase["name"] for phase in self.place.report("a")["phases"])
         self._restore()

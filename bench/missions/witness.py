@@ -1,4 +1,4 @@
-"""What is seen from outside while robots carry something: whom they obey, how they move, and what touches what."""
+"""Observes missions from outside: the leaders that robots obey, how they move, and what touches what."""
 
 from __future__ import annotations
 
@@ -61,24 +61,25 @@ class Witness:
         self.grips_lost: list[str] = []
 
     def __enter__(self) -> Witness:
-        try:
-            events = self._stack.enter_context(EventClient(self._place.orb, self._channel))
-            for receive, type in (
-                (self._on_state, "mission.state"),
-                (self._on_collision, "simulation.collision"),
-                (self._on_grip_lost, "simulation.grip_lost"),
-            ):
-                events.subscribe(receive, type)
-            self._stack.enter_context(contextlib.closing(Repeating("witness", self._look, LOOK_S).start()))
-        except BaseException:
-            self._stack.close()
-            raise
+        with contextlib.ExitStack() as stack:
+            events = stack.enter_context(EventClient(self._place.orb, self._channel))
+            events.subscribe(self._on_state, "mission.state")
+            events.subscribe(self._on_collision, "simulation.collision")
+            events.subscribe(self._on_grip_lost, "simulation.grip_lost")
+            stack.enter_context(contextlib.closing(Repeating("witness", self._look, LOOK_S).start()))
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
     # ---- findings ----
+
+    def blindness(self) -> list[str]:
+        """What it has not observed although a mission was done."""
+        with self._lock:
+            was_moving = any(speed > DRIVES_M_S for one in self._seen for speed in one.speeds.values())
+            return [*([] if self._obeyed else ["no steps were observed"]), *([] if was_moving else ["no robot moved"])]
 
     def disobedience(self) -> list[str]:
         """Steps that robots began for a leader although another had begun to lead them in a later attempt."""

@@ -33,7 +33,7 @@ from robocorba.spatial.pose import XY
 ELEVATOR_CALL_DISTANCE_M = 2.0
 #: Gap between a robot that waits for an elevator and its doors [m].
 DOOR_GAP_M = 0.1
-#: Timeout of a ride, and of waiting for the elevator beyond the longest wait that it tells [s, robot's clock].
+#: Timeout of a ride, and of waiting for the elevator beyond its announced longest wait [s, robot's clock].
 ELEVATOR_LIMIT_S = 300.0
 #: Clearances that are tried for a path [m], widest first, because the base cuts corners.
 PATH_CLEARANCES_M = (0.06, 0.03, 0.0)

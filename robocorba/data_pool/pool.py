@@ -23,7 +23,7 @@ from robocorba.maps.model import Building
 from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
 
-#: Older snapshots don't tell where moving robots are now [s].
+#: Maximum age of a snapshot from which the present positions of moving robots can be extrapolated [s].
 STALE_S = 0.3
 
 

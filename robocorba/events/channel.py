@@ -31,8 +31,8 @@ MAX_ROUTES = 4096
 #: them up.
 NEVER_HELD_UP = "mission."
 
-#: Maximum time for which one call of a supplier waits for room in queues [s]: below the 10 s after which most clients
-#: give a call up, and would not know whether their event was received.
+#: Maximum time for which one call of a supplier waits for room in queues [s]. Clients with a call timeout of
+#: 5 s get an answer within it; without one they would not know whether their event was received.
 MAX_WAIT_S = 4.0
 
 _UNFILTERED = SubscriptionMatch(True, ())

@@ -118,9 +118,8 @@ def _place_aside(floor: FloorObstacles, area: BaseGeometry, robot: StandingRobot
 
 
 class Requests:
-    """Requests to robots to step aside, until each has done so or stays. places: of `places_aside`.
-
-    staying: robots that stay, and why. publish: a message to others."""
+    """Requests to robots to step aside, until each has done so or stays. requests: by robot. staying: robots that stay,
+    and why. publish: sends a request."""
 
     def __init__(
         self,
@@ -130,7 +129,7 @@ class Requests:
     ) -> None:
         self.staying = dict(staying)
         self._left, self._publish = dict(requests), publish
-        self._heard: set[str] = set()
+        self._answered: set[str] = set()
         self._began, self._sent_at = time.monotonic(), 0.0
 
     @property
@@ -144,18 +143,18 @@ class Requests:
         if now - self._began > CLEAR_S:
             self._give_up(self._left, f"did not step aside within {CLEAR_S:g} s")
         elif now - self._began > ANSWER_S:
-            self._give_up(set(self._left) - self._heard, "does not answer")
+            self._give_up(set(self._left) - self._answered, "does not answer")
         if now - self._sent_at > REPEAT_S:
             self._sent_at = now
             for request in self._left.values():
                 self._publish(request)
 
-    def hear(self, answer: WayMade) -> None:
+    def receive(self, answer: WayMade) -> None:
         """Take an answer into account."""
         request = self._left.get(answer.robot)
         if request is None or request.mission != answer.mission:
             return
-        self._heard.add(answer.robot)
+        self._answered.add(answer.robot)
         if answer.reason:
             self._give_up({answer.robot}, answer.reason)
         elif answer.is_done:

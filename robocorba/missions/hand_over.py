@@ -9,7 +9,7 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 from itertools import pairwise, product
 
-from shapely import LineString
+from shapely import MultiLineString
 
 from robocorba.errors.robots import InTheWay, MissionFailed
 from robocorba.kinematics import tasks
@@ -26,6 +26,7 @@ from robocorba.missions.subplan import BackOff, CooperativePlan, Gather, Grip, I
 from robocorba.missions.world import StandingRobot, World
 from robocorba.planning.request import PathPoint, Place
 from robocorba.spatial.frames import out_of
+from robocorba.spatial.pose import XY
 
 #: Distance between the centres of both bases [m].
 BETWEEN_M = 1.2
@@ -108,20 +109,17 @@ class HandOverPlanner(CooperativePlanner):
             for floor in building.floors
         }
         half_m = BETWEEN_M / 2
-        path = paths.path(giver, taker)
-        for (floor, x, y, along, away_m), turn in product(_candidates(path.points), TURNS_RAD):
-            middle = (x, y, along + turn)
+        for (floor, x, y, along, away), turn in product(_candidates(paths.path(giver, taker).points), TURNS_RAD):
+            at = (x, y, along)
+            middle = (*out_of(*away, at), along + turn)
             ends = [out_of(ahead_m, 0.0, middle) for ahead_m in (-half_m - BACK_OFF_M, half_m + BACK_OFF_M)]
-            shape = LineString(ends).buffer(RADIUS_M)
+            # With the way there from the path: a point behind a wall is not near.
+            shape = MultiLineString([ends, [at[:2], middle[:2]]]).buffer(RADIUS_M)
             if obstacles.on_floor(floor).nearest(shape, MARGIN_M) or any(map(shape.intersects, shafts[floor])):
                 continue
             giver_goal = Place(floor, *out_of(-half_m, 0.0, middle))
             taker_goal = Place(floor, *out_of(half_m, 0.0, middle))
-            lengths_m = paths.length_m(giver, giver_goal), paths.length_m(taker, taker_goal)
-            if None in lengths_m:
-                continue
-            # Not behind a wall: to there and back, and twice the distance between the robots for their turns.
-            if not away_m or sum(filter(None, lengths_m)) < path.distance + 4 * away_m + 2 * BETWEEN_M:
+            if paths.length_m(giver, giver_goal) is not None and paths.length_m(taker, taker_goal) is not None:
                 return _gather(giver_goal, middle[2]), _gather(taker_goal, middle[2] + math.pi)
         raise MissionFailed(
             f"no room for both face to face within {BESIDE_M[-1]:g} m of the path from {self._giver} to {self._taker}: "
@@ -129,9 +127,9 @@ class HandOverPlanner(CooperativePlanner):
         )
 
 
-def _candidates(points: Sequence[PathPoint]) -> Iterator[tuple[str, float, float, float, float]]:
-    """Floor, x, y and direction of the path [rad] of points along it, those nearest to its middle first, then of points
-    ahead, behind and on both sides of these, with their distance from them."""
+def _candidates(points: Sequence[PathPoint]) -> Iterator[tuple[str, float, float, float, XY]]:
+    """Floor, x, y and direction [rad] of points along a path, those nearest to its middle first, and how far ahead and
+    to the left of each of them robots may meet [m]: first on the path, then beside it."""
     length_m = points[-1].distance
     found = []
     for one, other in pairwise(points):
@@ -144,11 +142,9 @@ def _candidates(points: Sequence[PathPoint]) -> Iterator[tuple[str, float, float
             passed_m = one.distance + share * (other.distance - one.distance)
             point = (one.floor, one.x + share * dx, one.y + share * dy, math.atan2(dy, dx))
             found.append((abs(passed_m - length_m / 2), point))
-    on_path = [point for _, point in sorted(found)]
-    yield from ((*point, 0.0) for point in on_path)
-    for away_m, (floor, *pose) in product(BESIDE_M, on_path):
-        for ahead_m, left_m in ((0.0, away_m), (0.0, -away_m), (away_m, 0.0), (-away_m, 0.0)):
-            yield floor, *out_of(ahead_m, left_m, (pose[0], pose[1], pose[2])), pose[2], away_m
+    beside = [at for m in BESIDE_M for at in ((0.0, m), (0.0, -m), (m, 0.0), (-m, 0.0))]
+    for away, (_, point) in product([(0.0, 0.0), *beside], sorted(found)):
+        yield *point, away
 
 
 def _phases(giver_gathers: Gather, taker_gathers: Gather) -> list[PhaseSteps]:

@@ -251,7 +251,7 @@ class Leader:
             requests.update()
             received = self._transport.receive(0.05)
             if received and isinstance(received.message, WayMade):
-                requests.hear(received.message)
+                requests.receive(received.message)
             self._check_interruption()
         return requests.staying
 
@@ -495,7 +495,7 @@ class Leader:
                     self._received_states[state.robot] = (state.sent, received.received_at)
                 self._received_at[state.robot] = time.monotonic()
             elif isinstance(state, WayMade) and self._way:
-                self._way.hear(state)
+                self._way.receive(state)
             received = self._transport.receive(0.0)
 
     def _publish_order(self) -> None:

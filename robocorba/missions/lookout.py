@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 import shapely
+import shapely.affinity
 from shapely import Point, Polygon
 from shapely.geometry.base import BaseGeometry
 

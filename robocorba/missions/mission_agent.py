@@ -7,9 +7,11 @@ import threading
 import time
 from collections.abc import Callable
 
+import msgspec
+
 from robocorba.control.agent import ControlAgent
 from robocorba.errors.events import EventError
-from robocorba.errors.robots import MissionFailed, RobotError
+from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
 from robocorba.missions.execution import ObjectLocator
 from robocorba.missions.making_way import MakingWay
@@ -136,18 +138,16 @@ class MissionAgent:
     def _make_way(self, request: MakeWay) -> None:
         """Step aside if the robot is free. A repeated request gets an answer how far it is."""
         task = self._making_way
-        if task is None or not task.is_for(request):
-            occupation = self._occupation()
+        if task is not None and task.is_for(request):
+            self._transport.publish(task.answer, RETRY_S)
+            return
+        answer = WayMade(mission=request.mission, robot=request.robot, leader=request.leader, reason=self._occupation())
+        if not answer.reason:
             try:
-                if occupation:
-                    raise MissionFailed(occupation)
-                task = self._making_way = self._agent.begin_part(lambda robot: MakingWay(request, robot))
+                self._making_way = self._agent.begin_part(lambda robot: MakingWay(request, robot))
             except RobotError as error:
-                robot, leader = request.robot, request.leader
-                stays = WayMade(mission=request.mission, robot=robot, leader=leader, reason=str(error))
-                self._transport.publish(stays, RETRY_S)
-                return
-        self._transport.publish(task.answer, RETRY_S)
+                answer = msgspec.structs.replace(answer, reason=str(error))
+        self._transport.publish(answer, RETRY_S)
 
     def _answer_assignment(self, assignment: Assignment) -> None:
         """Accept if the robot is free. A repeated assignment gets the same answer."""

@@ -246,7 +246,7 @@ class MoveTablePlanner(CooperativePlanner):
         return self._phases_of(phase, trajectory)
 
     def _trajectory_through_doors(self, poses: Sequence[Pose2D]) -> Trajectory:
-        """At DOOR_LIMITS if the ordinary ones take so long that others wait for the cabin."""
+        """At DOOR_LIMITS if the ordinary ones need the doors open for longer than a lone robot does."""
         ordinary = Trajectory(poses, self._carrier_poses)
         if ordinary.duration <= BOARDING_LIMIT_S - DOOR_MARGIN_S:
             return ordinary

@@ -65,10 +65,10 @@ class WayAhead:
             self._requests.update()
         return self._rate
 
-    def hear(self, answer: WayMade) -> None:
+    def receive(self, answer: WayMade) -> None:
         """Take a robot's answer into account."""
         if self._requests:
-            self._requests.hear(answer)
+            self._requests.receive(answer)
 
     def _rate_for(self, ahead: Ahead | None, now: float) -> float:
         if ahead is None or ahead.after_s > STOP_S:

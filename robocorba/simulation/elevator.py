@@ -120,15 +120,15 @@ class Cabin:
             raise InvalidRide("robot", f"{robot} has already called {self.elevator.name}")
         if not radius_m > 0.0 or not fits(self.elevator, [radius_m]):
             raise InvalidRide("radius", f"a robot of radius {radius_m} m does not fit into {self.elevator.name}")
+        limit_s = BOARDING_LIMIT_S
         if party:
             self._check_party(party, size, origin, destination, radius_m)
             if not 0.0 <= boarding_s <= MAX_BOARDING_S - BOARDING_MARGIN_S:  # also refuses NaN
                 raise InvalidRide("boardingTime", f"{boarding_s} s is not 0 to {MAX_BOARDING_S - BOARDING_MARGIN_S:g}")
+            limit_s = max(BOARDING_LIMIT_S, boarding_s + BOARDING_MARGIN_S)
         if len(self.sessions) >= MAX_SESSIONS:
             raise ElevatorFull(self.elevator.name, MAX_SESSIONS)
-        session = RideSession(robot, origin, destination, radius_m, self.now, party, size if party else 1)
-        if party:
-            session.limit_s = max(BOARDING_LIMIT_S, boarding_s + BOARDING_MARGIN_S)
+        session = RideSession(robot, origin, destination, radius_m, self.now, party, size if party else 1, limit_s)
         self.sessions[robot] = session
         if party and self.doors is Doors.OPEN:
             self._start_alighting_and_boarding()

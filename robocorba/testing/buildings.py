@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+import msgspec
 from hypothesis import strategies as st
 
 from robocorba.maps.collisions import blockages
@@ -31,6 +32,7 @@ from robocorba.maps.model import (
     TopologicalMap,
     Wall,
 )
+from robocorba.maps.topology import topological_map
 from robocorba.maps.validation import problems
 
 
@@ -39,6 +41,32 @@ def with_all(building: Building, elements: Iterable[tuple[str, Element]]) -> Bui
     for floor, element in elements:
         building = building.with_element(floor, element)
     return building
+
+
+def rectangular(
+    name: str, size: tuple[float, float], floors: Sequence[str], *elements: tuple[str, Element]
+) -> Building:
+    """Floors of one size [m] above each other, with elements, each with its floor, and a topological map."""
+    width, height = size
+    outline = ((0.0, 0.0), (width, 0.0), (width, height), (0.0, height))
+    levels = [("", Floor(floor, level, 3.0 * (level - 1), outline=outline)) for level, floor in enumerate(floors, 1)]
+    building = with_all(Building(name), [*levels, *elements])
+    for floor, plan in building.floors.items():
+        building.floors[floor] = msgspec.structs.replace(plan, topological=topological_map(building, floor))
+    return building
+
+
+def two_storeys(cabin_m: float = 3.0, speed: float = 1.0) -> Building:
+    """Two floors of 12 m by 7 m with an elevator between them, and a box that two robots carry on the lower one."""
+    doors = tuple(ElevatorDoor(floor, CabinSide.FRONT, cabin_m - 0.6) for floor in ("L1", "L2"))
+    east = 8.0 + cabin_m / 2, 3.5
+    return rectangular(
+        "two storeys",
+        (12.0, 7.0),
+        ["L1", "L2"],
+        ("", Elevator("E1", east, (cabin_m, cabin_m), doors, heading=-math.pi / 2, speed=speed, door_time=2.0)),
+        ("L1", MapObject("box", BoxShape((0.6, 0.4)), (5.4, 3.5), -0.785, height=0.8, movable=True)),
+    )
 
 
 def two_floors() -> Building:

@@ -32,7 +32,7 @@ from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, Geom
 from robocorba.maps.topology import topological_map
 from robocorba.missions.subplan import StoredPlan
 from robocorba.names import MISSIONS
-from robocorba.simulation.mission_record import MissionContent, MissionState
+from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState
 from robocorba.simulation.registry import Pose
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.floor_update import WHOLE
@@ -177,6 +177,19 @@ class MissionSystem:
         """Wait for the end of a mission's command: its exit code, stdout and stderr."""
         out, err = user.communicate(timeout=MISSION_LIMIT_S)
         return user.returncode, out, err
+
+    def result(self, user: subprocess.Popen[str], limit_s: float) -> tuple[str, str]:
+        """The result that a mission's command prints last, such as done, and the rest of that line; `error` and the
+        last line otherwise. The command is killed if it does not end within `limit_s`."""
+        try:
+            out, err = user.communicate(timeout=limit_s)
+        except subprocess.TimeoutExpired:
+            user.kill()
+            out, err = user.communicate()
+            err += f"did not end within {limit_s:g} s"
+        last = (err or out).strip().splitlines()[-1]
+        result, _, rest = last.partition("\t")
+        return (result, rest) if result in {each.value for each in MissionResult} else ("error", last)
 
     def command(self, leader: str, *arguments: str) -> str:
         """Run `robocorba mission ...`, which must succeed; return its output."""

@@ -124,14 +124,14 @@ def test_requests_are_repeated_until_the_robot_is_there(monkeypatch: pytest.Monk
     monkeypatch.setattr(clearing, "REPEAT_S", 0.0)
     requests, sent = asked("B")
     requests.update()
-    requests.hear(said("B"))
+    requests.receive(said("B"))
     requests.update()
     assert [(each.robot, each.x, each.y, each.term) for each in sent] == [("B", 1.0, 2.0, 3)] * 2
     assert requests.robots == ("B",)
-    requests.hear(said("B", is_done=True, mission="m.0"))  # of an earlier attempt
-    requests.hear(said("C", is_done=True))
+    requests.receive(said("B", is_done=True, mission="m.0"))  # of an earlier attempt
+    requests.receive(said("C", is_done=True))
     assert requests.robots == ("B",)
-    requests.hear(said("B", is_done=True))
+    requests.receive(said("B", is_done=True))
     assert requests.robots == ()
     requests.update()
     assert len(sent) == 2
@@ -140,8 +140,8 @@ def test_requests_are_repeated_until_the_robot_is_there(monkeypatch: pytest.Monk
 
 def test_robots_that_stay_are_named_with_their_reasons(monkeypatch: pytest.MonkeyPatch) -> None:
     requests, _ = asked("B", "C", "D")
-    requests.hear(said("B", reason="runs a program"))
-    requests.hear(said("C"))
+    requests.receive(said("B", reason="runs a program"))
+    requests.receive(said("C"))
     monkeypatch.setattr(clearing, "ANSWER_S", 0.0)
     requests.update()
     assert requests.robots == ("C",)

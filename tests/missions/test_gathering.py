@@ -18,7 +18,8 @@ from robocorba.missions.world import MovableObject
 from robocorba.planning.request import MAX_AREAS, Place
 from robocorba.programs.icons import Destination
 from robocorba.spatial.pose import Pose2D
-from tests.missions.worlds import MapWorld, two_storeys
+from robocorba.testing.buildings import two_storeys
+from tests.missions.worlds import MapWorld
 
 
 class MovedWorld(MapWorld):

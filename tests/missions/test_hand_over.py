@@ -25,9 +25,10 @@ from robocorba.missions.subplan import CooperativePlan, Gather, Grip
 from robocorba.planning.request import Place as Spot
 from robocorba.programs import icons
 from robocorba.spatial.pose import Pose
+from robocorba.testing.buildings import two_storeys
 from tests.control.places import Place
 from tests.missions.places import Crew
-from tests.missions.worlds import MapWorld, two_storeys
+from tests.missions.worlds import MapWorld
 
 ROBOTS = {"A": Spot("L1", 2.0, 1.5), "B": Spot("L1", 2.0, 5.5), "C": Spot("L2", 2.0, 5.5)}
 

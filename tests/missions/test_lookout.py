@@ -128,7 +128,7 @@ def test_objects_are_not_asked_and_refusals_are_known(monkeypatch: pytest.Monkey
     scene.seen = Ahead("r", True, 1.0, 1.0, 0.0)
     assert scene.rate(5.0) == 0.0
     assert scene.way.waited_s == pytest.approx(5.0)  # for one after another
-    scene.way.hear(WayMade(mission="m.1", robot="r", leader="A", reason="runs a program"))
+    scene.way.receive(WayMade(mission="m.1", robot="r", leader="A", reason="runs a program"))
     assert scene.way.staying == "runs a program"
 
 

@@ -32,7 +32,8 @@ from robocorba.missions.world import StandingRobot
 from robocorba.planning.request import Place
 from robocorba.programs.icons import Destination
 from robocorba.simulation.elevator import BOARDING_LIMIT_S
-from tests.missions.worlds import MapWorld, two_storeys
+from robocorba.testing.buildings import two_storeys
+from tests.missions.worlds import MapWorld
 
 ROBOTS = {"A": Place("L1", 3.8, 1.8), "B": Place("L1", 3.8, 5.2), "C": Place("L2", 2.0, 2.0)}
 GOAL = Destination("L2", 6.0, 3.5)

@@ -349,9 +349,9 @@ class Behaving:
             does = self.does[session.robot]
             if session.phase is RidePhase.WAITING:
                 assert lift.now <= self.bounds[session.robot] + STEP_S
-                if self.steps % 10 == 0:  # what is told later must be kept, too
-                    told = lift.now + longest_wait_s(lift, session.robot)
-                    self.bounds[session.robot] = min(self.bounds[session.robot], told)
+                if self.steps % 10 == 0:  # later bounds must be kept, too
+                    bound = lift.now + longest_wait_s(lift, session.robot)
+                    self.bounds[session.robot] = min(self.bounds[session.robot], bound)
             elif session.phase is RidePhase.BOARDING and does != "no":
                 assert (lift.floor, lift.doors) == (session.origin, Doors.OPEN)
                 lift.enter(session.robot)
@@ -427,7 +427,7 @@ def test_invalid_calls_name_the_field() -> None:
         lift.call("last", "L1", "L2", 0.4)
 
 
-def test_the_longest_wait_is_told() -> None:
+def test_the_longest_wait_depends_on_earlier_calls() -> None:
     lift = cabin()
     assert longest_wait_s(lift, "A") == 0.0
     lift.call("A", "L3", "L1", 0.4)

@@ -27,8 +27,8 @@ from robocorba.missions.formation import HAND_M
 from robocorba.repeating import Repeating
 from robocorba.simulation.registry import Pose
 from robocorba.spatial.floor_update import WHOLE
+from robocorba.testing.buildings import two_storeys
 from robocorba.testing.processes import ROBOCORBA, Launcher, drain, eventually, real_system
-from tests.missions.worlds import two_storeys
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

@@ -138,10 +138,8 @@ class RemoteSession:
     def call_elevator(
         self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
     ) -> None:
-        if party and boarding_s:
+        if party:
             self._call(lambda to: to.slow_session.callElevatorFor(elevator, destination, party, size, boarding_s))
-        elif party:
-            self._call(lambda to: to.slow_session.callElevatorTogether(elevator, destination, party, size))
         else:
             self._call(lambda to: to.slow_session.callElevator(elevator, destination))
 
