@@ -123,9 +123,10 @@ class NamingService:
         return sorted(binding.binding_name[0].id for binding in bindings)
 
     def check(self, timeout_s: float = PROBE_TIMEOUT_S) -> None:
-        """Raise NotReachable unless the naming service answers a call within `timeout_s`."""
+        """Raise NotReachable unless the naming service answers a call within `timeout_s`, with its root context."""
         try:
-            self._root(timeout_s)._non_existent()
+            if self._root(timeout_s)._non_existent():  # it listens before its root context is there
+                raise NotReachable(f"the naming service at {self.address} has no root context")
         except CORBA.SystemException as error:
             raise self._unanswered(error) from None
 

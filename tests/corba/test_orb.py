@@ -146,6 +146,13 @@ def test_an_unreachable_object_is_reported_with_its_naming_service(nowhere: Addr
             orb.check_naming()
 
 
+def test_a_naming_service_that_only_listens_is_not_ready(endpoint: Address) -> None:
+    with Orb(endpoint, endpoint) as orb:
+        orb.accept_calls()
+        with pytest.raises(NotReachable, match=f"the naming service at {endpoint} has no root context"):
+            orb.check_naming()
+
+
 @pytest.mark.parametrize("name", ["", "/", "a//b", "a/"])
 def test_names_without_a_part_are_refused(nowhere: Address, name: str) -> None:
     with Orb(nowhere) as orb, pytest.raises(NotReachable, match="can't be a name"):
