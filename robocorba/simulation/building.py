@@ -37,6 +37,7 @@ from robocorba.simulation.world_record import RobotRecord, WorldRecord
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.floor_update import Body, BodyKind
+from robocorba.spatial.frames import out_of
 from robocorba.spatial.posture import Posture
 
 #: Mass of a movable object per area of its outline [kg/m^2]; maps hold no masses. Three robots lift up to 1.33 m^2.
@@ -454,7 +455,8 @@ class SimulatedBuilding:
             robot.touched = _owner(other)
 
     def _detect_entry_and_exit(self, name: str, cabin: Cabin) -> None:
-        """Advance the rides of robots that are completely inside or completely outside the cabin."""
+        """Advance the rides of robots that are completely inside or completely outside the cabin, with what they
+        hold."""
         shaft = self._shafts[name]
         for session in list(cabin.sessions.values()):
             if session.phase not in (RidePhase.BOARDING, RidePhase.ALIGHTING):
@@ -463,11 +465,22 @@ class SimulatedBuilding:
             centre = shapely.Point(pose.x, pose.y)
             if shaft.exterior.distance(centre) < session.radius_m:
                 continue  # partly inside
+            held = self._held_outline(session.robot)
             if shaft.contains(centre):
-                if session.phase is RidePhase.BOARDING and not self._has_stranger(name, cabin, session.party):
+                is_inside = session.phase is RidePhase.BOARDING and (held is None or shaft.contains(held))
+                if is_inside and not self._has_stranger(name, cabin, session.party):
                     cabin.enter(session.robot)
-            elif session.phase is RidePhase.ALIGHTING:
+            elif session.phase is RidePhase.ALIGHTING and (held is None or not shaft.intersects(held)):
                 cabin.leave(session.robot)
+
+    def _held_outline(self, name: str) -> shapely.Polygon | None:
+        """The outline of what a robot holds, on its floor [m]."""
+        robot = self.robots[name]
+        held = robot.physics.held(robot.body)
+        if held is None:
+            return None
+        pose = robot.physics.pose(held[0])
+        return shapely.Polygon([out_of(x, y, pose) for x, y in self.bodies[held[0]].outline])
 
     def _has_stranger(self, name: str, cabin: Cabin, party: str) -> bool:
         """Whether a robot that is not of the party is in the cabin; False without a party."""

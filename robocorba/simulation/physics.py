@@ -9,7 +9,9 @@ Any thread may call `command` and `brake`, which take effect in the next step, a
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import repeat
 from struct import Struct
 from typing import NamedTuple
@@ -51,6 +53,10 @@ STATIC = Limits(0.0, 0.0, 0.0, 0.0)
 CARRIED = Limits(0.0, 0.0, 0.1, 0.1)
 #: Steps between checks whether a floor is still.
 STILL_CHECK_STEPS = 16
+#: Share of the error of a grip that remains after a second: hands are stiff.
+_STIFF = 1e-6
+#: Distance between the two hands of a robot on an edge [m].
+HANDS_APART_M = 0.4
 #: Distance between a hand and its grip point beyond which the grip slips [m].
 SLIP_M = 0.05
 
@@ -69,12 +75,15 @@ class StepResult(NamedTuple):
     lost: list[str]
 
 
-class _Grip(NamedTuple):
-    """A joint between a robot and an object. payload_kg: share of the object's mass that the robot carries [kg]."""
+@dataclass
+class _Grip:
+    """A joint between a robot and an object. payload_kg: share of the object's mass that the robot carries [kg].
+    heading: the joint by which a robot that carries the object alone holds its heading, with both hands."""
 
     held: str
     joint: pymunk.PivotJoint
     payload_kg: float
+    heading: pymunk.GearJoint | None = None
 
 
 class FloorPhysics:
@@ -190,7 +199,7 @@ class FloorPhysics:
             self._remove_grip(robot)
         joint = pymunk.PivotJoint(hand, held, hand.world_to_local(at), held.world_to_local(at))
         joint.max_force, joint.collide_bodies = force_n, False
-        joint.error_bias = 1e-6  # share of an error that remains after a second: hands are stiff
+        joint.error_bias = _STIFF
         self._space.add(joint)
         self._grips[robot] = _Grip(object_name, joint, payload_kg)
         self._has_changed = True
@@ -218,7 +227,22 @@ class FloorPhysics:
         return float(self._bodies[name].mass)
 
     def _remove_grip(self, robot: str) -> None:
-        self._space.remove(self._grips.pop(robot).joint)
+        grip = self._grips.pop(robot)
+        self._space.remove(grip.joint, *([grip.heading] if grip.heading else []))
+
+    def _hold_headings(self) -> None:
+        """Have robots that carry an object alone hold its heading; the hands of several hold it anyway."""
+        holders = Counter(grip.held for grip in self._grips.values())
+        for grip in self._grips.values():
+            is_alone = holders[grip.held] == 1 and grip.payload_kg >= self._bodies[grip.held].mass
+            if is_alone and grip.heading is None:
+                hand, held = grip.joint.a, grip.joint.b
+                grip.heading = pymunk.GearJoint(hand, held, held.angle - hand.angle, 1.0)
+                grip.heading.max_force, grip.heading.error_bias = grip.joint.max_force * HANDS_APART_M / 2, _STIFF
+                self._space.add(grip.heading)
+            elif not is_alone and grip.heading:
+                self._space.remove(grip.heading)
+                grip.heading = None
 
     def _drop_slipped_grips(self) -> list[str]:
         lost = []
@@ -268,6 +292,7 @@ class FloorPhysics:
 
     def _rebuild_rows(self) -> None:
         """Rebuild names, limits and commands in pymunk's current order of bodies."""
+        self._hold_headings()
         names = [self._name_of.get(id, "") for id in self._batched.rebuild()]  # includes the static body
         self._names, self._row_of = names, {name: row for row, name in enumerate(names)}
         self._limits = np.array([self._limits_of(name) for name in names]).reshape(-1, 4)

@@ -26,6 +26,7 @@ from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import area_request
 from robocorba.simulation.world_record import WorldRecord
+from robocorba.spatial.elevator_state import Doors
 from robocorba.spatial.floor_state import Pose
 from tests.simulation.places import robot, tower
 
@@ -208,6 +209,28 @@ def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPa
     assert world.robots["A"].holding == "T2"
     assert set(seen) == {"T2"}
     assert world.objects["T2"][1] == "L2"
+
+
+def test_a_robot_has_left_the_cabin_once_what_it_holds_has() -> None:
+    table = MapObject("T2", BoxShape((0.4, 0.4)), (5.0, 5.5), movable=True)
+    world = SimulatedBuilding(tower().with_element("L1", table))
+    enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
+    world.call_elevator("A", "E1", "L2")
+    while world.rides["A"].phase is not RidePhase.RIDING:
+        world.robots["A"].command(max(0.0, min(0.5, 4.75 - world.pose("A").y)), 0.0, 0.0, 0.2)
+        world.step()
+    world.grip("A", "T2", (5.0, 5.3))
+    while world.rides["A"].phase is not RidePhase.ALIGHTING:
+        world.step()
+    with_object_in_doors = 0
+    while "A" in world.rides:
+        assert world.cabins["E1"].doors is Doors.OPEN
+        world.robots["A"].command(-0.3, 0.0, 0.0, 0.2)
+        world.step()
+        with_object_in_doors += world.pose("A").y < 4.0 - 0.5
+    assert with_object_in_doors > 10
+    assert world.robots["A"].holding == "T2"
+    assert world.robots["A"].physics.pose("object/T2")[1] < 4.0 - 0.2
 
 
 def test_what_can_be_gripped(world: SimulatedBuilding) -> None:

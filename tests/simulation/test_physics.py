@@ -225,6 +225,42 @@ def test_three_robots_carry_a_table_that_one_could_not() -> None:
         assert heading == pytest.approx({"A": math.pi, "B": 0.0, "C": math.pi / 2}[name], abs=0.02)
 
 
+def in_robot_frame(floor: FloorPhysics, robot: str, item: str) -> tuple[float, float, float]:
+    state = floor.state()
+    (x, y, heading), (ox, oy, turn) = state[robot][:3], state[item][:3]
+    dx, dy = ox - x, oy - y
+    cos, sin = math.cos(heading), math.sin(heading)
+    return cos * dx + sin * dy, cos * dy - sin * dx, math.remainder(turn - heading, math.tau)
+
+
+@pytest.mark.parametrize(("mass_kg", "is_firm"), [(2.0, True), (9.0, False)])
+def test_a_robot_that_carries_an_object_alone_holds_its_heading(mass_kg: float, is_firm: bool) -> None:
+    floor = FloorPhysics()
+    robot(floor, "A", -1.1, 0.0)
+    floor.add_object("T1", (0.0, 0.0, 0.0), TABLE, mass_kg)
+    floor.grip("A", "T1", (-0.5, 0.0), 200.0, 4.0)
+    floor.step()
+    before = in_robot_frame(floor, "A", "T1")
+    floor.command("A", 0.1, 0.2, 0.5)
+    run(floor, 3.0)
+    off = np.subtract(in_robot_frame(floor, "A", "T1"), before)
+    assert (math.hypot(*off[:2]) < 0.002 and abs(off[2]) < 0.002) == is_firm
+
+
+def test_two_robots_hold_a_heading_that_a_lone_one_goes_on_to_hold() -> None:
+    floor = FloorPhysics()
+    floor.add_object("T1", (0.0, 0.0, 0.0), TABLE, 2.0)
+    for name, side in (("A", -1.0), ("B", 1.0)):
+        robot(floor, name, 1.1 * side, 0.0, 0.0 if side < 0.0 else math.pi)
+        floor.grip(name, "T1", (0.5 * side, 0.0), 200.0, 4.0)
+    run(floor, 0.5)
+    floor.remove("B")
+    before = in_robot_frame(floor, "A", "T1")
+    floor.command("A", 0.0, 0.0, 0.5)
+    run(floor, 3.0)
+    assert in_robot_frame(floor, "A", "T1") == pytest.approx(before, abs=0.002)
+
+
 def test_a_grip_slips_if_its_force_is_too_small() -> None:
     floor = carriers(force_n=5.0)
     lost: set[str] = set()
