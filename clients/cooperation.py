@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.corba.remote.robot_channel import RobotChannel
 from robocorba.data_pool.plans import Plans
 from robocorba.data_pool.pool import DataPool
+from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
@@ -30,11 +32,12 @@ from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.execution import pose_in_robot_frame
 from robocorba.missions.hand_over import HandOverPlanner
-from robocorba.missions.leader import Leader
+from robocorba.missions.leader import Inherited, Leader
 from robocorba.missions.lookout import Seen
 from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.move_table import MoveTablePlanner
 from robocorba.missions.recorder import LedMission, MissionRecorder, claimed
+from robocorba.missions.remaining_carry import RemainingCarry, reservation
 from robocorba.missions.report import MissionReport
 from robocorba.missions.subplan import CooperativePlan, StoredPlan
 from robocorba.missions.succession import Succession
@@ -60,6 +63,8 @@ PLANNERS: dict[type[Icon], Callable[[Any, World, str, Place], CooperativePlanner
         world, icon.object, icon.giver or leader, icon.taker, leader, here
     ),
 }
+
+_log = logging.getLogger(__name__)
 
 
 class Cooperation:
@@ -101,7 +106,7 @@ class Cooperation:
                     return pose_in_robot_frame((item.x, item.y, item.heading), (own.x, own.y, own.heading))
             return None
 
-        succession = Succession(self._name, self._records, RemoteLeaders(self._orb).leads, _Successor(agent))
+        succession = Succession(self._name, self._records, RemoteLeaders(self._orb).leads, _Successor(agent, self))
         self._closing.callback(succession.close)
         transport = Transport(channel, self._name)
         self._missions = missions = MissionAgent(transport, agent, locate, on_orphaned=succession.begin).start()
@@ -128,6 +133,10 @@ class Cooperation:
         """The mission that the robot leads or takes part in; empty for none."""
         return self._led or (self._missions.mission if self._missions else "")
 
+    def is_holding_for(self, mission: str) -> bool:
+        """Whether the robot holds an object for a mission whose leader is silent."""
+        return self._missions is not None and self._missions.is_holding_for(mission)
+
     def abort_mission(self, mission: str) -> None:
         """Abort the mission if the robot leads it at present. Raises UnknownMission."""
         with self._lock:  # so that it can't end meanwhile, and another program begin
@@ -152,7 +161,7 @@ class Cooperation:
         led = LedMission(self._recorder, mission, content)
         self._lead_as(mission)
         try:
-            report, is_aborted = self._lead(icon, mission, led)
+            report, is_aborted = self._lead(icon, mission, led, self._inherited(mission, content))
             report.save(self._reports)  # before others see that it has ended
             led.end(report, is_aborted)
         except Exception as error:
@@ -169,7 +178,22 @@ class Cooperation:
         with self._lock:
             self._led = mission
 
-    def _lead(self, icon: Icon, mission: str, led: LedMission) -> tuple[MissionReport, bool]:
+    def _inherited(self, mission: str, content: MissionContent) -> Inherited | None:
+        """What the robots of a former leader hold; None if they do not, or if it is not known what they do."""
+        if not self.is_holding_for(mission) or self._missions is None or content.plan is None:
+            return None
+        try:
+            plan = msgspec.convert(content.plan, CooperativePlan)
+            body = RemainingCarry(self._world, plan)
+            self._missions.take_over_reservation(reservation(plan))
+        except (msgspec.ValidationError, RoboCorbaError) as error:
+            _log.warning("mission %s is not carried on: %s", mission, error)
+            return None
+        return Inherited(plan, body)
+
+    def _lead(
+        self, icon: Icon, mission: str, led: LedMission, inherited: Inherited | None
+    ) -> tuple[MissionReport, bool]:
         """The report, and whether a user has aborted the mission."""
         agent = self._agent
         if agent is None:
@@ -202,6 +226,7 @@ class Cooperation:
             report = leader.lead(
                 kind(icon).replace("_", " "),
                 lambda: make_planner(icon, self._world, self._name, Place(*agent.place[:3])),
+                inherited,
             )
         return report, is_aborted
 
@@ -232,12 +257,13 @@ class Cooperation:
 class _Successor:
     """The robot of an agent as a successor of leaders; see Succession."""
 
-    def __init__(self, agent: ControlAgent) -> None:
-        self._agent = agent
+    def __init__(self, agent: ControlAgent, cooperation: Cooperation) -> None:
+        self._agent, self._cooperation = agent, cooperation
 
-    def is_free(self) -> bool:
-        return self._agent.is_free
+    def can_lead(self, mission: str) -> bool:
+        return self._agent.is_free or self._cooperation.is_holding_for(mission)
 
     def lead(self, mission: str, icon: dict[str, Any]) -> None:
         """Raises RobotError."""
-        self._agent.take_over(mission, of_icon(msgspec.json.encode(icon).decode()))
+        program = of_icon(msgspec.json.encode(icon).decode())
+        self._agent.take_over(mission, program, goes_on=self._cooperation.is_holding_for(mission))

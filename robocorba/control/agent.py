@@ -208,13 +208,14 @@ class ControlAgent:
             self.load(program)
             self.run(mission=mission)
 
-    def take_over(self, mission: str, program: Program) -> None:
-        """Run a program of one cooperative icon as the mission of this name; the loaded program stays. Raises
-        IllegalOrder."""
+    def take_over(self, mission: str, program: Program, goes_on: bool = False) -> None:
+        """Run a program of one cooperative icon as the mission of this name; the loaded program stays. goes_on: the
+        robot's part in the mission, if it runs, goes on beside the program. Raises IllegalOrder."""
         with self._lock:
-            self._refuse_while_running("lead a mission")
             robot = self.robot
-            robot.execution.reset(False)
+            if not (goes_on and self._is_running):
+                self._refuse_while_running("lead a mission")
+                robot.execution.reset(False)
             self._begin(Runner(program, robot, self._others, mission))
 
     def begun(self, first: int) -> list[IconBegun]:

@@ -44,24 +44,38 @@ class CarryProgress:
         with self._lock:
             self._now = self._next = (0.0, 0.0, 0.0)
 
+    def hold(self, trajectory_s: float) -> None:
+        """Stand at this trajectory time until the orders of a new leader, whose clock may differ."""
+        with self._lock:
+            self._now = self._next = (0.0, trajectory_s, 0.0)
+            self._last_sent = 0.0
+
     def follow(self, since: float, trajectory_s: float, rate: float, sent: float) -> None:
         """Take over an order that the leader sent at `sent`."""
         with self._lock:
-            self._last_sent = max(self._last_sent, sent)
             if since > self._next[0]:
-                self._now, self._next = self._next, (since, trajectory_s, rate)
+                stood_at = self._last_sent + LEADER_TIMEOUT_S
+                if sent > stood_at:  # orders were lost, one of them perhaps to stop
+                    self._now = (stood_at, self._at(stood_at)[0], 0.0)
+                else:
+                    self._now = self._next
+                self._next = (since, trajectory_s, rate)
+            self._last_sent = max(self._last_sent, sent)
 
     def at(self, now: float) -> tuple[float, float]:
         """Trajectory time at `now` [s], and its rate; the rate is 0 after LEADER_TIMEOUT_S without orders."""
         with self._lock:
-            since, trajectory_s, rate = self._next if now >= self._next[0] else self._now
-            until = min(now, self._last_sent + LEADER_TIMEOUT_S)
-            return trajectory_s + rate * max(0.0, until - since), rate if now <= until else 0.0
+            return self._at(now)
+
+    def _at(self, now: float) -> tuple[float, float]:
+        since, trajectory_s, rate = self._next if now >= self._next[0] else self._now
+        until = min(now, self._last_sent + LEADER_TIMEOUT_S)
+        return trajectory_s + rate * max(0.0, until - since), rate if now <= until else 0.0
 
 
 class CarryMotion:
-    """Keeps the base at `place`, its pose in the frame of the carried body. slip_m: returns the present distance of the
-    grip point from the hand; raises MotionFailed if the hold is lost.
+    """Keeps the base at `place`, its pose in the frame of the carried body, which may be replaced at any time. slip_m:
+    returns the present distance of the grip point from the hand; raises MotionFailed if the hold is lost.
 
     Its measurements may be read by any thread."""
 
@@ -73,7 +87,7 @@ class CarryMotion:
         clock: LeaderClock,
         slip_m: Callable[[], float],
     ) -> None:
-        self._trajectory, self._place, self._progress, self._clock = trajectory, place, progress, clock
+        self._trajectory, self.place, self._progress, self._clock = trajectory, place, progress, clock
         self._slip_m = slip_m
         self.error_m = 0.0
         self.max_slip_m = 0.0
@@ -84,7 +98,7 @@ class CarryMotion:
         now = self._clock.now()
         trajectory_s, rate = self._progress.at(now)
         self.ticks.append((now, trajectory_s))
-        (x, y, heading), (vx, vy, turn) = self._trajectory.carrier(trajectory_s, self._place)
+        (x, y, heading), (vx, vy, turn) = self._trajectory.carrier(trajectory_s, self.place)
         dx, dy = x - state.x, y - state.y
         heading_error = math.remainder(heading - state.heading, math.tau)
         self.error_m = math.hypot(dx, dy)

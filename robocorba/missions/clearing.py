@@ -11,10 +11,11 @@ from shapely import LineString, Point
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.maps.geometry import Obstacle
 from robocorba.maps.model import Building
 from robocorba.missions.messages import MakeWay, WayMade
-from robocorba.missions.obstacles import Blocked, BuildingObstacles, FloorObstacles
-from robocorba.missions.world import StandingRobot
+from robocorba.missions.obstacles import Blocked, BuildingObstacles, FloorObstacles, placed
+from robocorba.missions.world import MovableObject, StandingRobot, World
 from robocorba.planning.body_search import distances_to_goal, lay_lattice
 from robocorba.planning.request import Path, Place
 from robocorba.spatial.pose import XY
@@ -94,6 +95,20 @@ def places_aside(
         if place:
             taken.append(robot._replace(x=place.x, y=place.y))
     return places
+
+
+def places_beside(
+    world: World,
+    carried: MovableObject,
+    way: Way,
+    blocking: Sequence[StandingRobot],
+    robots: Sequence[StandingRobot],
+) -> dict[str, Place | None]:
+    """`places_aside` from the way of a carried object, which stands in it now. Raises NotReachable."""
+    objects = world.others(carried.name)
+    body = Obstacle("object", carried.name, placed(carried.outline, carried.pose))
+    objects[carried.floor] = [*objects.get(carried.floor, ()), body]
+    return places_aside(world.building(), objects, way, blocking, robots)
 
 
 def _place_aside(floor: FloorObstacles, area: BaseGeometry, robot: StandingRobot, gap_m: float) -> Place | None:

@@ -40,6 +40,10 @@ class LeaderClock:
         #: Round trip and offset of each exchange.
         self._measured: deque[tuple[float, float]] = deque(maxlen=MAX_EXCHANGES)
 
+    def reset(self) -> None:
+        """Discard what was measured with another leader."""
+        self._measured.clear()
+
     def measure(self, sent: float, received: float, answered: float, answer_received: float) -> None:
         """Add an exchange: `sent` and `answer_received` by the local clock, `received` and `answered` by the
         leader's."""

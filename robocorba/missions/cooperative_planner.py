@@ -11,8 +11,22 @@ from robocorba.missions.subplan import CooperativePlan
 from robocorba.planning.request import Place
 
 
-class CooperativePlanner(Protocol):
-    """Plans the mission of a cooperative icon."""
+class CarriedBody(Protocol):
+    """What robots carry, with these robots."""
+
+    @property
+    def footprint(self) -> BaseGeometry | None:
+        """Its outline, in the frame of the trajectories of its plan's `Carry` steps [m]; None if nothing is to be
+        watched."""
+        return None
+
+    def aside(self, robot: str) -> Place | None:
+        """Where a robot that came into its way would step aside; None if there is no room. Raises NotReachable."""
+        return None
+
+
+class CooperativePlanner(CarriedBody, Protocol):
+    """Plans the mission of a cooperative icon, and knows what the robots of its last plan carry."""
 
     #: Number of robots needed in addition to the leader.
     helpers: int
@@ -27,14 +41,3 @@ class CooperativePlanner(Protocol):
         """A plan for some of these robots, including the leader, around others that stay where they are.
 
         Raises InTheWay for other robots where room is needed; MissionFailed, ImpossibleCarry, PathError."""
-
-    @property
-    def footprint(self) -> BaseGeometry | None:
-        """Outline of what robots carry, and of these robots, in the frame of the trajectories of its plan's `Carry`
-        steps [m]; None if nothing is to be watched."""
-        return None
-
-    def aside(self, robot: str) -> Place | None:
-        """Where a robot that came into the way of the last plan would step aside; None if there is no room. Raises
-        NotReachable."""
-        return None

@@ -21,12 +21,11 @@ from robocorba.missions.carry_control import CarryMotion, CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.trajectory import Trajectory
 from robocorba.simulation.elevator import RidePhase
+from robocorba.simulation.physics import HANDS_APART_M
 from robocorba.spatial.frames import Frame, into, out_of
 
 #: Speed limit near the object and other robots.
 NEAR_SPEED_M_S = 0.2
-#: Distance between the two hands on an edge [m].
-HAND_SPACING_M = 0.4
 #: Distance that a robot backs off from the object after an abort [m].
 ABORT_BACK_M = 0.2
 #: Tolerance between an object's pose and its pose in the plan [m, rad]; beyond it the plan is invalid.
@@ -55,7 +54,10 @@ class StepExecutor:
         #: The grip point in the frames of the object and of the robot [m].
         self._grip_in_object: tuple[float, float] | None = None
         self._hand_m = (0.0, 0.0)
-        self._held = ""
+        #: Its pose in the frame of the carried body, if that is not its place in the plan any more.
+        self._place: Frame | None = None
+        #: What it holds; empty for nothing.
+        self.held = ""
         #: Reserved areas, one for each remaining floor of the path.
         self._areas: tuple[FloorArea, ...] = ()
 
@@ -105,13 +107,13 @@ class StepExecutor:
         self._hands_at(math.dist((state.x, state.y), (step.x, step.y)), step.height_m)
         self._robot.grip(tuple(Side), SHUT_RAD, 5.0)
         self._robot.hold(step.thing, step.x, step.y)
-        self._held = step.thing
+        self.held = step.thing
         self._remember_grip(step)
 
     @execute.register
     def _(self, step: subplan.Carry) -> None:
         trajectory = Trajectory.from_rows(step.rows)
-        self.carry = CarryMotion(trajectory, step.place, self._progress, self._clock, self._slip_m)
+        self.carry = CarryMotion(trajectory, self._place or step.place, self._progress, self._clock, self._slip_m)
         self._robot.move(self.carry)
 
     @execute.register
@@ -148,8 +150,23 @@ class StepExecutor:
 
     def let_go(self) -> None:
         """Release the held object in the simulation; works on a stopped robot, too."""
-        self._held = ""
+        self.held = ""
         self._robot.session.release()
+
+    def measure_place(self) -> None:
+        """After another carrier has let go: carry the object from where it is held now. Its hands may have given way a
+        little."""
+        if self.held and (pose := self._locate(self.held)):
+            self._place = *into(0.0, 0.0, pose), -pose[2]
+            if self.carry:
+                self.carry.place = self._place
+
+    def reserve_again(self, step: subplan.Reserve, floors_left: int) -> None:
+        """Reserve the last areas of a step in place of a robot that is gone, without waiting for them. Raises
+        SimulationError, RobotLost."""
+        areas = step.areas[-floors_left:]
+        self._robot.session.reserve(areas, step.hold_s)
+        self._areas = areas
 
     def release_reservations(self) -> None:
         """Release all reserved areas, however the mission ended."""
@@ -181,7 +198,7 @@ class StepExecutor:
         """Bring both hands level to an edge; if it is out of reach, into the posture `reach`."""
         joints = self._robot.joints
         joints[[GRIP[side] for side in Side]] = OPEN_RAD
-        hands = grip_table(height_m, ahead_m, HAND_SPACING_M)
+        hands = grip_table(height_m, ahead_m, HANDS_APART_M)
         try:
             joints = self._robot.kinematics.solve(hands, joints, use_lumbar=True)
         except Unreachable as error:
@@ -209,15 +226,15 @@ class StepExecutor:
     def _slip_m(self) -> float:
         """Current distance of the grip point from the hand [m]. Raises MotionFailed."""
         self._check_hold()
-        pose = self._locate(self._held) if self._held else None
+        pose = self._locate(self.held) if self.held else None
         if pose is None or self._grip_in_object is None:
             return 0.0
         return math.dist(out_of(*self._grip_in_object, pose), self._hand_m)
 
     def _check_hold(self) -> None:
         """Raise MotionFailed if the simulation no longer has the robot hold the object."""
-        if self._held and self._robot.session.latest.holding != self._held:
-            raise MotionFailed(f"lost its hold of {self._held}")
+        if self.held and self._robot.session.latest.holding != self.held:
+            raise MotionFailed(f"lost its hold of {self.held}")
 
 
 def pose_in_robot_frame(pose: Frame, robot: Frame) -> Frame:

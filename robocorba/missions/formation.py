@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import combinations, pairwise
 from typing import NamedTuple
 
@@ -73,6 +73,29 @@ class Formation(NamedTuple):
             for grip in self.grips
         )
 
+    @classmethod
+    def of_carriers(cls, poses: Iterable[Pose2D]) -> Formation:
+        """The inverse of `carrier_poses`."""
+        return cls(
+            tuple(GripPoint(x + HAND_M * math.cos(turn), y + HAND_M * math.sin(turn), turn) for x, y, turn in poses)
+        )
+
+    def enough(self, outline: Polygon, mass_kg: float, payload_kg: float) -> list[tuple[int, ...]]:
+        """The smallest groups of its carriers, by number, that hold an object without the others: each carries at most
+        `payload_kg`, and the centroid is near their grip points."""
+        found: list[tuple[int, ...]] = []
+        for count in range(1, len(self.grips)):
+            for group in combinations(range(len(self.grips)), count):
+                grips = tuple(self.grips[number] for number in group)
+                is_safe = _safety(outline, [grips])[0] >= _least_safety(count)
+                if (
+                    is_safe
+                    and count * payload_kg >= mass_kg - 1e-9
+                    and not any(set(less) <= set(group) for less in found)
+                ):
+                    found.append(group)
+        return found
+
     def footprint(self, outline: Polygon, back_m: float = 0.0) -> BaseGeometry:
         """Object, carriers backed off by `back_m`, and their arms, in the object's frame."""
         parts = [outline]
@@ -98,7 +121,7 @@ def formations(outline: Polygon, count: int) -> list[Formation]:
     grips = _thinned_out(grips, count)
     sets = list(_non_overlapping(grips, count))
     safety = _safety(outline, sets)
-    least = -(MAX_OFFSET_ONE_GRIP_M if count == 1 else MAX_OFFSET_M)
+    least = _least_safety(count)
     sets = [chosen for chosen, margin in zip(sets, safety, strict=True) if margin >= least]
     if not sets:
         raise InvalidCarry(
@@ -183,6 +206,10 @@ def _safety(outline: Polygon, sets: list[tuple[GripPoint, ...]]) -> Floats:
     off = shapely.distance(hulls, outline.centroid)
     within = shapely.distance(shapely.boundary(hulls), outline.centroid)
     return np.where((off > 0.0) | (shapely.area(hulls) == 0.0), -off, within)
+
+
+def _least_safety(count: int) -> float:
+    return -(MAX_OFFSET_ONE_GRIP_M if count == 1 else MAX_OFFSET_M)
 
 
 def _hulls(points: Floats) -> NDArray[np.object_]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 import time
@@ -18,7 +19,9 @@ from robocorba.missions.carry_control import LEADER_TIMEOUT_S, CarryProgress
 from robocorba.missions.clock import OWN_CLOCK, LeaderClock
 from robocorba.missions.execution import ObjectLocator, StepExecutor
 from robocorba.missions.messages import Assignment, MemberMeasurements, MemberState, Order
-from robocorba.missions.subplan import Carry
+from robocorba.missions.subplan import Carry, Reserve, Ride
+
+_log = logging.getLogger(__name__)
 
 #: Remaining times up to this are slept in one piece before a step [s].
 _FINE_WAIT_S = 0.005
@@ -34,6 +37,10 @@ class MemberPolicy:
     pause_timeout_s: float = LEADER_TIMEOUT_S
     #: The member ends the mission after this time without orders [s].
     leader_timeout_s: float = 4.0
+    #: One that holds an object waits longer for orders [s], for example of another leader, which is looked for once the
+    #: leader has been silent for a shorter time [s].
+    holding_timeout_s: float = 20.0
+    succession_timeout_s: float = 2.0
     #: A member that failed waits this long for the leader to end the mission [s].
     end_order_timeout_s: float = 5.0
     #: Interval between status messages to the leader [s]; changes are published immediately.
@@ -62,9 +69,11 @@ class Member:
         self._changed = threading.Condition()
         self._order = Order(mission=self.mission, leader=self.leader, term=self.term)
         self._order_received_at = self._began = time.monotonic()
+        #: Robots without which it goes on.
+        self._without: list[str] = []
         self._step, self._is_done, self._began_at = -1, False, 0.0
         self._failure, self._is_aborted, self.has_ended = "", False, False
-        #: Whether it ends because its leader is silent.
+        #: Whether its leader is silent, so that it needs another one or ends.
         self.is_orphaned = False
         self._is_waiting_for_leader = False
         #: When the current step exceeds its time limit [s, monotonic].
@@ -75,14 +84,26 @@ class Member:
     # ---- called by the mission agent ----
 
     def follow(self, order: Order, received_at: float) -> None:
-        """Take over an order of the leader. received_at: by the local clock."""
-        if (order.leader, order.mission, order.term) != (self.leader, self.mission, self.term):
+        """Take over an order of the leader, or of one that has taken the mission over. received_at: by the local
+        clock."""
+        if order.mission != self.mission or order.term < self.term or self._order.end:
             return
+        if order.term > self.term:
+            self._change_leader(order)
+        elif order.leader != self.leader:
+            return
+        if self._subplan.robot in order.without:
+            self.abort(f"{order.leader} goes on without {self._subplan.robot}, which was silent")
+            return
+        if order.step >= 0 and order.without != self._without:  # they are gone
+            self._without = order.without
+            self._executor.measure_place()
+        self.is_orphaned = False
         self._order_received_at = time.monotonic()
         if self._subplan.robot in order.received_states:
             sent, leader_received_at = order.received_states[self._subplan.robot]
             self._clock.measure(sent, leader_received_at, order.sent, received_at)
-        if order.step > self._order.step:
+        if order.step > max(self._order.step, self._step):
             self._progress.reset()  # not when the step begins: its first orders arrive earlier
         self._progress.follow(order.since, order.trajectory_s, order.rate, order.sent)
         with self._changed:
@@ -93,6 +114,17 @@ class Member:
         if is_end and order.end != "done":
             self._robot.execution.abort(order.reason)
 
+    def _change_leader(self, order: Order) -> None:
+        """Stand where the last orders have ended until the new leader's next ones."""
+        _log.info("mission %s: %s leads it now, in place of %s", self.mission, order.leader, self.leader)
+        trajectory_s, _ = self._progress.at(self._clock.now())
+        self._clock.reset()
+        self._progress.hold(trajectory_s)
+        with self._changed:
+            self.leader, self.term = order.leader, order.term
+            self._order = Order(mission=self.mission, leader=self.leader, term=self.term)
+            self._late_at += time.monotonic() - self._order_received_at
+
     def check_timeouts(self) -> None:
         """To be called periodically: check the leader's timeouts and the step's time limit."""
         now = time.monotonic()
@@ -100,8 +132,10 @@ class Member:
             return
         silent_s = now - self._order_received_at
         self._wait_for_leader(silent_s > self._policy.pause_timeout_s)
-        if silent_s > self._policy.leader_timeout_s:
+        policy, is_holding = self._policy, self.is_holding
+        if silent_s > (policy.succession_timeout_s if is_holding else policy.leader_timeout_s):
             self.is_orphaned = True
+        if silent_s > (policy.holding_timeout_s if is_holding else policy.leader_timeout_s):
             self.abort(f"the leader {self.leader} is silent")
         elif now > self._late_at:
             self._late_at = float("inf")
@@ -109,10 +143,12 @@ class Member:
             self._robot.execution.interrupt(MissionFailed(f"{self._phase()} took longer than {limit_s:g} s"))
 
     def _wait_for_leader(self, is_silent: bool) -> None:
-        """Pause the step while the leader is silent. Carries stop by themselves, all at the same point."""
+        """Pause the step while the leader is silent. Carries stop by themselves, all at the same point; in its other
+        steps a robot that holds an object does not move."""
         execution = self._robot.execution
         with self._changed:
-            is_doing = math.isfinite(self._late_at) and not isinstance(self._subplan.steps[self._step], Carry)
+            is_carrying = self.is_holding or isinstance(self._subplan.steps[self._step], Carry)
+            is_doing = math.isfinite(self._late_at) and not is_carrying
             if self._is_waiting_for_leader and not (is_silent and is_doing):
                 self._is_waiting_for_leader = False
                 execution.resume()
@@ -127,6 +163,17 @@ class Member:
             self._changed.notify_all()
         self._robot.execution.abort(reason)
 
+    @property
+    def is_holding(self) -> bool:
+        """Whether it holds an object, and has not failed."""
+        return bool(self._executor.held) and not self._failure and not self._order.end
+
+    def take_over_reservation(self, step: Reserve) -> None:
+        """Reserve what the former leader has reserved, for the floors that are left. Raises SimulationError,
+        RobotLost."""
+        rides = sum(isinstance(each, Ride) for each in self._subplan.steps[max(self._step, 0) :])
+        self._executor.reserve_again(step, rides + 1)
+
     def state(self) -> MemberState:
         """The status message for the leader."""
         session = self._robot.session.latest
@@ -138,6 +185,7 @@ class Member:
             is_done=self._is_done,
             error_m=self._executor.error_m,
             began_at=self._began_at,
+            trajectory_s=self._progress.at(self._clock.now())[0],
             failure=self._failure,
             is_aborted=self._is_aborted,
             has_left=self.has_ended,

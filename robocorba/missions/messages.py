@@ -96,14 +96,16 @@ class Order(_LeaderMessage, frozen=True, kw_only=True):
 
     step, at: the current step of all robots and its start time; step is -1 before the first one. trajectory_s, rate,
     since: trajectory time of the carried body [s] at time `since`, and its rate from then on (0: stopped, 1: as
-    planned). end: empty while the mission runs, then "done" or "aborted"; reason: of the abort. received_states: for
-    each robot, when it sent its latest state (by its own clock) and when the leader received it, for LeaderClock."""
+    planned). without: robots whose part has ended, while the others carry on. end: empty while the mission runs, then
+    "done" or "aborted"; reason: of the abort. received_states: for each robot, when it sent its latest state (by its
+    own clock) and when the leader received it, for LeaderClock."""
 
     step: int = -1
     at: float = 0.0
     trajectory_s: float = field(default=0.0, name="along_s")
     rate: float = 0.0
     since: float = 0.0
+    without: list[str] = field(default_factory=list)
     end: str = ""
     reason: str = ""
     received_states: dict[str, tuple[float, float]] = field(default_factory=dict, name="heard")
@@ -111,8 +113,9 @@ class Order(_LeaderMessage, frozen=True, kw_only=True):
 
 class MemberState(_Message, frozen=True, kw_only=True):
     """The status of a member: its current step, whether it has finished it, its distance from its setpoint [m], when it
-    began the step by the leader's clock. failure: why it cannot continue; empty if it can. is_aborted: a user has ended
-    its part. has_left: its part has ended; then it reports its measurements."""
+    began the step by the leader's clock. trajectory_s: of the carried body [s]; see Order. failure: why it cannot
+    continue; empty if it can. is_aborted: a user has ended its part. has_left: its part has ended; then it reports its
+    measurements."""
 
     robot: str
     leader: str
@@ -120,6 +123,7 @@ class MemberState(_Message, frozen=True, kw_only=True):
     is_done: bool = False
     error_m: float = 0.0
     began_at: float = 0.0
+    trajectory_s: float = field(default=0.0, name="along_s")
     failure: str = field(default="", name="failed")
     is_aborted: bool = field(default=False, name="aborted")
     has_left: bool = field(default=False, name="ended")

@@ -17,6 +17,7 @@ from robocorba.missions.execution import ObjectLocator
 from robocorba.missions.making_way import MakingWay
 from robocorba.missions.member import DEFAULT_POLICY, Member, MemberPolicy
 from robocorba.missions.messages import Answer, Assignment, Call, MakeWay, Message, Offer, Order, WayMade
+from robocorba.missions.subplan import Reserve
 from robocorba.missions.transport import Received, Transport
 
 #: Publishing is retried for this time; pause after the channel failed [s].
@@ -29,8 +30,8 @@ _log = logging.getLogger(__name__)
 
 class MissionAgent:
     """Takes part in missions from `start` to `close`. agent: of the robot. locate: returns objects in its frame.
-    on_orphaned: called with a mission and its term when the robot has ended its part because the leader is silent; must
-    not block."""
+    on_orphaned: called with a mission and its term when the leader is silent and the robot can lead the mission, as it
+    has ended its part or holds an object; must not block."""
 
     def __init__(
         self,
@@ -50,7 +51,10 @@ class MissionAgent:
         self._ended_at: float | None = None
         self._published_at = 0.0
         self._published: object = None
-        self._is_subscribed = False
+        #: The leader of which it receives orders; * for all, None before the first subscription.
+        self._orders_from: str | None = None
+        #: Whether on_orphaned was called since the leader fell silent.
+        self._is_announced = False
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="missions", daemon=True)
 
@@ -69,9 +73,20 @@ class MissionAgent:
         member = self._member
         return member.of if member is not None and not member.has_ended else ""
 
+    def is_holding_for(self, mission: str) -> bool:
+        """Whether the robot holds an object for a mission whose leader is silent."""
+        member = self._member
+        return member is not None and member.of == mission and member.is_orphaned and member.is_holding
+
+    def take_over_reservation(self, step: Reserve) -> None:
+        """See Member."""
+        if member := self._member:
+            member.take_over_reservation(step)
+
     def _run(self) -> None:
         while not self._closing.is_set():
             try:
+                self._check_leader()
                 self._subscribe()
                 timeout_s = self._policy.state_interval_s / 4 if self._member else None
                 if received := self._transport.receive(timeout_s):
@@ -84,12 +99,26 @@ class MissionAgent:
                 _log.exception("handling a mission message failed")
 
     def _subscribe(self) -> None:
-        if not self._is_subscribed:
+        member = self._member
+        leader = "" if member is None else "*" if member.is_orphaned else member.leader
+        if leader != self._orders_from:
             patterns: list[tuple[type[Message], str]] = [(Call, "*"), (Assignment, "*"), (MakeWay, "*")]
-            if self._member:
-                patterns.append((Order, self._member.leader))
+            if leader:
+                patterns.append((Order, leader))
             self._transport.subscribe(patterns)
-            self._is_subscribed = True
+            self._orders_from = leader
+
+    def _check_leader(self) -> None:
+        """Check the member's timeouts, also while there is no event channel."""
+        member = self._member
+        if member is None:
+            return
+        member.check_timeouts()
+        can_lead = member.has_ended or member.is_holding
+        needs_leader = member.is_orphaned and can_lead and member.leader != self._transport.name
+        if needs_leader and not self._is_announced:
+            self._on_orphaned(member.of, member.term)
+        self._is_announced = needs_leader
 
     def _handle(self, received: Received) -> None:
         message = received.message
@@ -105,14 +134,17 @@ class MissionAgent:
             self._make_way(message)
 
     def _obeys(self, message: Call | Assignment | MakeWay | Order) -> bool:
-        """Whether no leader of a later term is known. A part under an earlier leader ends."""
+        """Whether no leader of a later term is known. A part under an earlier leader ends, unless the later one goes on
+        with the same attempt."""
         highest = self._terms.pop(message.of, 0)
         self._terms[message.of] = max(highest, message.term)
         while len(self._terms) > MAX_TERMS:
             del self._terms[next(iter(self._terms))]
         member = self._member
         if member and member.of == message.of and member.term < message.term and not member.has_ended:
-            member.abort(f"{message.leader} leads the mission now")
+            goes_on = isinstance(message, Order) and message.mission == member.mission
+            if not goes_on:
+                member.abort(f"{message.leader} leads the mission now")
         return message.term >= highest
 
     def _answer_call(self, call: Call) -> None:
@@ -166,7 +198,7 @@ class MissionAgent:
             member = self._agent.begin_part(lambda robot: Member(assignment, robot, self._locate, self._policy), is_own)
         except RobotError as error:
             return str(error)
-        self._member, self._ended_at, self._is_subscribed = member, None, False
+        self._member, self._ended_at = member, None
         self._subscribe()
         return ""
 
@@ -174,7 +206,6 @@ class MissionAgent:
         member = self._member
         if member is None:
             return
-        member.check_timeouts()
         now = time.monotonic()
         state = member.state()
         changes = (state.step, state.is_done, state.failure, state.has_left)
@@ -182,8 +213,6 @@ class MissionAgent:
             self._transport.publish(state)
             self._published, self._published_at = changes, now
         if state.has_left:
-            if self._ended_at is None and member.is_orphaned and member.leader != self._transport.name:
-                self._on_orphaned(member.of, member.term)
             self._ended_at = self._ended_at or now
             if now - self._ended_at > self._policy.final_state_s:
-                self._member, self._is_subscribed = None, False
+                self._member = None

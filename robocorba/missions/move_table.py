@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.errors.robots import GoalReached, InTheWay, MissionFailed
 from robocorba.maps.geometry import Obstacle, shaft_polygon
 from robocorba.missions.carry_planning import CarryLeg, CarryPlan, plan_carry
-from robocorba.missions.clearing import Way, in_the_way, places_aside, united
+from robocorba.missions.clearing import Way, in_the_way, places_beside, united
 from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.formation import GripPoint
 from robocorba.missions.gathering import GatheringPaths, assign_places, blocked_lanes, driving_groups, spread_apart
@@ -55,6 +55,8 @@ DOOR_SAMPLE_S = 0.1
 DOOR_LIMITS = (0.4, 0.5, 0.6)
 #: Time to spare before the doors close [s].
 DOOR_MARGIN_S = 4.0
+#: Time for another leader to take over while the party drives through the doors [s].
+SUCCESSION_S = 12.0
 #: How long to wait for the swept areas, and how long they stay reserved [s]: the server's maximum.
 RESERVATION_LIMIT_S = MAX_LIMIT_S
 #: Time limit of gathering [s].
@@ -128,7 +130,9 @@ class MoveTablePlanner(CooperativePlanner):
         back_off = BackOff(distance_m=self._carry.back_off_m, limit_s=NEAR_LIMIT_S)
         phases.append(PhaseSteps("backing off", [back_off] * len(names)))
         roles = [(name, "leader" if name == leader else "helper") for name in names]
-        return plan_of(mission, "move table", leader, carried.name, roles, phases)
+        enough = formation.enough(self._carry.outline, carried.mass_kg, PAYLOAD_KG)
+        groups = tuple(tuple(names[number] for number in group) for group in enough)
+        return plan_of(mission, "move table", leader, carried.name, roles, phases, groups)
 
     def aside(self, robot: str) -> Place | None:
         """See CooperativePlanner. Raises NotReachable."""
@@ -149,11 +153,7 @@ class MoveTablePlanner(CooperativePlanner):
 
     def _aside(self, blocking: Sequence[StandingRobot]) -> dict[str, Place | None]:
         """Where robots step aside out of the mission's way."""
-        carried = self._object
-        objects = self._world.others(carried.name)
-        body = Obstacle("object", carried.name, placed(carried.outline, carried.pose))
-        objects[carried.floor] = [*objects.get(carried.floor, ()), body]
-        return places_aside(self._world.building(), objects, self._way, blocking, self._standing)
+        return places_beside(self._world, self._object, self._way, blocking, self._standing)
 
     def _assign_gathering_poses(
         self, leader: str, robots: dict[str, Place], paths: GatheringPaths
@@ -207,12 +207,13 @@ class MoveTablePlanner(CooperativePlanner):
         outside, inside = self._split_at_doors(path, elevator)
         count = len(self._carry.formation.grips)
         ways = inside, self._split_at_doors(_poses(after)[::-1], elevator)[1][::-1]
+        boarding_s = max(self._trajectory_through_doors(each).duration for each in ways)
         call = CallCabin(
             elevator=elevator,
             destination=after.floor,
             party=f"{mission} to {after.floor}",  # the carriers ride together
             size=count,
-            boarding_s=max(self._trajectory_through_doors(each).duration for each in ways),
+            boarding_s=min(MAX_BOARDING_S - BOARDING_MARGIN_S, boarding_s + SUCCESSION_S),
             limit_s=CALL_LIMIT_S,
         )
         ride = Ride(elevator=elevator, destination=after.floor, limit_s=RIDE_LIMIT_S)

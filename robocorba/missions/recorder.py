@@ -257,7 +257,7 @@ def _closed(rows: Sequence[PhaseRecord]) -> tuple[PhaseRecord, ...]:
 
 
 def _phase(phase: PhaseTimes, robots: Sequence[str]) -> PhaseRecord:
-    missing = [robot for robot in robots if robot not in phase.done]
+    missing = [robot for robot in robots if robot not in phase.done and robot not in phase.without]
     if not missing and phase.name != RECOVERING:
         last = max(phase.done, key=phase.done.__getitem__)
         return PhaseRecord(phase.name, phase.began, max(phase.done[last], phase.began), last)

@@ -22,12 +22,14 @@ MAX_BRIEF_EVENTS = 500
 
 
 class PhaseTimes(NamedTuple):
-    """The times of a phase by the leader's clock: its start, and when each robot started and finished its step."""
+    """The times of a phase by the leader's clock: its start, and when each robot started and finished its step.
+    without: robots of the plan that do not take part any more."""
 
     name: str
     began: float
     started: dict[str, float]
     done: dict[str, float]
+    without: frozenset[str] = frozenset()
 
 
 class MissionReport(NamedTuple):

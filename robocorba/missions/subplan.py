@@ -137,7 +137,8 @@ class SubPlan(Struct, frozen=True):
 
 
 class CooperativePlan(Struct, frozen=True):
-    """All SubPlans of a mission. phases: names of the steps, for display. thing: name of the object."""
+    """All SubPlans of a mission. phases: names of the steps, for display. thing: name of the object. enough: the
+    smallest groups of its robots that can hold the object without the others."""
 
     mission: str
     kind: str
@@ -146,6 +147,7 @@ class CooperativePlan(Struct, frozen=True):
     phases: tuple[str, ...]
     subplans: tuple[SubPlan, ...]
     version: int = VERSION
+    enough: tuple[tuple[str, ...], ...] = ()
 
 
 class PhaseSteps(NamedTuple):
@@ -156,14 +158,29 @@ class PhaseSteps(NamedTuple):
 
 
 def plan_of(
-    mission: str, kind: str, leader: str, thing: str, roles: Sequence[tuple[str, str]], phases: Sequence[PhaseSteps]
+    mission: str,
+    kind: str,
+    leader: str,
+    thing: str,
+    roles: Sequence[tuple[str, str]],
+    phases: Sequence[PhaseSteps],
+    enough: tuple[tuple[str, ...], ...] = (),
 ) -> CooperativePlan:
     """A plan from its phases. roles: robots with their roles, in the order of the phases' steps."""
     subplans = tuple(
         SubPlan(robot, role, tuple(phase.steps[number] for phase in phases))
         for number, (robot, role) in enumerate(roles)
     )
-    return CooperativePlan(mission, kind, leader, thing, tuple(phase.name for phase in phases), subplans)
+    return CooperativePlan(mission, kind, leader, thing, tuple(phase.name for phase in phases), subplans, enough=enough)
+
+
+def holding_steps(plan: CooperativePlan) -> range:
+    """The numbers of the steps before and during which the robots hold an object together; the last one puts it
+    down."""
+    kinds = [{type(subplan.steps[number]) for subplan in plan.subplans} for number in range(len(plan.phases))]
+    first = max((number for number, found in enumerate(kinds) if TakeHold in found), default=len(kinds))
+    last = max((number for number, found in enumerate(kinds) if PutDown in found), default=-1)
+    return range(first + 1, last + 1)
 
 
 class StoredPlan(Struct, frozen=True):

@@ -36,8 +36,8 @@ DEFAULT_POLICY = SuccessionPolicy()
 class Successor(Protocol):
     """A robot that may take missions over."""
 
-    def is_free(self) -> bool:
-        """Whether it can lead now."""
+    def can_lead(self, mission: str) -> bool:
+        """Whether it can lead a mission now."""
 
     def lead(self, mission: str, icon: dict[str, Any]) -> None:
         """Begin to lead a mission, by its cooperative icon, unless another robot does. Raises RobotError."""
@@ -63,7 +63,8 @@ class Succession:
         self._closing = threading.Event()
 
     def begin(self, mission: str, term: int) -> None:
-        """The leader of `term` has fallen silent, and the robot has ended its part. Does not block."""
+        """The leader of `term` has fallen silent, and the robot has ended its part or holds an object. Does not
+        block."""
         with self._lock:
             if self._closing.is_set() or mission in self._waiting:
                 return
@@ -106,7 +107,7 @@ class Succession:
         successors = content.successors()
         if self._robot not in successors:
             return True
-        if waited_s < successors.index(self._robot) * self._policy.turn_s or not self._successor.is_free():
+        if waited_s < successors.index(self._robot) * self._policy.turn_s or not self._successor.can_lead(mission):
             return False
         if self._leads(content.leader, mission):  # it has lost this robot only, or comes back
             return False

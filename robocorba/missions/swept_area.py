@@ -34,7 +34,7 @@ def swept_shapes(plan: CarryPlan) -> list[tuple[str, BaseGeometry]]:
     found = []
     for number, leg in enumerate(plan.legs):
         poses = [(x, y, heading) for x, y, heading in leg.poses.tolist()]
-        shapes = _swept(plan.footprint(), poses)
+        shapes = swept(plan.footprint(), poses)
         if number == 0:
             shapes.append(placed(gathered, poses[0]).convex_hull)
         if number == len(plan.legs) - 1:
@@ -43,7 +43,7 @@ def swept_shapes(plan: CarryPlan) -> list[tuple[str, BaseGeometry]]:
     return found
 
 
-def _swept(body: BaseGeometry, poses: Sequence[Pose2D]) -> list[BaseGeometry]:
+def swept(body: BaseGeometry, poses: Sequence[Pose2D]) -> list[BaseGeometry]:
     """Convex hulls of the body between successive samples of its path."""
     hulls = [placed(body, pose).convex_hull for pose in _sampled(poses)]
     return [shapely.union_all(pair).convex_hull for pair in pairwise(hulls)] or hulls

@@ -25,6 +25,7 @@ from robocorba.errors.robots import MotionFailed, RobotHeld, RobotLost
 from robocorba.errors.simulation import InvalidCommand, SessionExpired
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
+from robocorba.maps.model import MapObject
 from robocorba.maps.polygons import FloorArea
 from robocorba.maps.topology import topological_map
 from robocorba.motion.robot_state import Velocity
@@ -37,6 +38,7 @@ from robocorba.simulation.registry import Description, Pose
 from robocorba.simulation.reservations import Reservation
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.grids import Floats
+from robocorba.testing.buildings import with_all
 from tests.simulation.places import tower
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -54,10 +56,11 @@ def documented_adaptor() -> Callable[[AdaptorContext], RobotAdaptor]:
 
 
 class Place:
-    """The tower of the simulation's tests in real time, with a session for one robot and a sensor that follows it."""
+    """The tower of the simulation's tests in real time, with a session for one robot and a sensor that follows it.
+    items: objects on its lower floor."""
 
-    def __init__(self, folder: Path) -> None:
-        self.building = tower()
+    def __init__(self, folder: Path, *items: MapObject) -> None:
+        self.building = with_all(tower(), [("L1", item) for item in items])
         for name, floor in self.building.floors.items():
             roads = topological_map(self.building, name)
             self.building.floors[name] = msgspec.structs.replace(floor, topological=roads)

@@ -17,9 +17,10 @@ from robocorba.control.agent import ControlAgent
 from robocorba.control.model_switcher import AdaptorContext
 from robocorba.data_pool.pool import DataPool
 from robocorba.errors.services import NotReachable
-from robocorba.missions import leader, member
+from robocorba.missions import leader_policy, member
 from robocorba.missions.cooperative_planner import CooperativePlanner
-from robocorba.missions.leader import Leader, LeaderPolicy
+from robocorba.missions.leader import Leader
+from robocorba.missions.leader_policy import LeaderPolicy
 from robocorba.missions.lookout import Look
 from robocorba.missions.member import MemberPolicy
 from robocorba.missions.mission_agent import MissionAgent
@@ -81,7 +82,7 @@ class Crew:
         self,
         place: Place,
         robots: dict[str, Pose],
-        leading: LeaderPolicy = leader.DEFAULT_POLICY,
+        leading: LeaderPolicy = leader_policy.DEFAULT_POLICY,
         taking_part: MemberPolicy = member.DEFAULT_POLICY,
         giving_way: GivingWayPolicy = policy.DEFAULT_POLICY,
     ) -> None:
@@ -91,8 +92,10 @@ class Crew:
         self.orphaned: list[tuple[str, str, int]] = []
         self._missions = []
         self._followers = []
+        self.pools: dict[str, DataPool] = {}
         for name, at in robots.items():
             pool = DataPool(place.agent.database, lambda floor: place.building, at.floor, name)
+            self.pools[name] = pool
             self._followers.append(Repeating(f"pool of {name}", pool.follow, FOLLOW_S).start())
             surroundings = AdaptorContext(name, place.session(name, at), None)
             agent = ControlAgent(surroundings, place.planner, Channel(), nearby=PoolNearby(pool, name, giving_way))

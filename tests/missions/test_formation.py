@@ -15,7 +15,14 @@ from robocorba.errors.robots import InvalidCarry
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import CircleShape, MapObject
 from robocorba.maps.movable import object_outline
-from robocorba.missions.formation import HAND_M, MAX_OFFSET_M, Formation, GripPoint, formations
+from robocorba.missions.formation import (
+    HAND_M,
+    MAX_OFFSET_M,
+    MAX_OFFSET_ONE_GRIP_M,
+    Formation,
+    GripPoint,
+    formations,
+)
 
 TABLE = shapely.box(-0.8, -0.4, 0.8, 0.4)
 
@@ -92,3 +99,35 @@ def test_a_footprint_has_the_object_its_carriers_and_their_arms() -> None:
 def test_impossible_formations_are_refused(outline: Polygon, count: int) -> None:
     with pytest.raises(InvalidCarry):
         formations(outline, count)
+
+
+@settings(max_examples=40, deadline=None)
+@given(outlines(), st.integers(1, 6), st.floats(0.5, 20.0))
+def test_groups_that_are_enough_can_carry_and_hold_the_object(outline: Polygon, count: int, mass_kg: float) -> None:
+    try:
+        formation = formations(outline, count)[0]
+    except InvalidCarry:
+        return
+    groups = formation.enough(outline, mass_kg, 4.0)
+    for group in groups:
+        assert len(group) < count
+        assert 4.0 * len(group) >= mass_kg - 1e-6
+        points = MultiPoint([formation.grips[number][:2] for number in group]).convex_hull
+        assert points.distance(outline.centroid) <= (MAX_OFFSET_ONE_GRIP_M if len(group) == 1 else MAX_OFFSET_M)
+        assert not any(set(other) < set(group) for other in groups)
+
+
+@pytest.mark.parametrize(
+    ("mass_kg", "enough"),
+    [(3.0, [(0,), (1,), (2,)]), (7.0, [(0, 1)]), (9.0, [])],
+)
+def test_how_many_carriers_are_enough(mass_kg: float, enough: list[tuple[int, ...]]) -> None:
+    """One at each end of a box, and one beside it whose line to either end passes far from the centroid."""
+    grips = GripPoint(-0.5, 0.0, 0.0), GripPoint(0.5, 0.0, math.pi), GripPoint(0.0, 0.5, -math.pi / 2)
+    assert Formation(grips).enough(shapely.box(-0.5, -0.5, 0.5, 0.5), mass_kg, 4.0) == enough
+
+
+@given(st.lists(st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(-3, 3)), min_size=1, max_size=4))
+def test_a_formation_is_known_by_its_carriers(poses: list[tuple[float, float, float]]) -> None:
+    found = Formation.of_carriers(poses).carrier_poses()
+    assert [value for pose in found for value in pose] == pytest.approx([value for pose in poses for value in pose])

@@ -18,7 +18,7 @@ from robocorba.control.agent import AgentCondition
 from robocorba.control.runner import ProgramResult
 from robocorba.errors.robots import GoalReached, InTheWay, MissionTakenOver
 from robocorba.errors.services import NotReachable
-from robocorba.missions.leader import LeaderPolicy
+from robocorba.missions.leader_policy import LeaderPolicy
 from robocorba.missions.lookout import Seen
 from robocorba.missions.member import MemberPolicy
 from robocorba.missions.report import MissionReport, PhaseTimes

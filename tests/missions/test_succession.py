@@ -50,7 +50,7 @@ class Robot:
         self.is_busy, self.refusals = False, 0
         self.led: list[tuple[str, dict[str, Any]]] = []
 
-    def is_free(self) -> bool:
+    def can_lead(self, mission: str) -> bool:
         return not self.is_busy
 
     def lead(self, mission: str, icon: dict[str, Any]) -> None:

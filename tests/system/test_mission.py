@@ -119,12 +119,13 @@ class Aborted(NamedTuple):
 
 
 class KilledLeader(NamedTuple):
-    """The leader was killed while it carried. helper: who carried with it. record: what mission control says. off_m:
-    distance of the desk from its goal in the end."""
+    """The leader was killed while it carried. helper: who carried with it, and led on. record: what mission control
+    says. off_m: distance of the desk from its goal in the end."""
 
     ended: Ended
     helper: str
     record: MissionContent
+    report: dict[str, Any]
     status: str
     off_m: float
 
@@ -210,7 +211,8 @@ def kill_leader(crew: Crew) -> KilledLeader:
     (helper,) = (member.robot for member in place.control.mission(name).content.members if member.robot != "E")
     crew.kill("E")
     ended = crew.end(user)
-    return KilledLeader(ended, helper, place.ended(name), place.command("anybody", "status", name), crew.off_m(goal))
+    status = place.command("anybody", "status", name)
+    return KilledLeader(ended, helper, place.ended(name), place.report(helper), status, crew.off_m(goal))
 
 
 def test_three_robots_begin_to_carry(stories: Stories) -> None:
@@ -254,6 +256,7 @@ def test_the_leader_is_killed_while_it_carries(stories: Stories) -> None:
     content = story.record
     assert (content.result, content.reason) == (MissionResult.DONE, "")
     assert (content.leader, content.term) == (story.helper, 2)
+    assert story.report["faults"] == [f"E is silent, and {story.helper} can't carry on"]  # too heavy for one
     assert f"{story.helper} took over in term 2 after " in story.status
     assert "E was silent" in story.status
     assert {member.robot for member in content.members} == {"F", "G"}
