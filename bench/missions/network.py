@@ -71,6 +71,10 @@ class TwoNetworks:
         self.place, self.within, self._router = place, within, router
         self._published = self._received = 0
 
+    def cut(self, is_cut: bool = True) -> None:
+        """Cut the link between the networks, or heal it."""
+        self._router.ask({"is_cut": is_cut})
+
     @contextlib.contextmanager
     def flood(self) -> Iterator[None]:
         """A camera publishes events in lab, and a consumer in lab receives them."""
@@ -110,8 +114,9 @@ class TwoNetworks:
 
 
 @contextlib.contextmanager
-def two_networks(folder: Path, delay_ms: float) -> Iterator[TwoNetworks]:
-    """Two namespaces with a running system; this process enters lab. Raises OSError if namespaces are not permitted."""
+def two_networks(folder: Path, delay_ms: float, plan: Path) -> Iterator[TwoNetworks]:
+    """Two namespaces with a running system on the map in the file `plan`; this process enters lab. Raises OSError if
+    namespaces are not permitted."""
     with contextlib.ExitStack() as stack:
         lab, hall = (stack.enter_context(Namespace()) for _ in range(2))
         devices = [host.add_tun(f"{other}/32", own) for host, own, other in ((lab, HERE, THERE), (hall, THERE, HERE))]
@@ -121,7 +126,7 @@ def two_networks(folder: Path, delay_ms: float) -> Iterator[TwoNetworks]:
         port = stack.enter_context(claimed_ports())
         launch = stack.enter_context(Launcher(folder))
         naming = Address(HERE, port)
-        building = ("--host", HERE, "--building", str(sample_path(BUILDING)), "--subnets", "lab")
+        building = ("--host", HERE, "--building", str(plan), "--subnets", "lab")
         up = real_system(launch, folder / "state", port, *building).wait_ready()
         drain(up.process)
         channel = (*module_command("robocorba.servers.event_channel"), "--name", "hall", "--peer", "lab")
@@ -177,7 +182,7 @@ def main(seeds: int = 1, delay: float = 5.0) -> bool:
     """Without network namespaces it measures nothing, and counts as reached."""
     with tempfile.TemporaryDirectory() as temporary, contextlib.ExitStack() as stack:
         try:
-            both = stack.enter_context(two_networks(Path(temporary), delay))
+            both = stack.enter_context(two_networks(Path(temporary), delay, sample_path(BUILDING)))
         except OSError as error:
             print(f"{NAME}: skipped: network namespaces are not available ({error}); run it as root", file=sys.stderr)
             return True

@@ -35,7 +35,8 @@ class Seen(NamedTuple):
 
 
 class Obeyed(NamedTuple):
-    """A robot reports that it has begun a step of an attempt at a mission. number: of the attempt."""
+    """A robot reports that it has begun a step of an attempt at a mission, at a time of its clock. number: of the
+    attempt."""
 
     at: float
     robot: str
@@ -82,20 +83,24 @@ class Witness:
             return [*([] if self._obeyed else ["no steps were observed"]), *([] if was_moving else ["no robot moved"])]
 
     def disobedience(self) -> list[str]:
-        """Steps that robots began for a leader although another had begun to lead them in a later attempt."""
+        """Steps that robots began for a leader although another had begun to lead them, in the same attempt or in a
+        later one."""
         with self._lock:
             obeyed = list(self._obeyed)
+        first_at: dict[tuple[str, int, str], float] = {}
+        for one in obeyed:
+            first_at.setdefault((one.mission, one.number, one.leader), one.at)
+
+        def reign(one: Obeyed) -> tuple[int, float]:
+            return one.number, first_at[one.mission, one.number, one.leader]
+
         wrong: list[str] = []
         for one in obeyed:
             for other in obeyed:
-                is_later = other.mission == one.mission and other.number > one.number and other.leader != one.leader
+                is_later = other.mission == one.mission and other.leader != one.leader and reign(other) > reign(one)
                 late_s = 0.0 if other.robot == one.robot else LATE_S
                 if is_later and one.at > other.at + late_s:
                     wrong.append(f"{one.robot} obeyed {one.leader} after {other.robot} obeyed {other.leader}")
-        leaders: dict[tuple[str, int], str] = {}
-        for one in obeyed:
-            if leaders.setdefault((one.mission, one.number), one.leader) != one.leader:
-                wrong.append(f"{one.leader} and {leaders[one.mission, one.number]} led the same attempt")
         return list(dict.fromkeys(wrong))
 
     def drove_on_s(self, robots: Collection[str], since: float) -> float:
@@ -109,6 +114,12 @@ class Witness:
                     break
                 longest_s = max(longest_s, one.at - since)
         return longest_s
+
+    def drivers(self, since: float, until: float) -> set[str]:
+        """The robots and objects that moved in this time [s]."""
+        with self._lock:
+            seen = [one for one in self._seen if since <= one.at <= until]
+        return {name for one in seen for name, speed in one.speeds.items() if speed > DRIVES_M_S}
 
     # ---- what it sees ----
 
@@ -143,7 +154,7 @@ class Witness:
                 return
             self._steps[state.robot, state.mission] = state.step
             number = int(state.mission.rpartition(".")[2])
-            self._obeyed.append(Obeyed(time.monotonic(), state.robot, state.of, number, state.leader, state.step))
+            self._obeyed.append(Obeyed(state.sent, state.robot, state.of, number, state.leader, state.step))
 
     def _on_collision(self, event: Event) -> None:
         self.touched.append(" and ".join(event.payload["who"]))

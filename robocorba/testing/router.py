@@ -1,8 +1,8 @@
 """The router between two networks: a process that delays each packet.
 
 python -m robocorba.testing.router FD FD: the descriptors of two TUN devices. It prints whether it has real-time
-priority, reads lines of JSON on stdin, {"delay_us": 200} to change the one-way delay or {} to keep it, answers each
-with the traffic forwarded so far, and ends with its stdin.
+priority, reads lines of JSON on stdin, {"delay_us": 200} to change the one-way delay, {"is_cut": true} to drop all
+packets from now on, or {} to change nothing, answers each with the traffic forwarded so far, and ends with its stdin.
 """
 
 from __future__ import annotations
@@ -22,15 +22,17 @@ SPIN_NS = 80_000
 
 
 class DelayLine:
-    """One direction: delays packets by `delay_ns`, in order."""
+    """One direction: delays packets by `delay_ns`, in order, or drops them while it `is_cut`."""
 
     def __init__(self) -> None:
-        self.delay_ns = 0
+        self.delay_ns, self.is_cut = 0, False
         self.packets = self.bytes = 0
         self._held: deque[tuple[int, bytes]] = deque()
 
     def put(self, packet: bytes, now_ns: int) -> None:
         """Add and count a packet."""
+        if self.is_cut:
+            return
         self.packets += 1
         self.bytes += len(packet)
         self._held.append((now_ns + self.delay_ns, packet))
@@ -67,6 +69,7 @@ def route(devices: tuple[int, int], control: int) -> None:
             for command in map(json.loads, text.splitlines()):
                 for line in lines:
                     line.delay_ns = round(1000 * command.get("delay_us", line.delay_ns / 1000))
+                    line.is_cut = command.get("is_cut", line.is_cut)
                 counts = {"packets": [line.packets for line in lines], "bytes": [line.bytes for line in lines]}
                 print(json.dumps(counts), flush=True)
 
