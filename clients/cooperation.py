@@ -6,6 +6,7 @@ import contextlib
 import logging
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import msgspec
 import shapely
 from shapely import MultiPoint, Point
 
+from robocorba.backoff import Backoff
 from robocorba.control.agent import ControlAgent
 from robocorba.control.execution_control import Aborted
 from robocorba.control.runner import ReceivedEvent
@@ -27,15 +29,17 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
+from robocorba.maps.polygons import FloorArea
 from robocorba.missions import carry_planning
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.execution import pose_in_robot_frame
 from robocorba.missions.hand_over import HandOverPlanner
 from robocorba.missions.leader import Inherited, Leader
+from robocorba.missions.leader_policy import DEFAULT_POLICY, LeaderPolicy
 from robocorba.missions.lookout import Seen
 from robocorba.missions.mission_agent import MissionAgent
-from robocorba.missions.move_table import MoveTablePlanner
+from robocorba.missions.move_table import MoveTablePlanner, ReserveOneOf
 from robocorba.missions.recorder import LedMission, MissionRecorder, claimed
 from robocorba.missions.remaining_carry import RemainingCarry, reservation
 from robocorba.missions.report import MissionReport
@@ -56,10 +60,14 @@ PUBLISH_TIMEOUT_S = 5.0
 MAX_PLANS_KEPT = 20
 #: Timeout to find the Omni database for a record of a mission [s].
 RECORD_RESOLVE_S = 1.0
-#: Makes the planner of each cooperative icon from the icon, the world, the leader's name and its place.
-PLANNERS: dict[type[Icon], Callable[[Any, World, str, Place], CooperativePlanner]] = {
-    icons.MoveTable: lambda icon, world, leader, here: MoveTablePlanner(world, icon.table, icon.to),
-    icons.HandOver: lambda icon, world, leader, here: HandOverPlanner(
+#: A leader that is taken over is gone after this time, as its lease ends [s].
+GONE_LIMIT_S = 5.0
+GONE_POLLING = Backoff(0.1, 0.1)
+#: Makes the planner of each cooperative icon from the icon, the world, the leader's name and its place, and what
+#: reserves areas.
+PLANNERS: dict[type[Icon], Callable[[Any, World, str, Place, ReserveOneOf], CooperativePlanner]] = {
+    icons.MoveTable: lambda icon, world, leader, here, reserve: MoveTablePlanner(world, icon.table, icon.to, reserve),
+    icons.HandOver: lambda icon, world, leader, here, reserve: HandOverPlanner(
         world, icon.object, icon.giver or leader, icon.taker, leader, here
     ),
 }
@@ -180,16 +188,28 @@ class Cooperation:
 
     def _inherited(self, mission: str, content: MissionContent) -> Inherited | None:
         """What the robots of a former leader hold; None if they do not, or if it is not known what they do."""
+        has_areas = self._takes_over_areas([each.robot for each in content.leaders[:-1]])
         if not self.is_holding_for(mission) or self._missions is None or content.plan is None:
             return None
         try:
             plan = msgspec.convert(content.plan, CooperativePlan)
             body = RemainingCarry(self._world, plan)
-            self._missions.take_over_reservation(reservation(plan))
+            self._missions.take_over_reservation(reservation(plan), has_areas)
         except (msgspec.ValidationError, RoboCorbaError) as error:
             _log.warning("mission %s is not carried on: %s", mission, error)
             return None
         return Inherited(plan, body)
+
+    def _takes_over_areas(self, leaders: Sequence[str]) -> bool:
+        """Take over what the last of these leaders has reserved, as soon as it is gone. Returns whether it had."""
+        if not leaders or self._agent is None:
+            return False
+        former = leaders[-1]
+        with contextlib.suppress(RoboCorbaError):
+            GONE_POLLING.poll(lambda: all(each.name != former for each in self._world.robots()), GONE_LIMIT_S)
+            self._agent.robot.session.take_over_areas(former)
+            return True
+        return False
 
     def _lead(
         self, icon: Icon, mission: str, led: LedMission, inherited: Inherited | None
@@ -201,8 +221,15 @@ class Cooperation:
         if type(icon) not in PLANNERS:
             raise MissionFailed(f"unsupported cooperative icon {kind(icon)}")
         make_planner = PLANNERS[type(icon)]
-        execution = agent.robot.execution
+        execution, session = agent.robot.execution, agent.robot.session
         is_aborted = False
+
+        def reserve(alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
+            for index, areas in enumerate(alternatives):
+                if session.exchange_areas(areas, limit_s / 2):  # of an attempt before
+                    return index
+            session.release_areas()
+            return session.reserve_one_of(alternatives, limit_s)
 
         def interruption() -> str:
             nonlocal is_aborted
@@ -217,6 +244,7 @@ class Cooperation:
                 lambda: Place(*agent.place[:3]),
                 self._store_plan,
                 interruption,
+                _policy(icon),
                 on_progress=led.update,
                 term=led.term,
                 attempts=led.attempts,
@@ -225,9 +253,11 @@ class Cooperation:
             )
             report = leader.lead(
                 kind(icon).replace("_", " "),
-                lambda: make_planner(icon, self._world, self._name, Place(*agent.place[:3])),
+                lambda: make_planner(icon, self._world, self._name, Place(*agent.place[:3]), reserve),
                 inherited,
             )
+            with contextlib.suppress(RoboCorbaError):
+                session.release_areas()
         return report, is_aborted
 
     def _look(self) -> list[Seen]:
@@ -252,6 +282,12 @@ class Cooperation:
                 versions = {stored.name: stored.version for stored in self._plans.all()}
                 self._plans.put(plan.mission, content, versions.get(plan.mission, 0))
                 return
+
+
+def _policy(icon: Icon) -> LeaderPolicy:
+    """The leader's policy with the user's limit."""
+    limit_s: float | None = getattr(icon, "recovery_timeout", None)
+    return DEFAULT_POLICY if limit_s is None else replace(DEFAULT_POLICY, recovery_timeout_s=limit_s)
 
 
 class _Successor:

@@ -55,6 +55,15 @@ def move_table(
         str, typer.Option(metavar="FLOOR:X,Y[,HEADING]", help="Pose of its middle at the goal, in m and rad.")
     ],
     leader: LeaderName = "",
+    recovery_timeout: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            min=1.0,
+            max=3600.0,
+            help="How long robots or servers may be missing after a fault before the mission fails (default: 60).",
+        ),
+    ] = None,
     naming: Naming = None,
 ) -> None:
     """Carry a table to a goal. The leader finds the helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
@@ -65,7 +74,7 @@ def move_table(
 
     stop = StopSignal()
     with connected("mission", naming) as orb:
-        icon = msgspec.json.encode(MoveTable(table, parse_destination(to))).decode()
+        icon = msgspec.json.encode(MoveTable(table, parse_destination(to), recovery_timeout)).decode()
         control = RemoteMissionControl(orb)
         end = _print_progress(control, control.start(leader, icon), stop)
     line(end.result, f"{end.seconds:.1f} s", *filter(None, [end.reason]))

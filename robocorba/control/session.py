@@ -91,6 +91,20 @@ class BuildingSession(Protocol):
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull."""
 
+    def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
+        """The same for one of several alternatives: the one that is granted the soonest if all earlier requests last as
+        long as they may, among equals the first. Returns its index.
+
+        Raises InvalidReservation, UnknownFloor, ReservationsFull."""
+
+    def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
+        """Replace the granted areas by others, for what is left of their limit, if that is at least `least_s` and
+        nobody has to wait longer for it. Returns whether they were. Raises InvalidReservation, UnknownFloor."""
+
+    def take_over_areas(self, former: str) -> None:
+        """Take over the areas that were granted to a robot which fell silent while it held an object. Raises
+        InvalidReservation."""
+
     def reservation(self) -> Reservation | None:
         """The state of the request; None without a request, or once its grant has expired."""
 

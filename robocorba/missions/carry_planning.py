@@ -74,7 +74,20 @@ def plan_carry(
     count: int,
     blocked: Blocked | None = None,
 ) -> CarryPlan:
-    """Plan how `count` robots carry an object from the pose `start` to the pose `goal`, both met exactly.
+    """The first of `plan_carries`."""
+    return next(plan_carries(building, carried, start, goal, count, blocked))
+
+
+def plan_carries(
+    building: Building,
+    carried: str | Polygon,
+    start: Pose | tuple[str, float, float, float] | None,
+    goal: Pose | tuple[str, float, float, float],
+    count: int,
+    blocked: Blocked | None = None,
+) -> Iterator[CarryPlan]:
+    """Plan how `count` robots carry an object from the pose `start` to the pose `goal`, both met exactly: the best
+    plan, then others with the same formation and as many rides, by other elevators.
 
     carried: name of a movable object (see `maps.movable.movables`), or an outline in its own frame. start: None for the
     pose of the map. blocked: additional obstacles; see BuildingObstacles. Carriers have room to approach their places
@@ -103,9 +116,15 @@ def plan_carry(
             if collision := _collision_at_ends(obstacles, body, start, goal, back_off_m):
                 collisions.append(collision)
                 continue
+            found_rides: int | None = None
             for route in routes:
-                if legs := _plan_legs(obstacles, body, route, start, goal, attempts):
-                    return CarryPlan(body.formation, tuple(legs), outline, back_off_m)
+                if found_rides in (None, len(route)) and (
+                    legs := _plan_legs(obstacles, body, route, start, goal, attempts)
+                ):
+                    found_rides = len(route)
+                    yield CarryPlan(body.formation, tuple(legs), outline, back_off_m)
+            if found_rides is not None:
+                return
         if attempts:
             raise why_impossible(obstacles, attempts)
     raise collisions[0]

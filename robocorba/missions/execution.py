@@ -12,6 +12,7 @@ from typing import Any
 from robocorba.control.robot import Robot
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MotionFailed, Unreachable
+from robocorba.errors.simulation import InvalidReservation
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, SHUT_RAD, Side
 from robocorba.kinematics.tasks import POSTURES, grip_table
@@ -78,9 +79,13 @@ class StepExecutor:
     @execute.register
     def _(self, step: subplan.Reserve) -> None:
         session = self._robot.session
-        session.release_areas()  # of an earlier mission
         self._areas = step.areas
-        session.reserve(step.areas, step.hold_s)
+        try:
+            session.keep_areas(step.areas)  # requested with the plan
+        except InvalidReservation:
+            if not session.exchange_areas(step.areas, step.hold_s / 2):  # of an earlier attempt, for another way
+                session.release_areas()
+                session.reserve(step.areas, step.hold_s)
 
         def is_granted() -> bool:
             found = session.reservation()
@@ -161,15 +166,16 @@ class StepExecutor:
             if self.carry:
                 self.carry.place = self._place
 
-    def reserve_again(self, step: subplan.Reserve, floors_left: int) -> None:
-        """Reserve the last areas of a step in place of a robot that is gone, without waiting for them. Raises
-        SimulationError, RobotLost."""
+    def reserve_again(self, step: subplan.Reserve, floors_left: int, is_reserved: bool) -> None:
+        """Reserve the last areas of a step in place of a robot that is gone, without waiting for them. is_reserved:
+        whether its reservation has been taken over. Raises SimulationError, RobotLost."""
         areas = step.areas[-floors_left:]
-        self._robot.session.reserve(areas, step.hold_s)
+        if not is_reserved:
+            self._robot.session.reserve(areas, step.hold_s)
         self._areas = areas
 
     def release_reservations(self) -> None:
-        """Release all reserved areas, however the mission ended."""
+        """Release all reserved areas."""
         if self._areas:
             self._areas = ()
             with contextlib.suppress(RoboCorbaError):

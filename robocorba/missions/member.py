@@ -168,11 +168,11 @@ class Member:
         """Whether it holds an object, and has not failed."""
         return bool(self._executor.held) and not self._failure and not self._order.end
 
-    def take_over_reservation(self, step: Reserve) -> None:
-        """Reserve what the former leader has reserved, for the floors that are left. Raises SimulationError,
-        RobotLost."""
+    def take_over_reservation(self, step: Reserve, is_reserved: bool) -> None:
+        """Reserve what the former leader has reserved, for the floors that are left. is_reserved: whether the robot has
+        its reservation. Raises SimulationError, RobotLost."""
         rides = sum(isinstance(each, Ride) for each in self._subplan.steps[max(self._step, 0) :])
-        self._executor.reserve_again(step, rides + 1)
+        self._executor.reserve_again(step, rides + 1, is_reserved)
 
     def state(self) -> MemberState:
         """The status message for the leader."""
@@ -208,6 +208,7 @@ class Member:
                 self._wait_for(number)
                 self._do_step(number)
             self._wait_for_end()
+            self._executor.release_reservations()  # after a fault the leader keeps them for its next attempt
             self._update_report(ProgramResult.DONE)
         except RoboCorbaError as error:
             self._fail(error)
@@ -215,7 +216,6 @@ class Member:
             self._fail(MissionFailed(f"{type(error).__name__}: {error}"))
             raise
         finally:
-            self._executor.release_reservations()
             self.has_ended = True
 
     def _wait_for(self, number: int) -> None:

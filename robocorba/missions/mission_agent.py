@@ -78,10 +78,10 @@ class MissionAgent:
         member = self._member
         return member is not None and member.of == mission and member.is_orphaned and member.is_holding
 
-    def take_over_reservation(self, step: Reserve) -> None:
+    def take_over_reservation(self, step: Reserve, is_reserved: bool) -> None:
         """See Member."""
         if member := self._member:
-            member.take_over_reservation(step)
+            member.take_over_reservation(step, is_reserved)
 
     def _run(self) -> None:
         while not self._closing.is_set():

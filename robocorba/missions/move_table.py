@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
+from itertools import islice
 
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.robots import GoalReached, InTheWay, MissionFailed
 from robocorba.maps.geometry import Obstacle, shaft_polygon
-from robocorba.missions.carry_planning import CarryLeg, CarryPlan, plan_carry
+from robocorba.maps.polygons import FloorArea
+from robocorba.missions.carry_planning import CarryLeg, CarryPlan, plan_carries
 from robocorba.missions.clearing import Way, in_the_way, places_beside, united
 from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.formation import GripPoint
@@ -39,7 +41,7 @@ from robocorba.planning.request import Place
 from robocorba.programs.icons import Destination
 from robocorba.simulation.building import PAYLOAD_KG
 from robocorba.simulation.elevator import BOARDING_LIMIT_S, BOARDING_MARGIN_S, MAX_BOARDING_S
-from robocorba.simulation.reservations import MAX_LIMIT_S
+from robocorba.simulation.reservations import MAX_ALTERNATIVES, MAX_LIMIT_S
 from robocorba.spatial.frames import out_of
 from robocorba.spatial.pose import Pose, Pose2D
 
@@ -57,33 +59,39 @@ DOOR_LIMITS = (0.4, 0.5, 0.6)
 DOOR_MARGIN_S = 4.0
 #: Time for another leader to take over while the party drives through the doors [s].
 SUCCESSION_S = 12.0
-#: How long to wait for the swept areas, and how long they stay reserved [s]: the server's maximum.
+#: How long the swept areas stay reserved [s]: the server's maximum.
 RESERVATION_LIMIT_S = MAX_LIMIT_S
 #: Time limit of gathering [s].
 GATHER_LIMIT_S = 240.0
 #: Time limit of approaching, gripping, putting down and backing off [s].
 NEAR_LIMIT_S = 30.0
-#: Time limits of waiting for the cabin, while other missions use it, and of riding [s].
-CALL_LIMIT_S, RIDE_LIMIT_S = 1800.0, 300.0
+#: Time limits of waiting for the swept areas, and for the cabin, while other missions use them, and of riding [s].
+QUEUE_LIMIT_S, CALL_LIMIT_S, RIDE_LIMIT_S = 1800.0, 1800.0, 300.0
 #: Time limit of a carry: a multiple of its planned duration, plus an extra time [s].
 CARRY_LIMIT_FACTOR, CARRY_LIMIT_EXTRA_S = 3.0, 20.0
+
+
+#: Reserves one of several ways, each as its areas (floor, corners [m]), for a time [s]; returns its index.
+ReserveOneOf = Callable[[Sequence[Sequence[FloorArea]], float], int]
 
 
 class MoveTablePlanner(CooperativePlanner):
     """Plans the missions of the icon move_table (see CooperativePlanner). It plans the carry when it is created.
 
-    As many robots carry as the object's weight needs, at least two. Raises GoalReached, MissionFailed, ImpossibleCarry,
-    NotReachable."""
+    As many robots carry as the object's weight needs, at least two. Where several elevators lead to the goal, it takes
+    the one that it is granted the soonest. Raises GoalReached, MissionFailed, ImpossibleCarry, NotReachable."""
 
-    def __init__(self, world: World, table: str, goal: Destination) -> None:
-        self._world = world
+    def __init__(self, world: World, table: str, goal: Destination, reserve: ReserveOneOf) -> None:
+        self._world, self._reserve = world, reserve
         self._object = carried = world.movable(table)
         count = max(2, math.ceil(carried.mass_kg / PAYLOAD_KG - 1e-9))
         start, to = Pose(carried.floor, *carried.pose), Pose(goal.floor, goal.x, goal.y, goal.heading)
         if _is_at(start, to):
             raise GoalReached(f"{table} is at its goal")
         self._start, self._goal, self._count = start, to, count
-        self._carry = self._plan_carry()
+        #: The ways by different elevators, and the one that is taken; all have the same formation.
+        self._ways = self._plan_ways()
+        self._carry = self._ways[0]
         #: Of the last plan: all robots, and the room that it needs.
         self._standing: list[StandingRobot] = []
         self._way: Way = {}
@@ -104,9 +112,13 @@ class MoveTablePlanner(CooperativePlanner):
         self._standing = self._world.robots()
         gathering, names = self._assign_gathering_poses(leader, robots, paths)
         stay = [robot for robot in self._standing if robot.name in staying and robot.name not in names]
-        if in_the_way(united(swept_shapes(self._carry)), stay):
-            self._carry = self._plan_carry(stay)
+        if any(in_the_way(united(swept_shapes(way)), stay) for way in self._ways):
+            self._ways = self._plan_ways(stay)
+            self._carry = self._ways[0]
             gathering, names = self._assign_gathering_poses(leader, robots, paths)
+        if len(self._ways) > 1:
+            areas = [swept_areas(way) for way in self._ways]
+            self._carry = self._ways[self._reserve(areas, RESERVATION_LIMIT_S)]
         carried, formation, legs = self._object, self._carry.formation, self._carry.legs
         others = [robot for robot in self._standing if robot.name not in names]
         starts = [robots[name] for name in names]
@@ -116,8 +128,8 @@ class MoveTablePlanner(CooperativePlanner):
         blocking = in_the_way(self._way, [robot for robot in others if robot.name not in staying])
         if blocking:
             raise InTheWay(self._aside(blocking))
-        reserve = Reserve(areas=swept_areas(self._carry), hold_s=RESERVATION_LIMIT_S, limit_s=RESERVATION_LIMIT_S)
-        idle = Idle(limit_s=RESERVATION_LIMIT_S)
+        reserve = Reserve(areas=swept_areas(self._carry), hold_s=RESERVATION_LIMIT_S, limit_s=QUEUE_LIMIT_S)
+        idle = Idle(limit_s=QUEUE_LIMIT_S)
         phases = [
             PhaseSteps("reserving", [reserve if name == leader else idle for name in names]),
             *self._gathering_phases(gathering, starts, paths),
@@ -139,13 +151,14 @@ class MoveTablePlanner(CooperativePlanner):
         self._standing = self._world.robots()
         return self._aside([each for each in self._standing if each.name == robot]).get(robot)
 
-    def _plan_carry(self, staying: Sequence[StandingRobot] = ()) -> CarryPlan:
-        """The carry around robots that stay where they are."""
+    def _plan_ways(self, staying: Sequence[StandingRobot] = ()) -> list[CarryPlan]:
+        """The carry by each elevator, around robots that stay where they are."""
         name = self._object.name
         blocked: dict[str, list[Obstacle]] = self._world.others(name)
         for robot in staying:
             blocked.setdefault(robot.floor, []).append(robot.obstacle)
-        return plan_carry(self._world.building(), name, self._start, self._goal, self._count, blocked=blocked)
+        found = plan_carries(self._world.building(), name, self._start, self._goal, self._count, blocked)
+        return list(islice(found, MAX_ALTERNATIVES))
 
     @property
     def _carrier_poses(self) -> tuple[Pose2D, ...]:

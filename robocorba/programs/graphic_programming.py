@@ -135,11 +135,13 @@ class ProgramBuilder:
     def say(self, type: str, payload: Any = None) -> ProgramBuilder:
         return self._add(icons.Say(type, payload))
 
-    def move_table(self, table: str, to: Destination) -> ProgramBuilder:
-        return self._add(icons.MoveTable(table, to))
+    def move_table(self, table: str, to: Destination, recovery_timeout: float | None = None) -> ProgramBuilder:
+        return self._add(icons.MoveTable(table, to, recovery_timeout))
 
-    def hand_over(self, object: str, taker: str, giver: str | None = None) -> ProgramBuilder:
-        return self._add(icons.HandOver(object, taker, giver))
+    def hand_over(
+        self, object: str, taker: str, giver: str | None = None, recovery_timeout: float | None = None
+    ) -> ProgramBuilder:
+        return self._add(icons.HandOver(object, taker, giver, recovery_timeout))
 
     def _add(self, icon: Icon) -> ProgramBuilder:
         self._icons.append(icon)

@@ -40,6 +40,15 @@ TurnVelocity = Annotated[
     float, Meta(ge=-BASE_LIMITS.turn_speed, le=BASE_LIMITS.turn_speed, title="turn [rad/s]", description="Plus: left.")
 ]
 Seconds = Annotated[float, Meta(gt=0.0, le=3600.0, title="time [s]")]
+RecoveryTimeout = Annotated[
+    float,
+    Meta(
+        gt=0.0,
+        le=3600.0,
+        title="recovery timeout [s]",
+        description="For how long robots or servers may be missing after a fault before the mission fails; else 60 s.",
+    ),
+]
 Reach = Annotated[float, Meta(ge=-2.0, le=2.0, title="coordinate [m]", description="In the robot's own frame.")]
 Angle = Annotated[float, Meta(ge=-math.pi, le=math.pi, title="angle [rad]", description="In the robot's own frame.")]
 Joints = tuple[
@@ -299,6 +308,7 @@ class MoveTable(_Icon, frozen=True):
 
     table: Text
     to: Destination
+    recovery_timeout: RecoveryTimeout | None = None
 
 
 class HandOver(_Icon, frozen=True):
@@ -307,6 +317,7 @@ class HandOver(_Icon, frozen=True):
     object: Text
     taker: Text
     giver: Text | None = None
+    recovery_timeout: RecoveryTimeout | None = None
 
 
 #: The icons of missions.

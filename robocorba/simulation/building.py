@@ -142,14 +142,17 @@ class SimulatedRobot:
 class SimulationEvent(NamedTuple):
     """An event of the simulation; its fields are the published payload.
 
-    kind: "collision", "grip lost", "ride lost", "reservation over" or "placed". who: names of the robots and objects
-    involved."""
+    kind: "collision", "grip lost", "boarding", "ride lost", "reservation over" or "placed". who: names of the robots
+    and objects involved. waited_s, longest_wait_s: of a robot that may board, since its call, and the upper bound of
+    that time when it called; None for other events."""
 
     time: float
     floor: str
     kind: str
     who: tuple[str, ...]
     reason: str = ""
+    waited_s: float | None = None
+    longest_wait_s: float | None = None
 
 
 class SimulatedBuilding:
@@ -276,6 +279,12 @@ class SimulatedBuilding:
         self.cancel_elevator(name)
         self.reservations.release(name)
 
+    def fall_silent(self, name: str) -> None:
+        """A robot is about to be removed since it fell silent. What it has reserved is kept for a while if it holds an
+        object, which others may hold, too."""
+        if self.held_by(name):
+            self.reservations.fall_silent(name)
+
     def pose(self, name: str) -> Pose:
         """Current pose of a robot. Raises UnknownRobot."""
         robot = self._robot(name)
@@ -372,7 +381,9 @@ class SimulatedBuilding:
         called = next((other for other, cabin in self.cabins.items() if name in cabin.sessions), None)
         if called:
             raise InvalidRide("elevator", f"{name} has already called {called}")
-        self.cabins[elevator].call(name, robot.floor, destination, robot.description.radius_m, party, size, boarding_s)
+        cabin, radius_m = self.cabins[elevator], robot.description.radius_m
+        session = cabin.call(name, robot.floor, destination, radius_m, party, size, boarding_s)
+        session.longest_wait_s = longest_wait_s(cabin, name)
         self._update_elevator_states()
 
     def longest_elevator_wait_s(self, name: str) -> float:
@@ -386,10 +397,11 @@ class SimulatedBuilding:
                 cabin.cancel(name)
         self._update_elevator_states()
 
-    def reserve(self, name: str, areas: AreaRequest) -> None:
-        """Request areas for a robot. Raises UnknownRobot, InvalidReservation, ReservationsFull."""
+    def reserve(self, name: str, alternatives: Sequence[AreaRequest]) -> int:
+        """Request one of several alternatives for a robot; return its index. Raises UnknownRobot, InvalidReservation,
+        ReservationsFull."""
         self._robot(name)
-        self.reservations.reserve(name, areas)
+        return self.reservations.reserve(name, alternatives)
 
     # ---- time ----
 
@@ -414,8 +426,13 @@ class SimulatedBuilding:
             for rider, reason in cabin.ended:
                 events.append(SimulationEvent(self.time, cabin.floor, "ride lost", (rider,), reason))
             cabin.ended.clear()
+            for session in cabin.boarding:
+                waited = self.time - session.called_at, session.longest_wait_s
+                events.append(SimulationEvent(self.time, session.origin, "boarding", (session.robot,), "", *waited))
+            cabin.boarding.clear()
         for ended in self.reservations.advance(self.time):
-            reason = f"its limit of {ended.limit_s:g} s is over"
+            silent = ended.kept_until is not None
+            reason = "the robot fell silent" if silent else f"its limit of {ended.limit_s:g} s is over"
             events.append(SimulationEvent(self.time, ended.areas[0][0], "reservation over", (ended.owner,), reason))
         self._update_elevator_states()
         return events
@@ -612,6 +629,8 @@ class SimulatedBuilding:
         for name, cabin in self.cabins.items():
             if name in world.cabins and world.cabins[name].floor in cabin.heights:
                 cabin.restore(world.cabins[name], self.time, self.robots.keys())
+                for session in cabin.sessions.values():
+                    session.longest_wait_s = self.time - session.called_at + longest_wait_s(cabin, session.robot)
                 self._last_cabins[name] = (cabin.floor, Doors.CLOSED)
             else:
                 cabin.now = self.time

@@ -53,7 +53,8 @@ class RideSession:
     """Session of one robot, from call to alighting.
 
     called_at: simulated time [s]. party: name of a party of `size` robots, empty for a lone robot. limit_s: time limit
-    for boarding, and for alighting. since: simulated time at which boarding or alighting began [s]."""
+    for boarding, and for alighting. since: simulated time at which boarding or alighting began [s]. longest_wait_s:
+    upper bound of the time from the call until boarding, as it was when the robot called [s]."""
 
     robot: str
     origin: str
@@ -65,6 +66,7 @@ class RideSession:
     limit_s: float = BOARDING_LIMIT_S
     phase: RidePhase = RidePhase.WAITING
     since: float = 0.0
+    longest_wait_s: float = 0.0
 
     def enter_phase(self, phase: RidePhase, now: float) -> None:
         self.phase, self.since = phase, now
@@ -94,6 +96,8 @@ class Cabin:
         #: Time at which a party began to board, and its limit [s].
         self._party_since, self._party_limit_s = now, BOARDING_LIMIT_S
         self.sessions: dict[str, RideSession] = {}
+        #: Sessions whose robots may board since this list was cleared last.
+        self.boarding: list[RideSession] = []
         #: Robot and reason of each session that the elevator ended, since the robot was too late.
         self.ended: list[tuple[str, str]] = []
 
@@ -309,6 +313,7 @@ class Cabin:
                 if session.party and not self._riders_after_stop():
                     self._party_since, self._party_limit_s = self.now, session.limit_s
                 session.enter_phase(RidePhase.BOARDING, self._party_since if session.party else self.now)
+                self.boarding.append(session)
         return bool(self._moving_through_doors()) or self._is_waiting_for_party()
 
     def _next_to_board(self) -> list[RideSession]:

@@ -344,6 +344,7 @@ class ManagementAgent:
             self._checked_at = now
             for client in self.registry.expired() if self._are_leases_running else ():
                 _log.info("%s logged off: its lease of %g s expired", client.name, self.registry.lease_s)
+                self.simulated.fall_silent(client.name)
                 self._log_off(client)
                 self._writer.forget(client.key)
         if now - self._written_at >= WRITE_INTERVAL_S:

@@ -3,6 +3,9 @@
 A request is granted with all its areas or not at all, which excludes deadlocks. It waits for each earlier overlapping
 request, granted or not, which excludes starvation. A grant expires after its limit, so every wait is bounded.
 Reservations bind only robots that reserve.
+
+What is granted to a robot that falls silent with an object in its hands stays reserved for a while, so that another one
+can take it over: others may still stand there and hold the object.
 """
 
 from __future__ import annotations
@@ -27,6 +30,10 @@ MAX_CORNERS = 512
 MAX_REQUESTS = 500
 #: Maximum duration of a grant [s].
 MAX_LIMIT_S = 600.0
+#: How long areas are kept that were granted to a robot that fell silent with an object in its hands [s].
+KEPT_S = 20.0
+#: Maximum number of alternatives of a request.
+MAX_ALTERNATIVES = 4
 #: Each area is shrunk by this margin [m], so that rounding does not make adjacent areas overlap.
 EDGE_M = 0.001
 
@@ -65,10 +72,12 @@ class QueuedRequest:
     def __init__(self, owner: str, request: AreaRequest) -> None:
         self.owner = owner
         self.areas, self.limit_s, self.shapes = request
-        #: Owners of the requests that it waits for.
-        self.ahead: set[str] = set()
+        #: The requests that it waits for.
+        self.ahead: set[QueuedRequest] = set()
         #: Time of the grant [s]; None while it waits.
         self.granted_at: float | None = None
+        #: Time until which it is kept though its owner fell silent [s]; None while the owner is there.
+        self.kept_until: float | None = None
         #: Upper bound of that time [s].
         self.latest_grant = 0.0
 
@@ -78,14 +87,15 @@ class QueuedRequest:
     @property
     def latest_end(self) -> float:
         """Upper bound of the time at which its grant ends [s]."""
-        return (self.latest_grant if self.granted_at is None else self.granted_at) + self.limit_s
+        end = (self.latest_grant if self.granted_at is None else self.granted_at) + self.limit_s
+        return end if self.kept_until is None else min(end, self.kept_until)
 
     def status_at(self, now: float) -> Reservation:
         """Status at a time [s]. Thread-safe."""
         granted_at = self.granted_at
         if granted_at is None:
             return Reservation(False, len(self.ahead), max(0.0, self.latest_grant - now), self.limit_s)
-        return Reservation(True, 0, 0.0, max(0.0, granted_at + self.limit_s - now))
+        return Reservation(True, 0, 0.0, max(0.0, self.latest_end - now))
 
 
 class Reservations:
@@ -96,17 +106,25 @@ class Reservations:
         self._max_requests = max_requests
         #: By owner, first request first.
         self.requests: dict[str, QueuedRequest] = {}
+        #: The grants of owners that fell silent.
+        self._kept: list[QueuedRequest] = []
 
-    def reserve(self, owner: str, areas: AreaRequest) -> QueuedRequest:
-        """QueuedRequest areas, granted immediately or later. Raises InvalidReservation, ReservationsFull."""
+    def reserve(self, owner: str, alternatives: Sequence[AreaRequest]) -> int:
+        """Request one of several alternatives, granted immediately or later: the one whose latest grant is the soonest,
+        among equals the first. Returns its index. Raises InvalidReservation, ReservationsFull."""
         if owner in self.requests:
             raise InvalidReservation("robot", f"{owner} has a reservation already")
-        if len(self.requests) >= self._max_requests:
+        if len(self.requests) + len(self._kept) >= self._max_requests:
             raise ReservationsFull(self._max_requests)
-        request = QueuedRequest(owner, areas)
-        request.ahead = {other.owner for other in self.requests.values() if request.overlaps(other)}
+        requests = [self._queued(owner, areas) for areas in alternatives]
+        request = min(requests, key=lambda each: max((other.latest_end for other in each.ahead), default=self.now))
         self.requests[owner] = request
         self._grant()
+        return requests.index(request)
+
+    def _queued(self, owner: str, areas: AreaRequest) -> QueuedRequest:
+        request = QueuedRequest(owner, areas)
+        request.ahead = {other for other in (*self.requests.values(), *self._kept) if request.overlaps(other)}
         return request
 
     def keep(self, owner: str, kept: Sequence[FloorArea]) -> None:
@@ -124,18 +142,64 @@ class Reservations:
             return
         request.areas = tuple(area for area in request.areas if area in kept)
         request.shapes = _shapes(request.areas)
-        request.ahead = {other for other in request.ahead if request.overlaps(self.requests[other])}
-        for other in self.requests.values():
-            if owner in other.ahead and not other.overlaps(request):
-                other.ahead.discard(owner)
-        self._grant()
+        request.ahead = {other for other in request.ahead if request.overlaps(other)}
+        self._release_others(request)
+
+    def exchange(self, owner: str, areas: AreaRequest, least_s: float) -> bool:
+        """Replace what is granted to an owner by other areas, for the rest of its time, if that is `least_s` at least
+        and nobody has to wait longer for it. Returns whether it was."""
+        request = self.requests.get(owner)
+        if request is None or request.granted_at is None or request.latest_end - self.now < least_s:
+            return False
+        wanted = QueuedRequest(owner, areas)
+        for other in (*self.requests.values(), *self._kept):
+            is_behind = other.granted_at is None and request in other.ahead
+            if other is not request and not is_behind and wanted.overlaps(other):
+                return False
+        request.areas, request.shapes = areas.areas, areas.shapes
+        self._release_others(request)
+        return True
 
     def release(self, owner: str) -> None:
         """End an owner's request, if any."""
-        if self.requests.pop(owner, None):
-            for other in self.requests.values():
-                other.ahead.discard(owner)
-            self._grant()
+        if request := self.requests.pop(owner, None):
+            self._remove(request)
+
+    def fall_silent(self, owner: str) -> None:
+        """The owner is gone without having released its areas. What is granted to it is kept for KEPT_S."""
+        request = self.requests.get(owner)
+        if request is None or request.granted_at is None:
+            self.release(owner)
+            return
+        del self.requests[owner]
+        request.kept_until = self.now + KEPT_S
+        self._kept.append(request)
+        self._grant()
+
+    def take_over(self, owner: str, former: str) -> None:
+        """Give an owner what is kept of a former one that fell silent. Raises InvalidReservation without such areas."""
+        if owner in self.requests:
+            raise InvalidReservation("robot", f"{owner} has a reservation already")
+        for request in self._kept:
+            if request.owner == former:
+                self._kept.remove(request)
+                request.owner, request.kept_until = owner, None
+                self.requests[owner] = request
+                self._grant()
+                return
+        raise InvalidReservation("former", f"nothing is kept of {former[:80]!r}")
+
+    def _release_others(self, request: QueuedRequest) -> None:
+        """The areas of a request have changed: others that no longer overlap it do not wait for it any more."""
+        for other in self.requests.values():
+            if request in other.ahead and not other.overlaps(request):
+                other.ahead.discard(request)
+        self._grant()
+
+    def _remove(self, request: QueuedRequest) -> None:
+        for other in self.requests.values():
+            other.ahead.discard(request)
+        self._grant()
 
     def find(self, owner: str, now: float) -> Reservation | None:
         """Status of an owner's request at a time [s]; None without a request. Thread-safe."""
@@ -146,16 +210,24 @@ class Reservations:
         """All requests with their status at a time [s], first request first. Thread-safe."""
         return [
             ReservedAreas(request.owner, request.areas, request.status_at(now))
-            for request in list(self.requests.values())
+            for request in [*self.requests.values(), *self._kept]
         ]
 
     def advance(self, now: float) -> list[QueuedRequest]:
         """Advance to a time [s]; return the requests whose grant expired."""
         ended = []
-        while expired := [r for r in self.requests.values() if r.granted_at is not None and r.latest_end <= now]:
+        while expired := [
+            request
+            for request in (*self.requests.values(), *self._kept)
+            if request.granted_at is not None and request.latest_end <= now
+        ]:
             first = min(expired, key=lambda request: request.latest_end)
             self.now = first.latest_end  # waiting requests are granted at this time
-            self.release(first.owner)
+            if first.kept_until is None:
+                del self.requests[first.owner]
+            else:
+                self._kept.remove(first)
+            self._remove(first)
             ended.append(first)
         self.now = now
         return ended
@@ -172,18 +244,15 @@ class Reservations:
         self.now = now
         for record in records:
             if record.owner in owners:
-                areas = AreaRequest(record.areas, record.limit_s, _shapes(record.areas))
-                request = self.reserve(record.owner, areas)
+                self.reserve(record.owner, [AreaRequest(record.areas, record.limit_s, _shapes(record.areas))])
                 if record.granted_at is not None:
-                    request.granted_at = record.granted_at
+                    self.requests[record.owner].granted_at = record.granted_at
 
     def _grant(self) -> None:
         """Grant requests that wait for no other, and compute the latest grant of the rest, in order of arrival."""
         for request in self.requests.values():
             if request.granted_at is None:
-                request.latest_grant = max(
-                    (self.requests[other].latest_end for other in request.ahead), default=self.now
-                )
+                request.latest_grant = max((other.latest_end for other in request.ahead), default=self.now)
                 if not request.ahead:
                     request.granted_at = self.now
 
@@ -204,6 +273,15 @@ def area_request(areas: Sequence[tuple[str, Sequence[XY]]], limit_s: float, floo
         if shapely.Polygon(polygon).buffer(-EDGE_M).is_empty:
             raise InvalidReservation(f"areas[{i}].polygon", f"is nowhere wider than {2 * EDGE_M:g} m")
     return AreaRequest(checked, limit_s, _shapes(checked))
+
+
+def area_requests(
+    alternatives: Sequence[Sequence[tuple[str, Sequence[XY]]]], limit_s: float, floors: Collection[str]
+) -> list[AreaRequest]:
+    """Validate the alternatives of a request. Raises InvalidReservation, UnknownFloor."""
+    if not 1 <= len(alternatives) <= MAX_ALTERNATIVES:
+        raise InvalidReservation("alternatives", f"{len(alternatives)} is not 1 to {MAX_ALTERNATIVES}")
+    return [area_request(areas, limit_s, floors) for areas in alternatives]
 
 
 def canonical_areas(areas: Sequence[tuple[str, Sequence[XY]]]) -> tuple[FloorArea, ...]:

@@ -5,12 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from robocorba.errors.simulation import InvalidRide, SessionExpired
+from robocorba.errors.simulation import InvalidReservation, InvalidRide, SessionExpired
 from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.building import Held, SimulatedBuilding, SimulatedRobot
 from robocorba.simulation.elevator import RideStatus
 from robocorba.simulation.registry import RobotClient
-from robocorba.simulation.reservations import Reservation, area_request, canonical_areas
+from robocorba.simulation.reservations import (
+    MAX_LIMIT_S,
+    AreaRequest,
+    Reservation,
+    area_request,
+    area_requests,
+    canonical_areas,
+)
 from robocorba.spatial.floor_state import RobotMotion
 
 
@@ -117,10 +124,41 @@ class Session:
         """Request areas; the grant lasts `limit_s` of simulated time.
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull, SimulationBusy, ServiceError."""
-        self.client.renew_lease(time.monotonic())
-        request = area_request(areas, limit_s, self._building.building.floors)
+        self._reserve([area_request(areas, limit_s, self._building.building.floors)])
+
+    def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
+        """Request one of several alternatives, see Reservations.reserve; return its index. Raises as `reserve`."""
+        return self._reserve(area_requests(alternatives, limit_s, self._building.building.floors))
+
+    def _reserve(self, alternatives: Sequence[AreaRequest]) -> int:
+        chosen = 0
+
+        def reserve() -> None:
+            nonlocal chosen
+            chosen = self._building.reserve(self.name, alternatives)
+
+        self._do(reserve, lambda: self._building.reservations.release(self.name))
+        return chosen
+
+    def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
+        """Replace the granted areas, see Reservations.exchange; return whether they were. Raises InvalidReservation,
+        UnknownFloor, SimulationBusy, ServiceError."""
+        if not 0.0 <= least_s <= MAX_LIMIT_S:  # also refuses NaN
+            raise InvalidReservation("least", f"{least_s} s is not 0 to {MAX_LIMIT_S:g} s")
+        request = area_request(areas, MAX_LIMIT_S, self._building.building.floors)
+        is_exchanged = False
+
+        def exchange() -> None:
+            nonlocal is_exchanged
+            is_exchanged = self._building.reservations.exchange(self.name, request, least_s)
+
+        self._do(exchange, lambda: self._building.reservations.release(self.name))
+        return is_exchanged
+
+    def take_over_areas(self, former: str) -> None:
+        """Take over areas, see Reservations.take_over. Raises InvalidReservation, SimulationBusy, ServiceError."""
         self._do(
-            lambda: self._building.reserve(self.name, request),
+            lambda: self._building.reservations.take_over(self.name, former),
             lambda: self._building.reservations.release(self.name),
         )
 

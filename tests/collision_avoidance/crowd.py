@@ -189,7 +189,19 @@ class InStep:
         raise NotImplementedError
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
-        self._world.reserve(self._robot.name, area_request(areas, limit_s, self._world.floors))
+        self._world.reserve(self._robot.name, [area_request(areas, limit_s, self._world.floors)])
+
+    def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
+        return self._world.reserve(
+            self._robot.name, [area_request(areas, limit_s, self._world.floors) for areas in alternatives]
+        )
+
+    def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
+        request = area_request(areas, least_s, self._world.floors)
+        return self._world.reservations.exchange(self._robot.name, request, least_s)
+
+    def take_over_areas(self, former: str) -> None:
+        self._world.reservations.take_over(self._robot.name, former)
 
     def reservation(self) -> Reservation | None:
         return self._world.reservations.find(self._robot.name, self._world.time)

@@ -169,6 +169,15 @@ class InProcessSession:
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
         self._answer().reserve(areas, limit_s)
 
+    def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
+        return int(self._answer().reserve_one_of(alternatives, limit_s))
+
+    def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
+        return bool(self._answer().exchange_areas(areas, least_s))
+
+    def take_over_areas(self, former: str) -> None:
+        self._answer().take_over_areas(former)
+
     def reservation(self) -> Reservation | None:
         return self._answer().reservation()
 

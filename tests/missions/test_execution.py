@@ -70,6 +70,24 @@ def test_waiting_for_a_reservation_has_a_limit() -> None:
     assert crowd.run(20.0, A=reserve) == {"A": "the path's areas were not granted within 2 s"}
 
 
+def test_areas_that_were_reserved_with_the_plan_keep_their_turn() -> None:
+    crowd = Crowd(room(8.0, 2.0), {"A": (1.0, 1.0, 0.0), "B": (7.0, 1.0, 0.0)})
+    west, east = ((0.0, 0.1), (2.0, 0.1), (2.0, 1.9)), ((3.0, 0.1), (5.0, 0.1), (5.0, 1.9))
+    a, b = crowd.robots["A"].session, crowd.robots["B"].session
+    assert a.reserve_one_of([[("L1", west)], [("L1", east)]], 60.0) == 0
+    b.reserve([("L1", west)], 60.0)
+    granted: list[tuple[float, float]] = []
+
+    def reserve(robot: Robot, area: tuple[tuple[float, float], ...]) -> None:
+        executor_of(robot).execute(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=2.0))
+        granted.append(area[0])
+
+    assert crowd.run(20.0, A=partial(reserve, area=west)) == {}  # not behind B
+    assert crowd.run(20.0, A=partial(reserve, area=east)) == {}  # another way: not what was reserved
+    assert crowd.run(20.0, B=partial(reserve, area=west)) == {}
+    assert granted == [west[0], east[0], west[0]]
+
+
 def test_an_object_moved_after_planning_is_not_gripped() -> None:
     crowd = Crowd(room(6.0, 2.0, BOX), {"A": (1.08, 1.0, 0.0)})
 

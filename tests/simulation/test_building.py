@@ -148,11 +148,54 @@ def test_a_party_does_not_board_while_another_robot_is_in_the_cabin(world: Simul
     assert world.rides["A"].phase is RidePhase.RIDING
 
 
+def test_boarding_is_an_event_with_the_wait_that_was_announced(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 1.0, 9.0)
+    enter(world, "B", "L1", 3.0, 9.0)
+    world.call_elevator("A", "E1", "L2")
+    announced_s = world.longest_elevator_wait_s("A")
+    events = run(world, 0.5)
+    world.call_elevator("B", "E1", "L2")
+    found = [event for event in [*events, *run(world, 60.0)] if event.kind == "boarding"]
+    assert [(event.floor, event.who) for event in found] == [("L1", ("A",)), ("L1", ("B",))]
+    assert found[0].longest_wait_s == announced_s
+    for event in found:
+        assert event.waited_s is not None and event.longest_wait_s is not None
+        assert 0.0 < event.waited_s <= event.longest_wait_s
+
+
+def test_waits_are_bounded_again_after_a_restart(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 1.0, 9.0)
+    world.call_elevator("A", "E1", "L2")
+    run(world, 0.5)
+    again = SimulatedBuilding(tower())
+    again.restore(world.record(), [robot.description for robot in world.robots.values()])
+    (event,) = [event for event in run(again, 60.0) if event.kind == "boarding"]
+    assert event.waited_s is not None and event.longest_wait_s is not None
+    assert 0.5 < event.waited_s <= event.longest_wait_s
+
+
+def test_the_areas_of_a_silent_robot_with_an_object_are_kept(world: SimulatedBuilding) -> None:
+    passage = area_request([("L1", ((0, 0), (1, 0), (1, 1)))], 60.0, world.floors)
+    for name, x in (("A", 1.0), ("B", 5.0), ("C", 7.0)):
+        enter(world, name, "L1", x, 2.0)
+        world.reserve(name, [passage])
+    world.grip("A", "T1", (1.6, 2.0))
+    for name in "AB":
+        world.fall_silent(name)
+        world.remove(name)
+    assert [kept.robot for kept in world.reservations.all(world.time)] == ["C", "A"]
+    assert world.reservations.find("C", world.time) == (False, 1, 20.0, 60.0)
+    (event,) = [event for event in run(world, 21.0) if event.kind == "reservation over"]
+    assert (event.who, event.reason) == (("A",), "the robot fell silent")
+    found = world.reservations.find("C", world.time)
+    assert found and found.granted
+
+
 def test_areas_of_removed_robots_and_expired_grants_are_free(world: SimulatedBuilding) -> None:
     for number, name in enumerate("ABC"):
         enter(world, name, "L1", 1.0 + 2 * number, 9.0)
         passage = area_request([("L1", ((0, 0), (1, 0), (1, 1)))], 1.0, world.floors)
-        world.reserve(name, passage)
+        world.reserve(name, [passage])
     world.remove("A")
     assert world.reservations.find("B", world.time) == (True, 0, 0.0, 1.0)
     record = msgspec.msgpack.decode(msgspec.msgpack.encode(world.record()), type=WorldRecord)
@@ -429,7 +472,7 @@ def test_a_placed_robot_keeps_its_ride_and_its_reservation(world: SimulatedBuild
     enter(world, "A", "L1", 7.0, 2.0)
     world.call_elevator("A", "E1", "L2")
     square = ((0.0, 8.0), (1.0, 8.0), (1.0, 9.0))
-    world.reserve("A", area_request([("L1", square)], 60.0, world.floors))
+    world.reserve("A", [area_request([("L1", square)], 60.0, world.floors)])
     world.place("A", Pose("L1", 1.0, 5.0, 0.0))
     assert "A" in world.rides
     (kept,) = world.reservations.all(world.time)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -10,11 +11,13 @@ import msgspec
 import pytest
 from omniORB import CORBA
 
+from robocorba.corba.event_client import Event, EventClient
 from robocorba.corba.remote.session import RemoteSession
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import RobotLost
 from robocorba.errors.simulation import InvalidReservation, InvalidRide
 from robocorba.maps.polygons import FloorArea
+from robocorba.repeating import Repeating
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservation
@@ -23,11 +26,14 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import (
     BACK_LIMIT_S,
+    CHAIR,
     CLIENT,
     GONE,
+    HEARTBEAT_INTERVAL_S,
     RADIUS_M,
     RELEASE_LIMIT_S,
     Place,
+    about,
     drive_to,
     error_lines,
     landing,
@@ -129,6 +135,70 @@ def test_a_robot_whose_process_was_killed_frees_its_areas(place: Place) -> None:
     assert took_s < RELEASE_LIMIT_S
 
 
+def test_one_of_several_passages_is_reserved(place: Place) -> None:
+    robots = [place.log_on(name, x, 14.5) for name, x in (("first", 2.0), ("second", 4.0), ("third", 6.0))]
+    alternatives = [[struct(WEST)], [struct(EAST)]]
+    assert [robot.reserveOneOf(alternatives, LIMIT_S) for robot in robots] == [0, 1, 0]
+    granted, waiting = RoboCorba.AREAS_GRANTED, RoboCorba.WAITING_FOR_AREAS
+    assert [phase(robot) for robot in robots] == [granted, granted, waiting]
+    robots[1].releaseAreas()
+    for wrong in ([], [[struct(EAST)]] * 5):
+        with pytest.raises(RoboCorba.InvalidReservation) as refused:
+            robots[1].reserveOneOf(wrong, LIMIT_S)
+        assert refused.value.field == "alternatives"
+    assert robots[0].exchangeAreas([struct(EAST)], 1.0)  # and WEST is free for the third one
+    assert phase(robots[2]) == granted
+    assert not robots[0].exchangeAreas([struct(BOTH)], 1.0)
+    assert not robots[1].exchangeAreas([struct(EAST)], 1.0)
+    for least, areas, field in ((-1.0, [struct(EAST)], "least"), (1.0, [], "areas")):
+        with pytest.raises(RoboCorba.InvalidReservation) as refused:
+            robots[0].exchangeAreas(areas, least)
+        assert refused.value.field == field
+    assert phase(robots[0]) == granted
+
+
+def test_another_robot_takes_over_what_a_silent_one_with_an_object_has_reserved(place: Place) -> None:
+    chair = place.body("L1", CHAIR)
+    x, y = chair["x"], chair["y"]
+    silent = place.server.registerRobot(about("silent", x, y + 0.7))  # it never calls again
+    silent.reserveAreas([struct(WEST), struct(EAST)], LIMIT_S)
+    silent.grip(CHAIR, RoboCorba.XY(x, y + 0.25))
+    waiter, successor = place.log_on("waiter", 2.0, 14.5), place.log_on("successor", 4.0, 14.5)
+    waiter.reserveAreas([struct(EAST)], LIMIT_S)
+    with pytest.raises(RoboCorba.InvalidReservation) as refused:
+        successor.takeOverAreas("waiter")  # it is there
+    assert refused.value.field == "former"
+
+    def is_taken_over() -> bool:
+        with contextlib.suppress(RoboCorba.InvalidReservation):
+            successor.takeOverAreas("silent")
+            return True
+        return False
+
+    eventually(is_taken_over, what="the silent robot is logged off")
+    assert "silent" not in place.names
+    assert (phase(successor), phase(waiter)) == (RoboCorba.AREAS_GRANTED, RoboCorba.WAITING_FOR_AREAS)
+    successor.keepAreas([struct(WEST)])
+    assert (phase(successor), phase(waiter)) == (RoboCorba.AREAS_GRANTED, RoboCorba.AREAS_GRANTED)
+
+
+def test_boarding_is_an_event_with_the_longest_wait(place: Place) -> None:
+    found: list[Event] = []
+    elevator = place.elevator()
+    origin, destination = elevator.floors()[:2]
+    with EventClient(place.orb, "main") as client:
+        client.subscribe(found.append, "simulation.boarding")
+        robot = place.log_on("rider", *landing(elevator, origin, 0.8), floor=origin)
+        robot.callElevator(elevator.name, destination)
+        announced_s = robot.longestElevatorWait()
+        eventually(lambda: found, 60.0, "the event")
+        robot.giveUpElevator()
+    (payload,) = [event.payload for event in found]
+    assert (payload["floor"], payload["who"]) == (origin, ["rider"])
+    assert 0.0 < payload["waited_s"] <= payload["longest_wait_s"]
+    assert announced_s <= payload["longest_wait_s"]  # asked a moment later
+
+
 def test_a_grant_that_is_over_is_told_and_the_next_one_begins(place: Place) -> None:
     first, second = place.log_on("first", 2.0, 14.5), place.log_on("second", 4.0, 14.5)
     first.reserveAreas([struct(WEST)], 0.5)
@@ -148,7 +218,7 @@ def test_a_robots_own_process_reserves_and_rides_with_others(place: Place) -> No
     with pytest.raises(RobotLost):
         one.reserve([WEST], 5.0)
     one.log_on()
-    try:
+    with contextlib.closing(Repeating("beats", one.heartbeat, HEARTBEAT_INTERVAL_S).start()):
         assert one.reservation() is None
         with pytest.raises(InvalidReservation) as refused:
             one.reserve([WEST], -1.0)
@@ -174,8 +244,7 @@ def test_a_robots_own_process_reserves_and_rides_with_others(place: Place) -> No
 
         eventually(is_boarding, 60.0, "the doors open")
         one.cancel_elevator()
-    finally:
-        one.log_off()
+    one.log_off()
 
 
 def test_a_party_rides_alone(place: Place) -> None:

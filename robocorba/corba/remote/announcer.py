@@ -75,7 +75,7 @@ class Announcer:
             for update in updates:
                 self._push(update.floor, "floor.changed", [as_map(update)])
             for kind in {event.kind for event in events}:
-                payloads = [event._asdict() for event in events if event.kind == kind]
+                payloads = [_payload(event) for event in events if event.kind == kind]
                 self._push(SOURCE, f"simulation.{kind.replace(' ', '_')}", payloads)
             self._is_failing = False
         except (NotReachable, EventError) as error:
@@ -97,3 +97,7 @@ class Announcer:
             self._versions[floor] = update.version
             return update if since != update.version else None
         return None
+
+
+def _payload(event: SimulationEvent) -> dict[str, Any]:
+    return {name: value for name, value in event._asdict().items() if value is not None}

@@ -152,6 +152,17 @@ class RemoteSession:
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
         self._call(lambda to: to.slow_session.reserveAreas(simulation.areas(areas), limit_s))
 
+    def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
+        found = [simulation.areas(areas) for areas in alternatives]
+        return int(self._call(lambda to: to.slow_session.reserveOneOf(found, limit_s)))
+
+    def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
+        found = simulation.areas(areas)
+        return bool(self._call(lambda to: to.slow_session.exchangeAreas(found, least_s)))
+
+    def take_over_areas(self, former: str) -> None:
+        self._call(lambda to: to.slow_session.takeOverAreas(former))
+
     def reservation(self) -> Reservation | None:
         return simulation.reservation_of(self._call(lambda to: to.session.reservation()))
 

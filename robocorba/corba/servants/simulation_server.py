@@ -208,6 +208,18 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
         self.session.reserve(simulation.areas_of(areas), limit)
 
     @_measured
+    def reserveOneOf(self, alternatives: list[Any], limit: float) -> int:
+        return self.session.reserve_one_of([simulation.areas_of(areas) for areas in alternatives], limit)
+
+    @_measured
+    def exchangeAreas(self, areas: list[Any], least: float) -> bool:
+        return self.session.exchange_areas(simulation.areas_of(areas), least)
+
+    @_measured
+    def takeOverAreas(self, former: str) -> None:
+        self.session.take_over_areas(former)
+
+    @_measured
     def reservation(self) -> Any:
         return simulation.reservation(self.session.reservation())
 

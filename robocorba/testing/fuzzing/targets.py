@@ -366,6 +366,9 @@ class FuzzedSystem:
             "callElevatorTogether": [_each("E1", "L2", "party", 2)],
             "callElevatorFor": [_each("E1", "L2", "party", 2, 20.0)],
             "reserveAreas": [_each(areas, 5.0)],
+            "reserveOneOf": [_each([areas, areas], 5.0)],
+            "exchangeAreas": [_each(areas, 5.0)],
+            "takeOverAreas": [_each(OTHER)],
             "keepAreas": [_each(areas)],
             "reportPosture": [_each([0.1] * 18)],
         }
