@@ -13,40 +13,37 @@ cores."""
 
 from __future__ import annotations
 
-import contextlib
-import itertools
-import json
 import math
 import os
-import signal
 import statistics
 import tempfile
 import time
-from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import msgspec
-import psutil
 from matplotlib.axes import Axes
 
-from bench.common.harness import progress, run
-from robocorba.control.runner import ProgramReport, ProgramResult
-from robocorba.errors.base import RoboCorbaError
+from bench.common.harness import run
+from bench.missions.simultaneous import (
+    Costs,
+    Errand,
+    Outcome,
+    aftermath,
+    begin,
+    booked_twice,
+    ended,
+    started,
+    states_mixed,
+)
 from robocorba.maps import native
 from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from robocorba.maps.topology import topological_map
-from robocorba.names import MISSIONS
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.icons import Destination
-from robocorba.programs.program import dumps
-from robocorba.testing.json_process import Cpu, Process, checkout_command
-from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart
+from robocorba.simulation.registry import Pose
+from robocorba.testing.missions import FLOOR, RobotStart
 from robocorba.testing.missions import missions as mission_system
-from robocorba.testing.processes import eventually
 from robocorba.testing.report import at_least, at_most, summarize
 
 SUBNETS = ("west", "middle", "east")
@@ -57,12 +54,8 @@ TABLE, BOX = (1.2, 0.8), (0.6, 0.4)
 ALONG_M, OUTSIDE_M = 1.2, 1.1
 #: Rooms whose box goes out into the corridor.
 GOES_OUT = (3, 7)
-#: Time limits for all missions to end, and for all robots to be free afterwards [s].
-DEADLINE_S, RELEASE_LIMIT_S = 900.0, 120.0
 #: Time over which the CPU time of idle robots is measured [s].
 IDLE_S = 10.0
-#: Time limit for the start of a robot [s].
-START_LIMIT_S = 120.0
 
 
 class Room(NamedTuple):
@@ -94,21 +87,6 @@ class Room(NamedTuple):
         if self.number in GOES_OUT:
             return self.x, self.y - self.side * (ROOM[1] / 2 + OUTSIDE_M), math.pi / 2
         return self.x + ALONG_M / 2, self.y, 0.0
-
-
-class Outcome(NamedTuple):
-    """The outcome of a mission: its row of the table, and the leader's report, empty if there is none."""
-
-    row: dict[str, Any]
-    report: dict[str, Any]
-
-    @property
-    def is_right(self) -> bool:
-        return self.row["result"] == "done" and bool(self.row["off, mm"] < 50.0)
-
-    @property
-    def has_ended(self) -> bool:
-        return self.is_right or (self.row["result"] == "failed" and bool(self.row["why"]))
 
 
 # ---- the building ----
@@ -165,160 +143,9 @@ def crew(of: Sequence[Room], count: int) -> dict[str, RobotStart]:
     }
 
 
-# ---- the missions ----
-
-
-def begin(place: MissionSystem, of: Sequence[Room]) -> float:
-    """Start all missions; return the time between the first and the last start [s]."""
-    agents = [place.agent(room.leader) for room in of]
-    for agent, room in zip(agents, of, strict=True):
-        agent.load(dumps(ProgramBuilder("carry").move_table(room.item, Destination(FLOOR, *room.goal)).program()))
-
-    def start(agent: Any) -> float:
-        agent.run()
-        return time.monotonic()
-
-    with ThreadPoolExecutor(len(agents)) as threads:
-        began = sorted(threads.map(start, agents))
-    return began[-1] - began[0]
-
-
-def ended(place: MissionSystem, of: Sequence[Room], began: float, paces: list[float]) -> Iterator[Outcome]:
-    """Yield each mission as it ends, and the others at the deadline. paces: periodically gets the simulated seconds in
-    a second."""
-    running = list(of)
-    while running:
-        paces.append(float(place.server._get_state().achieved))
-        for room in running[:]:
-            try:
-                report = place.agent(room.leader).state().program
-            except RoboCorbaError as error:  # too busy to answer, or gone
-                report = ProgramReport(reason=str(error))
-            if report.result is not ProgramResult.NO_RESULT or time.monotonic() - began > DEADLINE_S:
-                running.remove(room)
-                yield outcome(place, room, report)
-        time.sleep(1.0)
-
-
-def outcome(place: MissionSystem, room: Room, report: ProgramReport) -> Outcome:
-    files = list((place.folder / room.leader / MISSIONS).glob("*/report.json"))
-    known = json.loads(files[0].read_text()) if files else {}
-    phases = known.get("phases", ())
-    row = {
-        "leader": room.leader,
-        "thing": room.item,
-        "robots": ", ".join(known.get("robots", ())),
-        "result": report.result.name.lower(),
-        "seconds": report.seconds,
-        "agreed after, s": phases[0]["began_s"] if phases else math.nan,
-        "attempts": len({one["mission"] for one in known.get("events", ())}),
-        "off, mm": 1000 * math.dist(place.body(room.item)[:2], room.goal[:2]),
-        "barrier skew, ms": max((phase["skew_ms"] for phase in phases if phase["skew_ms"] is not None), default=None),
-        "tick skew p99, ms": (known.get("tick_skew_ms") or {}).get("p99"),
-        "why": report.reason,
-    }
-    print(*row.values(), sep="\t", flush=True)
-    return Outcome(row, known)
-
-
-def booked_twice(outcomes: Sequence[Outcome]) -> list[str]:
-    """Robots that began a mission before their previous one had ended, by the accepted plans."""
-    spans: dict[str, list[tuple[float, float, str]]] = defaultdict(list)
-    for row, report in outcomes:
-        if report.get("phases"):
-            for robot in report["robots"]:
-                span = (report["began"] + row["agreed after, s"], report["began"] + report["seconds"])
-                spans[robot].append((*span, row["leader"]))
-    return [
-        f"{robot}: {leader} and {other}"
-        for robot, parts in spans.items()
-        for (_, until, leader), (since, _, other) in itertools.pairwise(sorted(parts))
-        if since < until
-    ]
-
-
-def states_mixed(outcomes: Sequence[Outcome]) -> list[str]:
-    """Robots whose status messages to the leaders name one mission, another one, and the first one again."""
-    received: dict[str, list[tuple[float, str]]] = defaultdict(list)
-    for _, report in outcomes:
-        for event in report.get("events", ()):
-            if event["type"] == "mission.state":
-                received[event["source"]].append((event["sent"], event["mission"]))
-    runs = {
-        robot: [mission for mission, _ in itertools.groupby(mission for _, mission in sorted(sent))]
-        for robot, sent in received.items()
-    }
-    return [f"{robot}: {missions}" for robot, missions in runs.items() if len(missions) != len(set(missions))]
-
-
-class Costs:
-    """CPU time of robots and servers since the last call of `print`."""
-
-    def __init__(self, place: MissionSystem) -> None:
-        self._robots = Cpu([process.pid for process in place.robots.values()])
-        self._servers = Cpu([process.pid for process in place.running.note_descendants()])
-        self._at = time.monotonic()
-
-    def print(self, what: str) -> None:
-        """Print the mean CPU load and memory of a robot, and the CPU load of all servers together."""
-        before, self._at = self._at, time.monotonic()
-        robots, servers = (100 * sum(cpu.spent_s()) / (self._at - before) for cpu in (self._robots, self._servers))
-        memory = [process.memory_info().rss / 1e6 for process in self._robots.processes if process.is_running()]
-        mean, memory_mb = robots / len(self._robots.processes), sum(memory) / max(1, len(memory))
-        print(f"{what}: {mean:.1f} % of a core a robot, {servers:.0f} % all servers, {memory_mb:.0f} MB")
-
-
-@contextlib.contextmanager
-def started(place: MissionSystem, starts: Mapping[str, RobotStart]) -> Iterator[None]:
-    """A ready process for each robot."""
-    command = checkout_command("bench.missions.nursery")
-    with Process(command, place.folder / "nursery.log", environment={"OPENBLAS_NUM_THREADS": "1"}) as nursery:
-        nursery.receive(START_LIMIT_S)
-        for name, at in starts.items():
-            (place.folder / name).mkdir()
-            where = ("--floor", FLOOR, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
-            own = ("--naming", str(place.running.naming), "--state", str(place.folder / name))
-            pid = nursery.ask([str(_out(place, name)), name, *where, *own], START_LIMIT_S)
-            place.robots[name] = cast(Any, psutil.Process(pid))
-        try:
-            for name in progress(list(starts), "waiting for robots"):
-                eventually(partial(_is_ready, place, name), START_LIMIT_S, f"{name} is ready")
-            yield
-        finally:
-            place.end()
-
-
-def _is_ready(place: MissionSystem, name: str) -> bool:
-    out = _out(place, name).read_text() if _out(place, name).exists() else ""
-    assert place.robots[name].is_running(), out  # type: ignore[attr-defined]
-    return "ready\n" in out
-
-
-def _out(place: MissionSystem, name: str) -> Path:
-    return place.folder / name / "out"
-
-
-def aftermath(place: MissionSystem, names: Sequence[str], items: Sequence[str]) -> list[str]:
-    """Errors in the state of robots and objects after all missions have ended."""
-    wrong: list[str] = []
-    try:
-        eventually(lambda: all(map(place.is_free, names)), RELEASE_LIMIT_S)
-    except AssertionError:
-        for name in [name for name in names if not place.is_free(name)]:
-            state = place.agent(name).state()
-            place.robots[name].send_signal(signal.SIGUSR1)  # prints its stacks
-            time.sleep(1.0)
-            doing = f"{state.condition.name.lower()} {state.program.name} {state.program.kind} {state.reason}"
-            wrong.append(f"{name} is {doing}\n{_out(place, name).read_text()[-4000:]}")
-    if held := place.holding():
-        wrong.append(f"held: {held}")
-    if not place.is_stationary((*names, *items)):
-        wrong.append("something moves")
-    return wrong
-
-
 def main(missions: int = 10, robots: int = 30) -> bool:
     of = rooms(missions)
+    errands = [Errand(room.leader, room.item, Pose(FLOOR, *room.goal)) for room in of]
     starts, paces = crew(of, robots), list[float]()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -328,9 +155,8 @@ def main(missions: int = 10, robots: int = 30) -> bool:
             time.sleep(IDLE_S)
             costs.print("waiting")
             before = place.collisions
-            began = time.monotonic()
-            spread_s = begin(place, of)
-            outcomes = list(ended(place, of, began, paces))
+            spread_s = begin(place, errands)
+            outcomes = list(ended(place, errands, paces))
             costs.print("missions")
             wrong = aftermath(place, list(starts), [room.item for room in of])
             collisions = place.collisions - before
