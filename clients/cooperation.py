@@ -14,7 +14,6 @@ import msgspec
 import shapely
 from shapely import MultiPoint, Point
 
-from robocorba.backoff import Backoff
 from robocorba.control.agent import ControlAgent
 from robocorba.control.execution_control import Aborted
 from robocorba.control.runner import ReceivedEvent
@@ -29,17 +28,17 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
-from robocorba.maps.polygons import FloorArea
 from robocorba.missions import carry_planning
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.execution import pose_in_robot_frame
 from robocorba.missions.hand_over import HandOverPlanner
 from robocorba.missions.leader import Inherited, Leader
+from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.leader_policy import DEFAULT_POLICY, LeaderPolicy
 from robocorba.missions.lookout import Seen
 from robocorba.missions.mission_agent import MissionAgent
-from robocorba.missions.move_table import MoveTablePlanner, ReserveOneOf
+from robocorba.missions.move_table import MoveTablePlanner
 from robocorba.missions.recorder import LedMission, MissionRecorder, claimed
 from robocorba.missions.remaining_carry import RemainingCarry, reservation
 from robocorba.missions.report import MissionReport
@@ -60,14 +59,10 @@ PUBLISH_TIMEOUT_S = 5.0
 MAX_PLANS_KEPT = 20
 #: Timeout to find the Omni database for a record of a mission [s].
 RECORD_RESOLVE_S = 1.0
-#: A leader that is taken over is gone after this time, as its lease ends [s].
-GONE_LIMIT_S = 5.0
-GONE_POLLING = Backoff(0.1, 0.1)
-#: Makes the planner of each cooperative icon from the icon, the world, the leader's name and its place, and what
-#: reserves areas.
-PLANNERS: dict[type[Icon], Callable[[Any, World, str, Place, ReserveOneOf], CooperativePlanner]] = {
-    icons.MoveTable: lambda icon, world, leader, here, reserve: MoveTablePlanner(world, icon.table, icon.to, reserve),
-    icons.HandOver: lambda icon, world, leader, here, reserve: HandOverPlanner(
+#: Makes the planner of each cooperative icon from the icon, the world, the leader's name and its place.
+PLANNERS: dict[type[Icon], Callable[[Any, World, str, Place], CooperativePlanner]] = {
+    icons.MoveTable: lambda icon, world, leader, here: MoveTablePlanner(world, icon.table, icon.to),
+    icons.HandOver: lambda icon, world, leader, here: HandOverPlanner(
         world, icon.object, icon.giver or leader, icon.taker, leader, here
     ),
 }
@@ -169,7 +164,7 @@ class Cooperation:
         led = LedMission(self._recorder, mission, content)
         self._lead_as(mission)
         try:
-            report, is_aborted = self._lead(icon, mission, led, self._inherited(mission, content))
+            report, is_aborted = self._lead(icon, mission, led, content)
             report.save(self._reports)  # before others see that it has ended
             led.end(report, is_aborted)
         except Exception as error:
@@ -186,9 +181,9 @@ class Cooperation:
         with self._lock:
             self._led = mission
 
-    def _inherited(self, mission: str, content: MissionContent) -> Inherited | None:
+    def _inherited(self, mission: str, content: MissionContent, areas: LeaderAreas) -> Inherited | None:
         """What the robots of a former leader hold; None if they do not, or if it is not known what they do."""
-        has_areas = self._takes_over_areas([each.robot for each in content.leaders[:-1]])
+        has_areas = self._takes_over_areas([each.robot for each in content.leaders[:-1]], areas)
         if not self.is_holding_for(mission) or self._missions is None or content.plan is None:
             return None
         try:
@@ -200,20 +195,20 @@ class Cooperation:
             return None
         return Inherited(plan, body)
 
-    def _takes_over_areas(self, leaders: Sequence[str]) -> bool:
-        """Take over what the last of these leaders has reserved, as soon as it is gone. Returns whether it had."""
-        if not leaders or self._agent is None:
+    def _takes_over_areas(self, leaders: Sequence[str], areas: LeaderAreas) -> bool:
+        """Take over what the last of these leaders has reserved. Returns whether there was something."""
+        if not leaders:
             return False
         former = leaders[-1]
-        with contextlib.suppress(RoboCorbaError):
-            GONE_POLLING.poll(lambda: all(each.name != former for each in self._world.robots()), GONE_LIMIT_S)
-            self._agent.robot.session.take_over_areas(former)
-            return True
-        return False
+        try:
+            is_taken = areas.take_over(former, lambda: all(each.name != former for each in self._world.robots()))
+        except RoboCorbaError as error:
+            _log.warning("the areas of %s can't be taken over: %s", former, error)
+            return False
+        _log.info("areas of %s: %s", former, "taken over" if is_taken else "nothing is kept")
+        return is_taken
 
-    def _lead(
-        self, icon: Icon, mission: str, led: LedMission, inherited: Inherited | None
-    ) -> tuple[MissionReport, bool]:
+    def _lead(self, icon: Icon, mission: str, led: LedMission, content: MissionContent) -> tuple[MissionReport, bool]:
         """The report, and whether a user has aborted the mission."""
         agent = self._agent
         if agent is None:
@@ -221,15 +216,8 @@ class Cooperation:
         if type(icon) not in PLANNERS:
             raise MissionFailed(f"unsupported cooperative icon {kind(icon)}")
         make_planner = PLANNERS[type(icon)]
-        execution, session = agent.robot.execution, agent.robot.session
+        execution, areas = agent.robot.execution, LeaderAreas(agent.robot.session)
         is_aborted = False
-
-        def reserve(alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
-            for index, areas in enumerate(alternatives):
-                if session.exchange_areas(areas, limit_s / 2):  # of an attempt before
-                    return index
-            session.release_areas()
-            return session.reserve_one_of(alternatives, limit_s)
 
         def interruption() -> str:
             nonlocal is_aborted
@@ -242,6 +230,7 @@ class Cooperation:
                 mission,
                 Transport(channel, self._name),
                 lambda: Place(*agent.place[:3]),
+                areas,
                 self._store_plan,
                 interruption,
                 _policy(icon),
@@ -253,11 +242,9 @@ class Cooperation:
             )
             report = leader.lead(
                 kind(icon).replace("_", " "),
-                lambda: make_planner(icon, self._world, self._name, Place(*agent.place[:3]), reserve),
-                inherited,
+                lambda: make_planner(icon, self._world, self._name, Place(*agent.place[:3])),
+                self._inherited(mission, content, areas),
             )
-            with contextlib.suppress(RoboCorbaError):
-                session.release_areas()
         return report, is_aborted
 
     def _look(self) -> list[Seen]:

@@ -105,7 +105,7 @@ def outcome(place: MissionSystem, errand: Errand, report: ProgramReport) -> Outc
         "robots": ", ".join(known.get("robots", ())),
         "result": report.result.name.lower(),
         "seconds": report.seconds,
-        "agreed after, s": phases[0]["began_s"] if phases else math.nan,
+        "agreed after, s": next((phase["began_s"] for phase in phases if phase["started_s"]), math.nan),
         "attempts": len({one["mission"] for one in known.get("events", ())}),
         "off, mm": 1000 * math.dist(at[1:3], errand.goal[1:3]) if at.floor == errand.goal.floor else math.inf,
         "barrier skew, ms": max((phase["skew_ms"] for phase in phases if phase["skew_ms"] is not None), default=None),
@@ -120,7 +120,7 @@ def booked_twice(outcomes: Sequence[Outcome]) -> list[str]:
     """Robots that began a mission before their previous one had ended, by the accepted plans."""
     spans: dict[str, list[tuple[float, float, str]]] = defaultdict(list)
     for row, report in outcomes:
-        if report.get("phases"):
+        if not math.isnan(row["agreed after, s"]):
             for robot in report["robots"]:
                 span = (report["began"] + row["agreed after, s"], report["began"] + report["seconds"])
                 spans[robot].append((*span, row["leader"]))

@@ -36,17 +36,23 @@ class Interrupted(MissionFailed):
     """The leader's user or its robot ends the mission."""
 
 
+#: Called with the latest plan, None before there is one, all phases, and whether the mission ends safely.
+OnProgress = Callable[[CooperativePlan | None, Sequence[PhaseTimes], bool], None]
+
+
 class Phases:
     """The phases of a mission, of all its attempts. on_phase: called with the plan and each phase that begins.
-    on_progress: called with the plan, all phases, and whether the mission ends safely, after each change."""
+    on_progress: called after each change."""
 
-    def __init__(
-        self,
-        on_phase: Callable[[CooperativePlan, str], None],
-        on_progress: Callable[[CooperativePlan, Sequence[PhaseTimes], bool], None],
-    ) -> None:
+    def __init__(self, on_phase: Callable[[CooperativePlan, str], None], on_progress: OnProgress) -> None:
         self._on_phase, self._on_progress = on_phase, on_progress
         self.times: list[PhaseTimes] = []
+        self._plan: CooperativePlan | None = None
+
+    def begin_without_robots(self, name: str) -> None:
+        """A phase begins in which no robot does a plan."""
+        self.times.append(PhaseTimes(name, OWN_CLOCK.now(), {}, {}))
+        self._on_progress(self._plan, self.times, False)
 
     def begin(self, plan: CooperativePlan, name: str, at: float, without: Collection[str]) -> PhaseTimes:
         """A phase in which all robots of the plan except some take part begins at this time of the leader's clock."""
@@ -63,6 +69,7 @@ class Phases:
 
     def report(self, plan: CooperativePlan, is_ending: bool = False) -> None:
         """Something has changed."""
+        self._plan = plan
         self._on_progress(plan, self.times, is_ending)
 
 

@@ -66,18 +66,6 @@ class CarryPlan(NamedTuple):
         return self.formation.footprint(self.outline)
 
 
-def plan_carry(
-    building: Building,
-    carried: str | Polygon,
-    start: Pose | tuple[str, float, float, float] | None,
-    goal: Pose | tuple[str, float, float, float],
-    count: int,
-    blocked: Blocked | None = None,
-) -> CarryPlan:
-    """The first of `plan_carries`."""
-    return next(plan_carries(building, carried, start, goal, count, blocked))
-
-
 def plan_carries(
     building: Building,
     carried: str | Polygon,
@@ -134,7 +122,7 @@ def warm_up() -> None:
     """Compile or load the kernels of the planner."""
     outline = ((0.0, 0.0), (6.0, 0.0), (6.0, 6.0), (0.0, 6.0))
     room = Building("none").with_element("", Floor(name="L1", level=1, elevation=0.0, outline=outline))
-    plan_carry(room, shapely.box(-0.3, -0.2, 0.3, 0.2), ("L1", 2.0, 3.0, 0.0), ("L1", 4.0, 3.0, 1.0), 2)
+    next(plan_carries(room, shapely.box(-0.3, -0.2, 0.3, 0.2), ("L1", 2.0, 3.0, 0.0), ("L1", 4.0, 3.0, 1.0), 2))
 
 
 class _FormationBody:

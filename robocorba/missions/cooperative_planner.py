@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import Protocol
+from collections.abc import Callable, Collection, Sequence
+from typing import NamedTuple, Protocol
 
 from shapely.geometry.base import BaseGeometry
 
+from robocorba.maps.polygons import FloorArea
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.planning.request import Place
+
+
+class Grant(NamedTuple):
+    """The index of the way that is reserved. waited: whether it was not granted at once."""
+
+    way: int
+    waited: bool
+
+
+#: Reserves one of several ways, each as its areas (floor, corners [m]), for a time [s], and waits until it is granted.
+ReserveOneOf = Callable[[Sequence[Sequence[FloorArea]], float], Grant]
 
 
 class CarriedBody(Protocol):
@@ -35,9 +47,15 @@ class CooperativePlanner(CarriedBody, Protocol):
     #: Where the helpers are needed.
     meeting_point: Place
 
+    def reserve(self, reserve: ReserveOneOf, staying: Collection[str] = ()) -> bool:
+        """Reserve the areas that the mission needs, around robots that stay where they are, before helpers are called.
+        Returns whether that had to wait, so that what the planner knows may be outdated. Raises ImpossibleCarry,
+        MissionFailed, SimulationError, NotReachable."""
+        return False
+
     def plan(
         self, mission: str, leader: str, robots: dict[str, Place], staying: Collection[str] = ()
     ) -> CooperativePlan:
-        """A plan for some of these robots, including the leader, around others that stay where they are.
+        """A plan for some of these robots, including the leader. staying: others that stay where they are.
 
         Raises InTheWay for other robots where room is needed; MissionFailed, ImpossibleCarry, PathError."""

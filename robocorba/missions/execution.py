@@ -81,11 +81,10 @@ class StepExecutor:
         session = self._robot.session
         self._areas = step.areas
         try:
-            session.keep_areas(step.areas)  # requested with the plan
+            session.keep_areas(step.areas)  # the leader has them already
         except InvalidReservation:
-            if not session.exchange_areas(step.areas, step.hold_s / 2):  # of an earlier attempt, for another way
-                session.release_areas()
-                session.reserve(step.areas, step.hold_s)
+            session.release_areas()
+            session.reserve(step.areas, step.hold_s)
 
         def is_granted() -> bool:
             found = session.reservation()

@@ -1,5 +1,5 @@
-"""The mission layer: a leader collects offers, makes a plan, has each robot accept its SubPlan, leads attempts at it,
-and reports the result.
+"""The mission layer: a leader reserves the areas that its mission needs, collects offers, makes a plan, has each robot
+accept its SubPlan, leads attempts at it, and reports the result.
 
 After a fault all robots end safely, and the leader begins another attempt from where everything stands now."""
 
@@ -16,15 +16,17 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import GoalReached, InTheWay, MissionFailed, MissionTakenOver
-from robocorba.missions.attempt import Attempt, AttemptFailed, Interrupted, Phases
+from robocorba.errors.robots import GoalReached, InTheWay, MissionFailed, MissionTakenOver, RobotLost
+from robocorba.maps.polygons import FloorArea
+from robocorba.missions.attempt import Attempt, AttemptFailed, Interrupted, OnProgress, Phases
 from robocorba.missions.clearing import requests_for
 from robocorba.missions.clock import OWN_CLOCK
-from robocorba.missions.cooperative_planner import CarriedBody, CooperativePlanner
+from robocorba.missions.cooperative_planner import CarriedBody, CooperativePlanner, Grant
+from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.leader_policy import DEFAULT_POLICY, LeaderPolicy
 from robocorba.missions.lookout import Look
 from robocorba.missions.messages import Answer, Assignment, Call, Offer, WayMade
-from robocorba.missions.report import RECOVERING, MissionReport, PhaseTimes
+from robocorba.missions.report import ASKING, RECOVERING, WAITING_FOR_AREAS, MissionReport
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.missions.transport import Transport
 from robocorba.planning.request import Place
@@ -48,9 +50,9 @@ class _Offers(NamedTuple):
 
 class Leader:
     """Leads one mission, in one thread. place: returns the leader's current place. on_phase: called with the plan and
-    each phase that begins. interruption: returns the reason of an interruption, else an empty string. on_progress:
-    called with the plan, the phases of all attempts that have begun, and whether the mission ends safely, after each
-    change of them; must not block.
+    each phase that begins. areas: what the leader's robot reserves. interruption: returns the reason of an
+    interruption, else an empty string. on_progress: called with the latest plan, None before there is one, the phases
+    of all attempts that have begun, and whether the mission ends safely, after each change of them; must not block.
 
     term, attempts: of the mission's record; see MissionContent. begin_attempt: called with the number of each attempt
     before it begins, and before others go on without a robot; raises MissionTakenOver if another robot leads the
@@ -63,16 +65,17 @@ class Leader:
         mission: str,
         transport: Transport,
         place: Callable[[], Place],
+        areas: LeaderAreas,
         on_phase: Callable[[CooperativePlan, str], None] = lambda plan, phase: None,
         interruption: Callable[[], str] = lambda: "",
         policy: LeaderPolicy = DEFAULT_POLICY,
-        on_progress: Callable[[CooperativePlan, Sequence[PhaseTimes], bool], None] = lambda plan, phases, ending: None,
+        on_progress: OnProgress = lambda plan, phases, is_ending: None,
         term: int = 1,
         attempts: int = 0,
         begin_attempt: Callable[[int], None] = lambda attempt: None,
         look: Look = lambda: (),
     ) -> None:
-        self._mission, self._transport, self._place = mission, transport, place
+        self._mission, self._transport, self._place, self._areas = mission, transport, place, areas
         self._on_attempt, self._look = begin_attempt, look
         self._interruption, self._policy = interruption, policy
         self._name, self._term, self._attempts = transport.name, term, attempts
@@ -106,6 +109,7 @@ class Leader:
             if self._faults:
                 reason = f"{reason}; before: {'; '.join(self._faults)}"
             self._end("aborted", reason)
+        self._areas.release()
         attempt = self._attempt
         states = attempt.states if attempt else {}
         measurements = {name: state.measurements for name, state in states.items() if state.measurements}
@@ -149,9 +153,7 @@ class Leader:
             _log.warning("mission %s: %s; %s tries again", self._mission, fault, self._name)
             self._end("aborted", str(fault))
             self._faults.append(str(fault))
-            self._phases.times.append(PhaseTimes(RECOVERING, OWN_CLOCK.now(), {}, {}))
-            if self._attempt:
-                self._phases.report(self._attempt.plan)
+            self._phases.begin_without_robots(RECOVERING)
             return False
         self._end("done", "")
         return True
@@ -194,7 +196,9 @@ class Leader:
             mission = f"{self._mission}.{self._attempts}"
             try:
                 self._on_attempt(self._attempts)
-                planner = make_planner()
+                began = time.monotonic()
+                planner = self._planner_with_areas(make_planner, staying)
+                deadline += time.monotonic() - began  # waiting for areas may take longer than agreeing
                 offers = self._collect_offers(mission, planner)
                 if missing := _lacking(planner, offers.free, offers.busy):
                     is_hopeless = not offers.busy or _lacking(planner, [*offers.free, *offers.busy])
@@ -224,9 +228,44 @@ class Leader:
                 raise MissionFailed(missing)
             self._pause(random.uniform(0.0, policy.max_retry_pause_s))
 
+    def _planner_with_areas(
+        self, make_planner: Callable[[], CooperativePlanner], staying: Collection[str]
+    ) -> CooperativePlanner:
+        """A planner whose areas are granted to this robot, with what is where after the wait for them."""
+        while True:
+            planner = make_planner()
+            if not planner.reserve(self._reserve, staying):
+                return planner
+
+    def _reserve(self, alternatives: Sequence[Sequence[FloorArea]], hold_s: float) -> Grant:
+        """See ReserveOneOf. Raises MissionFailed, SimulationError, RobotLost."""
+        policy = self._policy
+        index, waited = self._areas.request(alternatives, hold_s), False
+        began = answered = time.monotonic()
+        while True:
+            try:
+                state = self._areas.state()
+                if state and state.granted:
+                    break
+                if state is None:  # the robot was logged off meanwhile
+                    index = self._areas.request(alternatives, hold_s)
+                answered = time.monotonic()
+            except RobotLost:  # the simulation server may come back
+                if time.monotonic() - answered > policy.recovery_timeout_s:
+                    raise
+            if not waited:
+                waited = True
+                self._phases.begin_without_robots(WAITING_FOR_AREAS)
+            if time.monotonic() - began > policy.areas_timeout_s:
+                raise MissionFailed(f"the areas were not granted within {policy.areas_timeout_s:g} s")
+            self._pause(policy.areas_interval_s)
+        if waited:
+            self._phases.begin_without_robots(ASKING)
+        return Grant(index, waited)
+
     def _clear_way(self, mission: str, aside: Mapping[str, tuple[str, float, float] | None]) -> dict[str, str]:
         """Ask robots to step aside. Returns those that stay, with the reasons."""
-        self._phases.times.append(PhaseTimes(f"clearing the way: {', '.join(sorted(aside))}", OWN_CLOCK.now(), {}, {}))
+        self._phases.begin_without_robots(f"clearing the way: {', '.join(sorted(aside))}")
         requests = requests_for(aside, mission, self._name, self._term, self._transport.publish)
         self._transport.subscribe([(WayMade, name) for name in requests.robots])
         while requests.robots:
@@ -289,7 +328,7 @@ class Leader:
         """Robots that refuse their SubPlan, with the reasons; then the attempt has ended and the others are free again.
 
         Raises MissionFailed if the leader's own mission agent refuses."""
-        self._phases.note(attempt.plan, "asking")
+        self._phases.note(attempt.plan, ASKING)
         refusing = {name: why for name, why in self._assign(attempt).items() if why}
         if refusing:
             self._end("aborted", f"{', '.join(refusing)} did not accept", set(refusing))

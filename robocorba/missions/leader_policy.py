@@ -23,6 +23,9 @@ class LeaderPolicy:
     agreement_timeout_s: float = 60.0
     #: The same after a fault, also while robots are missing or servers don't answer [s].
     recovery_timeout_s: float = 60.0
+    #: Time limit of waiting for areas while other missions use them, and the interval of that wait [s].
+    areas_timeout_s: float = 1800.0
+    areas_interval_s: float = 0.1
     #: Maximum number of attempts that begin after a fault.
     max_recoveries: int = 5
     #: Maximum random pause between attempts [s]. It separates leaders that compete for the same robots.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from itertools import islice
 
 from shapely import Polygon
@@ -12,10 +12,9 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.robots import GoalReached, InTheWay, MissionFailed
 from robocorba.maps.geometry import Obstacle, shaft_polygon
-from robocorba.maps.polygons import FloorArea
 from robocorba.missions.carry_planning import CarryLeg, CarryPlan, plan_carries
 from robocorba.missions.clearing import Way, in_the_way, places_beside, united
-from robocorba.missions.cooperative_planner import CooperativePlanner
+from robocorba.missions.cooperative_planner import CooperativePlanner, ReserveOneOf
 from robocorba.missions.formation import GripPoint
 from robocorba.missions.gathering import GatheringPaths, assign_places, blocked_lanes, driving_groups, spread_apart
 from robocorba.missions.obstacles import placed
@@ -63,16 +62,12 @@ SUCCESSION_S = 12.0
 RESERVATION_LIMIT_S = MAX_LIMIT_S
 #: Time limit of gathering [s].
 GATHER_LIMIT_S = 240.0
-#: Time limit of approaching, gripping, putting down and backing off [s].
+#: Time limit of confirming the areas, approaching, gripping, putting down and backing off [s].
 NEAR_LIMIT_S = 30.0
-#: Time limits of waiting for the swept areas, and for the cabin, while other missions use them, and of riding [s].
-QUEUE_LIMIT_S, CALL_LIMIT_S, RIDE_LIMIT_S = 1800.0, 1800.0, 300.0
+#: Time limits of waiting for the cabin while other missions use it, and of riding [s].
+CALL_LIMIT_S, RIDE_LIMIT_S = 1800.0, 300.0
 #: Time limit of a carry: a multiple of its planned duration, plus an extra time [s].
 CARRY_LIMIT_FACTOR, CARRY_LIMIT_EXTRA_S = 3.0, 20.0
-
-
-#: Reserves one of several ways, each as its areas (floor, corners [m]), for a time [s]; returns its index.
-ReserveOneOf = Callable[[Sequence[Sequence[FloorArea]], float], int]
 
 
 class MoveTablePlanner(CooperativePlanner):
@@ -81,8 +76,8 @@ class MoveTablePlanner(CooperativePlanner):
     As many robots carry as the object's weight needs, at least two. Where several elevators lead to the goal, it takes
     the one that it is granted the soonest. Raises GoalReached, MissionFailed, ImpossibleCarry, NotReachable."""
 
-    def __init__(self, world: World, table: str, goal: Destination, reserve: ReserveOneOf) -> None:
-        self._world, self._reserve = world, reserve
+    def __init__(self, world: World, table: str, goal: Destination) -> None:
+        self._world = world
         self._object = carried = world.movable(table)
         count = max(2, math.ceil(carried.mass_kg / PAYLOAD_KG - 1e-9))
         start, to = Pose(carried.floor, *carried.pose), Pose(goal.floor, goal.x, goal.y, goal.heading)
@@ -104,6 +99,15 @@ class MoveTablePlanner(CooperativePlanner):
         """See CooperativePlanner."""
         return self._carry.footprint()
 
+    def reserve(self, reserve: ReserveOneOf, staying: Collection[str] = ()) -> bool:
+        """See CooperativePlanner."""
+        stay = [robot for robot in self._world.robots() if robot.name in staying] if staying else []
+        if any(in_the_way(united(swept_shapes(way)), stay) for way in self._ways):
+            self._ways = self._plan_ways(stay)
+        grant = reserve([swept_areas(way) for way in self._ways], RESERVATION_LIMIT_S)
+        self._carry = self._ways[grant.way]
+        return grant.waited
+
     def plan(
         self, mission: str, leader: str, robots: dict[str, Place], staying: Collection[str] = ()
     ) -> CooperativePlan:
@@ -111,16 +115,9 @@ class MoveTablePlanner(CooperativePlanner):
         paths = GatheringPaths(self._world, self._object)
         self._standing = self._world.robots()
         gathering, names = self._assign_gathering_poses(leader, robots, paths)
-        stay = [robot for robot in self._standing if robot.name in staying and robot.name not in names]
-        if any(in_the_way(united(swept_shapes(way)), stay) for way in self._ways):
-            self._ways = self._plan_ways(stay)
-            self._carry = self._ways[0]
-            gathering, names = self._assign_gathering_poses(leader, robots, paths)
-        if len(self._ways) > 1:
-            areas = [swept_areas(way) for way in self._ways]
-            self._carry = self._ways[self._reserve(areas, RESERVATION_LIMIT_S)]
         carried, formation, legs = self._object, self._carry.formation, self._carry.legs
         others = [robot for robot in self._standing if robot.name not in names]
+        stay = [robot for robot in others if robot.name in staying]
         starts = [robots[name] for name in names]
         goals = [Place(carried.floor, x, y) for x, y, _ in gathering]
         lanes = blocked_lanes(self._world, carried, starts, goals, others, stay)
@@ -128,8 +125,8 @@ class MoveTablePlanner(CooperativePlanner):
         blocking = in_the_way(self._way, [robot for robot in others if robot.name not in staying])
         if blocking:
             raise InTheWay(self._aside(blocking))
-        reserve = Reserve(areas=swept_areas(self._carry), hold_s=RESERVATION_LIMIT_S, limit_s=QUEUE_LIMIT_S)
-        idle = Idle(limit_s=QUEUE_LIMIT_S)
+        reserve = Reserve(areas=swept_areas(self._carry), hold_s=RESERVATION_LIMIT_S, limit_s=NEAR_LIMIT_S)
+        idle = Idle(limit_s=NEAR_LIMIT_S)
         phases = [
             PhaseSteps("reserving", [reserve if name == leader else idle for name in names]),
             *self._gathering_phases(gathering, starts, paths),

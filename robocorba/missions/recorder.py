@@ -17,7 +17,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed, MissionTakenOver
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.missions.clock import OWN_CLOCK
-from robocorba.missions.report import RECOVERING, MissionReport, PhaseTimes
+from robocorba.missions.report import ASKING, RECOVERING, MissionReport, PhaseTimes
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.simulation.mission_record import (
     MAX_FAULTS,
@@ -38,8 +38,8 @@ BACKOFF = Backoff(0.25, 2.0)
 MAX_WAITING = 20
 #: Time for the last writes when the recorder is closed [s].
 CLOSE_LIMIT_S = 3.0
-#: The phases before the plan's first one, and after one that failed.
-ASKING, ENDING = "asking", "ending safely"
+#: The phase after one that failed.
+ENDING = "ending safely"
 
 _log = logging.getLogger(__name__)
 
@@ -207,16 +207,17 @@ class LedMission:
         except InvalidMission as error:  # there is no room; nobody could take it over
             _log.warning("mission %s can't be recorded: %s", self._name, error)
 
-    def update(self, plan: CooperativePlan, phases: Sequence[PhaseTimes], is_ending: bool) -> None:
-        """Record the phases that have begun, of all attempts. is_ending: all end safely after a failure."""
-        robots = [subplan.robot for subplan in plan.subplans]
+    def update(self, plan: CooperativePlan | None, phases: Sequence[PhaseTimes], is_ending: bool) -> None:
+        """Record the phases that have begun, of all attempts. plan: the latest one, if any. is_ending: all end safely
+        after a failure."""
+        robots = [subplan.robot for subplan in plan.subplans] if plan else []
         rows = [*self._before, *(_phase(phase, robots) for phase in phases)]
         if phases and is_ending:
             now = next((row.begun for row in self._content.phases[len(rows) :] if row.name == ENDING), self._clock())
             if not rows[-1].ended:  # it may have been ordered for a moment that has not come
                 rows[-1] = replace(rows[-1], begun=min(rows[-1].begun, now), ended=now)
             rows.append(PhaseRecord(ENDING, now))
-        if plan is not self._plan:
+        if plan and plan is not self._plan:
             self._plan = plan
             self._content = replace(
                 self._content,
@@ -258,7 +259,7 @@ def _closed(rows: Sequence[PhaseRecord]) -> tuple[PhaseRecord, ...]:
 
 def _phase(phase: PhaseTimes, robots: Sequence[str]) -> PhaseRecord:
     missing = [robot for robot in robots if robot not in phase.done and robot not in phase.without]
-    if not missing and phase.name != RECOVERING:
+    if phase.done and not missing:
         last = max(phase.done, key=phase.done.__getitem__)
         return PhaseRecord(phase.name, phase.began, max(phase.done[last], phase.began), last)
     return PhaseRecord(phase.name, phase.began, 0.0, missing[0] if phase.done else "")

@@ -15,8 +15,8 @@ from robocorba.missions.transport import Received
 from robocorba.spatial.grids import Floats
 
 REPORT_FILE = "report.json"
-#: The phase between two attempts.
-RECOVERING = "recovering"
+#: Phases without robots: while the leader looks for helpers, and before that for its turn, and after a fault.
+ASKING, WAITING_FOR_AREAS, RECOVERING = "asking", "waiting for areas", "recovering"
 #: Messages in the report that the Omni database keeps, the last ones.
 MAX_BRIEF_EVENTS = 500
 

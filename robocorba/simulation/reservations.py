@@ -76,13 +76,17 @@ class QueuedRequest:
         self.ahead: set[QueuedRequest] = set()
         #: Time of the grant [s]; None while it waits.
         self.granted_at: float | None = None
-        #: Time until which it is kept though its owner fell silent [s]; None while the owner is there.
-        self.kept_until: float | None = None
         #: Upper bound of that time [s].
         self.latest_grant = 0.0
+        #: Time until which it is kept though its owner fell silent [s]; None while the owner is there.
+        self.kept_until: float | None = None
 
     def overlaps(self, other: QueuedRequest) -> bool:
         return any(shape.intersects(other.shapes[name]) for name, shape in self.shapes.items() if name in other.shapes)
+
+    @property
+    def request(self) -> AreaRequest:
+        return AreaRequest(self.areas, self.limit_s, self.shapes)
 
     @property
     def latest_end(self) -> float:
@@ -165,19 +169,22 @@ class Reservations:
         if request := self.requests.pop(owner, None):
             self._remove(request)
 
-    def fall_silent(self, owner: str) -> None:
-        """The owner is gone without having released its areas. What is granted to it is kept for KEPT_S."""
+    def fall_silent(self, owner: str, former: str = "") -> None:
+        """The owner is gone without having released its areas. What is granted to it is kept for KEPT_S, as areas of
+        the owner, or of a former one from which it has taken them over."""
         request = self.requests.get(owner)
         if request is None or request.granted_at is None:
             self.release(owner)
             return
         del self.requests[owner]
+        request.owner = former or owner
         request.kept_until = self.now + KEPT_S
         self._kept.append(request)
         self._grant()
 
     def take_over(self, owner: str, former: str) -> None:
-        """Give an owner what is kept of a former one that fell silent. Raises InvalidReservation without such areas."""
+        """Give an owner what is kept of a former one that fell silent. Raises InvalidReservation if there is nothing,
+        and if the owner has a reservation."""
         if owner in self.requests:
             raise InvalidReservation("robot", f"{owner} has a reservation already")
         for request in self._kept:
@@ -207,7 +214,7 @@ class Reservations:
         return request.status_at(now) if request else None
 
     def all(self, now: float) -> list[ReservedAreas]:
-        """All requests with their status at a time [s], first request first. Thread-safe."""
+        """All requests with their status at a time [s]: first request first, then what is kept. Thread-safe."""
         return [
             ReservedAreas(request.owner, request.areas, request.status_at(now))
             for request in [*self.requests.values(), *self._kept]
@@ -233,18 +240,25 @@ class Reservations:
         return ended
 
     def record(self) -> list[ReservationRecord]:
-        """All requests, for `restore`."""
+        """All requests, granted ones first, for `restore`."""
+        in_order = [*self._kept, *self.requests.values()]
+        in_order.sort(key=lambda request: request.granted_at is None)  # whoever waits is behind whom it waits for
         return [
-            ReservationRecord(request.owner, request.areas, request.limit_s, request.granted_at)
-            for request in self.requests.values()
+            ReservationRecord(request.owner, request.areas, request.limit_s, request.granted_at, request.kept_until)
+            for request in in_order
         ]
 
     def restore(self, records: Iterable[ReservationRecord], now: float, owners: Collection[str]) -> None:
-        """Restore the requests of these owners, in the order of the records."""
+        """Restore what is kept, and the requests of these owners, in the order of the records."""
         self.now = now
         for record in records:
-            if record.owner in owners:
-                self.reserve(record.owner, [AreaRequest(record.areas, record.limit_s, _shapes(record.areas))])
+            areas = AreaRequest(record.areas, record.limit_s, _shapes(record.areas))
+            if record.kept_until is not None:
+                kept = QueuedRequest(record.owner, areas)
+                kept.granted_at, kept.kept_until = record.granted_at, record.kept_until
+                self._kept.append(kept)
+            elif record.owner in owners:
+                self.reserve(record.owner, [areas])
                 if record.granted_at is not None:
                     self.requests[record.owner].granted_at = record.granted_at
 
@@ -279,9 +293,14 @@ def area_requests(
     alternatives: Sequence[Sequence[tuple[str, Sequence[XY]]]], limit_s: float, floors: Collection[str]
 ) -> list[AreaRequest]:
     """Validate the alternatives of a request. Raises InvalidReservation, UnknownFloor."""
+    check_alternatives(alternatives)
+    return [area_request(areas, limit_s, floors) for areas in alternatives]
+
+
+def check_alternatives(alternatives: Sequence[object]) -> None:
+    """Check the number of alternatives of a request. Raises InvalidReservation."""
     if not 1 <= len(alternatives) <= MAX_ALTERNATIVES:
         raise InvalidReservation("alternatives", f"{len(alternatives)} is not 1 to {MAX_ALTERNATIVES}")
-    return [area_request(areas, limit_s, floors) for areas in alternatives]
 
 
 def canonical_areas(areas: Sequence[tuple[str, Sequence[XY]]]) -> tuple[FloorArea, ...]:

@@ -124,10 +124,12 @@ class Session:
         """Request areas; the grant lasts `limit_s` of simulated time.
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull, SimulationBusy, ServiceError."""
+        self.client.renew_lease(time.monotonic())
         self._reserve([area_request(areas, limit_s, self._building.building.floors)])
 
     def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
         """Request one of several alternatives, see Reservations.reserve; return its index. Raises as `reserve`."""
+        self.client.renew_lease(time.monotonic())
         return self._reserve(area_requests(alternatives, limit_s, self._building.building.floors))
 
     def _reserve(self, alternatives: Sequence[AreaRequest]) -> int:
@@ -143,23 +145,32 @@ class Session:
     def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
         """Replace the granted areas, see Reservations.exchange; return whether they were. Raises InvalidReservation,
         UnknownFloor, SimulationBusy, ServiceError."""
+        self.client.renew_lease(time.monotonic())
         if not 0.0 <= least_s <= MAX_LIMIT_S:  # also refuses NaN
             raise InvalidReservation("least", f"{least_s} s is not 0 to {MAX_LIMIT_S:g} s")
         request = area_request(areas, MAX_LIMIT_S, self._building.building.floors)
-        is_exchanged = False
+        reservations = self._building.reservations
+        former: AreaRequest | None = None
 
         def exchange() -> None:
-            nonlocal is_exchanged
-            is_exchanged = self._building.reservations.exchange(self.name, request, least_s)
+            nonlocal former
+            before = reservations.requests.get(self.name)
+            former_request = before.request if before else None
+            if reservations.exchange(self.name, request, least_s):
+                former = former_request
 
-        self._do(exchange, lambda: self._building.reservations.release(self.name))
-        return is_exchanged
+        def exchange_back() -> None:  # unless others have been granted the former areas meanwhile
+            if former:
+                reservations.exchange(self.name, former, 0.0)
+
+        self._do(exchange, exchange_back)
+        return former is not None
 
     def take_over_areas(self, former: str) -> None:
         """Take over areas, see Reservations.take_over. Raises InvalidReservation, SimulationBusy, ServiceError."""
         self._do(
             lambda: self._building.reservations.take_over(self.name, former),
-            lambda: self._building.reservations.release(self.name),
+            lambda: self._building.reservations.fall_silent(self.name, former),
         )
 
     def reservation(self) -> Reservation | None:
@@ -169,6 +180,7 @@ class Session:
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
         """Release all areas but these. Raises InvalidReservation, SimulationBusy, ServiceError."""
+        self.client.renew_lease(time.monotonic())
         kept = canonical_areas(areas)
         self._do(lambda: self._building.reservations.keep(self.name, kept))
 

@@ -40,12 +40,14 @@ class CabinRecord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class ReservationRecord(msgspec.Struct, frozen=True, array_like=True):
-    """A request for areas (floor, corners). granted_at: simulated time [s], None while it waits."""
+    """A request for areas (floor, corners). granted_at: simulated time [s], None while it waits. kept_until: simulated
+    time [s] until which it is kept though its owner fell silent; None while the owner is there."""
 
     owner: str
     areas: tuple[tuple[str, tuple[tuple[float, float], ...]], ...]
     limit_s: float
     granted_at: float | None
+    kept_until: float | None = None
 
 
 class WorldRecord(msgspec.Struct, frozen=True, array_like=True):

@@ -20,6 +20,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.missions import leader_policy, member
 from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.leader import Leader
+from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.leader_policy import LeaderPolicy
 from robocorba.missions.lookout import Look
 from robocorba.missions.member import MemberPolicy
@@ -127,6 +128,7 @@ class Crew:
             mission or f"m{next(_numbers)}",
             Transport(BusEnd(self.bus, name), name),
             lambda: Spot(*agent.place[:3]),
+            LeaderAreas(agent.robot.session),
             interruption=lambda: str(course.interruption or ""),
             policy=leading or self._leading,
             on_progress=on_progress,

@@ -19,7 +19,7 @@ from robocorba.planning.request import MAX_AREAS, Place
 from robocorba.programs.icons import Destination
 from robocorba.spatial.pose import Pose2D
 from robocorba.testing.buildings import two_storeys
-from tests.missions.worlds import MapWorld, first_way
+from tests.missions.worlds import MapWorld
 
 
 class MovedWorld(MapWorld):
@@ -46,9 +46,7 @@ def test_an_object_in_the_way_is_named() -> None:
 
 def test_a_moved_box_can_be_carried_again() -> None:
     beside = {"A": Place("L1", 5.4, 3.5), "B": Place("L1", 5.4, 5.0)}  # A is at the box's place on the map
-    plan = MoveTablePlanner(MovedWorld(two_storeys()), "box", Destination("L1", 4.0, 3.5), first_way).plan(
-        "m", "A", beside
-    )
+    plan = MoveTablePlanner(MovedWorld(two_storeys()), "box", Destination("L1", 4.0, 3.5)).plan("m", "A", beside)
     assert {subplan.robot for subplan in plan.subplans} == {"A", "B"}
 
 

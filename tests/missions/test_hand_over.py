@@ -28,7 +28,7 @@ from robocorba.spatial.pose import Pose
 from robocorba.testing.buildings import two_storeys
 from tests.control.places import Place
 from tests.missions.places import Crew
-from tests.missions.worlds import MapWorld, first_way
+from tests.missions.worlds import MapWorld
 
 ROBOTS = {"A": Spot("L1", 2.0, 1.5), "B": Spot("L1", 2.0, 5.5), "C": Spot("L2", 2.0, 5.5)}
 
@@ -106,7 +106,7 @@ def test_the_leader_need_not_take_part(world: MapWorld) -> None:
 
 def test_the_icon_has_a_planner(world: MapWorld) -> None:
     for icon, required in ((icons.HandOver("sheet", "B"), {"B"}), (icons.HandOver("sheet", "B", "C"), {"B", "C"})):
-        found = PLANNERS[type(icon)](icon, world, "A", ROBOTS["A"], first_way)
+        found = PLANNERS[type(icon)](icon, world, "A", ROBOTS["A"])
         assert isinstance(found, HandOverPlanner) and found.required == required
 
 

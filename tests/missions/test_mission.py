@@ -18,6 +18,10 @@ from robocorba.control.agent import AgentCondition
 from robocorba.control.runner import ProgramResult
 from robocorba.errors.robots import GoalReached, InTheWay, MissionTakenOver
 from robocorba.errors.services import NotReachable
+from robocorba.maps.polygons import FloorArea
+from robocorba.missions.attempt import OnProgress
+from robocorba.missions.cooperative_planner import ReserveOneOf
+from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.leader_policy import LeaderPolicy
 from robocorba.missions.lookout import Seen
 from robocorba.missions.member import MemberPolicy
@@ -70,11 +74,15 @@ def near(name: str, dx: float, limit_s: float = 30.0) -> Approach:
 
 
 def leading(
-    crew: Crew, *planners: Given, name: str = "A", policy: LeaderPolicy = LEADING
+    crew: Crew,
+    *planners: Given,
+    name: str = "A",
+    policy: LeaderPolicy = LEADING,
+    on_progress: OnProgress = lambda plan, phases, is_ending: None,
 ) -> tuple[threading.Thread, list[MissionReport]]:
     """A mission in a thread of its own. planners: of its attempts, in turn."""
     reports: list[MissionReport] = []
-    leader, left = crew.leader(name, policy), iter(planners)
+    leader, left = crew.leader(name, policy, on_progress), iter(planners)
     thread = threading.Thread(target=lambda: reports.append(leader.lead("test", lambda: next(left))))
     thread.start()
     return thread, reports
@@ -198,6 +206,52 @@ def test_leaders_that_need_the_same_robot_get_it_in_turn(crew: Crew) -> None:
     first, second = sorted(reports, key=lambda report: report.phases[0].began)
     assert {subplan.robot for report in reports if report.plan for subplan in report.plan.subplans} == {"A", "B", "C"}
     assert second.phases[0].started["C"] > first.phases[-1].done["C"]
+
+
+class Reserving(Given):
+    """It needs the whole floor."""
+
+    AREA: FloorArea = ("L1", ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)))
+
+    def reserve(self, reserve: ReserveOneOf, staying: Collection[str] = ()) -> bool:
+        return reserve([[self.AREA]], 60.0).waited
+
+
+def test_a_mission_that_waits_for_its_areas_keeps_no_robot_from_others(crew: Crew) -> None:
+    """B has what A's mission needs, and both need C: B's gets C, though A was the first one."""
+    for name in "AB":
+        crew.agents[name].load(ProgramBuilder("leads").wait(60).program())
+        crew.agents[name].run()
+    areas = LeaderAreas(crew.agents["B"].robot.session)
+    assert areas.request([[Reserving.AREA]], 60.0) == 0
+    planners = [Reserving([Idle()], [near("C", 0.2)]) for _ in range(2)]
+    phases: list[str] = []
+
+    def note(plan: CooperativePlan | None, times: Sequence[PhaseTimes], is_ending: bool) -> None:
+        phases[:] = [phase.name for phase in times]
+
+    first, reports = leading(crew, *planners, on_progress=note)
+    eventually(lambda: phases == ["waiting for areas"], 60.0)
+    helped, others = leading(crew, Reserving([Idle()], [near("C", -0.2)]), name="B")
+    helped.join(60.0)
+    assert (others[0].result, others[0].reason) == ("done", "")
+    first.join(60.0)  # the other mission has given its areas back
+    assert (reports[0].result, reports[0].reason) == ("done", "")
+    assert phases == ["waiting for areas", "asking", "phase 0"]
+    assert crew.agents["A"].robot.session.reservation() is None
+
+
+def test_a_mission_that_waits_for_its_areas_can_be_aborted(crew: Crew) -> None:
+    blocking = LeaderAreas(crew.agents["B"].robot.session)
+    blocking.request([[Reserving.AREA]], 60.0)
+    planner, phases = Reserving([Idle()], [Idle()]), list[str]()
+    thread, reports = leading(crew, planner, on_progress=lambda plan, times, ending: phases.append(times[-1].name))
+    eventually(lambda: phases == ["waiting for areas"], 60.0)
+    crew.agents["A"].robot.execution.abort()
+    thread.join(60.0)
+    assert (reports[0].result, reports[0].reason) == ("failed", "it was aborted")
+    assert crew.agents["A"].robot.session.reservation() is None
+    blocking.release()
 
 
 def test_a_failed_step_ends_the_mission_for_all(crew: Crew) -> None:

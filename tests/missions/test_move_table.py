@@ -16,6 +16,7 @@ from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import CabinSide, Elevator, ElevatorDoor
 from robocorba.maps.polygons import FloorArea
 from robocorba.missions import move_table
+from robocorba.missions.cooperative_planner import Grant
 from robocorba.missions.formation import BACK_OFF_M
 from robocorba.missions.move_table import DOOR_MARGIN_S, SUCCESSION_S, MoveTablePlanner
 from robocorba.missions.subplan import (
@@ -49,7 +50,7 @@ def world() -> MapWorld:
 
 @pytest.fixture(scope="module")
 def up(world: MapWorld) -> CooperativePlan:
-    return MoveTablePlanner(world, "box", GOAL, first_way).plan("m", "A", ROBOTS)
+    return MoveTablePlanner(world, "box", GOAL).plan("m", "A", ROBOTS)
 
 
 def test_the_elevator_that_is_granted_the_soonest_is_taken() -> None:
@@ -58,13 +59,15 @@ def test_the_elevator_that_is_granted_the_soonest_is_taken() -> None:
     world = MapWorld(with_all(two_storeys(), [("", west)]))
     asked: list[Sequence[Sequence[FloorArea]]] = []
 
-    def other_way(alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
+    def other_way(alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> Grant:
         asked.append(alternatives)
-        return 1
+        return Grant(1, waited=True)
 
     robots = {"A": Place("L1", 3.8, 1.8), "B": Place("L1", 6.5, 5.5)}
     for reserve, elevator in ((first_way, "W1"), (other_way, "E1")):
-        plan = MoveTablePlanner(world, "box", GOAL, reserve).plan("m", "A", robots)
+        planner = MoveTablePlanner(world, "box", GOAL)
+        assert planner.reserve(reserve) is (reserve is other_way)
+        plan = planner.plan("m", "A", robots)
         rides = {step.elevator for step in steps_of(plan, "A") if isinstance(step, Ride)}
         assert rides == {elevator}
     (reserve_step,) = [step for step in steps_of(plan, "A") if isinstance(step, Reserve)]
@@ -123,7 +126,7 @@ def test_carriers_wait_clear_of_the_doors_and_pass_them_in_time(world: MapWorld,
     )
     assert isinstance(steps[called + 2], Ride) and steps[called + 2].destination == "L2"
     shaft = shaft_polygon(world.building().elevators["E1"])
-    footprint = MoveTablePlanner(world, "box", GOAL, first_way)._carry.footprint()
+    footprint = MoveTablePlanner(world, "box", GOAL)._carry.footprint()
 
     def at(pose: tuple[float, float, float]) -> bool:
         return bool(translate(rotate(footprint, pose[2], (0, 0), use_radians=True), *pose[:2]).intersects(shaft))
@@ -140,11 +143,11 @@ def test_carriers_wait_clear_of_the_doors_and_pass_them_in_time(world: MapWorld,
 
 def test_elevators_that_are_too_small_are_named() -> None:
     with pytest.raises(ImpossibleCarry, match="E1"):
-        MoveTablePlanner(MapWorld(two_storeys(cabin_m=2.0)), "box", GOAL, first_way)
+        MoveTablePlanner(MapWorld(two_storeys(cabin_m=2.0)), "box", GOAL)
 
 
 def test_doors_stay_open_for_as_long_as_the_party_needs() -> None:
-    plan = MoveTablePlanner(MapWorld(two_storeys(cabin_m=7.0)), "box", Destination("L2", 3.0, 3.5), first_way).plan(
+    plan = MoveTablePlanner(MapWorld(two_storeys(cabin_m=7.0)), "box", Destination("L2", 3.0, 3.5)).plan(
         "m", "A", ROBOTS
     )
     steps = steps_of(plan, "A")
@@ -159,7 +162,7 @@ def test_doors_that_close_too_early_are_named(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(move_table, "MAX_BOARDING_S", 15.0)
     world = MapWorld(two_storeys(cabin_m=7.0))
     with pytest.raises(MissionFailed, match=r"the doors of E1 stay open for 15 s at most; driving in needs \d\d s"):
-        MoveTablePlanner(world, "box", Destination("L2", 3.0, 3.5), first_way).plan("m", "A", ROBOTS)
+        MoveTablePlanner(world, "box", Destination("L2", 3.0, 3.5)).plan("m", "A", ROBOTS)
 
 
 def standing(name: str, x: float, y: float, floor: str = "L1") -> StandingRobot:
@@ -170,7 +173,7 @@ def test_robots_in_the_way_are_to_step_aside() -> None:
     team = [standing(name, place.x, place.y, place.floor) for name, place in ROBOTS.items()]
     goal = Destination("L1", 3.0, 5.0)
     world = MapWorld(two_storeys(), standing=[*team, standing("D", 4.6, 4.2), standing("E", 11.0, 6.0)])
-    planner = MoveTablePlanner(world, "box", goal, first_way)
+    planner = MoveTablePlanner(world, "box", goal)
     with pytest.raises(InTheWay) as blocked:
         planner.plan("m", "A", ROBOTS)
     assert blocked.value.aside.keys() == {"D"}
@@ -178,7 +181,7 @@ def test_robots_in_the_way_are_to_step_aside() -> None:
     assert aside and aside[0] == "L1"
     assert planner.aside("D") == aside
     world.standing[3] = standing("D", *aside[1:])
-    assert MoveTablePlanner(world, "box", goal, first_way).plan("m", "A", ROBOTS).thing == "box"
+    assert MoveTablePlanner(world, "box", goal).plan("m", "A", ROBOTS).thing == "box"
 
 
 def test_the_carry_is_planned_around_robots_that_stay() -> None:
@@ -187,33 +190,32 @@ def test_the_carry_is_planned_around_robots_that_stay() -> None:
     robots = {"A": Place("L1", 5.4, 1.5), "B": Place("L1", 5.4, 5.5)}
     ways = []
     for world in (direct, MapWorld(two_storeys(), standing=[standing("D", 3.7, 3.5)])):
-        plan = MoveTablePlanner(world, "box", goal, first_way).plan("m", "A", robots, {"D"})
+        planner = MoveTablePlanner(world, "box", goal)
+        planner.reserve(first_way, {"D"})
+        plan = planner.plan("m", "A", robots, {"D"})
         step = next(step for step in steps_of(plan, "A") if isinstance(step, Reserve))
         ways.append(Polygon(step.areas[0][1]))
     assert ways[0].distance(Point(3.7, 3.5)) == 0.0
     assert ways[1].distance(Point(3.7, 3.5)) > 0.0  # RADIUS_M less what the outline is simplified by
     narrow = MapWorld(two_storeys(), standing=[standing("D", 2.0, 3.5)])
     with pytest.raises(ImpossibleCarry, match=r"L1:2,3.5 is not free for the object; robot 'D' on L1: is in the obj"):
-        MoveTablePlanner(narrow, "box", goal, first_way).plan("m", "A", robots, {"D"})
+        MoveTablePlanner(narrow, "box", goal).reserve(first_way, {"D"})
 
 
 def test_the_number_of_carriers_follows_from_the_weight(world: MapWorld) -> None:
-    assert MoveTablePlanner(world, "box", GOAL, first_way).helpers == 1
-    assert (
-        MoveTablePlanner(MapWorld(two_storeys(), mass_kg=9.0), "box", Destination("L1", 3.5, 3.5), first_way).helpers
-        == 2
-    )
+    assert MoveTablePlanner(world, "box", GOAL).helpers == 1
+    assert MoveTablePlanner(MapWorld(two_storeys(), mass_kg=9.0), "box", Destination("L1", 3.5, 3.5)).helpers == 2
 
 
 def test_missing_objects_and_robots_are_named(world: MapWorld) -> None:
     with pytest.raises(MissionFailed, match="no object 'piano'"):
-        MoveTablePlanner(world, "piano", GOAL, first_way)
+        MoveTablePlanner(world, "piano", GOAL)
     with pytest.raises(MissionFailed, match="2 robots are needed; A are free"):
-        MoveTablePlanner(world, "box", GOAL, first_way).plan("m", "A", {"A": ROBOTS["A"]})
+        MoveTablePlanner(world, "box", GOAL).plan("m", "A", {"A": ROBOTS["A"]})
 
 
 def test_what_is_at_its_goal_is_not_carried(world: MapWorld) -> None:
     box = world.movable("box")
     with pytest.raises(GoalReached, match="box is at its goal"):
-        MoveTablePlanner(world, "box", Destination(box.floor, box.x + 0.005, box.y, box.heading + math.tau), first_way)
-    assert MoveTablePlanner(world, "box", Destination(box.floor, box.x + 0.1, box.y, box.heading), first_way).helpers
+        MoveTablePlanner(world, "box", Destination(box.floor, box.x + 0.005, box.y, box.heading + math.tau))
+    assert MoveTablePlanner(world, "box", Destination(box.floor, box.x + 0.1, box.y, box.heading)).helpers

@@ -9,14 +9,15 @@ from robocorba.maps.geometry import Obstacle, object_geometry
 from robocorba.maps.model import Building
 from robocorba.maps.movable import movables, object_outline
 from robocorba.maps.polygons import FloorArea
+from robocorba.missions.cooperative_planner import Grant
 from robocorba.missions.world import MovableObject, StandingRobot
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathRequest
 
 
-def first_way(alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
+def first_way(alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> Grant:
     """Reserve the first one of several ways."""
-    return 0
+    return Grant(0, waited=False)
 
 
 class MapWorld:

@@ -36,6 +36,8 @@ from tests.simulation.places import robot, scan, tower
 
 PASSAGE = ("L1", ((4.0, 0.0), (6.0, 0.0), (6.0, 1.0), (4.0, 1.0)))
 
+ROOM, FAR, HALL = (("L1", ((x, 2.0), (x + 1.0, 2.0), (x + 1.0, 3.0), (x, 3.0))) for x in (1.0, 3.0, 5.0))
+
 
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[SimulationStore]:
@@ -159,6 +161,27 @@ def test_what_cannot_be_stored_is_undone(agent: ManagementAgent, store: Simulati
     run(agent, 0.1)
     assert (driver.robot.holding, driver.ride, driver.reservation()) == ("", None, None)
     assert (agent.registry.limit, agent.loop.pace, agent.loop.is_paused) == (300, 1.0, False)
+
+
+def test_changes_of_areas_that_cannot_be_stored_are_undone(agent: ManagementAgent, store: SimulationStore) -> None:
+    leader, successor, other = agent.register(robot("A", x=1.0)), agent.register(robot("B")), robot("C", x=4.0)
+    agent.register(other).reserve([PASSAGE], 60.0)
+    leader.reserve([ROOM], 60.0)
+    successor.reserve([FAR], 60.0)
+    agent.simulated.reservations.fall_silent("A")
+    store.__exit__(None, None, None)
+    with pytest.raises(ServiceError):
+        successor.exchange_areas([HALL], 0.0)
+    reserved = agent.simulated.reservations.requests
+    assert reserved["B"].areas == (FAR,)
+    with pytest.raises(ServiceError):  # what C has; it is refused, and nothing to be undone
+        successor.exchange_areas([PASSAGE], 0.0)
+    assert reserved["B"].areas == (FAR,)
+    agent.simulated.reservations.release("B")
+    with pytest.raises(ServiceError):
+        successor.take_over_areas("A")
+    agent.simulated.reservations.take_over("B", "A")  # it is kept of A again
+    assert reserved["B"].areas == (ROOM,)
 
 
 def test_a_robot_whose_lease_expires_is_logged_off(store: SimulationStore) -> None:

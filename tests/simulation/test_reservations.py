@@ -231,6 +231,30 @@ def test_what_a_silent_robot_has_reserved_is_taken_over() -> None:
     assert [request.owner for request in kept.advance(58.0)] == ["successor"]
 
 
+def test_what_is_kept_and_taken_over_outlives_a_restart() -> None:
+    def restarted(before: Reservations) -> Reservations:
+        records = msgspec.msgpack.decode(msgspec.msgpack.encode(before.record()), type=list[ReservationRecord])
+        after = Reservations()
+        after.restore(records, before.now, {"other", "successor"})
+        return after
+
+    kept = Reservations()
+    kept.reserve("leader", [wanted(box(0, 0))])
+    kept.reserve("other", [wanted(box(0, 0))])
+    kept.advance(5.0)
+    kept.fall_silent("leader")
+    kept = restarted(kept)
+    assert granted(kept) == set()
+    assert longest_wait(kept, "other") == KEPT_S
+    kept.take_over("successor", "leader")  # it is granted, behind `other` that waits for it
+    kept = restarted(kept)
+    assert granted(kept) == {"successor"}
+    kept.fall_silent("successor", "leader")  # it could not be stored
+    kept = restarted(kept)
+    kept.take_over("successor", "leader")
+    assert granted(kept) == {"successor"}
+
+
 # ---- any actions of robots ----
 
 #: Corners on a grid: two boxes overlap as sets of its squares, without any geometry.
@@ -355,7 +379,6 @@ def test_grants_never_overlap_and_no_request_waits_longer_than_its_bound(actions
             records = msgspec.msgpack.decode(msgspec.msgpack.encode(kept.record()), type=list[ReservationRecord])
             kept = Reservations()
             kept.restore(records, now, {record.owner for record in records})
-            silent.clear()
         look()
     while kept.requests:
         now += 1.0

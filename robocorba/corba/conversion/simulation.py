@@ -20,7 +20,7 @@ from robocorba.simulation.emergency_stops import StopAnswer, StopState
 from robocorba.simulation.load_balance import Load, SensorServer
 from robocorba.simulation.management_agent import ServerState
 from robocorba.simulation.registry import Description, RobotClient
-from robocorba.simulation.reservations import Reservation, ReservedAreas, check_sizes
+from robocorba.simulation.reservations import Reservation, ReservedAreas, check_alternatives, check_sizes
 from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.pose import Limits
 from robocorba.spatial.posture import Posture
@@ -116,6 +116,12 @@ def areas_of(structs: Sequence[Any]) -> list[FloorArea]:
     """Raises InvalidReservation for too many areas or corners, before it converts them."""
     check_sizes([struct.polygon for struct in structs])
     return [_area_of(struct) for struct in structs]
+
+
+def alternatives_of(structs: Sequence[Any]) -> list[list[FloorArea]]:
+    """Raises InvalidReservation for too many alternatives, areas or corners, before it converts them."""
+    check_alternatives(structs)
+    return [areas_of(areas) for areas in structs]
 
 
 def _area_of(struct: Any) -> FloorArea:

@@ -209,7 +209,7 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
 
     @_measured
     def reserveOneOf(self, alternatives: list[Any], limit: float) -> int:
-        return self.session.reserve_one_of([simulation.areas_of(areas) for areas in alternatives], limit)
+        return self.session.reserve_one_of(simulation.alternatives_of(alternatives), limit)
 
     @_measured
     def exchangeAreas(self, areas: list[Any], least: float) -> bool:
