@@ -13,8 +13,8 @@ BENCHES = {
     "events": ("network", "channel", "chaos"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos", "attacks"),
     "robots": ("kinematics", "virtual_and_actual", "control", "stops", "fleet"),
-    "missions": ("carry", "network", "many", "chaos", "ways", "survival"),
-    "console": ("viewers", "returns"),
+    "missions": ("carry", "network", "many", "elevators", "chaos", "ways", "survival", "partition"),
+    "console": ("viewers", "returns", "foxglove"),
     "starts": ("ready", "kills", "memory", "forks"),
     "chaos": ("fuzz", "roles", "guarded_cost"),
 }

@@ -8,47 +8,29 @@ the simulation to the picture."""
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
-import math
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from websockets.sync.client import connect
 
 from bench.common.harness import run
-from bench.simulation.robots_client import Clients
-from robocorba.clients.robot_processes import servers
-from robocorba.corba.conversion import simulation
-from robocorba.corba.orb import Orb
-from robocorba.kinematics.smartpal import JOINTS
-from robocorba.repeating import Repeating
-from robocorba.simulation.registry import Description
-from robocorba.stubs import RoboCorba
+from bench.console.crowd import FLOOR, Clock, crowded_system
 from robocorba.supervision.console import CONSOLE
 from robocorba.supervision.folder import StateFolder
 from robocorba.testing.browser import chromium, headless
-from robocorba.testing.generated_buildings import office, saved_office
-from robocorba.testing.generated_buildings import robots as robots_in
 from robocorba.testing.json_process import Cpu, pids_of
 from robocorba.testing.report import PROGRESS, RESULTS, at_least, at_most, bars, quantile, summarize
 
-NAME, FLOOR = "console_viewers", "L1"
-LASERS, ARMS = 8, 3
-#: Rate of commands, scans and postures of each robot [1/s].
-RATE = 10.0
-#: Interval at which simulated time is sampled [s].
-SAMPLE_S = 0.02
+NAME = "console_viewers"
 #: Time for a page to draw at its final rate before the measurement [s].
 SETTLE_S = 6.0
 MONITOR_SIZE, SCENE_SIZE = {"width": 1366, "height": 768}, {"width": 1000, "height": 737}
-NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
 
 #: Notes the browser's time [ms since 1970] and the simulated time [s] of each update, once it is drawn.
 _WATCH = """async floor => { const { live } = await import("/static/live.js"); window.drawn = []; let last = -1;
@@ -58,91 +40,13 @@ _WATCH = """async floor => { const { live } = await import("/static/live.js"); w
 _PICTURES = "() => document.querySelector('.console-scene canvas').sceneView.pictures"
 
 
-class Crowd:
-    """Robots of this process: each drives in circles and scans, the first ones move their arms."""
-
-    def __init__(self, server: Any, robots: Sequence[Description]) -> None:
-        self._sessions = [server.registerRobot(simulation.description(about)) for about in robots]
-        self._tasks = [
-            Repeating(f"robot {number}", self._task(number, session), 1 / RATE).start()
-            for number, session in enumerate(self._sessions)
-        ]
-
-    def close(self) -> None:
-        for task in self._tasks:
-            task.close()
-
-    @staticmethod
-    def _task(number: int, session: Any) -> Any:
-        sensor = session._get_sensor()
-        laser, ticks = sensor.laser(), itertools.count()
-
-        def tick() -> None:
-            session.command(RoboCorba.Velocity(0.3, 0.0, 0.5), 0.5)
-            sensor.scan(session.state().at, NO_MOUNT, laser)
-            if number < ARMS:
-                session.reportPosture([0.3 * math.sin(next(ticks) / 5 + joint) for joint in range(len(JOINTS))])
-
-        return tick
-
-
-class Clock:
-    """When the simulation reached which simulated time [s], sampled in the background."""
-
-    def __init__(self, server: Any) -> None:
-        self._server = server
-        self.samples: list[tuple[float, float]] = []
-        self._task = Repeating("clock", self._sample, SAMPLE_S).start()
-
-    def _sample(self) -> None:
-        simulated = self._server._get_state().time
-        self.samples.append((simulated, time.time()))
-
-    def at(self, simulated: Sequence[float]) -> np.ndarray:
-        """POSIX times of simulated times [s]."""
-        times, walls = zip(*self.samples, strict=True)
-        return np.interp(simulated, times, walls)
-
-    def pace(self, since: int) -> float:
-        """Simulated seconds per second since a sample."""
-        (first, began), (last, ended) = self.samples[since], self.samples[-1]
-        return (last - first) / (ended - began)
-
-    def close(self) -> None:
-        self._task.close()
-
-
 @contextlib.contextmanager
 def crowded_console(folder: Path, count: int) -> Iterator[tuple[str, int, Clock]]:
     """A console beside `count` driving robots: its address, its process id, and the simulation's clock."""
-    building = saved_office(folder)
-    crowd = [about for about in robots_in(office(), 6 * count) if about.pose.floor == FLOOR][:count]
-    with (
-        servers(folder, "--building", str(building), "--console", "--console-port", "0") as naming,
-        Orb(naming) as orb,
-        Clients(naming, 1, folder) as clients,
-    ):
-        server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
-        clients.log_on(crowd[LASERS:], count - LASERS)
-        ended = threading.Event()
-
-        def drive() -> None:
-            while not ended.is_set():
-                clients.all("drive", begin=time.monotonic(), seconds=5.0, rate=RATE, threads=4)
-
+    with crowded_system(folder, count, "--console", "--console-port", "0") as (_, clock):
         record = StateFolder(folder).read_record()
         assert record is not None
-        with (
-            ThreadPoolExecutor(1) as driver,
-            contextlib.closing(Crowd(server, crowd[:LASERS])),
-            contextlib.closing(Clock(server)) as clock,
-        ):
-            driving = driver.submit(drive)
-            try:
-                yield record.console_address, pids_of(folder, CONSOLE)[0], clock
-            finally:
-                ended.set()
-                driving.result()
+        yield record.console_address, pids_of(folder, CONSOLE)[0], clock
 
 
 def measured(clock: Clock, pid: int, seconds: float) -> dict[str, float]:

@@ -24,6 +24,8 @@ SUBCOMMANDS = {
     "watch": ("watch", "watch"),
     "record": ("record", "record"),
     "replay": ("replay", "replay"),
+    "convert": ("convert", "convert"),
+    "foxglove": ("foxglove", "foxglove"),
     "access": ("access", "app"),
     "robot": ("robot", "robot"),
     "robots": ("robots", "robots"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +12,7 @@ import typer
 
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
+from robocorba.errors.services import ServiceError
 from robocorba.settings import Settings
 
 Naming = Annotated[
@@ -18,6 +20,12 @@ Naming = Annotated[
 ]
 State = Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+def require_extra(name: str, package: str) -> None:
+    """Raise ServiceError if a package of an extra of RoboCorba is not installed."""
+    if importlib.util.find_spec(package) is None:
+        raise ServiceError(f"{package} is not installed: pip install 'robocorba[{name}]'")
 
 
 @contextlib.contextmanager

@@ -1,8 +1,9 @@
-"""Recordings of the simulated building: MCAP files with floor updates and the map.
+"""Recordings of the simulated building: compact MCAP files with the map, floor updates, postures, scans and missions.
 
 A file has an attachment with the map (a native map file, gzipped), one topic for each floor with messages as in SCHEMA,
-and chunks compressed with zstd. `log_time` is the time of recording, `publish_time` the simulated time, both in ns. A
-chunk is written every second; written chunks are readable during recording and after the recorder was killed.
+the topics `postures`, `scans` and `missions`, see `recorded_entries`, and chunks compressed with zstd. `log_time` is
+the time of recording, `publish_time` the simulated time, both in ns. A chunk is written every second; written chunks
+are readable during recording and after the recorder was killed.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import contextlib
 import gzip
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from io import BufferedWriter, BytesIO, FileIO
 from pathlib import Path
 from types import TracebackType
@@ -32,8 +33,23 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidRecording, UpdateMismatch
 from robocorba.maps import native
 from robocorba.maps.model import Building
+from robocorba.simulation.mission_record import MissionContent
+from robocorba.simulation.recorded_entries import (
+    POSTURE_SCHEMA,
+    SCAN_SCHEMA,
+    RecordedMission,
+    dump_mission,
+    dump_posture,
+    dump_scan,
+    load_mission,
+    load_posture,
+    load_scan,
+)
+from robocorba.simulation.robot_scans import RobotScan
+from robocorba.simulation.system_changes import SystemChanges
 from robocorba.spatial.floor_format import dumps, loads
 from robocorba.spatial.floor_update import FloorUpdate, FloorView
+from robocorba.spatial.posture import Posture
 
 #: MCAP profile of a recording.
 PROFILE = "x-robocorba"
@@ -41,10 +57,14 @@ PROFILE = "x-robocorba"
 MAP_ATTACHMENT = "building.yaml.gz"
 #: A topic is this and the floor's name.
 TOPIC_PREFIX = "floor/"
-#: Encoding of the messages.
+#: The other topics.
+POSTURES, SCANS, MISSIONS = "postures", "scans", "missions"
+#: Encoding of the messages, but for missions, which are JSON.
 ENCODING = "msgpack"
 #: Interval between chunks [s]: a killed recorder loses no more than this.
 CHUNK_S = 1.0
+#: Maximum gap between two recorded updates of a floor [s].
+MAX_GAP_S = 1.0
 #: Nanoseconds per second.
 NS_PER_S = 1_000_000_000
 
@@ -94,9 +114,15 @@ _DAMAGE += (ValueError, KeyError, EOFError, OverflowError, MemoryError, RuntimeE
 _RECORD_HEAD = struct.Struct("<BQ")
 
 
-class _RecordedUpdate(NamedTuple):
-    """An encoded update. log_time: POSIX time of the recording [ns]."""
+#: What a recording has besides updates of floors.
+Entry = Posture | RobotScan | RecordedMission
+_LOADERS: dict[str, Callable[[bytes], Entry]] = {POSTURES: load_posture, SCANS: load_scan, MISSIONS: load_mission}
 
+
+class _RecordedMessage(NamedTuple):
+    """An encoded message; an update if it has a floor. log_time: POSIX time of the recording [ns]."""
+
+    topic: str
     floor: str
     log_time: int
     data: bytes
@@ -114,6 +140,8 @@ class Recorder:
         #: Size of the file so far [bytes].
         self.size = 0
         self._flushed_at = 0.0
+        #: POSIX time of the last update of each floor [s].
+        self._written_at: dict[str, float] = {}
         self._channels: dict[str, int] = {}
         document = gzip.compress(native.dumps(building).encode(), mtime=0)
         with _translating_write_errors(path):
@@ -134,6 +162,43 @@ class Recorder:
             self._flushed_at = at_s
             self.flush()
 
+    def write_changes(self, changes: SystemChanges, at_s: float) -> None:
+        """Add what was received at POSIX time `at_s` [s]. Raises InvalidRecording."""
+        for update in changes.updates:
+            # Unchanged floors are recorded too, if rarely, to record the passing of time.
+            if update.version != update.since or at_s - self._written_at.get(update.floor, 0.0) > MAX_GAP_S - 0.01:
+                self.write(update, at_s)
+                self._written_at[update.floor] = at_s
+        for posture in changes.postures:
+            self.write_posture(posture, at_s)
+        for scan in changes.scans:
+            self.write_scan(scan, at_s)
+        time_s = max((update.time for update in changes.updates), default=0.0)
+        for mission in changes.missions:
+            self.write_mission(mission.name, mission.content, at_s, time_s)
+
+    def write_posture(self, posture: Posture, at_s: float) -> None:
+        """Add a posture that was received at POSIX time `at_s` [s]. Raises InvalidRecording."""
+        self._add(POSTURES, "RoboCorba/Posture", POSTURE_SCHEMA, dump_posture(posture), at_s, posture.time)
+
+    def write_scan(self, scan: RobotScan, at_s: float) -> None:
+        """Add a scan that was received at POSIX time `at_s` [s]. Raises InvalidRecording."""
+        self._add(SCANS, "RoboCorba/RobotScan", SCAN_SCHEMA, dump_scan(scan), at_s, scan.time)
+
+    def write_mission(self, name: str, content: MissionContent, at_s: float, time_s: float) -> None:
+        """Add the state of a mission that was received at POSIX time `at_s` and simulated time `time_s` [s]. Raises
+        InvalidRecording."""
+        self._add(MISSIONS, "", b"", dump_mission(name, content), at_s, time_s)
+
+    def _add(self, topic: str, schema: str, text: bytes, data: bytes, at_s: float, time_s: float) -> None:
+        with _translating_write_errors(self.path):
+            if topic not in self._channels:
+                number = self._writer.register_schema(schema, "omgidl", text) if schema else 0
+                encoding = ENCODING if schema else "json"
+                self._channels[topic] = self._writer.register_channel(topic, encoding, number)
+            log_time, publish_time = round(at_s * NS_PER_S), round(time_s * NS_PER_S)
+            self._writer.add_message(self._channels[topic], log_time, data, publish_time)
+
     def flush(self) -> None:
         """Write the current chunk, which then survives a kill of this process. Raises InvalidRecording."""
         with _translating_write_errors(self.path):
@@ -141,9 +206,10 @@ class Recorder:
         self.size = self._file.tell()
 
     def _channel(self, floor: str) -> int:
-        if floor not in self._channels:
-            self._channels[floor] = self._writer.register_channel(f"{TOPIC_PREFIX}{floor}", ENCODING, self._schema)
-        return self._channels[floor]
+        topic = f"{TOPIC_PREFIX}{floor}"
+        if topic not in self._channels:
+            self._channels[topic] = self._writer.register_channel(topic, ENCODING, self._schema)
+        return self._channels[topic]
 
     def __enter__(self) -> Recorder:
         return self
@@ -187,7 +253,7 @@ class Recording:
             for record in self._records():
                 if isinstance(record, Attachment) and record.name == MAP_ATTACHMENT:
                     document = gzip.decompress(record.data)
-                elif isinstance(record, _RecordedUpdate):
+                elif isinstance(record, _RecordedMessage) and record.floor:
                     self._count_update(record)
             if document is None:
                 raise InvalidRecording(path, "contains no map")
@@ -202,8 +268,17 @@ class Recording:
                 raise UnknownFloor("recording", floor, self.floors)
         with self._translating_read_errors():
             for record in self._records():
-                if isinstance(record, _RecordedUpdate) and (not floors or record.floor in floors):
+                if isinstance(record, _RecordedMessage) and record.floor and (not floors or record.floor in floors):
                     yield record.log_time / NS_PER_S - self.began, loads(record.data)
+
+    def entries(self) -> Iterator[tuple[float, FloorUpdate | Entry]]:
+        """Updates of all floors and everything else, in recorded order, each with its time after `began` [s]. Raises
+        InvalidRecording."""
+        with self._translating_read_errors():
+            for record in self._records():
+                if isinstance(record, _RecordedMessage):
+                    load = loads if record.floor else _LOADERS[record.topic]
+                    yield record.log_time / NS_PER_S - self.began, load(record.data)
 
     def sampled(self, every_s: float, floors: Collection[str] = ()) -> Iterator[tuple[float, dict[str, FloorView]]]:
         """Times [s] and floors by name, every `every_s` seconds and at the end. Raises UnknownFloor, InvalidRecording.
@@ -234,7 +309,7 @@ class Recording:
         with self._translating_read_errors():
             views[update.floor].apply(update)
 
-    def _count_update(self, update: _RecordedUpdate) -> None:
+    def _count_update(self, update: _RecordedMessage) -> None:
         at_s = update.log_time / NS_PER_S
         if not self.count:
             self.began = at_s
@@ -243,7 +318,7 @@ class Recording:
         self.count += 1
         self.duration_s = at_s - self.began
 
-    def _records(self) -> Iterator[Attachment | _RecordedUpdate]:
+    def _records(self) -> Iterator[Attachment | _RecordedMessage]:
         channels: dict[int, Channel] = {}
         for opcode, stream in self._pieces():
             if opcode == Opcode.HEADER and Header.read(stream).profile != PROFILE:
@@ -255,10 +330,10 @@ class Recording:
                     if isinstance(record, Channel):
                         channels[record.id] = record
                     elif isinstance(record, Message):
-                        channel = channels[record.channel_id]
-                        if channel.message_encoding == ENCODING and channel.topic.startswith(TOPIC_PREFIX):
-                            floor = channel.topic.removeprefix(TOPIC_PREFIX)
-                            yield _RecordedUpdate(floor, record.log_time, record.data)
+                        topic = channels[record.channel_id].topic
+                        floor = topic.removeprefix(TOPIC_PREFIX) if topic.startswith(TOPIC_PREFIX) else ""
+                        if floor or topic in _LOADERS:
+                            yield _RecordedMessage(topic, floor, record.log_time, record.data)
 
     def _pieces(self) -> Iterator[tuple[int, ReadDataStream]]:
         """Opcode and content of each record, up to the end of the data or the last complete record."""

@@ -11,6 +11,7 @@ import pytest
 
 from robocorba.errors.services import NotReachable
 from robocorba.simulation.recording import Recorder, Recording
+from robocorba.simulation.system_changes import SystemChanges
 from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate
 from robocorba.testing.buildings import two_floors
 
@@ -23,11 +24,11 @@ class Floors:
     def __init__(self, answers: Sequence[list[FloorUpdate] | NotReachable]) -> None:
         self._answers = iter(answers)
 
-    def follow(self, resolve_timeout_s: float) -> list[FloorUpdate]:
+    def follow(self, resolve_timeout_s: float) -> SystemChanges:
         answer = next(self._answers)
         if isinstance(answer, NotReachable):
             raise answer
-        return answer
+        return SystemChanges(answer, [], [], [])
 
 
 class Times:
@@ -48,7 +49,7 @@ def recorded(
     path: Path, answers: Sequence[list[FloorUpdate] | NotReachable], **limits: float
 ) -> list[tuple[float, int]]:
     with Recorder(path / "a.mcap", two_floors()) as recorder:
-        record.record_changes(Floors(answers), recorder, 0.0, Times(len(answers)), **limits)  # type: ignore[arg-type]
+        record.record_changes(Floors(answers), recorder.write_changes, 0.0, Times(len(answers)), **limits)  # type: ignore[arg-type]
     return [(round(at_s, 3), update.version) for at_s, update in Recording(path / "a.mcap").updates()]
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import av
 import pytest
+from mcap.reader import make_reader
 from omniORB import CORBA
 
 from robocorba.commands.simulation_tables import RunningSimulation, as_json
@@ -21,8 +22,10 @@ from robocorba.commands.watch import Camera, film
 from robocorba.corba.orb import Orb
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidPicture, InvalidRecording
+from robocorba.kinematics.smartpal import JOINTS
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.floor_update import WHOLE
+from robocorba.spatial.posture import Posture
 from robocorba.stubs import RoboCorba
 from robocorba.testing.buildings import two_floors
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, refusal
@@ -30,6 +33,7 @@ from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually
 pytestmark = pytest.mark.system
 
 PATIENCE_S = 40.0
+POSTURE = [0.1] * len(JOINTS)
 Robocorba = Callable[..., "subprocess.Popen[str]"]
 
 
@@ -49,6 +53,7 @@ def robots(system: Running, system_orb: Orb) -> Iterator[None]:
             for session in sessions:
                 with contextlib.suppress(CORBA.SystemException):  # the server is killed now and then
                     session.command(RoboCorba.Velocity(0.5, 0.0, 0.5), 2.0)
+                    session.reportPosture(POSTURE)
 
     driver = threading.Thread(target=drive)
     driver.start()
@@ -153,7 +158,7 @@ def stopped(pid: int) -> Iterator[None]:
 
 def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Running, tmp_path: Path) -> None:
     file, lost = tmp_path / "a.mcap", tmp_path / "lost.mcap"
-    recorder, killed = robocorba("record", "a.mcap"), robocorba("record", "lost.mcap", "--floor", "L2")
+    recorder, killed = robocorba("record", "a.mcap"), robocorba("record", "lost.mcap", "--floor", "L2", "--no-scans")
     watcher, film = robocorba("watch"), robocorba("watch", "--video", "a.mp4", "--fps", "20", "--width", "300")
     (tmp_path / "there.mcap").touch()
     assert refusal(robocorba("record", "there.mcap")) == "robocorba record: there.mcap: File exists"
@@ -199,3 +204,62 @@ def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Runn
                 if body.name in ways:
                     ways[body.name].add(float(view.motion(body.number)["x"]))
     assert all(len(way) > 3 for way in ways.values())
+    postures = [entry for _, entry in found.entries() if isinstance(entry, Posture)]
+    assert {posture.robot for posture in postures} == {"A", "B"}
+    assert all(posture.joints == tuple(POSTURE) for posture in postures)
+    times = [posture.time for posture in postures if posture.robot == "A"]
+    assert len(set(times)) == len(times) > 3
+
+
+def test_recordings_for_foxglove(robocorba: Robocorba, tmp_path: Path) -> None:
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    files = ["live.mcap", "converted.mcap"]
+    done(robocorba("record", "live.mcap", "--foxglove", "--seconds", "3"))
+    done(robocorba("record", "compact.mcap", "--seconds", "3"))
+    assert done(robocorba("convert", "compact.mcap", "converted.mcap")).startswith("wrote converted.mcap: ")
+    for file in files:
+        with open(tmp_path / file, "rb") as opened:
+            summary = make_reader(opened, validate_crcs=True).get_summary()
+        assert summary is not None and summary.statistics is not None
+        counts = summary.statistics.channel_message_counts
+        found = {channel.topic: counts[number] for number, channel in summary.channels.items()}
+        assert min(found[f"/{robot}/{topic}"] for robot in "AB" for topic in ("pose", "joint_states")) > 3
+        assert found["/tf"] > 3 and found["/robots"] > 1
+    assert refusal(robocorba("convert", "live.mcap", "again.mcap")) == (
+        "robocorba convert: live.mcap: not a recording of RoboCorba, but another MCAP file"
+    )
+
+
+def test_it_is_live_in_foxglove(robocorba: Robocorba, system: Running) -> None:
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    client_module = pytest.importorskip("robocorba.testing.foxglove_client", reason="websockets is not installed")
+    server = robocorba("foxglove", "--port", "0", "--steer", "--state", str(system.state))
+    assert server.stdout is not None
+    url = server.stdout.readline().strip()
+    with client_module.FoxgloveClient(url) as client:
+        topics = {
+            "/scene",
+            "/tf",
+            "/robots",
+            *(f"/{robot}/{name}" for robot in "AB" for name in ("pose", "joint_states")),
+        }
+        client.until(lambda: all(len(client.messages.get(topic, ())) for topic in topics))
+        client.until(lambda: len(client.messages["/A/pose"]) > 5)
+        assert client.channels["/tf"]["schemaName"] == "foxglove.FrameTransforms"
+        assert client.info["capabilities"] == ["time", "playbackControl"]
+        client.until(lambda: len(set(client.times)) > 3)
+        assert client.times == sorted(client.times)
+
+        client.play(1.0, "stop", pause=True)
+        client.until(lambda: any(request == "stop" for *_, request in client.playback))
+        assert client.playback[-1][0]
+        client.play(0.5, "slow")
+        client.until(lambda: any(request == "slow" for *_, request in client.playback))
+        assert client.playback[-1][:2] == (False, 0.5)
+        client.play(1.0, "on")
+        client.until(lambda: client.playback[-1] == (False, 1.0, "on"))
+    with client_module.FoxgloveClient(url) as client:  # whoever comes later sees the whole scene
+        client.until(lambda: "/scene" in client.messages)
+        assert b"floor/L1" in client.messages["/scene"][0][1] + client.messages["/scene"][-1][1]
+    server.send_signal(signal.SIGINT)
+    assert done(server) == ""

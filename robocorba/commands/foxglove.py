@@ -1,0 +1,133 @@
+"""robocorba foxglove: shows the running system in Foxglove."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robocorba.commands.options import Naming, State, connected, require_extra
+from robocorba.commands.simulation_tables import simulation_server
+from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, StopSignal
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.administrator import RemoteAdministrator
+from robocorba.corba.remote.live_system import LiveSystem
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.services import NotReachable
+from robocorba.maps import native
+from robocorba.maps.model import Building
+from robocorba.names import ADMINISTRATOR
+from robocorba.printing import echo
+from robocorba.settings import Settings
+from robocorba.stubs import RoboCorba
+
+if TYPE_CHECKING:
+    from robocorba.foxglove.live import LiveServer
+
+#: Interval between looks at the system while somebody watches, and otherwise [s].
+WATCHED_S, IDLE_S = 0.05, 0.5
+#: Interval between looks at pause and pace, and least interval between those at the map [s].
+STATE_S, MAP_S = 0.5, 2.0
+#: Timeout of a call of the simulation server [s].
+CALL_TIMEOUT_S = 2.0
+
+
+def foxglove(
+    host: Annotated[str, typer.Option(metavar="ADDRESS", help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(metavar="PORT", min=0, max=65535, help="0: a free one.")] = 8765,
+    scans: Annotated[bool, typer.Option("--scans/--no-scans", help="Show scans of robots' sensors.")] = True,
+    steer: Annotated[
+        bool, typer.Option("--steer", help="Let clients pause the simulation and set its pace; needs --state.")
+    ] = False,
+    state: State = None,
+    naming: Naming = None,
+) -> None:
+    """Show the running system in Foxglove, until Ctrl-C or SIGTERM."""
+    with connected("foxglove", naming) as orb:
+        require_extra("foxglove", "foxglove")
+        from robocorba.foxglove.live import LiveServer
+
+        stop = StopSignal()
+        administrator = _administrator(orb, state) if steer else None
+        system = LiveSystem(orb, with_scans=scans)
+        changes = system.follow(RESOLVE_TIMEOUT_S)
+        view = SystemInFoxglove(orb, system, administrator)
+        time_s = max((update.time for update in changes.updates), default=0.0)
+        with contextlib.closing(LiveServer(host, port, view.building(), administrator is not None, time_s)) as server:
+            server.publisher.publish(changes)
+            echo(f"ws://{host}:{server.port}")
+            view.serve(server, stop)
+
+
+def _administrator(orb: Orb, state: Path | None) -> RemoteAdministrator:
+    """Raises NotReachable."""
+    file = Settings.read(state=state).state / ADMINISTRATOR
+    if not file.exists():
+        raise NotReachable(f"{file} is missing: no simulation server runs with this state folder")
+    return RemoteAdministrator(orb, file)
+
+
+class SystemInFoxglove:
+    """Publishes the running system on a server. administrator: None if clients may not steer the simulation."""
+
+    def __init__(self, orb: Orb, system: LiveSystem, administrator: RemoteAdministrator | None) -> None:
+        self._orb, self._system, self._administrator = orb, system, administrator
+        self._simulation = simulation_server(orb, CALL_TIMEOUT_S)
+        self._simulation.resolve_timeout_s = RETRY_TIMEOUT_S
+        self._map_version = 0
+        self._map_at_s = self._state_at_s = 0.0
+        self._playback: tuple[bool, float] | None = None
+
+    def building(self) -> Building:
+        """The served map. Raises NotReachable, MapFileError."""
+        editor = self._orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S)
+        return native.loads(editor.exportMap(), "the served map")
+
+    def serve(self, server: LiveServer, stop: StopSignal) -> None:
+        """Until stopped; while the system does not answer, clients see why."""
+        problem = ""
+        while not stop.wait(WATCHED_S if server.is_watched else IDLE_S):
+            try:
+                self._look(server)
+                found = ""
+            except RoboCorbaError as error:
+                found = str(error)
+            if found != problem:
+                problem = found
+                server.report_problem(problem)
+
+    def _look(self, server: LiveServer) -> None:
+        changes = self._system.follow(RETRY_TIMEOUT_S)
+        version, now_s = max((update.map_version for update in changes.updates), default=0), time.monotonic()
+        if version != self._map_version and now_s >= self._map_at_s:
+            self._map_at_s = now_s + MAP_S
+            if self._map_version:
+                server.publisher.set_building(self.building())
+            self._map_version = version
+        server.publisher.publish(changes)
+        server.tick()
+        if self._administrator:
+            self._steer(server, self._administrator)
+
+    def _steer(self, server: LiveServer, administrator: RemoteAdministrator) -> None:
+        for request in server.requests():
+            if request.is_paused:
+                administrator.pause()
+            else:
+                if request.pace > 0.0:
+                    administrator.set_pace(request.pace)
+                administrator.resume()
+            self._report_playback(server, request.id)
+        if time.monotonic() >= self._state_at_s:
+            self._state_at_s = time.monotonic() + STATE_S
+            self._report_playback(server)
+
+    def _report_playback(self, server: LiveServer, request: str = "") -> None:
+        state = self._simulation.call(lambda simulation: simulation._get_state())
+        playback = bool(state.paused), float(state.pace)
+        if request or playback != self._playback:
+            self._playback = playback
+            server.report_playback(*playback, request)

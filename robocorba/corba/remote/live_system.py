@@ -1,0 +1,72 @@
+"""Follows the running system: floors, postures, scans and missions."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Sequence
+
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.mission_control import RemoteMissionControl
+from robocorba.corba.remote.omni_database import RemoteDatabase, RemoteFloors
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import NotReachable
+from robocorba.simulation.mission_record import MissionState
+from robocorba.simulation.robot_scans import RobotScan
+from robocorba.simulation.system_changes import SystemChanges
+from robocorba.spatial.floor_update import FloorUpdate
+from robocorba.spatial.posture import Posture
+
+#: Interval between looks at scans and postures, and at missions [s].
+SENSORS_S, MISSIONS_S = 0.1, 0.5
+#: Simulated time before the newest scan or posture that is read again [s]: some are reported late.
+OVERLAP_S = 0.2
+
+
+class LiveSystem:
+    """Copies of floors, by default all, and what is new. Not thread-safe. with_scans: read scans; sensors then report
+    them more often."""
+
+    def __init__(self, orb: Orb, floors: Sequence[str] = (), with_scans: bool = True) -> None:
+        self._floors, self._database = RemoteFloors(orb, floors), RemoteDatabase(orb, 0.0)
+        self._control = RemoteMissionControl(orb, 0.0)
+        self._with_scans = with_scans
+        self._sensors_at_s = self._missions_at_s = 0.0
+        self._mission_version = 0
+        #: Simulated times of the last posture of each robot, and of the last scan of each of its sensors.
+        self._posture_times: dict[str, float] = {}
+        self._scan_times: dict[tuple[object, ...], float] = {}
+
+    def follow(self, resolve_timeout_s: float) -> SystemChanges:
+        """What has changed since the last call. After a failure the next one has everything.
+
+        Raises UnknownFloor, and NotReachable if the Omni database is not found within `resolve_timeout_s`."""
+        updates = self._floors.follow(resolve_timeout_s)
+        now_s = time.monotonic()
+        postures: list[Posture] = []
+        scans: list[RobotScan] = []
+        missions: list[MissionState] = []
+        if now_s >= self._sensors_at_s:
+            self._sensors_at_s = now_s + SENSORS_S
+            for update in updates:
+                with contextlib.suppress(UnknownFloor):  # it has been removed meanwhile
+                    postures += self._new_postures(update)
+                    scans += self._new_scans(update) if self._with_scans else ()
+        if now_s >= self._missions_at_s:
+            self._missions_at_s = now_s + MISSIONS_S
+            with contextlib.suppress(NotReachable):  # floors are followed without it
+                missions = self._control.missions_since(self._mission_version)
+                self._mission_version = max([self._mission_version, *(state.version for state in missions)])
+        return SystemChanges(updates, postures, scans, missions)
+
+    def _new_postures(self, update: FloorUpdate) -> list[Posture]:
+        found = self._database.postures(update.floor, update.time - SENSORS_S - OVERLAP_S)
+        new = [each for each in found if each.time > self._posture_times.get(each.robot, -1.0)]
+        self._posture_times.update((each.robot, each.time) for each in new)
+        return new
+
+    def _new_scans(self, update: FloorUpdate) -> list[RobotScan]:
+        found = self._database.scans_since(update.floor, update.time - SENSORS_S - OVERLAP_S)
+        new = [each for each in found if each.time > self._scan_times.get((each.robot, *each.sensor), -1.0)]
+        self._scan_times.update(((each.robot, *each.sensor), each.time) for each in new)
+        return new

@@ -1,0 +1,1 @@
+"""The system in Foxglove: its messages from floors, scans, postures and missions, live and in MCAP files."""

@@ -1,0 +1,114 @@
+"""What recordings have besides floors: postures and scans in msgpack, missions in JSON."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from robocorba.simulation.mission_record import MissionContent
+from robocorba.simulation.robot_scans import RobotScan
+from robocorba.spatial.pose import Pose
+from robocorba.spatial.posture import Posture
+
+POSTURE_SCHEMA = b"""// RoboCorba::Posture of omni_database.idl in msgpack: a struct is a map from the names of
+// its members.
+
+struct Posture {
+  string robot;
+  double time;
+  sequence<double> joints;
+};
+"""
+
+SCAN_SCHEMA = b"""// The content of RoboCorba::RobotScan of simulation_server.idl in msgpack: a struct is a map from
+// the names of its members. Lengths are m, angles rad.
+
+struct RobotScan {
+  string robot;
+  double time;
+  string floorName;
+  sequence<double> at;         // x, y, heading of the robot
+  sequence<double> mount;      // of the sensor in the robot's frame: ahead, left, heading
+  double firstAngle;
+  double step;
+  double range;
+  double rim;                  // distance from the sensor at which rays begin
+  sequence<octet> distances;   // float, little-endian, a ray each
+  sequence<octet> hits;        // a bit for each ray, the highest of an octet first
+};
+"""
+
+
+class RecordedMission(msgspec.Struct, frozen=True):
+    """The state of a mission, without plan and report."""
+
+    name: str
+    content: MissionContent
+
+
+class _Scan(msgspec.Struct, rename="camel"):
+    robot: str
+    time: float
+    floor_name: str
+    at: tuple[float, float, float]
+    mount: tuple[float, float, float]
+    first_angle: float
+    step: float
+    range: float
+    rim: float
+    distances: bytes
+    hits: bytes
+
+
+class _Posture(msgspec.Struct):
+    robot: str
+    time: float
+    joints: tuple[float, ...]
+
+
+def dump_posture(posture: Posture) -> bytes:
+    return msgspec.msgpack.encode(_Posture(*posture))
+
+
+def load_posture(data: bytes) -> Posture:
+    """The inverse of `dump_posture`. Raises msgspec.MsgspecError."""
+    found = msgspec.msgpack.decode(data, type=_Posture)
+    return Posture(found.robot, found.time, found.joints)
+
+
+def dump_scan(scan: RobotScan) -> bytes:
+    """Distances are rounded to single precision; the parameters of the noise are left out."""
+    floor, x, y, heading = scan.at
+    return msgspec.msgpack.encode(
+        _Scan(
+            *(scan.robot, scan.time, floor, (x, y, heading), scan.mount),
+            *(scan.first_rad, scan.step_rad, scan.range_m, scan.rim_m),
+            scan.distances.astype("<f4").tobytes(),
+            np.packbits(scan.hits).tobytes(),
+        )
+    )
+
+
+def load_scan(data: bytes) -> RobotScan:
+    """The inverse of `dump_scan`. Raises msgspec.MsgspecError, ValueError."""
+    found = msgspec.msgpack.decode(data, type=_Scan)
+    distances = np.frombuffer(found.distances, "<f4").astype(float)
+    hits = np.unpackbits(np.frombuffer(found.hits, np.uint8))[: len(distances)].astype(bool)
+    if len(hits) != len(distances):
+        raise ValueError(f"{len(hits)} hits of {len(distances)} rays")
+    return RobotScan(
+        *(found.robot, found.time, Pose(found.floor_name, *found.at), found.mount),
+        *(found.first_angle, found.step, found.range, found.rim),
+        (0.0, 0.0, 0.0, 0),
+        distances,
+        hits,
+    )
+
+
+def dump_mission(name: str, content: MissionContent) -> bytes:
+    return msgspec.json.encode(RecordedMission(name, content.summary))
+
+
+def load_mission(data: bytes) -> RecordedMission:
+    """The inverse of `dump_mission`. Raises msgspec.MsgspecError."""
+    return msgspec.json.decode(data, type=RecordedMission)
