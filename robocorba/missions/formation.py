@@ -32,6 +32,8 @@ ARMS_WIDTH_M = 0.4
 MAX_CARRIERS = 6
 #: Minimum gap between carriers [m].
 GAP_M = 0.02
+#: Gap that is preferred [m]: a carrier that dies brakes before the others know.
+ROOMY_GAP_M = 0.12
 #: Distance of a grip point from the corner of an edge [m]; a quarter of the edge if that is less.
 CORNER_DISTANCE_M = 0.15
 #: Shorter edges get no grip points [m].
@@ -80,6 +82,11 @@ class Formation(NamedTuple):
             tuple(GripPoint(x + HAND_M * math.cos(turn), y + HAND_M * math.sin(turn), turn) for x, y, turn in poses)
         )
 
+    def gap_m(self) -> float:
+        """Least gap between two of its carriers [m]."""
+        poses = self.carrier_poses()
+        return min((math.dist(a[:2], b[:2]) for a, b in combinations(poses, 2)), default=math.inf) - 2 * RADIUS_M
+
     def enough(self, outline: Polygon, mass_kg: float, payload_kg: float) -> list[tuple[int, ...]]:
         """The smallest groups of its carriers, by number, that hold an object without the others: each carries at most
         `payload_kg`, and the centroid is near their grip points."""
@@ -107,7 +114,8 @@ class Formation(NamedTuple):
 
 def formations(outline: Polygon, count: int) -> list[Formation]:
     """Formations of `count` robots around an object, whose outline is in its own frame: first the safe ones, by
-    compactness, then the less safe ones, by width, for doors. Carriers overlap neither each other nor the object.
+    compactness, those with ROOMY_GAP_M before others; then the less safe ones, by width, for doors. Carriers overlap
+    neither each other nor the object.
 
     Raises InvalidCarry."""
     if not 1 <= count <= MAX_CARRIERS:
@@ -131,7 +139,8 @@ def formations(outline: Polygon, count: int) -> list[Formation]:
     is_safe = safety >= SAFE_SHARE * max(safety.max(), 0.0) - 1e-6
     found = [Formation(chosen) for chosen in sets]
     areas, widths = _area_and_width(outline, found)
-    safe = [found[i] for i in np.argsort(areas, kind="stable") if is_safe[i]]
+    is_tight = np.array([formation.gap_m() < ROOMY_GAP_M for formation in found])
+    safe = [found[i] for i in np.lexsort((areas, is_tight)) if is_safe[i]]
     less_safe = [found[i] for i in np.argsort(widths, kind="stable") if not is_safe[i]]
     kept = _distinct(safe, [], MAX_FORMATIONS // 2 if less_safe else MAX_FORMATIONS)
     return _distinct(less_safe, kept, MAX_FORMATIONS)
