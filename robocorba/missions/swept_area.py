@@ -6,13 +6,15 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
+import numpy as np
 import shapely
-from shapely import Polygon
+from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.polygons import FloorArea
 from robocorba.missions.carry_planning import CarryPlan
 from robocorba.missions.obstacles import placed
+from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import XY, Pose2D
 
 #: Distance between samples of the path [m, rad].
@@ -62,9 +64,19 @@ def _sampled(poses: Sequence[Pose2D]) -> list[Pose2D]:
 def _corners(shape: BaseGeometry) -> tuple[XY, ...]:
     """The corners of a simplified polygon around a connected shape."""
     for tolerance_m in _TOLERANCES_M:
-        around = Polygon(shape.buffer(tolerance_m, quad_segs=2).exterior).simplify(tolerance_m)
-        if len(around.exterior.coords) <= _MAX_CORNERS:
+        around = _simplified(shapely.get_coordinates(shape.buffer(tolerance_m, quad_segs=2).exterior), tolerance_m)
+        if around.is_valid and len(around.exterior.coords) <= _MAX_CORNERS:
             break
     else:
         around = shape.convex_hull
     return tuple((x, y) for x, y in shapely.get_coordinates(around.exterior)[:-1].tolist())
+
+
+def _simplified(ring: Floats, tolerance_m: float) -> Polygon:
+    """The polygon of a closed ring (n, 2) with fewer corners, all of the ring within the tolerance of it.
+
+    In two halves, as GEOS moves the end of a ring by another tolerance."""
+    far = int(np.hypot(*(ring - ring[0]).T).argmax())
+    halves = (LineString(half).simplify(tolerance_m, preserve_topology=False) for half in (ring[: far + 1], ring[far:]))
+    there, back = (shapely.get_coordinates(half) for half in halves)
+    return Polygon([*there, *back[1:]])
