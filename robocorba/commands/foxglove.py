@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, State, connected, require_extra
+from robocorba.commands.options import Naming, State, administrator, connected, require_extra, served_building
 from robocorba.commands.simulation_tables import simulation_server
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, StopSignal
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.administrator import RemoteAdministrator
-from robocorba.corba.remote.live_system import LiveSystem
+from robocorba.corba.remote.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.services import NotReachable
-from robocorba.maps import native
-from robocorba.maps.model import Building
-from robocorba.names import ADMINISTRATOR
 from robocorba.printing import echo
 from robocorba.settings import Settings
-from robocorba.stubs import RoboCorba
+from robocorba.simulation.system_changes import SystemChanges
 
 if TYPE_CHECKING:
     from robocorba.foxglove.live import LiveServer
@@ -51,40 +46,33 @@ def foxglove(
         from robocorba.foxglove.live import LiveServer
 
         stop = StopSignal()
-        administrator = _administrator(orb, state) if steer else None
-        system = LiveSystem(orb, with_scans=scans)
+        steering = administrator(orb, Settings.read(state=state)) if steer else None
+        system = live_system(orb, with_scans=scans)
         changes = system.follow(RESOLVE_TIMEOUT_S)
-        view = SystemInFoxglove(orb, system, administrator)
         time_s = max((update.time for update in changes.updates), default=0.0)
-        with contextlib.closing(LiveServer(host, port, view.building(), administrator is not None, time_s)) as server:
+        with contextlib.closing(LiveServer(host, port, served_building(orb), steer, time_s)) as server:
             server.publisher.publish(changes)
             echo(f"ws://{host}:{server.port}")
-            view.serve(server, stop)
+            SystemInFoxglove(orb, system, steering, _map_version(changes)).serve(server, stop)
 
 
-def _administrator(orb: Orb, state: Path | None) -> RemoteAdministrator:
-    """Raises NotReachable."""
-    file = Settings.read(state=state).state / ADMINISTRATOR
-    if not file.exists():
-        raise NotReachable(f"{file} is missing: no simulation server runs with this state folder")
-    return RemoteAdministrator(orb, file)
+def _map_version(changes: SystemChanges) -> int:
+    return max((update.map_version for update in changes.updates), default=0)
 
 
 class SystemInFoxglove:
-    """Publishes the running system on a server. administrator: None if clients may not steer the simulation."""
+    """Publishes the running system on a server. administrator: None if clients may not steer the simulation.
+    map_version: of the map that the server has."""
 
-    def __init__(self, orb: Orb, system: LiveSystem, administrator: RemoteAdministrator | None) -> None:
+    def __init__(
+        self, orb: Orb, system: LiveSystem, administrator: RemoteAdministrator | None, map_version: int
+    ) -> None:
         self._orb, self._system, self._administrator = orb, system, administrator
         self._simulation = simulation_server(orb, CALL_TIMEOUT_S)
         self._simulation.resolve_timeout_s = RETRY_TIMEOUT_S
-        self._map_version = 0
+        self._map_version = map_version
         self._map_at_s = self._state_at_s = 0.0
         self._playback: tuple[bool, float] | None = None
-
-    def building(self) -> Building:
-        """The served map. Raises NotReachable, MapFileError."""
-        editor = self._orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S)
-        return native.loads(editor.exportMap(), "the served map")
 
     def serve(self, server: LiveServer, stop: StopSignal) -> None:
         """Until stopped; while the system does not answer, clients see why."""
@@ -101,14 +89,13 @@ class SystemInFoxglove:
 
     def _look(self, server: LiveServer) -> None:
         changes = self._system.follow(RETRY_TIMEOUT_S)
-        version, now_s = max((update.map_version for update in changes.updates), default=0), time.monotonic()
-        if version != self._map_version and now_s >= self._map_at_s:
-            self._map_at_s = now_s + MAP_S
-            if self._map_version:
-                server.publisher.set_building(self.building())
-            self._map_version = version
         server.publisher.publish(changes)
         server.tick()
+        version, now_s = _map_version(changes), time.monotonic()
+        if version != self._map_version and now_s >= self._map_at_s:
+            self._map_at_s = now_s + MAP_S
+            server.publisher.set_building(served_building(self._orb))
+            self._map_version = version
         if self._administrator:
             self._steer(server, self._administrator)
 

@@ -6,20 +6,42 @@ import contextlib
 import importlib.util
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
-from robocorba.errors.services import ServiceError
+from robocorba.corba.remote.administrator import RemoteAdministrator
+from robocorba.errors.services import NotReachable, ServiceError
+from robocorba.names import ADMINISTRATOR
 from robocorba.settings import Settings
+from robocorba.stubs import RoboCorba
+
+if TYPE_CHECKING:
+    from robocorba.maps.model import Building
 
 Naming = Annotated[
     str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
 ]
 State = Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+def served_building(orb: Orb, timeout_s: float = 3.0) -> Building:
+    """The map of the running map editor. Raises NotReachable, MapFileError."""
+    from robocorba.maps import native  # imported here, since it takes a moment to load
+
+    editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
+    return native.loads(editor.exportMap(), "the served map")
+
+
+def administrator(orb: Orb, settings: Settings) -> RemoteAdministrator:
+    """The simulation's administrator, for those who may read its state folder. Raises NotReachable."""
+    file = settings.state / ADMINISTRATOR
+    if not file.exists():
+        raise NotReachable(f"no simulation server runs in {settings.state} ({file.name} is missing)")
+    return RemoteAdministrator(orb, file)
 
 
 def require_extra(name: str, package: str) -> None:

@@ -13,7 +13,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from robocorba.commands.options import Naming, connected
+from robocorba.commands.options import Naming, connected, served_building
 from robocorba.commands.reporting import reporting
 from robocorba.corba.conversion import paths
 from robocorba.errors.paths import InvalidRequest
@@ -81,10 +81,7 @@ def path(
         for one in found:
             Console().print(as_table(one))
         if picture:
-            from robocorba.maps import native  # imported here and below: the picture libraries take a second to load
-
-            editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
-            draw(native.loads(editor.exportMap(), "the served map"), found[0], picture)
+            draw(served_building(orb), found[0], picture)
             echo(f"drew {picture}")
 
 

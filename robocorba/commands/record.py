@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, connected, require_extra
+from robocorba.commands.options import Naming, connected, require_extra, served_building
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
-from robocorba.corba.remote.live_system import LiveSystem
+from robocorba.corba.remote.live_system import LiveSystem, live_system
 from robocorba.corba.remote.omni_database import RemoteFloors
 from robocorba.errors.services import NotReachable
-from robocorba.maps import native
 from robocorba.maps.model import Building
 from robocorba.printing import echo
 from robocorba.simulation.recording import Recorder
 from robocorba.simulation.system_changes import SystemChanges
-from robocorba.stubs import RoboCorba
 
 #: Interval between requests for changes [s].
 POLL_INTERVAL_S = 0.05
@@ -47,29 +45,30 @@ def record(
         stop = StopSignal()
         floors = floor or []
         RemoteFloors(orb, floors).follow(RESOLVE_TIMEOUT_S)  # reports errors before a file is created
-        editor = orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S)
-        building = native.loads(editor.exportMap(), "the served map")
-        system = LiveSystem(orb, floors, with_scans=scans)
-        write = record_foxglove if foxglove else record_compact
-        write(file, building, force, lambda write: record_changes(system, write, seconds, stop))
+        system = live_system(orb, floors, with_scans=scans)
+        recording = foxglove_file if foxglove else compact_file
+        with recording(file, served_building(orb, RESOLVE_TIMEOUT_S), force) as write:
+            record_changes(system, write, seconds, stop)
 
 
-def record_compact(file: Path, building: Building, overwrite: bool, run: Callable[[Write], None]) -> None:
-    """Write a compact recording. Raises InvalidRecording, and what `run` raises."""
+@contextlib.contextmanager
+def compact_file(file: Path, building: Building, overwrite: bool) -> Iterator[Write]:
+    """Writes a compact recording. Raises InvalidRecording."""
     recorder = Recorder(file, building, overwrite)
     try:
         with recorder:
-            run(recorder.write_changes)
+            yield recorder.write_changes
     finally:
         echo(f"wrote {file}: {recorder.count} updates, {recorder.size} bytes")
 
 
-def record_foxglove(file: Path, building: Building, overwrite: bool, run: Callable[[Write], None]) -> None:
-    """Write a file with Foxglove's messages. Raises InvalidRecording, and what `run` raises."""
+@contextlib.contextmanager
+def foxglove_file(file: Path, building: Building, overwrite: bool) -> Iterator[Write]:
+    """Writes Foxglove's messages. Raises InvalidRecording."""
     from robocorba.foxglove.files import FoxgloveFile
 
     with contextlib.closing(FoxgloveFile(file, building, overwrite)) as written:
-        run(written.write_changes)
+        yield written.write_changes
     echo(f"wrote {file}: {file.stat().st_size} bytes")
 
 

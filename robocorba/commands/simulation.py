@@ -9,12 +9,10 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import State
+from robocorba.commands.options import State, administrator
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.administrator import RemoteAdministrator
-from robocorba.errors.services import NotReachable
-from robocorba.names import ADMINISTRATOR
 from robocorba.settings import Settings
 
 app = typer.Typer(help="Set limit and pace of the simulation, and log robots off.", no_args_is_help=True)
@@ -26,15 +24,15 @@ def limit(
     state: State = None,
 ) -> None:
     """Limit the number of logged-on robots."""
-    with _administrator(state) as administrator:
-        administrator.set_limit(robots)
+    with _administrator(state) as simulation:
+        simulation.set_limit(robots)
 
 
 @app.command()
 def evict(robot: str, state: State = None) -> None:
     """Log a robot off."""
-    with _administrator(state) as administrator:
-        administrator.evict(robot)
+    with _administrator(state) as simulation:
+        simulation.evict(robot)
 
 
 @app.command()
@@ -45,22 +43,22 @@ def pace(
     state: State = None,
 ) -> None:
     """Set the pace of simulated time."""
-    with _administrator(state) as administrator:
-        administrator.set_pace(factor)
+    with _administrator(state) as simulation:
+        simulation.set_pace(factor)
 
 
 @app.command()
 def pause(state: State = None) -> None:
     """Pause simulated time."""
-    with _administrator(state) as administrator:
-        administrator.pause()
+    with _administrator(state) as simulation:
+        simulation.pause()
 
 
 @app.command()
 def resume(state: State = None) -> None:
     """Resume simulated time."""
-    with _administrator(state) as administrator:
-        administrator.resume()
+    with _administrator(state) as simulation:
+        simulation.resume()
 
 
 @app.command()
@@ -68,16 +66,13 @@ def step(
     steps: Annotated[int, typer.Argument(help="Steps of 0.02 s, at most 10,000.")] = 1, state: State = None
 ) -> None:
     """Execute steps while simulated time is paused."""
-    with _administrator(state) as administrator:
-        administrator.step(steps)
+    with _administrator(state) as simulation:
+        simulation.step(steps)
 
 
 @contextlib.contextmanager
 def _administrator(state: Path | None) -> Iterator[RemoteAdministrator]:
     with reporting("simulation"):
         settings = Settings.read(state=state)
-        file = settings.state / ADMINISTRATOR
-        if not file.exists():
-            raise NotReachable(f"no simulation server runs in {settings.state} ({file.name} is missing)")
         with Orb(settings.naming) as orb:
-            yield RemoteAdministrator(orb, file)
+            yield administrator(orb, settings)

@@ -26,7 +26,7 @@ from robocorba.maps.model import Building
 
 #: Messages that wait for a slow client; beyond that the oldest are dropped.
 BACKLOG = 1024
-#: Requests of playback control that wait; more are refused.
+#: Requests of playback control that wait; more are dropped.
 MAX_REQUESTS = 16
 #: Simulated time that Foxglove's time line shows from the start of the server on [s].
 TIME_LINE_S = 24 * 3600.0
@@ -92,7 +92,7 @@ class LiveServer:
         return found
 
     def report_playback(self, is_paused: bool, pace: float, request: str = "") -> None:
-        """Tell clients whether the simulation is paused, and its pace. request: id of a request that this answers."""
+        """Show clients whether the simulation is paused, and its pace. request: id of a request that this answers."""
         status = PlaybackStatus.Paused if is_paused else PlaybackStatus.Playing
         at = nanoseconds(self.publisher.time_s)
         self._server.broadcast_playback_state(PlaybackState(status, at, pace, False, request or None))

@@ -8,13 +8,13 @@
 | `/ROBOT/scan`, `/ROBOT/scan_2`, ... | foxglove.LaserScan, for each sensor of the robot |
 | `/ROBOT/joint_states` | foxglove.JointStates |
 | `/robots`, `/missions` | JSON with schemas, see `documents.py` |
-| `/log` | foxglove.Log: robots that come and go, mission phases, what the simulation reports |
+| `/log` | foxglove.Log: robots that come and go, phases and ends of missions |
 
 Times of messages are simulated."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
 import foxglove
@@ -52,6 +52,7 @@ from robocorba.foxglove.scene import (
     elevator_entity,
     elevator_frame,
     entity_ids,
+    floor_entity,
     frame_of,
     link_frame,
 )
@@ -103,12 +104,19 @@ class FoxglovePublisher:
         self.time_s, self._robots_at_s = 0.0, -ROBOTS_S
         #: Whether the next update publishes everything.
         self._is_whole = True
+        #: Entities of floors and elevators that were published, and those that are to be deleted with the next update.
+        self._fixed: set[str] = set()
+        self._gone: list[str] = []
         self.set_building(building)
 
     def set_building(self, building: Building) -> None:
         """The map is this from now on."""
         self._building = building
         self._heights = {name: item.height for name, (item, _) in movables(building).items()}
+        for floor in self._views.keys() - building.floors.keys():
+            self._gone += [each for body in self._views.pop(floor).bodies.values() for each in self._left(body, floor)]
+        for elevator in self._elevators.keys() - building.elevators.keys():
+            del self._elevators[elevator]
         self.repeat()
 
     def repeat(self) -> None:
@@ -117,17 +125,27 @@ class FoxglovePublisher:
 
     def _publish_all(self) -> None:
         entities = list(building_entities(self._building, self.time_s))
+        fixed = {floor_entity(floor) for floor in self._building.floors}
+        fixed |= {elevator_frame(elevator) for elevator in self._building.elevators}
+        gone, self._fixed = sorted(self._fixed - fixed), fixed
         transforms: list[FrameTransform] = []
-        for view in self._views.values():
-            for body in view.bodies.values():
-                if self._floor_of.get(frame_of(body)) == view.floor:
-                    entities += self._entities(body)
-                    transforms += [*self._base(view, body), *self._links(body)]
+        for view, body in self._bodies():
+            entities += self._entities(body)
+            transforms += [self._base(view, body), *self._links(body)]
         for name, state in self._elevators.items():
             if elevator := self._building.elevators.get(name):
                 entities.append(elevator_entity(elevator, state.doors is Doors.OPEN, self.time_s))
                 transforms += self._cabin(name, state)
-        self._publish(entities, (), transforms)
+        self._publish(entities, gone, transforms)
+        self.publish_robots()
+        self._publish_missions()
+
+    def _bodies(self) -> Iterator[tuple[FloorView, Body]]:
+        """All robots and objects, each on the floor where it is."""
+        for view in self._views.values():
+            for body in view.bodies.values():
+                if self._floor_of.get(frame_of(body)) == view.floor:
+                    yield view, body
 
     def publish(self, changes: SystemChanges) -> None:
         """Publish what has changed. Raises UpdateMismatch if an update does not continue the last one."""
@@ -149,6 +167,7 @@ class FoxglovePublisher:
         for update in updates:
             left += self._update_floor(update, entities, transforms)
         gone = [each for body, floor in left for each in self._left(body, floor)]  # it may have entered another floor
+        gone, self._gone = [*self._gone, *gone], []
         if self._is_whole:
             self._is_whole = False
             self._publish((), gone, ())
@@ -175,7 +194,9 @@ class FoxglovePublisher:
         for number in sorted(moved):
             body = view.bodies[number]
             if self._floor_of.get(frame_of(body)) == view.floor:
-                transforms += self._base(view, body)
+                transforms.append(self._base(view, body))
+                if body.kind is BodyKind.ROBOT:
+                    self._publish_pose(view, body)
         for body in came:
             transforms += self._links(body)
         for name, state in update.elevators.items():
@@ -210,15 +231,19 @@ class FoxglovePublisher:
     def _entities(self, body: Body) -> list[SceneEntity]:
         return body_entities(body, self._heights.get(body.name, UNKNOWN_HEIGHT_M), self.time_s)
 
-    def _base(self, view: FloorView, body: Body) -> list[FrameTransform]:
-        """Where a body is; of a robot its pose, too."""
+    def _base(self, view: FloorView, body: Body) -> FrameTransform:
+        """Where a body is."""
+        *at, heading = self._pose(view, body)
+        return self._transform(MAP, frame_of(body), vector(at), yaw(heading))
+
+    def _publish_pose(self, view: FloorView, body: Body) -> None:
+        message = PoseInFrame(timestamp=timestamp(self.time_s), frame_id=MAP, pose=pose(*self._pose(view, body)))
+        self._pose_channel(body.name).log(message, log_time=nanoseconds(self.time_s))
+
+    def _pose(self, view: FloorView, body: Body) -> tuple[float, float, float, float]:
+        """x, y, z [m] and heading [rad] of a body."""
         row = view.motion(body.number)
-        x, y, heading = float(row["x"]), float(row["y"]), float(row["heading"])
-        z = self._ground_m(view.floor, body)
-        if body.kind is BodyKind.ROBOT:
-            message = PoseInFrame(timestamp=timestamp(self.time_s), frame_id=MAP, pose=pose(x, y, z, heading))
-            self._pose_channel(body.name).log(message, log_time=nanoseconds(self.time_s))
-        return [self._transform(MAP, frame_of(body), vector((x, y, z)), yaw(heading))]
+        return float(row["x"]), float(row["y"]), self._ground_m(view.floor, body), float(row["heading"])
 
     def _ground_m(self, floor: str, body: Body) -> float:
         """The height on which a body stands [m]: of a cabin that travels with it, else of the floor."""
@@ -235,12 +260,7 @@ class FoxglovePublisher:
 
     def _riders(self, state: ElevatorState) -> list[FrameTransform]:
         """Robots in a cabin that travels move up and down with it."""
-        found: list[FrameTransform] = []
-        for view in self._views.values():
-            for body in view.bodies.values():
-                if body.name in state.riders and self._floor_of.get(frame_of(body)) == view.floor:
-                    found += self._base(view, body)
-        return found
+        return [self._base(view, body) for view, body in self._bodies() if body.name in state.riders]
 
     # ---- robots ----
 
@@ -313,9 +333,8 @@ class FoxglovePublisher:
         rides = {robot: name for name, state in self._elevators.items() for robot in state.riders}
         robots = [
             robot_as_json(body.name, view.floor, view.motion(body.number), rides.get(body.name, ""))
-            for view in self._views.values()
-            for body in view.bodies.values()
-            if body.kind is BodyKind.ROBOT and self._floor_of.get(frame_of(body)) == view.floor
+            for view, body in self._bodies()
+            if body.kind is BodyKind.ROBOT
         ]
         self._robots.log({"robots": robots}, log_time=nanoseconds(self.time_s))
         self._close_channels({robot["name"] for robot in robots})
@@ -341,7 +360,10 @@ class FoxglovePublisher:
         for name in list(self._mission_states)[:-MAX_MISSIONS]:
             del self._mission_states[name]
         if changed:
-            self._missions.log({"missions": [*self._mission_states.values()]}, log_time=nanoseconds(self.time_s))
+            self._publish_missions()
+
+    def _publish_missions(self) -> None:
+        self._missions.log({"missions": [*self._mission_states.values()]}, log_time=nanoseconds(self.time_s))
 
     def log(self, text: str, name: str, level: LogLevel = LogLevel.Info) -> None:
         """Publish a line of the log. name: of the robot or mission that it is about."""

@@ -42,6 +42,11 @@ def frame_of(body: Body) -> str:
     return f"{body.name}/base_link" if body.kind is BodyKind.ROBOT else f"object/{body.name}"
 
 
+def floor_entity(floor: str) -> str:
+    """The id of a floor's entity."""
+    return f"floor/{floor}"
+
+
 def elevator_frame(elevator: str) -> str:
     """The frame of a cabin."""
     return f"elevator/{elevator}"
@@ -54,7 +59,6 @@ def link_frame(robot: str, link: str) -> str:
 
 def building_entities(building: Building, time_s: float) -> Iterator[SceneEntity]:
     """An entity for each floor: its ground, walls, locked doors and fixed objects."""
-    heights = {name: entry.geometrical for name, entry in building.floors.items()}
     moving = {(floor, item.name) for item, floor in movables(building).values()}
     for name, entry in building.floors.items():
         shapes, bottom_m = Primitives(), entry.floor.elevation
@@ -64,7 +68,7 @@ def building_entities(building: Building, time_s: float) -> Iterator[SceneEntity
                 ground = ground.difference(shaft_polygon(elevator))
             shapes.add_plate(ground, bottom_m, GROUND)
         for obstacle in obstacles(building, name):
-            plan = heights[name]
+            plan = entry.geometrical
             if obstacle.kind == "object":
                 if (name, obstacle.name) not in moving:
                     height_m = plan.objects[obstacle.name].height
@@ -78,7 +82,7 @@ def building_entities(building: Building, time_s: float) -> Iterator[SceneEntity
                 shapes.add_walls(obstacle.geometry, bottom_m, entry.floor.height * 0.8, DOOR)
             else:
                 shapes.add_walls(obstacle.geometry, bottom_m, LOW_M, WALL)
-        yield _entity(f"floor/{name}", MAP, shapes, time_s, metadata={"floor": name})
+        yield _entity(floor_entity(name), MAP, shapes, time_s, metadata={"floor": name})
 
 
 def elevator_entity(elevator: Elevator, is_open: bool, time_s: float) -> SceneEntity:

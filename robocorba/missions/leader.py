@@ -87,6 +87,8 @@ class Leader:
         #: The last attempt on which all agreed, and whether it goes on.
         self._attempt: Attempt | None = None
         self._is_under_way = False
+        #: Until when it waits for areas [s, monotonic].
+        self._areas_deadline = 0.0
 
     def lead(
         self, kind: str, make_planner: Callable[[], CooperativePlanner], inherited: Inherited | None = None
@@ -232,6 +234,7 @@ class Leader:
         self, make_planner: Callable[[], CooperativePlanner], staying: Collection[str]
     ) -> CooperativePlanner:
         """A planner whose areas are granted to this robot, with what is where after the wait for them."""
+        self._areas_deadline = time.monotonic() + self._policy.areas_timeout_s
         while True:
             planner = make_planner()
             if not planner.reserve(self._reserve, staying):
@@ -241,7 +244,7 @@ class Leader:
         """See ReserveOneOf. Raises MissionFailed, SimulationError, RobotLost."""
         policy = self._policy
         index, waited = self._areas.request(alternatives, hold_s), False
-        began = answered = time.monotonic()
+        answered = time.monotonic()
         while True:
             try:
                 state = self._areas.state()
@@ -256,7 +259,7 @@ class Leader:
             if not waited:
                 waited = True
                 self._phases.begin_without_robots(WAITING_FOR_AREAS)
-            if time.monotonic() - began > policy.areas_timeout_s:
+            if time.monotonic() > self._areas_deadline:
                 raise MissionFailed(f"the areas were not granted within {policy.areas_timeout_s:g} s")
             self._pause(policy.areas_interval_s)
         if waited:

@@ -165,7 +165,7 @@ class Recorder:
     def write_changes(self, changes: SystemChanges, at_s: float) -> None:
         """Add what was received at POSIX time `at_s` [s]. Raises InvalidRecording."""
         for update in changes.updates:
-            # Unchanged floors are recorded too, if rarely, to record the passing of time.
+            # Unchanged floors are recorded too, if rarely, to record the passing of time. POSIX times are rounded.
             if update.version != update.since or at_s - self._written_at.get(update.floor, 0.0) > MAX_GAP_S - 0.01:
                 self.write(update, at_s)
                 self._written_at[update.floor] = at_s

@@ -242,7 +242,7 @@ class Reservations:
     def record(self) -> list[ReservationRecord]:
         """All requests, granted ones first, for `restore`."""
         in_order = [*self._kept, *self.requests.values()]
-        in_order.sort(key=lambda request: request.granted_at is None)  # whoever waits is behind whom it waits for
+        in_order.sort(key=lambda request: request.granted_at is None)  # a request comes after those that it waits for
         return [
             ReservationRecord(request.owner, request.areas, request.limit_s, request.granted_at, request.kept_until)
             for request in in_order

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from collections import defaultdict
@@ -15,6 +16,7 @@ from mcap.reader import make_reader
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import JOINTS
+from robocorba.maps.model import Building
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.mission_record import MissionContent, MissionResult, PhaseRecord
 from robocorba.simulation.physics import STEP_S
@@ -30,7 +32,7 @@ from tests.simulation.places import robot, scan, tower
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
 decoders = pytest.importorskip("mcap_protobuf.decoder", reason="mcap-protobuf-support is not installed")
 
-from robocorba.foxglove.files import convert  # noqa: E402
+from robocorba.foxglove.files import FoxgloveFile, convert  # noqa: E402
 
 POSTURE = Posture("A", 0.5, tuple(0.1 * number for number in range(len(JOINTS))))
 SCAN = scan("A", 0.5, ahead=0.1, distances=np.array([1.25, 2.5, 8.0, 3.0, 8.0]), hits=np.array([1, 1, 0, 1, 0], bool))
@@ -163,7 +165,8 @@ def test_scans_joints_and_missions(messages: Messages) -> None:
             where, turn = transform.translation, transform.rotation
             assert (where.x, where.y, where.z) == pytest.approx(tuple(at_m))
             assert (turn.w, turn.x, turn.y, turn.z) == pytest.approx(tuple(attitude))
-    (_, before), (_, after) = messages["/missions"]
+    (_, nothing), (_, before), (_, after) = messages["/missions"]
+    assert nothing == {"missions": []}
     assert (before["missions"][0]["name"], before["missions"][0]["phase"]) == ("m1", "asking")
     assert (after["missions"][0]["result"], after["missions"][0]["reason"]) == ("failed", "no way")
 
@@ -178,6 +181,23 @@ def test_a_recording_has_what_was_written(recording: Recording) -> None:
     assert begun == RecordedMission("m1", MISSION)
     assert isinstance(ended, RecordedMission) and ended.content.reason == "no way"
     assert recording.count == sum(isinstance(entry, FloorUpdate) for _, entry in recording.entries())
+
+
+def test_what_an_edit_of_the_map_removes_is_deleted(recording: Recording, tmp_path: Path) -> None:
+    with contextlib.closing(FoxgloveFile(tmp_path / "a.mcap", tower())) as file:
+        first = [update for at_s, update in recording.updates() if at_s == 0.0]
+        file.publisher.update_floors(first)
+        building = tower()
+        ground = Building(building.name, {"L1": building.floors["L1"]})
+        file.publisher.set_building(ground)
+        file.publisher.update_floors([])
+    messages = read(tmp_path / "a.mcap")
+    deleted = {each.id for _, message in messages["/scene"] for each in message.deletions}
+    assert {"floor/L2", "elevator/E1", "C/base_link", "C/trunk"} < deleted
+    assert not deleted & {"floor/L1", "A/base_link", "object/T1"}
+    assert [robot["name"] for robot in messages["/robots"][-1][1]["robots"]] == ["A", "B"]
+    poses = messages["/A/pose"]
+    assert len(poses) == 1, "a pose is published once, also where the whole scene is"
 
 
 def test_an_existing_file_is_kept(recording: Recording, tmp_path: Path) -> None:

@@ -14,15 +14,20 @@ from pathlib import Path
 
 import av
 import pytest
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
 from omniORB import CORBA
 
 from robocorba.commands.simulation_tables import RunningSimulation, as_json
 from robocorba.commands.watch import Camera, film
+from robocorba.corba.conversion import maps
 from robocorba.corba.orb import Orb
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidPicture, InvalidRecording
 from robocorba.kinematics.smartpal import JOINTS
+from robocorba.maps.model import Wall
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.floor_update import WHOLE
 from robocorba.spatial.posture import Posture
@@ -230,7 +235,7 @@ def test_recordings_for_foxglove(robocorba: Robocorba, tmp_path: Path) -> None:
     )
 
 
-def test_it_is_live_in_foxglove(robocorba: Robocorba, system: Running) -> None:
+def test_it_is_live_in_foxglove(robocorba: Robocorba, system: Running, system_orb: Orb) -> None:
     pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
     client_module = pytest.importorskip("robocorba.testing.foxglove_client", reason="websockets is not installed")
     server = robocorba("foxglove", "--port", "0", "--steer", "--state", str(system.state))
@@ -258,8 +263,40 @@ def test_it_is_live_in_foxglove(robocorba: Robocorba, system: Running) -> None:
         assert client.playback[-1][:2] == (False, 0.5)
         client.play(1.0, "on")
         client.until(lambda: client.playback[-1] == (False, 1.0, "on"))
-    with client_module.FoxgloveClient(url) as client:  # whoever comes later sees the whole scene
+    with client_module.FoxgloveClient(url) as client:  # a later one sees the whole scene, too
         client.until(lambda: "/scene" in client.messages)
         assert b"floor/L1" in client.messages["/scene"][0][1] + client.messages["/scene"][-1][1]
+        editor = system_orb.resolve("MapEditor", RoboCorba.MapEditor)
+        scenes = len(client.messages["/scene"])
+        version = editor.create("L1", maps.element(Wall("new", (0.5, 0.5), (1.0, 0.5))))
+        client.until(lambda: any(b"floor/L1" in data for _, data in client.messages["/scene"][scenes:]))
+        editor.remove(RoboCorba.ElementId(RoboCorba.WALL_ELEMENT, "L1", "new"), version)
+
+        with stopped(system.process.pid):  # else the next server is there before anybody notices
+            os.kill(system.pid("simulation"), signal.SIGKILL)
+            client.until(lambda: client.status)
+        poses = len(client.messages["/A/pose"])
+        client.until(lambda: len(client.messages["/A/pose"]) > poses + 3)
     server.send_signal(signal.SIGINT)
     assert done(server) == ""
+
+
+def test_a_killed_recording_for_foxglove_can_be_read(robocorba: Robocorba, tmp_path: Path) -> None:
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    recorder, file = robocorba("record", "killed.mcap", "--foxglove"), tmp_path / "killed.mcap"
+
+    def poses() -> int:
+        """As many as there are before the chunk that is being written, whose length is not there yet."""
+        topics: dict[int, str] = {}
+        count = 0
+        with contextlib.suppress(OSError, McapError), file.open("rb") as opened:
+            for record in StreamReader(opened).records:
+                if isinstance(record, Channel):
+                    topics[record.id] = record.topic
+                count += isinstance(record, Message) and topics[record.channel_id] == "/A/pose"
+        return count
+
+    eventually(lambda: poses() > 20, PATIENCE_S, "poses in the file")
+    recorder.kill()
+    recorder.wait(PATIENCE_S)
+    assert poses() > 20

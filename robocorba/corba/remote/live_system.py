@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Sequence
 
@@ -21,27 +22,42 @@ from robocorba.spatial.posture import Posture
 SENSORS_S, MISSIONS_S = 0.1, 0.5
 #: Simulated time before the newest scan or posture that is read again [s]: some are reported late.
 OVERLAP_S = 0.2
+#: Times of postures, and of scans, that are remembered: as many robots as the simulation takes.
+MAX_KEPT = 10_000
+
+
+def live_system(orb: Orb, floors: Sequence[str] = (), with_scans: bool = True) -> LiveSystem:
+    """The running system, by default with all floors."""
+    return LiveSystem(RemoteFloors(orb, floors), RemoteDatabase(orb, 0.0), RemoteMissionControl(orb, 0.0), with_scans)
 
 
 class LiveSystem:
-    """Copies of floors, by default all, and what is new. Not thread-safe. with_scans: read scans; sensors then report
-    them more often."""
+    """What is new in the running system. Not thread-safe. with_scans: read scans; sensors then report them more
+    often."""
 
-    def __init__(self, orb: Orb, floors: Sequence[str] = (), with_scans: bool = True) -> None:
-        self._floors, self._database = RemoteFloors(orb, floors), RemoteDatabase(orb, 0.0)
-        self._control = RemoteMissionControl(orb, 0.0)
+    def __init__(
+        self, floors: RemoteFloors, database: RemoteDatabase, control: RemoteMissionControl, with_scans: bool = True
+    ) -> None:
+        self._floors, self._database, self._control = floors, database, control
         self._with_scans = with_scans
         self._sensors_at_s = self._missions_at_s = 0.0
         self._mission_version = 0
         #: Simulated times of the last posture of each robot, and of the last scan of each of its sensors.
-        self._posture_times: dict[str, float] = {}
+        self._posture_times: dict[tuple[object, ...], float] = {}
         self._scan_times: dict[tuple[object, ...], float] = {}
 
     def follow(self, resolve_timeout_s: float) -> SystemChanges:
-        """What has changed since the last call. After a failure the next one has everything.
+        """What has changed since the last call. After a failure the next one has whole floors.
 
         Raises UnknownFloor, and NotReachable if the Omni database is not found within `resolve_timeout_s`."""
         updates = self._floors.follow(resolve_timeout_s)
+        try:
+            return self._changes(updates)
+        except NotReachable:
+            self._floors.views = {}  # nobody has seen these updates
+            raise
+
+    def _changes(self, updates: list[FloorUpdate]) -> SystemChanges:
         now_s = time.monotonic()
         postures: list[Posture] = []
         scans: list[RobotScan] = []
@@ -61,12 +77,20 @@ class LiveSystem:
 
     def _new_postures(self, update: FloorUpdate) -> list[Posture]:
         found = self._database.postures(update.floor, update.time - SENSORS_S - OVERLAP_S)
-        new = [each for each in found if each.time > self._posture_times.get(each.robot, -1.0)]
-        self._posture_times.update((each.robot, each.time) for each in new)
-        return new
+        return [each for each in found if _is_new(self._posture_times, (each.robot,), each.time, update.time)]
 
     def _new_scans(self, update: FloorUpdate) -> list[RobotScan]:
         found = self._database.scans_since(update.floor, update.time - SENSORS_S - OVERLAP_S)
-        new = [each for each in found if each.time > self._scan_times.get((each.robot, *each.sensor), -1.0)]
-        self._scan_times.update(((each.robot, *each.sensor), each.time) for each in new)
-        return new
+        return [each for each in found if _is_new(self._scan_times, (each.robot, *each.sensor), each.time, update.time)]
+
+
+def _is_new(times: dict[tuple[object, ...], float], key: tuple[object, ...], time_s: float, now_s: float) -> bool:
+    """Whether something of a simulated time has not been seen before; notes that it has. times: of what was seen last,
+    by key. now_s: the present simulated time; a server that was killed may begin again a little earlier."""
+    if times.get(key) == time_s or time_s < times.get(key, -math.inf) <= now_s + OVERLAP_S:
+        return False
+    times.pop(key, None)
+    times[key] = time_s
+    while len(times) > MAX_KEPT:  # of robots that left long ago
+        del times[next(iter(times))]
+    return True

@@ -1,0 +1,73 @@
+"""What is new in the running system: nothing twice, and nothing lost when the Omni database does not answer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robocorba.corba.remote import live_system
+from robocorba.corba.remote.live_system import LiveSystem
+from robocorba.errors.services import NotReachable
+from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate, FloorView
+from robocorba.spatial.posture import Posture
+
+
+class System:
+    """Floors, Omni database and mission control in one. time_s: simulated."""
+
+    def __init__(self) -> None:
+        self.views: dict[str, FloorView] = {}
+        self.time_s, self.version = 10.0, 0
+        self.reported: list[Posture] = []
+        self.is_away = False
+
+    def follow(self, resolve_timeout_s: float) -> list[FloorUpdate]:
+        view = self.views.setdefault("L1", FloorView("L1"))
+        self.version += 1
+        update = FloorUpdate("L1", view.version or WHOLE, self.version, self.time_s, 1, [], [], np.empty(0, MOTION), {})
+        view.apply(update)
+        return [update]
+
+    def postures(self, floor: str, time_s: float) -> list[Posture]:
+        if self.is_away:
+            raise NotReachable("away")
+        return [posture for posture in self.reported if posture.time > time_s]
+
+    def scans_since(self, floor: str, time_s: float) -> list[Any]:
+        return []
+
+    def missions_since(self, version: int) -> list[Any]:
+        return []
+
+
+@pytest.fixture
+def system(monkeypatch: pytest.MonkeyPatch) -> tuple[System, LiveSystem]:
+    monkeypatch.setattr(live_system, "SENSORS_S", 0.0)
+    found: Any = System()
+    return found, LiveSystem(found, found, found)
+
+
+def test_each_posture_comes_once(system: tuple[System, LiveSystem]) -> None:
+    world, live = system
+    world.reported = [Posture("A", 9.9, ()), Posture("B", 9.95, ())]
+    assert [posture.robot for posture in live.follow(0.0).postures] == ["A", "B"]
+    assert live.follow(0.0).postures == []
+    world.time_s = 10.1
+    world.reported = [Posture("A", 10.05, ()), Posture("B", 9.95, ()), Posture("C", 9.93, ())]  # C's is late
+    assert [posture.robot for posture in live.follow(0.0).postures] == ["A", "C"]
+    world.time_s = 5.0  # a server that was restored from an earlier moment
+    world.reported = [Posture("A", 4.9, ())]
+    assert [posture.robot for posture in live.follow(0.0).postures] == ["A"]
+
+
+def test_floors_come_whole_after_updates_that_nobody_has_seen(system: tuple[System, LiveSystem]) -> None:
+    world, live = system
+    assert live.follow(0.0).updates[0].since == WHOLE
+    assert live.follow(0.0).updates[0].since == 1
+    world.is_away = True
+    with pytest.raises(NotReachable):
+        live.follow(0.0)
+    world.is_away = False
+    assert live.follow(0.0).updates[0].since == WHOLE
