@@ -61,7 +61,9 @@ class PoolFollower:
     ) -> None:
         self._interval_s, self._floor_of_robot, self._rests = interval_s, floor_of_robot, rests
         self._attended_at = -math.inf
-        self._followed = threading.Event()
+        #: Updates of the pool that have begun, and the last one that has ended; guarded by the condition.
+        self._updated = threading.Condition()
+        self._begun = self._ended = 0
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
         self.pool = DataPool(database, RemoteFloorMap(orb).of, floor, own_name)
         #: Postures on the pool's floor.
@@ -87,21 +89,27 @@ class PoolFollower:
         """Follow closely for ATTENTION_S. If the pool rests, wait until it is up to date, at most ATTEND_LIMIT_S."""
         is_resting, self._attended_at = self._is_resting, time.monotonic()
         if is_resting:
-            self._followed.clear()
+            with self._updated:
+                awaited = self._begun + 1  # one that is under way may have read already
             for task in self._tasks:
                 task.wake()
-            self._followed.wait(ATTEND_LIMIT_S)
+            with self._updated:
+                self._updated.wait_for(lambda: self._ended >= awaited, ATTEND_LIMIT_S)
 
     @property
     def _is_resting(self) -> bool:
         return time.monotonic() - self._attended_at > ATTENTION_S and self._rests()
 
     def _follow(self) -> None:
+        with self._updated:
+            self._begun += 1
         with contextlib.suppress(UnknownFloor, RobotLost):  # the floor may have just been deleted
             if self._floor_of_robot and (floor := self._floor_of_robot()) != self.pool.floor:
                 self.pool.change_floor(floor)
         self.pool.follow()
-        self._followed.set()
+        with self._updated:
+            self._ended = self._begun
+            self._updated.notify_all()
 
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable, UnknownFloor):  # a deleted floor has no map
