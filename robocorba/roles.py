@@ -87,7 +87,7 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
             EVERYBODY,
             "_get_name _get_state _get_program _get_channel _get_pool _get_path _get_mission iconsFrom adaptors",
         ),
-        (OPERATORS, "checkProgram loadProgram run pause resume step abort stop resetStop"),
+        (OPERATORS, "checkProgram loadProgram run pause resume step abort stop resetStop drive"),
         (OPERATORS, "startMission abortMission switchAdaptor setSpeedCap"),
     ),
     "RobotAdaptor": _rules(

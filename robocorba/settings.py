@@ -18,7 +18,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
@@ -44,6 +44,11 @@ def omniorb_trace(environment: Mapping[str, str] = os.environ) -> dict[str, str]
     """omniORB's option `traceLevel`, 0 unless the environment sets it: at its default omniORB writes a line for each
     connection that sends garbage; 27,000 within twenty seconds filled a log."""
     return {} if "ORBtraceLevel" in environment else {"traceLevel": "0"}
+
+
+def limit_ros_discovery(environment: MutableMapping[str, str] = os.environ) -> None:
+    """ROS looks for nodes on this machine only, unless the environment has chosen another range."""
+    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 
 class InvalidSetting(ServiceError):

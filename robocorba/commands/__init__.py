@@ -26,6 +26,7 @@ SUBCOMMANDS = {
     "replay": ("replay", "replay"),
     "convert": ("convert", "convert"),
     "foxglove": ("foxglove", "foxglove"),
+    "ros2": ("ros2", "ros2"),
     "access": ("access", "app"),
     "robot": ("robot", "robot"),
     "robots": ("robots", "robots"),

@@ -15,13 +15,34 @@ from robocorba.simulation.recording import Recording
 
 def convert(
     recording: Annotated[Path, typer.Argument(metavar="IN", help="A recording of `robocorba record`.")],
-    file: Annotated[Path, typer.Argument(metavar="OUT", help="The MCAP file with Foxglove's messages.")],
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The MCAP file with Foxglove's messages, or the bag.")],
+    ros2: Annotated[bool, typer.Option("--ros2", help="Write a bag of ROS 2: a folder for `ros2 bag`.")] = False,
+    robots: Annotated[str, typer.Option(metavar="A,B", help="With --ros2: only these robots.")] = "",
+    namespaced_tf: Annotated[
+        bool, typer.Option("--namespaced-tf", help="With --ros2: /ROBOT/tf with plain frames.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite what OUT has.")] = False,
 ) -> None:
-    """Write a recording as an MCAP file with Foxglove's messages: scene, frames, poses, robots and log."""
+    """Write a recording as an MCAP file with Foxglove's messages (scene, frames, poses, robots and log), or as a bag of
+    ROS 2 (odometry, scans, joints, frames, maps and clock)."""
+    if not ros2 and (robots or namespaced_tf):
+        raise typer.BadParameter("--robots and --namespaced-tf are for --ros2")
     with reporting("convert"):
-        require_extra("foxglove", "foxglove")
-        from robocorba.foxglove import files
+        if ros2:
+            require_extra("ros2", "rosbags")
+            _write_bag(Recording(recording), out, robots, namespaced_tf, force)
+        else:
+            require_extra("foxglove", "foxglove")
+            from robocorba.foxglove import files
 
-        files.convert(Recording(recording), file, overwrite=force)
-        echo(f"wrote {file}: {file.stat().st_size} bytes")
+            files.convert(Recording(recording), out, overwrite=force)
+        size = sum(file.stat().st_size for file in (out.iterdir() if out.is_dir() else [out]))
+        echo(f"wrote {out}: {size} bytes")
+
+
+def _write_bag(recording: Recording, folder: Path, robots: str, namespaced_tf: bool, overwrite: bool) -> None:
+    from robocorba.ros2 import bag
+    from robocorba.ros2.frames import Frames
+    from robocorba.ros2.names import names_in
+
+    bag.convert(recording, folder, names_in(robots), Frames(namespaced_tf), overwrite=overwrite)

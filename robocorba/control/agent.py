@@ -18,6 +18,7 @@ from robocorba.control.robot import Robot
 from robocorba.control.runner import IconBegun, OtherRobots, ProgramReport, ProgramResult, Runner
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
+from robocorba.control.teleoperation import Teleoperation, check_order
 from robocorba.control.tick_file import Tick, TickFile
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
@@ -217,6 +218,21 @@ class ControlAgent:
                 self._refuse_while_running("lead a mission")
                 robot.execution.reset(False)
             self._begin(Runner(program, robot, self._others, mission))
+
+    def drive(self, velocity: Velocity, valid_for_s: float) -> None:
+        """Drive at a velocity of the base, ahead and to the left [m/s], turn [rad/s], for some time [s] or until the
+        next call; see Teleoperation. Raises InvalidChoice; IllegalOrder while a program runs."""
+        check_order(velocity, valid_for_s)
+        with self._lock:
+            robot = self.robot
+            task = self._task
+            if isinstance(task, Teleoperation) and self._is_running and task.order(velocity, valid_for_s):
+                return
+            self._refuse_while_running("drive")
+            robot.execution.reset(False)
+            begun = Teleoperation(robot)
+            begun.order(velocity, valid_for_s)
+            self._begin(begun)
 
     def begun(self, first: int) -> list[IconBegun]:
         """Icons of the present or last program that have begun, from number `first`."""

@@ -191,6 +191,15 @@ class BaseMovements(Movements):
         """Drive at a velocity for some time, then stop."""
         self.move(DriveAt(velocity, seconds))
 
+    def drive_as_ordered(self, motion: Motion) -> None:
+        """Drive as `motion` orders; where a wall, an object or another robot is in the way, the base waits."""
+        while True:
+            try:
+                self.move(self._giving_way(motion, avoid_walls=True))
+                return
+            except Blocked as blocked:
+                _log.debug("%s", blocked)
+
     def stop_base(self) -> None:
         """Stop the base, and wait until it is stationary."""
         self.move(StopBase())

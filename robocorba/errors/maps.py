@@ -109,6 +109,10 @@ class MapFileError(MapError):
         super().__init__(f"{where}: {key}: {reason}" if key else f"{where}: {reason}")
 
 
+class GridTooLarge(MapError):
+    """An occupancy grid of a floor would have too many cells."""
+
+
 def describe(kind: str, floor: str, name: str) -> str:
     """The name of an element in messages, such as "wall 'w1' on L2"."""
     subject = f"{kind} {_short(name)!r}" if name else kind

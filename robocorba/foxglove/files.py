@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
-import operator
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,12 +12,8 @@ from robocorba import __version__
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.foxglove.publisher import FoxglovePublisher
 from robocorba.maps.model import Building
-from robocorba.simulation.mission_record import MissionState
 from robocorba.simulation.recording import CHUNK_S, Recording
-from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_changes import SystemChanges
-from robocorba.spatial.floor_update import FloorUpdate
-from robocorba.spatial.posture import Posture
 
 
 class FoxgloveFile:
@@ -54,17 +48,7 @@ class FoxgloveFile:
 def convert(recording: Recording, path: Path, overwrite: bool = False) -> None:
     """Write a recording as an MCAP file with Foxglove's messages. Raises InvalidRecording."""
     with contextlib.closing(FoxgloveFile(path, recording.building, overwrite)) as file:
-        for _, recorded in itertools.groupby(recording.entries(), key=operator.itemgetter(0)):
-            changes = SystemChanges([], [], [], [])
-            for _, entry in recorded:
-                if isinstance(entry, FloorUpdate):
-                    changes.updates.append(entry)
-                elif isinstance(entry, Posture):
-                    changes.postures.append(entry)
-                elif isinstance(entry, RobotScan):
-                    changes.scans.append(entry)
-                else:
-                    changes.missions.append(MissionState(entry.name, 0, entry.content))
+        for changes in recording.changes():
             file.publisher.publish(changes)
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import contextlib
 import gzip
+import itertools
+import operator
 import struct
 import zlib
 from collections.abc import Callable, Collection, Iterator
@@ -33,7 +35,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidRecording, UpdateMismatch
 from robocorba.maps import native
 from robocorba.maps.model import Building
-from robocorba.simulation.mission_record import MissionContent
+from robocorba.simulation.mission_record import MissionContent, MissionState
 from robocorba.simulation.recorded_entries import (
     POSTURE_SCHEMA,
     SCAN_SCHEMA,
@@ -279,6 +281,21 @@ class Recording:
                 if isinstance(record, _RecordedMessage):
                     load = loads if record.floor else _LOADERS[record.topic]
                     yield record.log_time / NS_PER_S - self.began, load(record.data)
+
+    def changes(self) -> Iterator[SystemChanges]:
+        """Everything, in recorded order, what was received at the same time together. Raises InvalidRecording."""
+        for _, recorded in itertools.groupby(self.entries(), key=operator.itemgetter(0)):
+            changes = SystemChanges([], [], [], [])
+            for _, entry in recorded:
+                if isinstance(entry, FloorUpdate):
+                    changes.updates.append(entry)
+                elif isinstance(entry, Posture):
+                    changes.postures.append(entry)
+                elif isinstance(entry, RobotScan):
+                    changes.scans.append(entry)
+                else:
+                    changes.missions.append(MissionState(entry.name, 0, entry.content))
+            yield changes
 
     def sampled(self, every_s: float, floors: Collection[str] = ()) -> Iterator[tuple[float, dict[str, FloorView]]]:
         """Times [s] and floors by name, every `every_s` seconds and at the end. Raises UnknownFloor, InvalidRecording.

@@ -12,6 +12,7 @@ from robocorba.corba.conversion import robot
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import Answer, translated
 from robocorba.errors.base import RoboCorbaError
+from robocorba.motion.robot_state import Velocity
 from robocorba.names import ROBOTS
 from robocorba.programs.report import CheckReport
 from robocorba.stubs import RoboCorba
@@ -98,6 +99,11 @@ class RemoteAgent:
     def adaptors(self) -> list[str]:
         """Names of the installed adaptors."""
         return list(self._call(self._agent.adaptors))
+
+    def drive(self, velocity: Velocity, valid_for_s: float) -> None:
+        """Drive at a velocity of the base, ahead and to the left [m/s], turn [rad/s], for some time [s] or until the
+        next call. Raises InvalidChoice, IllegalOrder."""
+        self._call(lambda: self._agent.drive(RoboCorba.Velocity(*velocity), valid_for_s))
 
     def cap_speed(self, speed: float) -> None:
         """Limit the base's speed [m/s]. Raises InvalidChoice."""

@@ -129,5 +129,9 @@ class RobotAgentServant(RoboCorba__POA.RobotAgent):
         return model_switcher.installed()
 
     @translating
+    def drive(self, wanted: Any, valid_for: float) -> None:
+        self._agent.drive((wanted.ahead, wanted.left, wanted.turn), valid_for)
+
+    @translating
     def setSpeedCap(self, speed: float) -> None:
         self._agent.cap_speed(speed)

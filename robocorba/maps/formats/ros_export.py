@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
-import shapely
 from PIL import Image
 
-from robocorba.errors.maps import MapFileError
+from robocorba.errors.maps import GridTooLarge, MapFileError
 from robocorba.maps.formats.files import floor_paths, write_file
-from robocorba.maps.formats.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, Canvas
+from robocorba.maps.formats.floor_grid import (
+    DEFAULT_RESOLUTION_M,
+    MAX_RESOLUTION_M,
+    MIN_RESOLUTION_M,
+    floor_grid,
+)
+from robocorba.maps.formats.grid import FREE, OCCUPIED, UNKNOWN, Canvas
 from robocorba.maps.formats.ros_picture import FREE_BELOW, OCCUPIED_ABOVE
-from robocorba.maps.geometry import bounds, obstacles
 from robocorba.maps.losses import Exported, Losses
 from robocorba.maps.model import Building
 
-#: Default side of a cell [m].
-DEFAULT_RESOLUTION_M = 0.05
 #: Grey value of each kind of cell, as in map_saver of ROS.
 _SHADES = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 
@@ -30,8 +31,9 @@ def write(
 
     `resolution_m` is the side of a cell. Raises MapFileError if the grid would be too large
     or a file can't be written."""
-    if not 1e-3 <= resolution_m <= 10:
-        raise MapFileError(str(path), 0, "resolution", "expected metres per cell, from 0.001 to 10")
+    if not MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M:
+        reason = f"expected metres per cell, from {MIN_RESOLUTION_M:g} to {MAX_RESOLUTION_M:g}"
+        raise MapFileError(str(path), 0, "resolution", reason)
     if image not in ("pgm", "png"):
         raise MapFileError(str(path), 0, "image", f"{image!r} is not supported; pgm and png are")
     losses = Losses()
@@ -52,22 +54,10 @@ def write(
 
 
 def _drawn(building: Building, floor: str, resolution_m: float, target: Path) -> Canvas:
-    x0, y0, x1, y1 = bounds(building, floor)
-    columns, rows = math.ceil((x1 - x0) / resolution_m), math.ceil((y1 - y0) / resolution_m)
-    if columns * rows > MAX_CELLS:
-        raise MapFileError(
-            str(target), 0, "resolution", f"{columns} x {rows} cells are too many, at most {MAX_CELLS} can be written"
-        )
-    canvas = Canvas((x0, y0), resolution_m, rows, columns)
-    outline = building.floors[floor].floor.outline
-    canvas.fill(shapely.Polygon(outline) if outline else shapely.box(x0, y0, x1, y1), FREE)
-    for item in obstacles(building, floor):
-        if item.kind == "floor":
-            continue
-        if item.geometry.geom_type == "Polygon":
-            canvas.fill(item.geometry, OCCUPIED)
-        canvas.trace(item.geometry, OCCUPIED)
-    return canvas
+    try:
+        return floor_grid(building, floor, resolution_m)
+    except GridTooLarge as error:
+        raise MapFileError(str(target), 0, "resolution", str(error)) from None
 
 
 def _yaml(picture: str, canvas: Canvas) -> str:

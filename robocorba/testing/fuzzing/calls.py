@@ -50,7 +50,8 @@ class Target:
     """Objects of one interface. make: a reference to a fresh or to the only one. examples: arguments, by operation.
     after: called with the operation and its result, None after an exception, to undo what the call has done. ends:
     operations that end the object, so that each call gets a fresh one. also: exceptions that are right here as well.
-    omitted: operations that are not called."""
+    omitted: operations that are not called. unseen: operations that get nothing that the system has returned, such as
+    names of robots that they would end."""
 
     name: str
     interface: Any
@@ -60,6 +61,7 @@ class Target:
     ends: frozenset[str] = frozenset()
     also: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     omitted: frozenset[str] = frozenset()
+    unseen: frozenset[str] = frozenset()
 
 
 @dataclass
@@ -82,7 +84,7 @@ def call_many(
     """Call an operation with `inputs` inputs, for `limit_s` at most. The same seed makes the same inputs, as far as the
     system returned the same."""
     random = Random(f"{seed} {target.name} {operation.name}")
-    values, wire = Values(random, seen), Wire(random)
+    values, wire = Values(random, Seen() if operation.name in target.unseen else seen), Wire(random)
     tally = Tally(target.name, operation.name)
     reference: Any = None
     allowed = (*ALLOWED, *target.also.get(operation.name, ()), *target.also.get("", ()))

@@ -32,6 +32,8 @@ from robocorba.testing.simulation import CROSS, HEARTBEAT_INTERVAL_S, NO_MOUNT, 
 
 #: Time limit for the start of a robot [s].
 START_LIMIT_S = 180.0
+#: Time limit for a place of a robot that is to log on; sessions that nobody uses expire after two seconds [s].
+PLACE_LIMIT_S = 60.0
 #: Robots of the system, and of these calls.
 ROBOT, OTHER, OURS = "A", "B", "F"
 
@@ -197,13 +199,17 @@ class FuzzedSystem:
         return self._session
 
     def new_session(self, name: str = "") -> Any:
-        """The session of a robot that logs on now."""
+        """The session of a robot that logs on now, as soon as there is a place: earlier ones may have to expire."""
         name = name or f"f{next(self._numbers)}"
         places = [(x, y) for y in (8.0, 6.5, 1.5) for x in range(2, 16, 2)]
-        for x, y in places:
-            with contextlib.suppress(RoboCorba.PlaceTaken):
-                return self.server.registerRobot(about(name, float(x), y))
-        raise AssertionError("no place is free")
+
+        def log_on() -> Any:
+            for x, y in places:
+                with contextlib.suppress(RoboCorba.PlaceTaken):
+                    return self.server.registerRobot(about(name, float(x), y))
+            return None
+
+        return eventually(log_on, PLACE_LIMIT_S, "place for a robot")
 
     def registration(self) -> Any:
         """A registration of the sensor server under a second name."""
@@ -534,12 +540,13 @@ class FuzzedSystem:
             "abortMission": [_each("m")],
             "iconsFrom": [_each(0)],
             "setSpeedCap": [_each(0.5)],
+            "drive": [_each(RoboCorba.Velocity(0.05, 0.0, 0.1), 0.2)],
             "switchAdaptor": [_each("simulated", [])],
             "run": [_each(False)],
         }
 
         def reset(name: str, result: Any) -> None:
-            if name in ("run", "startMission", "step", "resume"):
+            if name in ("run", "startMission", "step", "resume", "drive"):
                 self.agent.abort()
             if name == "stop":
                 self.agent.resetStop()
@@ -554,7 +561,14 @@ class FuzzedSystem:
             "endRobot": [_each("nobody")],
             "logLines": [_each(name, 10) for name in ("simulation", "up", "events_a")],
         }
-        yield Target("Supervisor", RoboCorba.Supervisor, lambda: self.supervisor, on_supervisor, self.end_processes)
+        yield Target(
+            "Supervisor",
+            RoboCorba.Supervisor,
+            lambda: self.supervisor,
+            on_supervisor,
+            self.end_processes,
+            unseen=frozenset({"endRobot"}),
+        )
 
     def _of_units(self) -> Iterator[Target]:
         if self._stand_in is None:

@@ -1,0 +1,141 @@
+"""robocorba ros2: robots, maps and scans as a node of ROS 2, and orders from there."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robocorba.commands.options import Naming, connected, served_building
+from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, StopSignal
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.lasers import RemoteLasers
+from robocorba.corba.remote.live_system import LiveSystem, live_system
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import ServiceError
+from robocorba.maps.formats.floor_grid import DEFAULT_RESOLUTION_M
+from robocorba.printing import echo
+from robocorba.simulation.system_changes import SystemChanges
+
+if TYPE_CHECKING:
+    from robocorba.ros2.lasers import ContinuousScans
+    from robocorba.ros2.node import RosNode
+    from robocorba.ros2.publisher import RosPublisher
+    from robocorba.ros2.robot_interfaces import RobotInterfaces
+
+#: Interval between looks at the system, and least interval between those at the map [s].
+LOOK_S, MAP_S = 0.05, 2.0
+
+
+def ros2(
+    robots: Annotated[str, typer.Option(metavar="A,B", help="Only these robots; without it all.")] = "",
+    domain: Annotated[
+        int | None, typer.Option(metavar="N", min=0, max=232, help="The domain [ROS_DOMAIN_ID, 0].")
+    ] = None,
+    floor: Annotated[str, typer.Option(metavar="F", help="The floor on /map; without it the first one.")] = "",
+    resolution: Annotated[
+        float, typer.Option(metavar="M", min=0.01, max=1.0, help="Side of the cells of maps [m].")
+    ] = DEFAULT_RESOLUTION_M,
+    scan_rate: Annotated[
+        float, typer.Option(metavar="HZ", min=0.0, max=40.0, help="Laser scans a second of each robot; 0: none.")
+    ] = 10.0,
+    stamped: Annotated[bool, typer.Option("--stamped", help="cmd_vel is TwistStamped, not Twist.")] = False,
+    namespaced_tf: Annotated[
+        bool, typer.Option("--namespaced-tf", help="/ROBOT/tf with plain frames, not /tf with ROBOT/ before frames.")
+    ] = False,
+    naming: Naming = None,
+) -> None:
+    """Show the running system in ROS 2, and take orders for robots from there, until Ctrl-C or SIGTERM.
+
+    It needs rclpy and the standard messages of ROS 2 Jazzy or later in the same Python."""
+    with connected("ros2", naming) as orb, contextlib.closing(_node(domain)) as node:
+        from robocorba.ros2.frames import Frames
+        from robocorba.ros2.lasers import ContinuousScans
+        from robocorba.ros2.names import names_in
+        from robocorba.ros2.node import RosTopics
+        from robocorba.ros2.publisher import RosPublisher
+        from robocorba.ros2.robot_interfaces import RobotInterfaces
+
+        stop = StopSignal()
+        system = live_system(orb, with_scans=scan_rate > 0.0)
+        changes = system.follow(RESOLVE_TIMEOUT_S)
+        building, frames = served_building(orb), Frames(namespaced_tf)
+        if floor and floor not in building.floors:
+            raise UnknownFloor("map", floor, list(building.floors))
+        publisher = RosPublisher(RosTopics(node), building, names_in(robots), floor, frames, resolution)
+        publisher.publish(changes)
+        with contextlib.ExitStack() as closing:
+            interfaces = RobotInterfaces(orb, node, publisher, frames, stamped)
+            closing.callback(interfaces.close)
+            lasers = None
+            if scan_rate:
+                lasers = ContinuousScans(RemoteLasers(orb), lambda: publisher.places, scan_rate)
+                closing.callback(lasers.close)
+            _, places = publisher.places
+            interfaces.update(places)
+            node.start()
+            echo(f"ROS domain {node.domain}: {', '.join(sorted(places)) or 'no robots yet'}")
+            SystemInRos(orb, system, node, publisher, interfaces, lasers, map_version(changes)).serve(stop)
+
+
+def _node(domain: int | None) -> RosNode:
+    try:
+        from robocorba.ros2.node import RosNode
+    except ImportError as error:
+        raise ServiceError(
+            f"ROS 2 is not installed in this Python ({error}): source its setup file, such as"
+            " /opt/ros/jazzy/setup.bash, and use its Python; see docs/ros2.md"
+        ) from None
+    return RosNode(domain)
+
+
+def map_version(changes: SystemChanges) -> int:
+    """The newest version of the map in updates; 0 without updates."""
+    return max((update.map_version for update in changes.updates), default=0)
+
+
+class SystemInRos:
+    """Publishes the running system in ROS, and gives robots orders from there. map_version: of the map that the
+    publisher has."""
+
+    def __init__(
+        self,
+        orb: Orb,
+        system: LiveSystem,
+        node: RosNode,
+        publisher: RosPublisher,
+        interfaces: RobotInterfaces,
+        lasers: ContinuousScans | None,
+        map_version: int,
+    ) -> None:
+        self._orb, self._system, self._node = orb, system, node
+        self._publisher, self._interfaces, self._lasers = publisher, interfaces, lasers
+        self._map_version, self._map_at_s = map_version, 0.0
+
+    def serve(self, stop: StopSignal) -> None:
+        """Until stopped; warns while the system does not answer."""
+        for _ in stop.ticks(LOOK_S):
+            try:
+                self._look()
+                found = ""
+            except RoboCorbaError as error:
+                found = str(error)
+            if found != self._interfaces.problem:
+                self._interfaces.problem = found
+                self._node.warn(found) if found else self._node.info("the system answers again")
+
+    def _look(self) -> None:
+        changes = self._system.follow(RETRY_TIMEOUT_S)
+        if self._lasers:
+            self._lasers.note(changes.scans)
+            changes.scans.extend(self._lasers.take())
+        self._publisher.publish(changes)
+        self._interfaces.update(self._publisher.places[1])
+        version, now_s = map_version(changes), time.monotonic()
+        if version != self._map_version and now_s >= self._map_at_s:
+            self._map_at_s = now_s + MAP_S
+            self._publisher.set_building(served_building(self._orb))
+            self._map_version = version

@@ -1,0 +1,1 @@
+"""Robots, maps and recordings for ROS 2."""

@@ -1,0 +1,137 @@
+"""Teleoperation: how long an order holds, what ends it, and what is refused."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from robocorba.control.agent import AgentCondition, ControlAgent
+from robocorba.control.model_switcher import AdaptorContext
+from robocorba.control.runner import ProgramResult
+from robocorba.control.teleoperation import LINGER_S, OrderedVelocity
+from robocorba.errors.robots import IllegalOrder
+from robocorba.errors.simulation import InvalidChoice
+from robocorba.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
+from robocorba.programs.graphic_programming import ProgramBuilder
+from tests.control.places import Channel, Place, eventually
+
+WAITING = ProgramBuilder("waiting").wait(60.0).program()
+
+
+def state(velocity: Velocity = ZERO_VELOCITY) -> RobotState:
+    return RobotState(0.0, 0.0, 0.0, 0.0, velocity, np.zeros(18), np.zeros(18))
+
+
+def test_an_order_holds_until_it_expires_or_the_next_one() -> None:
+    clock = SimpleNamespace(now=100.0)
+    motion = OrderedVelocity(lambda: clock.now)
+    wanted = []
+    for velocity, valid_for_s, passed_s in (
+        ((0.1, 0.0, 0.0), 0.5, 0.4),
+        ((0.0, 0.2, 0.3), 0.5, 0.4),
+        (None, 0.0, 0.2),
+    ):
+        if velocity:
+            assert motion.order(velocity, valid_for_s)
+        clock.now += passed_s
+        command = motion.command(state(), 0.0)
+        assert command
+        wanted.append(command.velocity)
+    assert wanted == [(0.1, 0.0, 0.0), (0.0, 0.2, 0.3), ZERO_VELOCITY]
+
+
+def test_it_ends_once_the_base_stands_and_no_more_orders_come() -> None:
+    clock = SimpleNamespace(now=100.0)
+    motion = OrderedVelocity(lambda: clock.now)
+    motion.order((0.1, 0.0, 0.0), 0.5)
+    clock.now += 0.5 + LINGER_S
+    braking = motion.command(state((0.05, 0.0, 0.0)), 0.0)
+    assert braking
+    assert braking.velocity == ZERO_VELOCITY
+    assert motion.command(state(), 0.0) is None
+    assert not motion.order((0.1, 0.0, 0.0), 0.5)
+
+
+@pytest.fixture
+def agent(place: Place) -> Iterator[ControlAgent]:
+    agent = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel())
+    agent.start("simulated")
+    yield agent
+    agent.close()
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    place = Place(tmp_path_factory.mktemp("place"))
+    yield place
+    place.close()
+
+
+def test_the_robot_drives_while_orders_come(agent: ControlAgent) -> None:
+    start = agent.state.at
+    orders = itertools.count()
+
+    def has_driven() -> bool:
+        agent.drive((0.2, 0.0, 0.0), 2.0)
+        next(orders)
+        return agent.state.at.x > start.x + 0.1
+
+    eventually(has_driven, "driven")
+    assert next(orders) > 1
+    during = agent.state
+    assert (during.condition, during.program.name) == (AgentCondition.RUNNING, "teleoperation")
+    agent.drive((0.0, 0.0, 0.0), 0.1)
+    eventually(lambda: agent.state.condition is AgentCondition.IDLE, "ended")
+    after = agent.state
+    assert after.program.result is ProgramResult.DONE
+    assert math.hypot(*after.actor.velocity) < 0.01
+
+
+def test_an_abort_ends_it_and_the_next_order_begins_anew(agent: ControlAgent) -> None:
+    agent.drive((0.0, 0.0, 0.1), 5.0)
+    agent.abort()
+    eventually(lambda: agent.state.condition is AgentCondition.IDLE, "aborted")
+    assert agent.state.program.result is ProgramResult.ABORTED
+    agent.drive((0.0, 0.0, -0.1), 5.0)
+    assert agent.state.condition is AgentCondition.RUNNING
+
+
+def test_a_stop_ends_it_for_good(agent: ControlAgent) -> None:
+    agent.drive((0.0, 0.0, 0.1), 5.0)
+    agent.stop()
+    with pytest.raises(IllegalOrder, match="is stopped"):
+        agent.drive((0.0, 0.0, 0.1), 5.0)
+
+
+def test_a_program_is_not_interrupted_by_it_nor_it_by_a_program(agent: ControlAgent) -> None:
+    agent.load(WAITING)
+    agent.run()
+    with pytest.raises(IllegalOrder, match="runs a program"):
+        agent.drive((0.1, 0.0, 0.0), 0.5)
+    agent.abort()
+    eventually(lambda: agent.state.condition is AgentCondition.IDLE, "aborted")
+    agent.drive((0.0, 0.0, 0.1), 5.0)
+    with pytest.raises(IllegalOrder, match="runs a program"):
+        agent.run()
+
+
+@pytest.mark.parametrize(
+    ("velocity", "valid_for_s", "field"),
+    [
+        ((math.nan, 0.0, 0.0), 0.5, "wanted.ahead"),
+        ((0.0, math.inf, 0.0), 0.5, "wanted.left"),
+        ((0.0, 0.0, -math.inf), 0.5, "wanted.turn"),
+        ((0.0, 0.0, 0.0), 0.0, "validFor"),
+        ((0.0, 0.0, 0.0), 5.1, "validFor"),
+        ((0.0, 0.0, 0.0), math.nan, "validFor"),
+    ],
+)
+def test_impossible_orders_are_refused(agent: ControlAgent, velocity: Velocity, valid_for_s: float, field: str) -> None:
+    with pytest.raises(InvalidChoice, match=field):
+        agent.drive(velocity, valid_for_s)
+    assert agent.state.condition is AgentCondition.IDLE
