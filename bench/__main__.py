@@ -14,7 +14,7 @@ BENCHES = {
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos", "attacks"),
     "robots": ("kinematics", "virtual_and_actual", "control", "stops", "fleet"),
     "missions": ("carry", "network", "many", "elevators", "chaos", "ways", "survival", "partition"),
-    "console": ("viewers", "returns", "foxglove"),
+    "console": ("viewers", "returns", "foxglove", "ros2"),
     "starts": ("ready", "kills", "memory", "forks"),
     "chaos": ("fuzz", "roles", "guarded_cost"),
 }

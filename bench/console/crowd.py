@@ -90,9 +90,9 @@ class Clock:
 
 
 @contextlib.contextmanager
-def crowded_system(folder: Path, count: int, *options: str) -> Iterator[tuple[Address, Clock]]:
+def crowded_system(folder: Path, count: int, *options: str) -> Iterator[tuple[Address, Clock, Orb]]:
     """Servers, started with these options of `robocorba up`, beside `count` driving robots: the address of the naming
-    service, and the simulation's clock."""
+    service, the simulation's clock, and this process's ORB."""
     building = saved_office(folder)
     crowd = [about for about in robots_in(office(), 6 * count) if about.pose.floor == FLOOR][:count]
     with (
@@ -115,7 +115,7 @@ def crowded_system(folder: Path, count: int, *options: str) -> Iterator[tuple[Ad
         ):
             driving = driver.submit(drive)
             try:
-                yield naming, clock
+                yield naming, clock, orb
             finally:
                 ended.set()
                 driving.result()

@@ -114,7 +114,7 @@ def messages(file: Path) -> int:
 def measure(seconds: float = 60.0, robots: int = 50) -> bool:
     with (
         tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder,
-        crowded_system(Path(folder), robots) as (naming, clock),
+        crowded_system(Path(folder), robots) as (naming, clock, _),
     ):
         time.sleep(SETTLE_S)
         since = len(clock.samples) - 1

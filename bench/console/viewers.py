@@ -43,7 +43,7 @@ _PICTURES = "() => document.querySelector('.console-scene canvas').sceneView.pic
 @contextlib.contextmanager
 def crowded_console(folder: Path, count: int) -> Iterator[tuple[str, int, Clock]]:
     """A console beside `count` driving robots: its address, its process id, and the simulation's clock."""
-    with crowded_system(folder, count, "--console", "--console-port", "0") as (_, clock):
+    with crowded_system(folder, count, "--console", "--console-port", "0") as (_, clock, _):
         record = StateFolder(folder).read_record()
         assert record is not None
         yield record.console_address, pids_of(folder, CONSOLE)[0], clock

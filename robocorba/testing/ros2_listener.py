@@ -62,14 +62,17 @@ class Listener:
         """The last messages, each with the time of its arrival [s]."""
         return [[at_s, _plain(message)] for at_s, message in list(self._messages[topic])[-last:]]
 
-    def arrivals(self, topic: str) -> list[float]:
-        """Times of arrival [s] of the kept messages."""
-        return [at_s for at_s, _ in list(self._messages[topic])]
+    def arrivals(self, topic: str) -> list[list[float]]:
+        """Times of arrival [s] of the kept messages, each with the time in its header [s]."""
+        return [[at_s, _seconds(message.header.stamp)] for at_s, message in list(self._messages[topic])]
 
-    def publish(self, topic: str, type: str, message: dict[str, Any]) -> None:
+    def publish(self, topic: str, type: str, message: dict[str, Any]) -> float:
+        """Returns the time just before [s]."""
         if topic not in self._publishers:
             self._publishers[topic] = self._node.create_publisher(_type(type), topic, 1)
-        self._publishers[topic].publish(_message(type, message))
+        made, at_s = _message(type, message), time.time()
+        self._publishers[topic].publish(made)
+        return at_s
 
     def subscribers(self, topic: str) -> int:
         """Subscriptions to a topic that this node has found."""
@@ -108,6 +111,10 @@ class Listener:
 def _type(name: str) -> Any:
     package, kind, message = name.split("/")
     return getattr(import_module(f"{package}.{kind}"), message)
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec + stamp.nanosec * 1e-9)
 
 
 def _message(type: str, fields: dict[str, Any]) -> Any:
