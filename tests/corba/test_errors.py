@@ -26,7 +26,7 @@ from robocorba.stubs import RoboCorba
 #: Errors that end within their process: reported in a program's or mission's result, in the log or on stderr.
 LOCAL = {
     *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed"),
-    *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide"),
+    *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide", "GridTooLarge"),
     *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed"),
     *("GoalReached", "InTheWay", "MissionTakenOver"),
     *("NotDelivered", "Unconfirmed", "Refused", "ClientGone", "RobotHeld"),
