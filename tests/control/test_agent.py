@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from robocorba.control import model_switcher
-from robocorba.control.agent import BODY_BLOCKED_M, AgentCondition, AgentState, ControlAgent
+from robocorba.control.agent import BODY_BLOCKED_M, BODY_LOST_M, AgentCondition, AgentState, ControlAgent
 from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.runner import ProgramResult
 from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
@@ -241,7 +241,8 @@ def test_what_holds_up_its_body_stands_in_the_way_of_an_actual_robot(
     eventually(lambda: ended(agent), "ended")
     assert "m away, as if an obstacle blocked it; it last touched other" in agent.state.program.reason
     assert agent.state.condition is AgentCondition.IDLE
-    assert math.dist((agent.state.actor.x, agent.state.actor.y), began[1:3]) < 0.9
+    # Its body stands after 0.4 m; how soon that is noticed depends on the machine, but not how far it may get.
+    assert math.dist((agent.state.actor.x, agent.state.actor.y), began[1:3]) < 0.4 + BODY_LOST_M
     agent.load(ProgramBuilder("back").mbase_by(ahead=-0.4).program())
     agent.run()
     eventually(lambda: ended(agent), "back")
