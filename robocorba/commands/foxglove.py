@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, State, administrator, connected, require_extra, served_building
+from robocorba.commands.options import Naming, State, administrator, connected, require_extra
+from robocorba.commands.served_map import ServedMap
 from robocorba.commands.simulation_tables import simulation_server
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, StopSignal
 from robocorba.corba.orb import Orb
@@ -17,15 +18,14 @@ from robocorba.corba.remote.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
 from robocorba.printing import echo
 from robocorba.settings import Settings
-from robocorba.simulation.system_changes import SystemChanges
 
 if TYPE_CHECKING:
     from robocorba.foxglove.live import LiveServer
 
 #: Interval between looks at the system while somebody watches, and otherwise [s].
 WATCHED_S, IDLE_S = 0.05, 0.5
-#: Interval between looks at pause and pace, and least interval between those at the map [s].
-STATE_S, MAP_S = 0.5, 2.0
+#: Interval between looks at pause and pace [s].
+STATE_S = 0.5
 #: Timeout of a call of the simulation server [s].
 CALL_TIMEOUT_S = 2.0
 
@@ -49,29 +49,23 @@ def foxglove(
         steering = administrator(orb, Settings.read(state=state)) if steer else None
         system = live_system(orb, with_scans=scans)
         changes = system.follow(RESOLVE_TIMEOUT_S)
-        time_s = max((update.time for update in changes.updates), default=0.0)
-        with contextlib.closing(LiveServer(host, port, served_building(orb), steer, time_s)) as server:
+        time_s, served = max((update.time for update in changes.updates), default=0.0), ServedMap(orb, changes)
+        with contextlib.closing(LiveServer(host, port, served.building, steer, time_s)) as server:
             server.publisher.publish(changes)
             echo(f"ws://{host}:{server.port}")
-            SystemInFoxglove(orb, system, steering, _map_version(changes)).serve(server, stop)
-
-
-def _map_version(changes: SystemChanges) -> int:
-    return max((update.map_version for update in changes.updates), default=0)
+            SystemInFoxglove(orb, system, served, steering).serve(server, stop)
 
 
 class SystemInFoxglove:
-    """Publishes the running system on a server. administrator: None if clients may not steer the simulation.
-    map_version: of the map that the server has."""
+    """Publishes the running system on a server. administrator: None if clients may not steer the simulation."""
 
     def __init__(
-        self, orb: Orb, system: LiveSystem, administrator: RemoteAdministrator | None, map_version: int
+        self, orb: Orb, system: LiveSystem, served: ServedMap, administrator: RemoteAdministrator | None
     ) -> None:
-        self._orb, self._system, self._administrator = orb, system, administrator
+        self._system, self._served, self._administrator = system, served, administrator
         self._simulation = simulation_server(orb, CALL_TIMEOUT_S)
         self._simulation.resolve_timeout_s = RETRY_TIMEOUT_S
-        self._map_version = map_version
-        self._map_at_s = self._state_at_s = 0.0
+        self._state_at_s = 0.0
         self._playback: tuple[bool, float] | None = None
 
     def serve(self, server: LiveServer, stop: StopSignal) -> None:
@@ -91,11 +85,8 @@ class SystemInFoxglove:
         changes = self._system.follow(RETRY_TIMEOUT_S)
         server.publisher.publish(changes)
         server.tick()
-        version, now_s = _map_version(changes), time.monotonic()
-        if version != self._map_version and now_s >= self._map_at_s:
-            self._map_at_s = now_s + MAP_S
-            server.publisher.set_building(served_building(self._orb))
-            self._map_version = version
+        if building := self._served.after(changes):
+            server.publisher.set_building(building)
         if self._administrator:
             self._steer(server, self._administrator)
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, connected, served_building
+from robocorba.commands.options import Naming, connected
+from robocorba.commands.served_map import ServedMap
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, StopSignal
-from robocorba.corba.orb import Orb
 from robocorba.corba.remote.lasers import RemoteLasers
 from robocorba.corba.remote.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
@@ -18,7 +17,6 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import ServiceError
 from robocorba.maps.formats.floor_grid import DEFAULT_RESOLUTION_M
 from robocorba.printing import echo
-from robocorba.simulation.system_changes import SystemChanges
 
 if TYPE_CHECKING:
     from robocorba.ros2.lasers import ContinuousScans
@@ -26,8 +24,8 @@ if TYPE_CHECKING:
     from robocorba.ros2.publisher import RosPublisher
     from robocorba.ros2.robot_interfaces import RobotInterfaces
 
-#: Interval between looks at the system, and least interval between those at the map [s].
-LOOK_S, MAP_S = 0.05, 2.0
+#: Interval between looks at the system [s].
+LOOK_S = 0.05
 
 
 def ros2(
@@ -62,10 +60,10 @@ def ros2(
         stop = StopSignal()
         system = live_system(orb, with_scans=scan_rate > 0.0)
         changes = system.follow(RESOLVE_TIMEOUT_S)
-        building, frames = served_building(orb), Frames(namespaced_tf)
-        if floor and floor not in building.floors:
-            raise UnknownFloor("map", floor, list(building.floors))
-        publisher = RosPublisher(RosTopics(node), building, names_in(robots), floor, frames, resolution)
+        served, frames = ServedMap(orb, changes), Frames(namespaced_tf)
+        if floor and floor not in served.building.floors:
+            raise UnknownFloor("map", floor, list(served.building.floors))
+        publisher = RosPublisher(RosTopics(node), served.building, names_in(robots), floor, frames, resolution)
         publisher.publish(changes)
         with contextlib.ExitStack() as closing:
             interfaces = RobotInterfaces(orb, node, publisher, frames, stamped)
@@ -78,7 +76,7 @@ def ros2(
             interfaces.update(places)
             node.start()
             echo(f"ROS domain {node.domain}: {', '.join(sorted(places)) or 'no robots yet'}")
-            SystemInRos(orb, system, node, publisher, interfaces, lasers, map_version(changes)).serve(stop)
+            SystemInRos(system, served, node, publisher, interfaces, lasers).serve(stop)
 
 
 def _node(domain: int | None) -> RosNode:
@@ -92,28 +90,20 @@ def _node(domain: int | None) -> RosNode:
     return RosNode(domain)
 
 
-def map_version(changes: SystemChanges) -> int:
-    """The newest version of the map in updates; 0 without updates."""
-    return max((update.map_version for update in changes.updates), default=0)
-
-
 class SystemInRos:
-    """Publishes the running system in ROS, and gives robots orders from there. map_version: of the map that the
-    publisher has."""
+    """Publishes the running system in ROS, and gives robots orders from there."""
 
     def __init__(
         self,
-        orb: Orb,
         system: LiveSystem,
+        served: ServedMap,
         node: RosNode,
         publisher: RosPublisher,
         interfaces: RobotInterfaces,
         lasers: ContinuousScans | None,
-        map_version: int,
     ) -> None:
-        self._orb, self._system, self._node = orb, system, node
+        self._system, self._served, self._node = system, served, node
         self._publisher, self._interfaces, self._lasers = publisher, interfaces, lasers
-        self._map_version, self._map_at_s = map_version, 0.0
 
     def serve(self, stop: StopSignal) -> None:
         """Until stopped; warns while the system does not answer."""
@@ -134,8 +124,5 @@ class SystemInRos:
             changes.scans.extend(self._lasers.take())
         self._publisher.publish(changes)
         self._interfaces.update(self._publisher.places[1])
-        version, now_s = map_version(changes), time.monotonic()
-        if version != self._map_version and now_s >= self._map_at_s:
-            self._map_at_s = now_s + MAP_S
-            self._publisher.set_building(served_building(self._orb))
-            self._map_version = version
+        if building := self._served.after(changes):
+            self._publisher.set_building(building)

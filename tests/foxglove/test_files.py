@@ -19,15 +19,13 @@ from robocorba.kinematics.smartpal import JOINTS
 from robocorba.maps.model import Building
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.mission_record import MissionContent, MissionResult, PhaseRecord
-from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.recorded_entries import RecordedMission
 from robocorba.simulation.recording import Recorder, Recording
 from robocorba.simulation.robot_scans import RobotScan
-from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.floor_update import FloorUpdate
 from robocorba.spatial.pose import Pose
 from robocorba.spatial.posture import Posture
-from tests.simulation.places import robot, scan, tower
+from tests.simulation.places import recorded_drive, scan, tower
 
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
 decoders = pytest.importorskip("mcap_protobuf.decoder", reason="mcap-protobuf-support is not installed")
@@ -42,34 +40,19 @@ Messages = dict[str, list[Any]]
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    """Robot A drives for two seconds, B leaves after one, C rides nowhere on L2."""
-    folder = tmp_path_factory.mktemp("recording")
-    with SimulationStore(folder / "simulation.sqlite") as store:
-        agent = ManagementAgent(tower(), 7, store)
-        driver, other = agent.register(robot("A", x=1.0)), agent.register(robot("B", x=5.0, y=3.0))
-        agent.register(robot("C", "L2"))
-        versions = dict.fromkeys(agent.database.floors, 0)
-        with Recorder(folder / "a.mcap", tower()) as recorder:
-            for step in range(40):
-                driver.command(0.4, 0.0, 0.1, 1.0)
-                if step == 10:
-                    recorder.write_posture(POSTURE, 1.7e9 + step * 0.05)
-                    recorder.write_scan(SCAN, 1.7e9 + step * 0.05)
-                    recorder.write_mission("m1", MISSION, 1.7e9 + step * 0.05, 0.5)
-                if step == 12:
-                    ended = MISSION.ended_as(MissionResult.FAILED, "no way", 9.0)
-                    recorder.write_mission("m1", ended, 1.7e9 + step * 0.05, 0.6)
-                if step == 20:
-                    other.deregister()
-                if step == 30:
-                    agent.place("T1", Pose("L1", 6.0, 2.0, 1.0))
-                for floor in versions:
-                    update = agent.database.changes(floor, versions[floor])
-                    versions[floor] = update.version
-                    recorder.write(update, 1.7e9 + step * 0.05)
-                for _ in range(round(0.05 / STEP_S)):
-                    agent.step()
-    return Recording(folder / "a.mcap")
+    def report(recorder: Recorder, agent: ManagementAgent, at_s: float) -> None:
+        recorder.write_posture(POSTURE, at_s)
+        recorder.write_scan(SCAN, at_s)
+        recorder.write_mission("m1", MISSION, at_s, 0.5)
+
+    def end_mission(recorder: Recorder, agent: ManagementAgent, at_s: float) -> None:
+        recorder.write_mission("m1", MISSION.ended_as(MissionResult.FAILED, "no way", 9.0), at_s, 0.6)
+
+    def move_table(recorder: Recorder, agent: ManagementAgent, at_s: float) -> None:
+        agent.place("T1", Pose("L1", 6.0, 2.0, 1.0))
+
+    happenings = {10: report, 12: end_mission, 30: move_table}
+    return recorded_drive(tmp_path_factory.mktemp("recording"), "B", (0.4, 0.0, 0.1), happenings)
 
 
 @pytest.fixture(scope="module")

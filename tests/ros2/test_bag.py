@@ -19,11 +19,9 @@ from robocorba.kinematics.smartpal import JOINTS
 from robocorba.ros2.bag import convert
 from robocorba.ros2.frames import Frames
 from robocorba.simulation.management_agent import ManagementAgent
-from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.recording import Recorder, Recording
-from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.posture import Posture
-from tests.simulation.places import robot, scan, tower
+from tests.simulation.places import recorded_drive, scan, tower
 
 POSTURE = Posture("A", 0.5, tuple(0.1 * number for number in range(len(JOINTS))))
 SCAN = scan("A", 0.5, ahead=0.1, distances=np.array([1.25, 2.5, 8.0, 3.0, 8.0]), hits=np.array([1, 1, 0, 1, 0], bool))
@@ -33,28 +31,11 @@ Messages = dict[str, list[Any]]
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    """Robot A drives for two seconds, `2-B` leaves after one, C stands on L2."""
-    folder = tmp_path_factory.mktemp("recording")
-    with SimulationStore(folder / "simulation.sqlite") as store:
-        agent = ManagementAgent(tower(), 7, store)
-        driver, other = agent.register(robot("A", x=1.0)), agent.register(robot("2-B", x=5.0, y=3.0))
-        agent.register(robot("C", "L2"))
-        versions = dict.fromkeys(agent.database.floors, 0)
-        with Recorder(folder / "a.mcap", tower()) as recorder:
-            for step in range(40):
-                driver.command(0.4, 0.1, 0.2, 1.0)
-                if step == 10:
-                    recorder.write_posture(POSTURE, 1.7e9 + step * 0.05)
-                    recorder.write_scan(SCAN, 1.7e9 + step * 0.05)
-                if step == 20:
-                    other.deregister()
-                for floor in versions:
-                    update = agent.database.changes(floor, versions[floor])
-                    versions[floor] = update.version
-                    recorder.write(update, 1.7e9 + step * 0.05)
-                for _ in range(round(0.05 / STEP_S)):
-                    agent.step()
-    return Recording(folder / "a.mcap")
+    def report(recorder: Recorder, agent: ManagementAgent, at_s: float) -> None:
+        recorder.write_posture(POSTURE, at_s)
+        recorder.write_scan(SCAN, at_s)
+
+    return recorded_drive(tmp_path_factory.mktemp("recording"), "2-B", (0.4, 0.1, 0.2), {10: report})
 
 
 def read(folder: Path) -> Messages:

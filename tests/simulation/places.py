@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,8 +19,12 @@ from robocorba.maps.model import (
     MapObject,
     Wall,
 )
+from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.simulation.physics import STEP_S
+from robocorba.simulation.recording import Recorder, Recording
 from robocorba.simulation.registry import Description
 from robocorba.simulation.robot_scans import RobotScan
+from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.floor_state import Pose
 
 
@@ -52,3 +58,33 @@ def scan(robot: str = "A", time: float = 1.0, floor: str = "L1", ahead: float = 
         "hits": np.zeros(5, bool),
     }
     return RobotScan(robot, time, Pose(floor, 1.0, 2.0, 0.0), (ahead, 0.0, 0.0), **{**known, **others})
+
+
+#: What happens at a moment of a recording: gets its recorder, the agent of its simulation, and the POSIX time [s].
+Happening = Callable[[Recorder, ManagementAgent, float], None]
+
+
+def recorded_drive(
+    folder: Path, other: str, velocity: tuple[float, float, float], happenings: Mapping[int, Happening]
+) -> Recording:
+    """Robot A drives at a velocity for two seconds, another robot leaves after one, C stands on L2. happenings: by
+    the twentieth of a second in which they happen."""
+    with SimulationStore(folder / "simulation.sqlite") as store, Recorder(folder / "a.mcap", tower()) as recorder:
+        agent = ManagementAgent(tower(), 7, store)
+        driver, leaver = agent.register(robot("A", x=1.0)), agent.register(robot(other, x=5.0, y=3.0))
+        agent.register(robot("C", "L2"))
+        versions = dict.fromkeys(agent.database.floors, 0)
+        for step in range(40):
+            at_s = 1.7e9 + step * 0.05
+            driver.command(*velocity, 1.0)
+            if step in happenings:
+                happenings[step](recorder, agent, at_s)
+            if step == 20:
+                leaver.deregister()
+            for floor in versions:
+                update = agent.database.changes(floor, versions[floor])
+                versions[floor] = update.version
+                recorder.write(update, at_s)
+            for _ in range(round(0.05 / STEP_S)):
+                agent.step()
+    return Recording(folder / "a.mcap")

@@ -17,10 +17,13 @@ import pytest
 from robocorba.claimed_ports import claimed_ports
 from robocorba.control.agent import AgentCondition
 from robocorba.control.runner import ProgramResult
+from robocorba.corba.conversion import maps
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.maps.model import Wall
 from robocorba.programs import program
 from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.stubs import RoboCorba
 from robocorba.testing.json_process import Process
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually
 from robocorba.testing.ros2_environment import python_path, ros2_python
@@ -163,9 +166,9 @@ def test_two_robots_are_seen(ros: Ros) -> None:
         assert (odometry["header"]["frame_id"], odometry["child_frame_id"]) == (f"{name}/odom", f"{name}/base_link")
         scan = ros.wait(f"/{name}/scan")
         assert len(scan["ranges"]) == 181
-        ahead = scan["ranges"][90]
-        # On L1 the wall at 10 m has a door at this height of the floor: the laser looks through at nothing within 8 m.
-        assert ahead == ("inf" if name == "B" or ahead == "inf" else pytest.approx(5.0, abs=0.01))
+        # On L1 there are the outline to the right, and the table to the left; L2 is empty and unbounded.
+        right, left = scan["ranges"][0], scan["ranges"][180]
+        assert (right, left) == (pytest.approx((4.0, 3.5), abs=0.01) if name == "A" else ("inf", "inf"))
         assert seconds(scan["header"]["stamp"]) > 0.0
         assert len(ros.wait(f"/{name}/joint_states")["name"]) == 18
         eventually(lambda name=name: ros.last(f"/{name}/robot_description"), PATIENCE_S, "description")
@@ -177,6 +180,19 @@ def test_two_robots_are_seen(ros: Ros) -> None:
     assert {-1, 0, 100} >= set(ros.last("/map")["data"]) >= {0, 100}
     assert ros.last("/floors/L2/map")["info"]["origin"]["position"]["z"] == 4.0
     eventually(lambda: (status(ros, "A") or {}).get("message") == "idle", PATIENCE_S, "diagnostics")
+
+
+def test_the_map_follows_edits(ros: Ros, system_orb: Orb) -> None:
+    def occupied() -> int:
+        return int(ros.last("/map")["data"].count(100))
+
+    eventually(lambda: ros.last("/map"), PATIENCE_S, "map")
+    before = occupied()
+    editor = system_orb.resolve("MapEditor", RoboCorba.MapEditor, PATIENCE_S)
+    version = editor.create("L1", maps.element(Wall("new", (1.0, 1.0), (3.0, 1.0))))
+    eventually(lambda: occupied() > before + 30, PATIENCE_S, "a map with the wall")
+    editor.remove(RoboCorba.ElementId(RoboCorba.WALL_ELEMENT, "L1", "new"), version)
+    eventually(lambda: occupied() == before, PATIENCE_S, "a map without it")
 
 
 @pytest.mark.skipif(not HAS_TF2, reason="tf2_msgs is not installed")
@@ -299,3 +315,26 @@ def test_a_node_regains_a_bridge_that_was_killed(
     out, err = last.communicate(timeout=PATIENCE_S)
     assert (last.returncode, out) == (0, "")
     assert "Traceback" not in err
+
+
+def test_it_does_as_its_options_say(
+    start: Callable[..., Any], agents: Mapping[str, RemoteAgent], domain: int, tmp_path: Path
+) -> None:
+    process = start("--robots", "A", "--stamped", "--namespaced-tf", "--floor", "L2", "--resolution", "0.1")
+    ros = Ros(tmp_path, domain)  # another node: in each process a topic has one type
+    ros.subscribe(topic="/map", type="nav_msgs/msg/OccupancyGrid", latched=True)
+    info = eventually(lambda: ros.last("/map"), PATIENCE_S, "map")["info"]
+    assert (info["origin"]["position"]["z"], info["resolution"]) == (4.0, pytest.approx(0.1))
+    if HAS_TF2:
+        ros.subscribe(topic="/A/tf", type="tf2_msgs/msg/TFMessage")
+        frames = [(each["header"]["frame_id"], each["child_frame_id"]) for each in ros.wait("/A/tf")["transforms"]]
+        assert frames[:2] == [("map", "odom"), ("odom", "base_link")]
+
+    def turns() -> bool:
+        twist = {"twist.angular.z": 0.2}
+        ros.publish(topic="/A/cmd_vel", type="geometry_msgs/msg/TwistStamped", message=twist)
+        return agents["A"].state().actor.velocity[2] == pytest.approx(0.2, abs=0.01)
+
+    eventually(turns, PATIENCE_S, "turn")
+    ros.close()
+    process.terminate()
