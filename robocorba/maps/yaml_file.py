@@ -21,6 +21,10 @@ from robocorba.errors.maps import MapFileError
 #: A longer scalar is text [characters]: Python needs minutes to parse a number of a million digits.
 MAX_NUMBER_LENGTH = 100
 
+#: The message of libyaml 0.2.6 and later (PyYAML 6.0.4) beyond 1,000 levels. Its scanner reads ahead, so this error
+#: comes before the event at which our own, smaller limit is checked.
+_NESTED_TOO_DEEP = "exceeded maximum nesting depth"
+
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _NULL, _BOOL, _INT, _FLOAT, _STR = (f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str"))
 T = TypeVar("T")
@@ -91,6 +95,8 @@ def parse_yaml(raw: bytes, name: str, limits: YamlLimits = DEFAULT_LIMITS) -> Ya
         return YamlFile(name, _Reader(text, name, limits).document(), text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
+        if error.problem == _NESTED_TOO_DEEP:
+            raise MapFileError(name, mark.line + 1 if mark else 0, "", _too_deep(limits)) from None
         if "quoted scalar" in str(error.context):
             mark = error.context_mark  # of the opening quote; the parser detects a missing one at the end of the file
         raise MapFileError(name, mark.line + 1 if mark else 0, "", error.problem or "not YAML") from None
@@ -129,7 +135,7 @@ class _Reader:
         if isinstance(event, yaml.AliasEvent):
             raise self._error(event, "aliases are not accepted")
         if len(self._path) >= self._limits.depth:
-            raise self._error(event, f"nested deeper than {self._limits.depth}")
+            raise self._error(event, _too_deep(self._limits))
         return self._sequence() if isinstance(event, yaml.SequenceStartEvent) else self._mapping()
 
     def _sequence(self) -> list[Any]:
@@ -183,6 +189,10 @@ _CONSTRUCTORS: dict[str, Callable[[yaml.ScalarNode], Any]] = {
     _FLOAT: _scalars.construct_yaml_float,
     _BOOL: _scalars.construct_yaml_bool,
 }
+
+
+def _too_deep(limits: YamlLimits) -> str:
+    return f"nested deeper than {limits.depth}"
 
 
 def _line(event: yaml.Event) -> int:
