@@ -43,9 +43,9 @@ LIMIT_S = 400.0
 NEAR_M = 0.01
 #: Least shares of the missions that are done with a kill of a robot and of a server.
 DONE = {"robots": 0.95, "servers": 0.96, "nothing": 1.0}
-#: Time for which robots may drive after the kill of their leader [s]: its last order is 0.1 s old, they wait 0.3 s and
-#: brake within 0.4 s, and the witness looks every 0.04 s.
-DROVE_ON_S = 1.0
+#: Time for which robots may drive after the kill of their leader [s]: carriers stand 0.4 s after its last order, and
+#: the witness looks every 0.04 s.
+DROVE_ON_S = 0.5
 
 
 class Outcome(NamedTuple):

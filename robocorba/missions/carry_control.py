@@ -22,8 +22,9 @@ GOAL_M, GOAL_RAD = 0.01, math.radians(1.0)
 MAX_ERROR_M = 0.25
 #: Control cycles recorded.
 MAX_TICKS = 20_000
-#: The body stops after this time without orders from the leader [s].
-LEADER_TIMEOUT_S = 0.3
+#: Without orders from the leader the body slows down from this time on [s] and stands after the other one [s]: orders
+#: are due every 0.1 s, so it stands 0.3 s after the first missing one. From 0.25 m/s that takes the base's 1 m/s^2.
+SLOWS_DOWN_AFTER_S, STANDS_AFTER_S = 0.15, 0.4
 
 
 class CarryProgress:
@@ -54,7 +55,7 @@ class CarryProgress:
         """Take over an order that the leader sent at `sent`."""
         with self._lock:
             if since > self._next[0]:
-                stood_at = self._last_sent + LEADER_TIMEOUT_S
+                stood_at = self._last_sent + STANDS_AFTER_S
                 if sent > stood_at:  # orders were lost, one of them perhaps to stop
                     self._now = (stood_at, self._at(stood_at)[0], 0.0)
                 else:
@@ -63,14 +64,25 @@ class CarryProgress:
             self._last_sent = max(self._last_sent, sent)
 
     def at(self, now: float) -> tuple[float, float]:
-        """Trajectory time at `now` [s], and its rate; the rate is 0 after LEADER_TIMEOUT_S without orders."""
+        """Trajectory time at `now` [s], and its rate, which falls to 0 without orders."""
         with self._lock:
             return self._at(now)
 
     def _at(self, now: float) -> tuple[float, float]:
         since, trajectory_s, rate = self._next if now >= self._next[0] else self._now
-        until = min(now, self._last_sent + LEADER_TIMEOUT_S)
-        return trajectory_s + rate * max(0.0, until - since), rate if now <= until else 0.0
+        moved_until_s, share = _coasting(now - self._last_sent)
+        moved_since_s, _ = _coasting(since - self._last_sent)
+        return trajectory_s + rate * max(0.0, moved_until_s - moved_since_s), rate * share
+
+
+def _coasting(silent_s: float) -> tuple[float, float]:
+    """How far the trajectory time advances at full rate within `silent_s` of the last order [s], and the share of the
+    rate that is left then."""
+    if silent_s <= SLOWS_DOWN_AFTER_S:
+        return silent_s, 1.0
+    duration_s = STANDS_AFTER_S - SLOWS_DOWN_AFTER_S
+    left = max(0.0, (STANDS_AFTER_S - silent_s) / duration_s)
+    return SLOWS_DOWN_AFTER_S + duration_s * (1.0 - left * left) / 2.0, left
 
 
 class CarryMotion:

@@ -15,7 +15,7 @@ from robocorba.control.robot import Robot
 from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
-from robocorba.missions.carry_control import LEADER_TIMEOUT_S, CarryProgress
+from robocorba.missions.carry_control import CarryProgress
 from robocorba.missions.clock import OWN_CLOCK, LeaderClock
 from robocorba.missions.execution import ObjectLocator, StepExecutor
 from robocorba.missions.messages import Assignment, MemberMeasurements, MemberState, Order
@@ -33,8 +33,9 @@ _MAX_TICKS_REPORTED = 2000
 class MemberPolicy:
     """Intervals and timeouts of a member."""
 
-    #: The member stops after this time without orders from its leader [s], and drives on with the next order.
-    pause_timeout_s: float = LEADER_TIMEOUT_S
+    #: The member brakes after this time without orders from its leader [s], twice the interval between them, and drives
+    #: on with the next order. Carries have a limit of their own.
+    pause_timeout_s: float = 0.2
     #: The member ends the mission after this time without orders [s].
     leader_timeout_s: float = 4.0
     #: One that holds an object waits longer for orders [s], for example of another leader, which is looked for once the

@@ -236,14 +236,24 @@ class MissionSystem:
         return StoredPlan.decode(plans[-1].content) if plans else None
 
     def at_phase(self, leader: str, phase: str, user: subprocess.Popen[str]) -> None:
-        """Wait for a phase; fails if the mission ends before."""
+        """Wait until a phase has begun, which may be over by then; fails if the mission ends before."""
 
         def is_there() -> bool:
             assert user.poll() is None, f"it ended before {phase}: {user.communicate()}"
             kept = self.kept(leader)
-            return kept is not None and kept.phase == phase
+            return (kept is not None and kept.phase == phase) or phase in self._begun(leader)
 
         eventually(is_there, MISSION_LIMIT_S, phase)
+
+    def _begun(self, leader: str) -> set[str]:
+        """The phases that have begun of the running mission that a robot leads, by its record."""
+        contents = (state.content for state in self.missions_since(0))
+        return {
+            phase.name
+            for content in contents
+            if content.leader == leader and content.is_running
+            for phase in content.phases
+        }
 
     def carrying(self, leader: str, table: str, user: subprocess.Popen[str], moved_m: float = 0.1) -> None:
         """Wait until the table has moved by `moved_m` in the phase `carrying`."""

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from robocorba.missions.carry_control import LEADER_TIMEOUT_S, CarryProgress
+from robocorba.missions.carry_control import SLOWS_DOWN_AFTER_S, STANDS_AFTER_S, CarryProgress
+from robocorba.missions.trajectory import SPEED_M_S
+from robocorba.spatial.pose import Limits
+
+#: Trajectory time for which a body moves on at the full rate after the last order [s].
+COASTS_S = (SLOWS_DOWN_AFTER_S + STANDS_AFTER_S) / 2
 
 
 @pytest.fixture
@@ -21,28 +27,45 @@ def test_it_goes_on_while_orders_come(progress: CarryProgress) -> None:
 
 
 def test_it_stands_without_orders(progress: CarryProgress) -> None:
-    assert progress.at(110.0) == (pytest.approx(5.0 + 0.5 * LEADER_TIMEOUT_S), 0.0)
+    assert progress.at(102.0 + STANDS_AFTER_S) == (pytest.approx(5.0 + 0.5 * COASTS_S), 0.0)
+    assert progress.at(110.0) == (pytest.approx(5.0 + 0.5 * COASTS_S), 0.0)
+
+
+def test_it_slows_down_evenly_without_orders(progress: CarryProgress) -> None:
+    """As fast as a base can from the speed of carries, and without a jump of place or rate."""
+    times = np.linspace(102.0, 103.0, 1001)
+    places, rates = np.array([progress.at(time) for time in times]).T
+    slowing = (times > 102.0 + SLOWS_DOWN_AFTER_S) & (times < 102.0 + STANDS_AFTER_S)
+    assert np.all(np.diff(rates) <= 1e-9)
+    assert SPEED_M_S * np.max(-np.diff(rates) / np.diff(times)) <= 0.5 * Limits().acceleration + 1e-6
+    assert np.allclose(np.diff(places) / np.diff(times), (rates[1:] + rates[:-1]) / 2, atol=1e-3)
+    assert 0.0 < rates[slowing].min() < rates[slowing].max() < 0.5
+
+
+def test_a_late_order_leads_back_to_the_rhythm(progress: CarryProgress) -> None:
+    progress.follow(since=100.0, trajectory_s=4.0, rate=0.5, sent=102.25)
+    assert progress.at(102.3) == (pytest.approx(5.15), 0.5)
 
 
 def test_it_changes_its_rate_in_time(progress: CarryProgress) -> None:
-    progress.follow(since=102.5, trajectory_s=5.25, rate=1.0, sent=102.2)
-    assert progress.at(102.4) == (pytest.approx(5.2), 0.5)
-    assert progress.at(102.5) == (5.25, 1.0)
+    progress.follow(since=102.3, trajectory_s=5.15, rate=1.0, sent=102.2)
+    assert progress.at(102.25) == (pytest.approx(5.125), 0.5)
+    assert progress.at(102.3) == (5.15, 1.0)
 
 
 def test_it_stands_until_the_first_change_after_lost_orders(progress: CarryProgress) -> None:
     """The order to stop was lost, and the next one to go on is for a moment that has not come yet."""
-    progress.follow(since=110.2, trajectory_s=5.3, rate=1.0, sent=110.0)
-    stood_s = 5.0 + 0.5 * LEADER_TIMEOUT_S
-    assert progress.at(110.1) == (pytest.approx(stood_s), 0.0)
-    assert progress.at(110.3) == (pytest.approx(5.4), 1.0)
+    progress.follow(since=110.1, trajectory_s=5.3, rate=1.0, sent=110.0)
+    stood_s = 5.0 + 0.5 * COASTS_S
+    assert progress.at(110.05) == (pytest.approx(stood_s), 0.0)
+    assert progress.at(110.15) == (pytest.approx(5.35), pytest.approx(1.0))
 
 
 def test_it_stands_until_the_orders_of_another_leader(progress: CarryProgress) -> None:
     """Whose clock is far behind."""
     progress.hold(progress.at(110.0)[0])
-    stood_s = 5.0 + 0.5 * LEADER_TIMEOUT_S
+    stood_s = 5.0 + 0.5 * COASTS_S
     assert progress.at(20.0) == (pytest.approx(stood_s), 0.0)
-    progress.follow(since=21.0, trajectory_s=stood_s, rate=1.0, sent=20.8)
-    assert progress.at(20.9) == (pytest.approx(stood_s), 0.0)
-    assert progress.at(21.1) == (pytest.approx(stood_s + 0.1), 1.0)
+    progress.follow(since=21.0, trajectory_s=stood_s, rate=1.0, sent=20.9)
+    assert progress.at(20.95) == (pytest.approx(stood_s), 0.0)
+    assert progress.at(21.05) == (pytest.approx(stood_s + 0.05), pytest.approx(1.0))
