@@ -406,29 +406,57 @@ class SmartPalSettings:
     """Settings of the stand-in for the actual SmartPal: those of every server. `naming` is the robot's own naming
     service, not that of `robocorba up`.
 
-    seed: of its encoders' noise. start: the pose that its odometry reports first, x, y [m] and heading [rad]."""
+    seed: of its encoders' noise. start: the pose that its odometry reports first, x, y [m] and heading [rad].
+    restores_servo, unlocks_by_power, limit_slack: see UnitPolicy."""
 
     server: ServerSettings
     seed: int
     start: tuple[float, float, float]
+    restores_servo: bool
+    unlocks_by_power: bool
+    limit_slack: float
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SmartPalSettings:
-        """From the arguments of ServerSettings and `[--seed N] [--x M] [--y M] [--heading RAD]`. Raises as
-        ServerSettings.read does."""
+        """From the arguments of ServerSettings and `[--seed N] [--x M] [--y M] [--heading RAD] [--servo-after-fault
+        on|off] [--unlock power|unlock] [--limit-slack SHARE]`. Raises as ServerSettings.read does."""
         parser = ServerSettings.parser(description)
         parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the encoders' noise")
         for coordinate in ("x", "y", "heading"):
             parser.add_argument(
                 f"--{coordinate}", type=float, default=0.0, metavar="N", help="initial odometry [m, rad]"
             )
+        parser.add_argument(
+            "--servo-after-fault",
+            choices=("on", "off"),
+            default="on",
+            help="servo once the alarms of a fault are cleared",
+        )
+        parser.add_argument(
+            "--unlock",
+            choices=("power", "unlock"),
+            default="power",
+            help="what unlocks the base: also power off and on",
+        )
+        parser.add_argument(
+            "--limit-slack", type=float, default=1e-7, metavar="SHARE", help="by which speeds may exceed their limits"
+        )
         given = parser.parse_args(arguments)
         if given.seed < 0:
             raise InvalidSetting("--seed", str(given.seed), "less than 0")
         for coordinate in ("x", "y", "heading"):
             if not math.isfinite(getattr(given, coordinate)):
                 raise InvalidSetting(f"--{coordinate}", str(getattr(given, coordinate)), "not a finite number")
-        return cls(ServerSettings.from_arguments(given), given.seed, (given.x, given.y, given.heading))
+        if not 0.0 <= given.limit_slack <= 0.1:
+            raise InvalidSetting("--limit-slack", str(given.limit_slack), "not 0 to 0.1")
+        return cls(
+            ServerSettings.from_arguments(given),
+            given.seed,
+            (given.x, given.y, given.heading),
+            restores_servo=given.servo_after_fault == "on",
+            unlocks_by_power=given.unlock == "power",
+            limit_slack=given.limit_slack,
+        )
 
 
 def _folder(path: Path, setting: str) -> Path:

@@ -19,6 +19,7 @@ from robocorba.kinematics.smartpal import Side
 from robocorba.private_files import claim_state
 from robocorba.settings import SmartPalSettings
 from robocorba.smartpal_stand_in.robot import RealTime, SmartPal
+from robocorba.smartpal_stand_in.unit import UnitPolicy
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -26,7 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     claim_state(settings.server.state)
     logs.setup("smartpal", settings.server.state / "logs")
     raise_process_priority()
-    robot = SmartPal(settings.seed, settings.start)
+    policy = UnitPolicy(settings.restores_servo, settings.unlocks_by_power, settings.limit_slack)
+    robot = SmartPal(settings.seed, settings.start, policy)
     robot.warm_up()
     use_realtime_scheduling()  # inherited by threads started later; a robot's own computers do nothing else
     faults = robot.faults

@@ -99,18 +99,27 @@ class Mobility(Unit):
             return ReturnCode.OK
 
     def set_velocity(self, translation: float, rotation: float) -> ReturnCode:
-        if not (0.0 < translation <= MAX_MM_S and 0.0 < rotation <= MAX_DEG_S):
+        limits = self._within_limits(translation, rotation)
+        if limits is None:
             return ReturnCode.OUT_OF_RANGE
         with self._lock:
-            self._speed, self._turn = translation / 1000.0, math.radians(rotation)
+            self._speed, self._turn = limits
             return ReturnCode.OK
 
     def set_acceleration(self, translation: float, rotation: float) -> ReturnCode:
-        if not (0.0 < translation <= MAX_MM_S and 0.0 < rotation <= MAX_DEG_S):
+        limits = self._within_limits(translation, rotation)
+        if limits is None:
             return ReturnCode.OUT_OF_RANGE
         with self._lock:
-            self._acceleration, self._turn_acceleration = translation / 1000.0, math.radians(rotation)
+            self._acceleration, self._turn_acceleration = limits
             return ReturnCode.OK
+
+    def _within_limits(self, translation: float, rotation: float) -> tuple[float, float] | None:
+        """A speed or acceleration [mm, degrees] in m and rad; None if it exceeds the limits by more than the slack."""
+        tolerance = 1.0 + self.policy.limit_slack
+        if not (0.0 < translation <= MAX_MM_S * tolerance and 0.0 < rotation <= MAX_DEG_S * tolerance):
+            return None
+        return min(translation, MAX_MM_S) / 1000.0, math.radians(min(rotation, MAX_DEG_S))
 
     def set_jog_timeout(self, timeout_ms: int) -> ReturnCode:
         if not MIN_JOG_TIMEOUT_MS <= timeout_ms <= MAX_JOG_TIMEOUT_MS:
@@ -132,7 +141,7 @@ class Mobility(Unit):
         """Drive at a velocity in the robot's frame [mm/s, degrees/s] until the jog timeout."""
         if not all(map(math.isfinite, (ahead, left, turn))):
             return ReturnCode.OUT_OF_RANGE
-        tolerance = 1 + 1e-9
+        tolerance = 1.0 + self.policy.limit_slack
         if math.hypot(ahead, left) > MAX_MM_S * tolerance or abs(turn) > MAX_DEG_S * tolerance:
             return ReturnCode.TOO_FAST
         with self._lock:

@@ -16,7 +16,7 @@ from robocorba.smartpal_stand_in.faults import Faults
 from robocorba.smartpal_stand_in.gripper import StandInGripper
 from robocorba.smartpal_stand_in.lumbar import StandInLumbar
 from robocorba.smartpal_stand_in.mobility import Mobility
-from robocorba.smartpal_stand_in.unit import Unit
+from robocorba.smartpal_stand_in.unit import Unit, UnitPolicy
 from robocorba.spatial.frames import Frame
 
 #: Interval at which the dynamics thread wakes [s].
@@ -32,7 +32,12 @@ class SmartPal:
     """All units and their dynamics. seed: of the encoders' noise. start: the pose that the odometry reports at power-up
     [m, rad]."""
 
-    def __init__(self, seed: int = 0, start: Frame = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self,
+        seed: int = 0,
+        start: Frame = (0.0, 0.0, 0.0),
+        policy: UnitPolicy = UnitPolicy(),  # noqa: B008
+    ) -> None:
         self.dynamics = Dynamics(seed)
         self.mobility = Mobility(self.dynamics, start)
         self.arms = {side: Arm(side, self.dynamics) for side in Side}
@@ -40,6 +45,8 @@ class SmartPal:
         self.lumbar = StandInLumbar(self.dynamics)
         units: list[Unit] = [self.mobility, self.lumbar, *self.arms.values(), *self.grippers.values()]
         self.units = {unit.name: unit for unit in units}
+        for unit in units:
+            unit.policy = policy
         self.faults = Faults(self.units)
         self._steps = 0
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 
 from robocorba.smartpal_stand_in.codes import EMERGENCY_SWITCH, FOLLOWING_ERROR, Alarm, AlarmType, AxesState, ReturnCode
 from robocorba.smartpal_stand_in.dynamics import Dynamics, DynamicsState
@@ -19,6 +20,19 @@ MAX_ALARMS = 16
 VERSION = "RoboCorba's stand-in for SmartPal V"
 
 
+@dataclass(frozen=True)
+class UnitPolicy:
+    """What is not documented publicly: how a unit recovers, and how exact its limits are. The defaults let the robot's
+    only public client recover, which clears alarms and switches power and servos, but never unlocks the base."""
+
+    #: Clearing the alarms of a fault switches the servo on again that the fault has switched off.
+    restores_servo: bool = True
+    #: Switching its power off and on unlocks the base after the emergency switch, as `unlock` does.
+    unlocks_by_power: bool = True
+    #: A value above a limit by this share counts as the limit: clients compute degrees from radians.
+    limit_slack: float = 1e-7
+
+
 class Unit(ABC):
     """One unit, bound under `name`. Each order returns OK, or why it did nothing."""
 
@@ -27,6 +41,7 @@ class Unit(ABC):
 
     def __init__(self, name: str, dynamics: Dynamics) -> None:
         self.name, self._dynamics = name, dynamics
+        self.policy = UnitPolicy()
         self._lock = threading.RLock()
         self._latest: DynamicsState = dynamics.state
         self._is_powered = self._is_locked = self._is_switch_pressed = self._is_paused = False
@@ -34,6 +49,8 @@ class Unit(ABC):
         #: Whether the unit has stopped and the dynamics has its last setpoints.
         self._is_idle = True
         self._servo_ready_at: float | None = None
+        #: Whether a fault has switched the servo off.
+        self._was_servo_on = False
         self._alarms: dict[int, Alarm] = {}
         self._persistent_alarm: Alarm | None = None
 
@@ -136,7 +153,9 @@ class Unit(ABC):
     def power_off(self) -> ReturnCode:
         with self._lock:
             self.servo_off()
-            self._is_powered = False
+            self._is_powered = self._was_servo_on = False
+            if self.policy.unlocks_by_power and not self._is_switch_pressed:
+                self._is_locked = False
             return ReturnCode.OK
 
     def servo_on(self) -> ReturnCode:
@@ -180,7 +199,11 @@ class Unit(ABC):
         with self._lock:
             if self._persistent_alarm or self._is_switch_pressed:
                 return ReturnCode.FAILED
+            is_to_restore = self._was_servo_on and EMERGENCY_SWITCH not in self._alarms
             self._alarms.clear()
+            self._was_servo_on = False
+            if is_to_restore and self.policy.restores_servo:
+                self.servo_on()
             return ReturnCode.OK
 
     def active_alarms(self, max_count: int) -> list[Alarm]:
@@ -200,6 +223,7 @@ class Unit(ABC):
             if alarm.code in self._alarms or len(self._alarms) < MAX_ALARMS:
                 self._alarms[alarm.code] = alarm
             if alarm.type is not AlarmType.WARNING:
+                self._was_servo_on |= self._servo_ready_at is not None
                 self.servo_off()
 
     def set_persistent_alarm(self, alarm: Alarm | None) -> None:

@@ -7,7 +7,7 @@ import math
 from robocorba.smartpal_stand_in.codes import ReturnCode
 from robocorba.smartpal_stand_in.dynamics import STEP_S
 from robocorba.smartpal_stand_in.robot import SmartPal
-from robocorba.smartpal_stand_in.unit import SERVO_ON_S
+from robocorba.smartpal_stand_in.unit import SERVO_ON_S, UnitPolicy
 
 
 def run(robot: SmartPal, seconds: float) -> None:
@@ -25,9 +25,9 @@ def until_stopped(robot: SmartPal, limit_s: float = 30.0) -> float:
     return passed
 
 
-def ready(seed: int = 1, is_fast: bool = True) -> SmartPal:
+def ready(seed: int = 1, is_fast: bool = True, policy: UnitPolicy = UnitPolicy()) -> SmartPal:  # noqa: B008
     """With power and servos on; its base's limits at their maximum (`is_fast`) or as at power-up."""
-    robot = SmartPal(seed)
+    robot = SmartPal(seed, policy=policy)
     for unit in (robot.mobility, robot.lumbar, *robot.arms.values()):
         assert unit.power_on() is ReturnCode.OK
     for unit in robot.units.values():

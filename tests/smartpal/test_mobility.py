@@ -11,6 +11,7 @@ import pytest
 from robocorba.smartpal_stand_in.codes import Alarm, AlarmType, MobilityState, ReturnCode
 from robocorba.smartpal_stand_in.mobility import Mobility
 from robocorba.smartpal_stand_in.robot import SmartPal
+from robocorba.smartpal_stand_in.unit import UnitPolicy
 from tests.smartpal.robots import ready, run, speed, until_stopped
 
 OK, WRONG, RANGE, FAST, OFF = (
@@ -179,10 +180,54 @@ def test_an_alarm_stops_it_until_it_is_cleared() -> None:
     base.set_persistent_alarm(None)
     assert base.clear_alarms() is OK
     assert base.mobility_state is MobilityState.POWERED
-    assert base.servo_on() is OK
     run(robot, 0.4)
     assert base.mobility_state is MobilityState.READY
     assert not base.is_moving  # it has forgotten where it went
+
+
+def test_a_fault_may_leave_the_servo_off() -> None:
+    robot = ready(policy=UnitPolicy(restores_servo=False))
+    base = robot.mobility
+    base.alarm(Alarm(7, AlarmType.FAULT, "hot"))
+    assert base.clear_alarms() is OK
+    run(robot, 0.4)
+    assert base.mobility_state is MobilityState.POWERED
+    assert base.servo_on() is OK
+
+
+def test_a_fault_switches_no_servo_on_that_was_off() -> None:
+    robot = ready()
+    base = robot.mobility
+    assert base.servo_off() is OK
+    base.alarm(Alarm(7, AlarmType.FAULT, "hot"))
+    assert base.clear_alarms() is OK
+    run(robot, 0.4)
+    assert base.mobility_state is MobilityState.POWERED
+
+
+@pytest.mark.parametrize("unlocks", [True, False])
+def test_power_off_and_on_may_unlock_it(unlocks: bool) -> None:
+    """As a client does that clears alarms and switches power and servo, but knows no `unlock`."""
+    robot = ready(policy=UnitPolicy(unlocks_by_power=unlocks))
+    base = robot.mobility
+    robot.faults.emergency_switch(True)
+    assert (base.power_off(), base.power_on()) == (OK, WRONG)
+    robot.faults.emergency_switch(False)
+    assert base.clear_alarms() is OK
+    assert base.mobility_state is MobilityState.LOCKED
+    assert base.power_off() is OK
+    assert (base.power_on(), base.servo_on()) == ((OK, OK) if unlocks else (WRONG, WRONG))
+    run(robot, 0.4)
+    assert base.mobility_state is (MobilityState.READY if unlocks else MobilityState.LOCKED)
+
+
+@pytest.mark.parametrize(("slack", "answer"), [(1e-7, OK), (0.0, ReturnCode.OUT_OF_RANGE)])
+def test_limits_have_the_slack_of_rounding(slack: float, answer: ReturnCode) -> None:
+    """Of clients that compute degrees from radians."""
+    robot = ready(policy=UnitPolicy(limit_slack=slack))
+    assert robot.mobility.set_velocity(1000.00001, 100.0000001) is answer
+    assert robot.mobility.set_acceleration(1000.00001, 100.0000001) is answer
+    assert robot.mobility.set_velocity(1000.1, 100.0) is ReturnCode.OUT_OF_RANGE
 
 
 def test_a_warning_is_a_caution() -> None:

@@ -40,10 +40,18 @@ def test_settings(tmp_path: Path) -> None:
     given = [*COMMON, "--state", str(tmp_path), "--seed", "3", "--x=-1.5", "--y", "2", "--heading", "0.5"]
     settings = SmartPalSettings.read(given)
     assert (settings.seed, settings.start) == (3, (-1.5, 2.0, 0.5))
-    assert SmartPalSettings.read(COMMON).start == (0.0, 0.0, 0.0)
+    usual = SmartPalSettings.read(COMMON)
+    assert (usual.start, usual.restores_servo, usual.unlocks_by_power, usual.limit_slack) == (
+        (0, 0, 0),
+        True,
+        True,
+        1e-7,
+    )
+    strict = SmartPalSettings.read([*COMMON, "--servo-after-fault", "off", "--unlock", "unlock", "--limit-slack", "0"])
+    assert (strict.restores_servo, strict.unlocks_by_power, strict.limit_slack) == (False, False, 0.0)
 
 
-@pytest.mark.parametrize("error", [["--seed", "-1"], ["--x", "nan"], ["--heading", "inf"]])
+@pytest.mark.parametrize("error", [["--seed", "-1"], ["--limit-slack", "1"], ["--x", "nan"], ["--heading", "inf"]])
 def test_settings_that_can_t_be(error: list[str]) -> None:
     with pytest.raises(InvalidSetting, match=error[0]):
         SmartPalSettings.read([*COMMON, *error])
