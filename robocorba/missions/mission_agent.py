@@ -13,6 +13,7 @@ from robocorba.control.agent import ControlAgent
 from robocorba.errors.events import EventError
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
+from robocorba.kinematics.smartpal import JOINTS
 from robocorba.missions.execution import ObjectLocator
 from robocorba.missions.making_way import MakingWay
 from robocorba.missions.member import DEFAULT_POLICY, Member, MemberPolicy
@@ -148,7 +149,7 @@ class MissionAgent:
         return message.term >= highest
 
     def _answer_call(self, call: Call) -> None:
-        if self._transport.name in (call.leader, *call.received_offers):
+        if self._transport.name in (call.leader, *call.received_offers) or not self._has_arms:
             return
         busy = self._occupation()
         if not busy and not self._agent.is_free:
@@ -157,6 +158,14 @@ class MissionAgent:
         name, leader = self._transport.name, call.leader
         offer = Offer(mission=call.mission, robot=name, leader=leader, floor=floor, x=x, y=y, busy=busy)
         self._transport.publish(offer, RETRY_S)
+
+    @property
+    def _has_arms(self) -> bool:
+        """Whether it can do the steps of plans, which move its arms at least out of the way."""
+        try:
+            return len(self._agent.joints) == len(JOINTS)
+        except RobotError:
+            return False
 
     def _occupation(self) -> str:
         """What the robot does; empty if it has no task."""
@@ -193,6 +202,8 @@ class MissionAgent:
         """The reason of a refusal, empty if accepted."""
         if self._member is not None and not self._member.has_ended:
             return f"is in mission {self._member.mission}"
+        if not self._has_arms:
+            return "does not have the joints of a SmartPal"
         is_own = assignment.leader == self._transport.name
         try:
             member = self._agent.begin_part(lambda robot: Member(assignment, robot, self._locate, self._policy), is_own)

@@ -83,13 +83,14 @@ class ArmChecks:
 
     def after(self, path: str, icon: Icon, arms: KnownArms) -> KnownArms:
         """The arms after an icon that contains no others."""
-        if isinstance(icon, MoveTable | HandOver):
-            return arms.with_unknown(range(len(JOINTS)), self.home)
-        if not isinstance(icon, HandIcon):
+        if not isinstance(icon, HandIcon | MoveTable | HandOver):
             return arms
-        if self._reason:
+        takes_part = not (isinstance(icon, HandOver) and icon.giver)
+        if self._reason and takes_part:
             self._report.add_finding(path, "icon", self._reason)
             return arms
+        if isinstance(icon, MoveTable | HandOver):
+            return arms.with_unknown(range(len(JOINTS)), self.home)
         unknown = arms.with_unknown(joints_of(icon), self.home)
         if not self._kinematics:
             return unknown
