@@ -1,4 +1,4 @@
-"""Clients of every kind against running servers: our commands, a bare CORBA client, one in C++, the demo."""
+"""Clients of every kind against running servers: our commands, a bare CORBA client, those in C++, the demo."""
 
 from __future__ import annotations
 
@@ -15,11 +15,18 @@ import pytest
 from omniORB import CORBA
 from PIL import Image
 
+from robocorba.control.runner import ProgramResult
 from robocorba.corba.naming import corbaname
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.errors.robots import InvalidProgram
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.programs.icons import Destination
+from robocorba.programs.program import dumps
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import LoggedProcess, module_command
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, read_json
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually, read_json
+from robocorba.testing.simulation import about
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -124,29 +131,89 @@ def has_cpp() -> bool:
 OMNIIDL = shutil.which("omniidl", path="/usr/local/bin:/usr/bin:/bin")
 
 
-def test_a_client_in_cpp(system: Running, tmp_path: Path) -> None:
+#: A clean environment: Debian's omniidl must not find the Python modules of another one.
+CLEAN = {"PATH": "/usr/local/bin:/usr/bin:/bin"}
+
+
+@pytest.fixture(scope="module")
+def cpp(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the clients in C++."""
     if not has_cpp():
         pytest.skip("needs make, g++, libomniorb4-dev and omniidl with its back-end for C++")
-    # A clean environment: Debian's omniidl must not find the Python modules of another one.
-    clean = {"PATH": "/usr/local/bin:/usr/bin:/bin"}
-    made = subprocess.run(
-        ["make", "-C", str(ROOT / "clients" / "cpp"), f"OUT={tmp_path}", f"OMNIIDL={OMNIIDL}"],
-        capture_output=True,
-        text=True,
-        env=clean,
-        timeout=110,
-    )
+    folder = tmp_path_factory.mktemp("cpp")
+    make = ("make", "-j2", "-C", str(ROOT / "clients" / "cpp"), f"OUT={folder}", f"OMNIIDL={OMNIIDL}")
+    made = subprocess.run(make, capture_output=True, text=True, env=CLEAN, timeout=250)
     assert made.returncode == 0, made.stderr
-    client = (str(tmp_path / "get_path"), corbaname(system.naming, "RoboCorba/PathPlanner"))
+    return folder
 
-    found = subprocess.run([*client, *WEST, *EAST], capture_output=True, text=True, env=clean, timeout=30)
-    assert (found.returncode, found.stderr) == (0, "")
-    lines = found.stdout.splitlines()
+
+def run_cpp(program: Path, *arguments: str, timeout_s: float = 60.0) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr."""
+    ran = subprocess.run((str(program), *arguments), capture_output=True, text=True, env=CLEAN, timeout=timeout_s)
+    return ran.returncode, ran.stdout, ran.stderr
+
+
+def test_a_client_in_cpp(system: Running, cpp: Path) -> None:
+    client = (cpp / "get_path", corbaname(system.naming, "RoboCorba/PathPlanner"))
+    code, out, err = run_cpp(*client, *WEST, *EAST)
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
     assert lines[0].split() == ["0", "s", "L1:3,3"]
     assert lines[-1].split()[2] == "L1:15,3"
-    refused = subprocess.run([*client, *WEST, *WALLED], capture_output=True, text=True, env=clean, timeout=30)
-    assert (refused.returncode, refused.stdout) == (1, "")
-    assert refused.stderr == "goal is too near to wall w\n"
+    assert run_cpp(*client, *WEST, *WALLED) == (1, "", "goal is too near to wall w\n")
+
+
+def test_a_robot_in_cpp(system: Running, cpp: Path) -> None:
+    client = (cpp / "new_robot", corbaname(system.naming, "RoboCorba/SimulationServer"))
+    code, out, err = run_cpp(*client, *WEST)
+    assert (code, err) == (0, "")
+    assert out.startswith("something is near L1:")
+    assert run_cpp(*client, "L9", "1", "1") == (1, "", "there is no floor L9\n")
+    code, out, err = run_cpp(*client, *WALLED)
+    assert (code, out) == (1, "") and err.startswith("the place is taken by")
+
+
+def test_a_consumer_of_events_in_cpp(system: Running, system_orb: Orb, launch: Launcher, cpp: Path) -> None:
+    channel = corbaname(system.naming, "RoboCorba/EventChannels/main")
+    consumer = launch(str(cpp / "floor_events"), channel, "L1", "5")
+    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    robot = server.registerRobot(about("seen", 3.0, 3.0, floor="L1"))
+    try:
+
+        def has_ended() -> bool:
+            robot.command(RoboCorba.Velocity(0.2, 0.0, 0.0), 0.5)
+            return consumer.poll() is not None
+
+        eventually(has_ended, 60.0, "five lines of a moving robot")
+        out, err = consumer.communicate(timeout=10.0)
+        assert (consumer.returncode, err) == (0, "")
+        assert len(out.splitlines()) == 5
+        assert all(line.split()[2] == "seen" for line in out.splitlines())
+    finally:
+        robot.deregister()
+
+
+def test_an_adaptor_in_cpp(system: Running, system_orb: Orb, launch: Launcher, cpp: Path, tmp_path: Path) -> None:
+    """A robot without arms drives; what needs arms is refused."""
+    adaptor = launch(str(cpp / "disc_adaptor"), f"corbaloc::{system.naming}/NameService", "disc")
+    assert adaptor.stdout is not None and adaptor.stdout.readline() == "ready\n"
+    where = ("--floor", "L1", "--at", "3,3,0", "--naming", str(system.naming), "--state", str(tmp_path / "disc"))
+    robot = launch(ROBOCORBA, "robot", "disc", *where, "--adaptor", "corba", "--", "3", "3", "0")
+    assert robot.stdout is not None and robot.stdout.readline() == "ready\n"
+    drain(robot)
+    agent = RemoteAgent(system_orb, "disc")
+    for json in (
+        dumps(ProgramBuilder("waves").mhand_posture("both", "home").program()),
+        dumps(ProgramBuilder("carries").move_table("table", Destination("L1", 6.0, 3.0)).program()),
+    ):
+        with pytest.raises(InvalidProgram, match="this robot has 0 joints, not SmartPal's 18"):
+            agent.load(json)
+    agent.load(dumps(ProgramBuilder("drives").mbase_to(4.0, 3.0).program()))
+    agent.run()
+    eventually(lambda: agent.state().program.result is ProgramResult.DONE, 60.0, "the disc has arrived")
+    assert agent.state().at[1:3] == pytest.approx((4.0, 3.0), abs=0.02)
+    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    eventually(lambda: abs(next(c for c in server.clients() if c.name == "disc").at.x - 4.0) < 0.05)  # its body follows
 
 
 class Demo(NamedTuple):

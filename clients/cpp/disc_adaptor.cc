@@ -1,0 +1,129 @@
+// A robot adaptor in C++ with omniORB: a disc without arms that follows each command exactly.
+//
+//   disc_adaptor corbaloc::127.0.0.1:2809/NameService  A      binds it as RoboCorba/Adaptors/A
+//   robocorba robot A --floor L1 --at 3,4,0 --adaptor corba -- 3 4 0
+//
+// What follows -- in the second line are the arguments of `start`: where the robot is, in metres and radians of the
+// building's map. A robot that knows its place by itself reads it from its localisation instead.
+
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <iostream>
+#include <mutex>
+
+#include <omniORB4/Naming.hh>
+
+#include "robot.hh"
+
+namespace {
+
+double now() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+class Disc : public POA_RoboCorba::RobotAdaptor {
+ public:
+  CORBA::Boolean start(const RoboCorba::StringSeq& arguments) override {
+    std::lock_guard<std::mutex> guard(mutex_);
+    if (isStarted_) return false;
+    if (arguments.length() != 3) throw RoboCorba::AdaptorFailed("the arguments must be X Y HEADING");
+    x_ = std::atof(arguments[0]);
+    y_ = std::atof(arguments[1]);
+    heading_ = std::atof(arguments[2]);
+    velocity_ = RoboCorba::Velocity();
+    movedAt_ = until_ = now();
+    return isStarted_ = true;
+  }
+
+  CORBA::Boolean stop() override {
+    std::lock_guard<std::mutex> guard(mutex_);
+    const bool was = isStarted_;
+    isStarted_ = false;
+    return was;
+  }
+
+  CORBA::Boolean read(RoboCorba::ActorState_out state) override {
+    std::lock_guard<std::mutex> guard(mutex_);
+    state = new RoboCorba::ActorState();  // also if there is none: the caller owns it
+    if (!isStarted_) return false;
+    move();
+    state->time = movedAt_;
+    state->x = x_;
+    state->y = y_;
+    state->heading = heading_;
+    state->moving = velocity_;
+    return true;  // joints stay empty: it has no arms
+  }
+
+  CORBA::Boolean write(const RoboCorba::ActorCommand& wanted) override {
+    std::lock_guard<std::mutex> guard(mutex_);
+    if (!isStarted_) return false;
+    move();
+    velocity_ = wanted.wanted;
+    until_ = movedAt_ + wanted.validFor;
+    return true;
+  }
+
+ private:
+  // Up to the present, or to the end of the last command.
+  void move() {
+    const double at = now();
+    const double seconds = std::max(0.0, std::min(at, until_) - movedAt_);
+    const double c = std::cos(heading_), s = std::sin(heading_);
+    x_ += (c * velocity_.ahead - s * velocity_.left) * seconds;
+    y_ += (s * velocity_.ahead + c * velocity_.left) * seconds;
+    heading_ += velocity_.turn * seconds;
+    if (at >= until_) velocity_ = RoboCorba::Velocity();
+    movedAt_ = at;
+  }
+
+  std::mutex mutex_;
+  bool isStarted_ = false;
+  double x_ = 0.0, y_ = 0.0, heading_ = 0.0, movedAt_ = 0.0, until_ = 0.0;
+  RoboCorba::Velocity velocity_ = RoboCorba::Velocity();
+};
+
+void bind(CosNaming::NamingContext_ptr root, const char* robot, CORBA::Object_ptr adaptor) {
+  CosNaming::Name name;
+  for (const char* part : {"RoboCorba", "Adaptors"}) {
+    name.length(name.length() + 1);
+    name[name.length() - 1].id = CORBA::string_dup(part);
+    try {
+      CosNaming::NamingContext_var made = root->bind_new_context(name);
+    } catch (const CosNaming::NamingContext::AlreadyBound&) {
+      // it is there
+    }
+  }
+  name.length(3);
+  name[2].id = CORBA::string_dup(robot);
+  root->rebind(name, adaptor);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CORBA::ORB_var orb = CORBA::ORB_init(argc, argv);
+  if (argc != 3) {
+    std::cerr << "disc_adaptor URI_OF_THE_NAMING_SERVICE ROBOT" << std::endl;
+    return 2;
+  }
+  try {
+    CORBA::Object_var object = orb->resolve_initial_references("RootPOA");
+    PortableServer::POA_var poa = PortableServer::POA::_narrow(object);
+    PortableServer::POAManager_var manager = poa->the_POAManager();
+    manager->activate();
+    Disc disc;
+    PortableServer::ObjectId_var id = poa->activate_object(&disc);
+    RoboCorba::RobotAdaptor_var reference = disc._this();
+    object = orb->string_to_object(argv[1]);
+    CosNaming::NamingContext_var root = CosNaming::NamingContext::_narrow(object);
+    bind(root, argv[2], reference);
+    std::cout << "ready" << std::endl;
+    orb->run();
+  } catch (const CORBA::Exception& failure) {
+    std::cerr << "the call failed: " << failure._name() << std::endl;
+    return 1;
+  }
+  return 0;
+}
