@@ -50,9 +50,9 @@ def _rules(*rules: tuple[Roles, str]) -> dict[str, Roles]:
 
 #: For each interface of objects with a name, the roles that may call each operation.
 RULES: Mapping[str, Mapping[str, Roles]] = {
-    "PathPlanner": _rules((EVERYBODY, "_get_mapVersion getPath findPaths defaultRequest")),
+    "PathPlanner": _rules((EVERYBODY, "_get_release _get_mapVersion getPath findPaths defaultRequest")),
     "MapEditor": _rules(
-        (EVERYBODY, "_get_buildingName _get_currentVersion floors elements read changesSince editsSince"),
+        (EVERYBODY, "_get_release _get_buildingName _get_currentVersion floors elements read changesSince editsSince"),
         (EVERYBODY, "readElements readChanges"),
         (EVERYBODY, "check checkFloor exportMap getUnderlay"),
         (
@@ -61,32 +61,28 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         ),
     ),
     "OmniDatabase": _rules(
-        (
-            EVERYBODY,
-            "floors getFloor floorChanges lastScans scansSince postures reservations elevators missions mission",
-        ),
+        (EVERYBODY, "_get_release floors getFloor floorChanges typedFloorChanges lastScans scansSince postures"),
+        (EVERYBODY, "reservations elevators missions mission"),
         (ROBOTS, "putMission"),
         (OPERATORS, "removeMission"),
     ),
     "SimulationServer": _rules(
-        (EVERYBODY, "_get_state clients sensors renderFloor"),
+        (EVERYBODY, "_get_release _get_state clients sensors renderFloor"),
         (ROBOTS, "registerRobot"),
         (OPERATORS, "stopRobots"),
         (SERVERS, "registerSensor reportSensor reportScans"),
     ),
     "VirtualSensor": _rules(
-        (EVERYBODY, "_get_load scan scanMany laser proximity"),
+        (EVERYBODY, "_get_release _get_load scan scanMany laser proximity"),
         (SERVERS, "forRobot dismiss"),
     ),
     "MissionControl": _rules(
-        (EVERYBODY, "missionsSince mission leaders report"),
+        (EVERYBODY, "_get_release missionsSince mission leaders report"),
         (OPERATORS, "start abort"),
     ),
     "RobotAgent": _rules(
-        (
-            EVERYBODY,
-            "_get_name _get_state _get_program _get_channel _get_pool _get_path _get_mission iconsFrom adaptors",
-        ),
+        (EVERYBODY, "_get_release _get_name _get_state _get_program _get_channel _get_pool _get_path _get_mission"),
+        (EVERYBODY, "iconsFrom adaptors"),
         (OPERATORS, "checkProgram loadProgram run pause resume step abort stop resetStop drive"),
         (OPERATORS, "startMission abortMission switchAdaptor setSpeedCap"),
     ),
@@ -95,7 +91,7 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         (ROBOTS, "start stop write"),
     ),
     "EventChannel": _rules(
-        (EVERYBODY, "_get_name state subscribe for_consumers routeBack"),
+        (EVERYBODY, "_get_release _get_name state subscribe for_consumers routeBack"),
         (PUBLISHERS, "supply for_suppliers"),
         (OPERATORS, "unsubscribe"),
         # The address of a peer may contain the key of another guarded system.

@@ -111,6 +111,20 @@ class EventClient:
         run = RoboCorba.EventRun(self._header(type, priority, expiry_s), [now] * len(packed), packed)
         self._call(lambda: self._proxy_consumer().pushRuns([run]), retry_s)
 
+    def push_any(self, type: str, value: Any, *, expiry_s: float = 0.0, retry_s: float = RETRY_S) -> None:
+        """Publish an event that holds a CORBA.Any, for consumers in other languages. Raises the errors of `push`."""
+        header = self._header(type, 0, expiry_s)
+        header.encoding = RoboCorba.CDR_ANY
+        event = RoboCorba.Event(header, omniORB.cdrMarshal(CORBA.TC_any, value))
+        self._call(lambda: self._proxy_consumer().pushEvent(event), retry_s)
+
+    def is_wanted(self, type: str, source: str) -> bool:
+        """Whether somebody has subscribed to such events, on this channel or one of its peers. Raises NotReachable."""
+        try:
+            return bool(self._proxy_consumer().isWanted(type, source))
+        except CORBA.Exception as error:
+            raise _translated(error) from None
+
     def subscribe(
         self,
         receive: Callable[[Event], None],

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import msgspec
 
@@ -52,6 +52,13 @@ class StopState(NamedTuple):
     speed: float
     is_confirmed: bool
     waits_for: str
+
+
+class StopEvent(TypedDict):
+    """The payload of robot.stop. robots: names of those that are to stop; without any, all."""
+
+    robots: list[str]
+    reason: str
 
 
 class StopRecord(msgspec.Struct):

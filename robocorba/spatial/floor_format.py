@@ -36,7 +36,10 @@ class _Elevator(msgspec.Struct):
     queue: tuple[str, ...]
 
 
-class _Update(msgspec.Struct, rename="camel"):
+class FloorUpdateMap(msgspec.Struct, rename="camel"):
+    """The payload of floor.changed. since: 0 for the whole floor. time: simulated [s]. went: numbers of bodies.
+    motions: rows of MOTION, 40 bytes each."""
+
     floor_name: str
     since: int
     current: int
@@ -48,7 +51,7 @@ class _Update(msgspec.Struct, rename="camel"):
     elevators: list[_Elevator]
 
 
-_decoder = msgspec.msgpack.Decoder(_Update)
+_decoder = msgspec.msgpack.Decoder(FloorUpdateMap)
 
 
 def dumps(update: FloorUpdate) -> bytes:
@@ -84,7 +87,7 @@ def loads(data: bytes) -> FloorUpdate:
     )
 
 
-def _wire(update: FloorUpdate) -> _Update:
+def _wire(update: FloorUpdate) -> FloorUpdateMap:
     """An update in the structure of the IDL."""
     came = [
         _Body(body.number, body.kind, body.name, body.radius_m, [_XY(x, y) for x, y in body.outline], body.mass_kg)
@@ -96,4 +99,4 @@ def _wire(update: FloorUpdate) -> _Update:
     ]
     floor, since, version, time, map_version = update[:5]
     motions = update.motions.tobytes()
-    return _Update(floor, since, version, time, map_version, came, update.went, motions, elevators)
+    return FloorUpdateMap(floor, since, version, time, map_version, came, update.went, motions, elevators)

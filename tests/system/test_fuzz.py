@@ -39,7 +39,8 @@ def fuzzed(folder: Path) -> Iterator[FuzzedSystem]:
 def test_every_operation_answers_nonsense_with_an_exception_of_its_own(fuzzed: FuzzedSystem, folder: Path) -> None:
     targets = fuzzed.targets()
     called = {target.interface for target in targets}
-    assert set(interfaces()) - called == {*OF_CLIENTS, *OUT_OF_REACH}
+    bases = {RoboCorba.Server}  # all that servers have of it is called by their own interfaces
+    assert set(interfaces()) - called == {*OF_CLIENTS, *OUT_OF_REACH, *bases}
     faults = {}
     for target in targets:
         for operation in operations(target.interface):

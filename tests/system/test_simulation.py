@@ -18,6 +18,7 @@ from omniORB import CORBA
 from robocorba.corba.event_client import Event, EventClient
 from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.spatial import floor_format
+from robocorba.spatial.floor_update import MOTION
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import (
@@ -466,6 +467,37 @@ def test_what_changes_is_told_on_the_event_channel(place: Place) -> None:
     told = [event.payload for event in heard if event.type == "simulation.collision"]
     assert [(set(one["who"]), one["floor"], one["reason"]) for one in told] == [({"a", "b"}, "L1", "")]
     assert all(update.since == before.version for before, update in itertools.pairwise(floors(heard)))
+
+
+def test_changes_of_a_floor_are_published_as_structs_for_those_who_subscribe(place: Place) -> None:
+    """So that languages without msgpack can read them; they continue each other like the others."""
+    received: list[Event] = []
+    typed = ("typed.floor_changed", "L1")
+    with EventClient(place.orb, "main", source="asking") as supplier:
+        assert not supplier.is_wanted(*typed)
+        with EventClient(place.orb, "main") as client:
+            client.subscribe(received.append, typed)
+            assert supplier.is_wanted(*typed)
+            assert not supplier.is_wanted("typed.floor_changed", "L2")
+            a = place.log_on("a", *HALL)
+            number = next(body.number for body in place.database.getFloor("L1").came if body.name == "a")
+            a.command(AHEAD, 5.0)
+            eventually(lambda: a.state().at.x > HALL[0] + 0.3)
+            a.command(RoboCorba.Velocity(0.0, 0.0, 0.0), 5.0)
+
+            def has_last_motion() -> bool:
+                rows = [row for event in received for row in event.payload.motions if row.number == number]
+                last, at = rows[-1] if rows else None, a.state().at
+                return last is not None and (last.x, last.y, last.heading) == pytest.approx((at.x, at.y, at.heading))
+
+            eventually(has_last_motion, what="a struct with the last pose")
+        assert not supplier.is_wanted(*typed)
+    updates = [event.payload for event in received]
+    assert (updates[0].since, {event.source for event in received}) == (0, {"L1"})
+    assert all(update.since == before.current for before, update in itertools.pairwise(updates))
+    structs, rows = place.database.typedFloorChanges("L1", 0), place.database.getFloor("L1")
+    assert [body.name for body in structs.came] == [body.name for body in rows.came]
+    assert [row.number for row in structs.motions] == np.frombuffer(rows.motions, MOTION)["number"].tolist()
 
 
 def floors(heard: list[Event]) -> list[Any]:

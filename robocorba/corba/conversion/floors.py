@@ -22,27 +22,29 @@ _DOORS_OF = {struct: doors for doors, struct in _DOORS.items()}
 
 
 def update(value: FloorUpdate) -> Any:
-    return RoboCorba.FloorUpdate(
-        value.floor,
-        value.since,
-        value.version,
-        value.time,
-        value.map_version,
-        [
-            RoboCorba.Body(
-                body.number,
-                _KINDS[body.kind],
-                body.name,
-                body.radius_m,
-                [RoboCorba.XY(x, y) for x, y in body.outline],
-                body.mass_kg,
-            )
-            for body in value.came
-        ],
-        value.went,
-        value.motions.tobytes(),
-        elevators(value.elevators),
-    )
+    return RoboCorba.FloorUpdate(*_head(value), value.motions.tobytes(), elevators(value.elevators))
+
+
+def typed_update(value: FloorUpdate) -> Any:
+    """A TypedFloorUpdate: its rows are structs."""
+    motions = [RoboCorba.Motion(*row) for row in value.motions.tolist()]
+    return RoboCorba.TypedFloorUpdate(*_head(value), motions, elevators(value.elevators))
+
+
+def _head(value: FloorUpdate) -> tuple[Any, ...]:
+    """The members before the rows."""
+    came = [
+        RoboCorba.Body(
+            body.number,
+            _KINDS[body.kind],
+            body.name,
+            body.radius_m,
+            [RoboCorba.XY(x, y) for x, y in body.outline],
+            body.mass_kg,
+        )
+        for body in value.came
+    ]
+    return value.floor, value.since, value.version, value.time, value.map_version, came, value.went
 
 
 def update_of(struct: Any) -> FloorUpdate:

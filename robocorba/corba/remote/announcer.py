@@ -1,13 +1,20 @@
-"""Publishes the events floor.changed and simulation.* of the simulation server on its event channel."""
+"""Publishes the events floor.changed and simulation.* of the simulation server on its event channel.
+
+Changes of floors are also published as structs of the IDL, of type typed.floor_changed, while somebody subscribes to
+them: not every language reads msgpack."""
 
 from __future__ import annotations
 
 import contextlib
 import logging
+import time
 from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
+from omniORB import CORBA
+
+from robocorba.corba.conversion import floors
 from robocorba.corba.event_client import EventClient
 from robocorba.corba.orb import Orb
 from robocorba.errors.events import EventError
@@ -16,9 +23,11 @@ from robocorba.errors.services import NotReachable
 from robocorba.names import STOP_EVENT
 from robocorba.repeating import Repeating
 from robocorba.simulation.building import SimulationEvent
+from robocorba.simulation.emergency_stops import StopEvent
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.spatial.floor_format import as_map
-from robocorba.spatial.floor_update import FloorUpdate
+from robocorba.spatial.floor_update import WHOLE, FloorUpdate
+from robocorba.stubs import RoboCorba
 
 #: Interval at which changes of floors are published [s].
 PUBLISH_INTERVAL_S = 0.1
@@ -29,6 +38,10 @@ MAX_WAITING = 10_000
 #: Expiry of the published events [s]: older states of a floor are useless.
 EXPIRY_S = 2.0
 SOURCE = "simulation"
+#: Types of the events with changes of floors, as msgpack and as TypedFloorUpdate.
+CHANGED, TYPED_CHANGED = "floor.changed", "typed.floor_changed"
+#: Interval at which the channel is asked whether somebody wants typed changes [s].
+WANTED_INTERVAL_S = 0.5
 _log = logging.getLogger(__name__)
 
 
@@ -39,8 +52,13 @@ class Announcer:
         self._orb, self._channel, self._database = orb, channel, database
         self._client: EventClient | None = None
         self._versions: dict[str, int] = {}
+        #: Version of each floor that was published last as a struct, of those that somebody wants.
+        self._typed_versions: dict[str, int] = {}
+        #: The floors that somebody wants as structs, and when the channel was asked last [s, monotonic].
+        self._wanted: set[str] = set()
+        self._asked_at = 0.0
         self._waiting: deque[SimulationEvent] = deque(maxlen=MAX_WAITING)
-        self._stops: deque[dict[str, Any]] = deque(maxlen=MAX_WAITING)
+        self._stops: deque[StopEvent] = deque(maxlen=MAX_WAITING)
         self._repeating = Repeating("announcer", self._publish, PUBLISH_INTERVAL_S)
         self._is_failing = False
 
@@ -53,7 +71,7 @@ class Announcer:
 
     def announce_stop(self, robots: Sequence[str], reason: str) -> None:
         """Publish an emergency stop of these robots, without names of all, as soon as possible; does not block."""
-        self._stops.append({"robots": list(robots), "reason": reason})
+        self._stops.append(StopEvent(robots=list(robots), reason=reason))
         self._repeating.wake()
 
     def close(self) -> None:
@@ -72,10 +90,13 @@ class Announcer:
                 self._client = EventClient(self._orb, self._channel, SOURCE, RESOLVE_TIMEOUT_S)
             if stops:
                 self._push(SOURCE, STOP_EVENT, stops)
+            self._ask(self._client)
             for update in updates:
-                self._push(update.floor, "floor.changed", [as_map(update)])
+                self._push(update.floor, CHANGED, [as_map(update)])
+                if update.floor in self._wanted:
+                    self._push_typed(self._client, update.floor)
             for kind in {event.kind for event in events}:
-                payloads = [_payload(event) for event in events if event.kind == kind]
+                payloads = [payload_of(event) for event in events if event.kind == kind]
                 self._push(SOURCE, f"simulation.{kind.replace(' ', '_')}", payloads)
             self._is_failing = False
         except (NotReachable, EventError) as error:
@@ -84,10 +105,28 @@ class Announcer:
                 _log.warning("cannot publish on event channel %s: %s", self._channel, error)
             self._is_failing = True
 
-    def _push(self, source: str, kind: str, payloads: list[Any]) -> None:
+    def _push(self, source: str, kind: str, payloads: Sequence[Any]) -> None:
         assert self._client
         self._client.source = source
         self._client.push_many(kind, payloads, expiry_s=EXPIRY_S, retry_s=0.0)
+
+    def _push_typed(self, client: EventClient, floor: str) -> None:
+        """Publish the changes of a floor as a struct; at first the whole floor."""
+        with contextlib.suppress(UnknownFloor):
+            update = self._database.changes(floor, self._typed_versions.get(floor, WHOLE))
+            value = CORBA.Any(RoboCorba._tc_TypedFloorUpdate, floors.typed_update(update))
+            client.source = floor
+            client.push_any(TYPED_CHANGED, value, expiry_s=EXPIRY_S, retry_s=0.0)
+            self._typed_versions[floor] = update.version
+
+    def _ask(self, client: EventClient) -> None:
+        """Find out which floors somebody wants as structs."""
+        now = time.monotonic()
+        if now - self._asked_at >= WANTED_INTERVAL_S:
+            self._asked_at = now
+            self._wanted = {floor for floor in self._database.floors if client.is_wanted(TYPED_CHANGED, floor)}
+            for floor in self._typed_versions.keys() - self._wanted:
+                del self._typed_versions[floor]
 
     def _changes(self, floor: str) -> FloorUpdate | None:
         """The changes of a floor since the last call; None without changes, the whole floor in the first call."""
@@ -99,5 +138,6 @@ class Announcer:
         return None
 
 
-def _payload(event: SimulationEvent) -> dict[str, Any]:
+def payload_of(event: SimulationEvent) -> dict[str, Any]:
+    """The payload of the event of the channel."""
     return {name: value for name, value in event._asdict().items() if value is not None}

@@ -26,7 +26,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.names import CHANNELS, STOP_EVENT
 from robocorba.roles import Role
-from robocorba.simulation.emergency_stops import StopAnswer, StopRecord, StopState
+from robocorba.simulation.emergency_stops import StopAnswer, StopEvent, StopRecord, StopState
 from robocorba.stubs import RoboCorba
 
 REASON = "emergency stop"
@@ -171,7 +171,7 @@ class _Stop:
                 self._bound[name] = problem
 
     def _by_events(self) -> None:
-        payload = {"robots": list(self._names), "reason": self._reason}
+        payload = StopEvent(robots=list(self._names), reason=self._reason)
         for name, address in self._channels().items():
             with contextlib.suppress(RoboCorbaError):
                 uri = self._orb.uri_at(address, self._addresses.key(f"{CHANNELS}/{name}"))

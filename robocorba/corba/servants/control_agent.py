@@ -8,6 +8,7 @@ from robocorba.control import model_switcher
 from robocorba.control.agent import ControlAgent
 from robocorba.corba.conversion import paths, robot
 from robocorba.corba.conversion.errors import translating
+from robocorba.corba.server_release import ServerServant
 from robocorba.errors.robots import InvalidProgram
 from robocorba.errors.services import NotReachable
 from robocorba.programs import program
@@ -40,7 +41,7 @@ class StopTargetServant(RoboCorba__POA.StopTarget):
         return RoboCorba.StopAnswer(*self._agent.stop_answer)
 
 
-class RobotAgentServant(RoboCorba__POA.RobotAgent):
+class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     """RoboCorba::RobotAgent. pool: the reference of its data pool. channel: the event channel of its sub-network."""
 
     def __init__(self, agent: ControlAgent, pool: Any, channel: str, missions: Missions) -> None:

@@ -10,6 +10,7 @@ from omniORB import CORBA
 
 from robocorba.corba.conversion import events
 from robocorba.corba.conversion.errors import translating
+from robocorba.corba.server_release import ServerServant
 from robocorba.errors.events import TooManyProxies
 from robocorba.events.channel import Channel
 from robocorba.events.links import Links
@@ -42,7 +43,7 @@ class ChannelObjects(Protocol):
         """The stringified reference."""
 
 
-class EventChannelServant(RoboCorba__POA.EventChannel):
+class EventChannelServant(ServerServant, RoboCorba__POA.EventChannel):
     """RoboCorba::EventChannel. on_destroyed: called when the channel was destroyed and all clients are disconnected."""
 
     def __init__(

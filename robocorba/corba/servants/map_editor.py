@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from robocorba.corba.conversion import maps
 from robocorba.corba.conversion.errors import translating
+from robocorba.corba.server_release import ServerServant
 from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, VersionUnavailable
 from robocorba.garbage import collections_paused
 from robocorba.maps import native
@@ -151,7 +152,7 @@ class EditSessionServant(RoboCorba__POA.EditSession):
         self._ended()
 
 
-class MapEditorServant(RoboCorba__POA.MapEditor):
+class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     """RoboCorba::MapEditor for a BuildingEditor."""
 
     def __init__(self, editor: BuildingEditor, activator: Activator) -> None:

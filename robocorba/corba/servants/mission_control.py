@@ -6,11 +6,12 @@ from typing import Any
 
 from robocorba.corba.conversion import missions
 from robocorba.corba.conversion.errors import translating
+from robocorba.corba.server_release import ServerServant
 from robocorba.simulation.mission_control import MissionControl
 from robocorba.stubs import RoboCorba__POA
 
 
-class MissionControlServant(RoboCorba__POA.MissionControl):
+class MissionControlServant(ServerServant, RoboCorba__POA.MissionControl):
     """RoboCorba::MissionControl."""
 
     def __init__(self, control: MissionControl) -> None:

@@ -9,13 +9,14 @@ from omniORB import CORBA
 
 from robocorba.corba.conversion import floors, scans, simulation
 from robocorba.corba.conversion.errors import translating
+from robocorba.corba.server_release import ServerServant
 from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.store import Mission
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 
-class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
+class OmniDatabaseServant(ServerServant, RoboCorba__POA.OmniDatabase):
     """RoboCorba::OmniDatabase, with the building's missions."""
 
     def __init__(self, database: OmniDatabase, missions: MissionDirectory) -> None:
@@ -31,6 +32,10 @@ class OmniDatabaseServant(RoboCorba__POA.OmniDatabase):
     @translating
     def floorChanges(self, name: str, since: int) -> Any:
         return floors.update(self._database.changes(name, since))
+
+    @translating
+    def typedFloorChanges(self, name: str, since: int) -> Any:
+        return floors.typed_update(self._database.changes(name, since))
 
     @translating
     def lastScans(self, name: str) -> list[Any]:

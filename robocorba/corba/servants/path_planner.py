@@ -6,12 +6,13 @@ from typing import Any
 
 from robocorba.corba.conversion import paths
 from robocorba.corba.conversion.errors import translating
+from robocorba.corba.server_release import ServerServant
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import PathRequest
 from robocorba.stubs import RoboCorba__POA
 
 
-class PathPlannerServant(RoboCorba__POA.PathPlanner):
+class PathPlannerServant(ServerServant, RoboCorba__POA.PathPlanner):
     """RoboCorba::PathPlanner for a planner of the domain."""
 
     def __init__(self, planner: PathPlanner) -> None:

@@ -11,6 +11,7 @@ from omniORB import CORBA
 
 from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.conversion.errors import translating
+from robocorba.corba.server_release import ServerServant
 from robocorba.errors.simulation import SensorRefused
 from robocorba.simulation.emergency_stops import EmergencyStops
 from robocorba.simulation.management_agent import ManagementAgent
@@ -18,7 +19,7 @@ from robocorba.simulation.session import Session
 from robocorba.stubs import RoboCorba__POA
 
 
-class SimulationServerServant(RoboCorba__POA.SimulationServer):
+class SimulationServerServant(ServerServant, RoboCorba__POA.SimulationServer):
     """RoboCorba::SimulationServer.
 
     reference_of: activates a session's servant. render: renders a floor as PNG. sensors: admits sensor servers."""

@@ -6,11 +6,12 @@ from typing import Any
 
 from robocorba.corba.conversion import supervisor as conversion
 from robocorba.corba.conversion.errors import translating
+from robocorba.corba.server_release import ServerServant
 from robocorba.processes import Processes
 from robocorba.stubs import RoboCorba__POA
 
 
-class SupervisorServant(RoboCorba__POA.Supervisor):
+class SupervisorServant(ServerServant, RoboCorba__POA.Supervisor):
     """RoboCorba::Supervisor."""
 
     def __init__(self, supervisor: Processes) -> None:

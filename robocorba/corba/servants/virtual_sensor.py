@@ -10,6 +10,7 @@ from omniORB import CORBA
 
 from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.conversion.errors import translating
+from robocorba.corba.server_release import ServerServant
 from robocorba.sensing.fan import LASER, PROXIMITY
 from robocorba.sensing.reports import Reports
 from robocorba.sensing.virtual_sensor import ScanSpec, VirtualSensor
@@ -29,7 +30,7 @@ class RobotSensors(Protocol):
         """Deactivate a robot's sensor."""
 
 
-class VirtualSensorServant(RoboCorba__POA.VirtualSensor):
+class VirtualSensorServant(ServerServant, RoboCorba__POA.VirtualSensor):
     """RoboCorba::VirtualSensor of a sensor server, or of one robot if `robot` names it."""
 
     def __init__(
@@ -93,4 +94,4 @@ class RobotSensorServant(RoboCorba__POA.VirtualSensor):
     def _forward(self, *arguments: Any) -> NoReturn:
         raise omniORB.LOCATION_FORWARD(self._find())
 
-    scan = scanMany = laser = proximity = _get_load = forRobot = dismiss = _forward
+    scan = scanMany = laser = proximity = _get_load = _get_release = forRobot = dismiss = _forward

@@ -1,0 +1,155 @@
+"""The IDL keeps what has been released, and its constants are the limits of the servers."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from robocorba import __version__
+from robocorba.control import teleoperation
+from robocorba.data_pool import plans
+from robocorba.events import event, queue, subscription
+from robocorba.planning import request
+from robocorba.programs import program
+from robocorba.sensing import fan, virtual_sensor
+from robocorba.simulation import building, picture, registry, reservations, simulation_loop, store
+from robocorba.stubs import RoboCorba
+
+IDL = Path(__file__).resolve().parents[2] / "idl"
+
+BEFORE = """
+module Demo {
+  typedef sequence<string> Names;
+  const unsigned long MOST = 3;
+  enum Kind { ROUND, SQUARE };
+  struct Part { string name; double width; };
+  union Shape switch (Kind) { case ROUND: double radius; case SQUARE: Part side; };
+  exception Refused { string reason; };
+  interface Base { void reset(); };
+  interface Shop : Base {
+    readonly attribute string title;
+    Part get(in string name, out long left) raises (Refused);
+    oneway void note(in Names which);
+  };
+};
+"""
+
+
+@pytest.fixture(scope="module")
+def contract() -> ModuleType:
+    """The module idl/contract.py, which is no part of the package."""
+    sys.path.insert(0, str(IDL))
+    try:
+        spec = importlib.util.spec_from_file_location("contract", IDL / "contract.py")
+        assert spec and spec.loader
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(IDL))
+    return module
+
+
+@pytest.mark.parametrize("release", [folder.name for folder in sorted((IDL / "released").iterdir())])
+def test_clients_of_a_release_work(contract: ModuleType, release: str) -> None:
+    released = contract.signatures(contract.files(IDL / "released" / release))
+    assert released
+    assert contract.broken(released, contract.signatures(contract.files(IDL))) == []
+
+
+def test_the_last_release_is_this_one_or_earlier(contract: ModuleType) -> None:
+    assert contract.numbers(contract.released().name) <= contract.numbers(__version__)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("double width;", "double width; double depth;", "IDL:Demo/Part:1.0"),
+        ("double width;", "float width;", "IDL:Demo/Part:1.0"),
+        ("string name; double width;", "double width; string name;", "IDL:Demo/Part:1.0"),
+        ("double width;", "double breadth;", "IDL:Demo/Part:1.0"),
+        ("ROUND, SQUARE", "ROUND, SQUARE, FLAT", "IDL:Demo/Kind:1.0"),
+        ("case SQUARE: Part side", "case SQUARE: double side", "IDL:Demo/Shape:1.0"),
+        ("string reason;", "string reason; long code;", "IDL:Demo/Refused:1.0"),
+        ("sequence<string>", "sequence<string, 9>", "IDL:Demo/Names:1.0"),
+        ("MOST = 3", "MOST = 4", "IDL:Demo/MOST:1.0"),
+        ("out long left", "inout long left", "IDL:Demo/Shop/get:1.0"),
+        ("in string name,", "in string name, in long kind,", "IDL:Demo/Shop/get:1.0"),
+        ("raises (Refused)", "", "IDL:Demo/Shop/get:1.0"),
+        ("Part get", "string get", "IDL:Demo/Shop/get:1.0"),
+        ("void reset();", "", "IDL:Demo/Base/reset:1.0"),
+        ("oneway void note", "void note", "IDL:Demo/Shop/note:1.0"),
+        ("interface Shop : Base", "interface Shop", "IDL:Demo/Shop:1.0"),
+        ("readonly attribute", "attribute", "IDL:Demo/Shop/title:1.0"),
+    ],
+)
+def test_what_breaks_compiled_clients_is_named(
+    contract: ModuleType, tmp_path: Path, old: str, new: str, named: str
+) -> None:
+    (found,) = contract.broken(*_signatures(contract, tmp_path, old, new))
+    assert found.startswith(named)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("void reset();", "void reset(); void start(in Kind how);"),
+        ("in string name,", "in string its_name,"),
+        ("interface Shop : Base", "interface Other { }; interface Shop : Base, Other"),
+        ("enum Kind", "// a kind\n  typedef long Size; enum Kind"),
+        ("exception Refused", "struct Size { long all; }; exception Refused"),
+    ],
+)
+def test_what_is_new_breaks_nothing(contract: ModuleType, tmp_path: Path, old: str, new: str) -> None:
+    before, now = _signatures(contract, tmp_path, old, new)
+    assert contract.broken(before, now) == []
+    assert contract.broken(now, now) == []
+
+
+def _signatures(contract: ModuleType, folder: Path, old: str, new: str) -> list[dict[str, str]]:
+    """Of the example, and of its copy with a change."""
+    assert old in BEFORE
+    found = []
+    for number, text in enumerate((BEFORE, BEFORE.replace(old, new, 1))):
+        file = folder / f"{number}.idl"
+        file.write_text(text)
+        found.append(contract.signatures([file]))
+    return found
+
+
+def test_constants_are_the_limits_of_the_servers() -> None:
+    of_the_servers = {
+        "MAX_NAME_LENGTH": event.MAX_NAME,
+        "MAX_ALTERNATIVES": request.MAX_ALTERNATIVES,
+        "MAX_FORBIDDEN_AREAS": request.MAX_AREAS,
+        "MAX_PLANNED_RADIUS": request.MAX_RADIUS_M,
+        "MAX_ROBOT_NAME_LENGTH": registry.MAX_NAME,
+        "MAX_COMMAND_VALIDITY": building.MAX_VALID_S,
+        "MAX_JOINTS": building.MAX_JOINTS,
+        "MAX_RESERVED_AREAS": reservations.MAX_AREAS,
+        "MAX_RESERVED_CORNERS": reservations.MAX_CORNERS,
+        "MAX_RESERVED_ALTERNATIVES": reservations.MAX_ALTERNATIVES,
+        "MAX_RESERVATION": reservations.MAX_LIMIT_S,
+        "MIN_PICTURE_WIDTH": picture.MIN_WIDTH_PX,
+        "MAX_PICTURE_WIDTH": picture.MAX_WIDTH_PX,
+        "MAX_PACE": simulation_loop.MAX_PACE,
+        "MAX_STEPS": simulation_loop.MAX_STEPS,
+        "MAX_RAYS": fan.MAX_RAYS,
+        "MAX_RAYS_OF_A_CALL": virtual_sensor.MAX_RAYS_AT_ONCE,
+        "MAX_RANGE": fan.MAX_RANGE_M,
+        "MAX_MISSION_DOCUMENT": store.MAX_DOCUMENT,
+        "MAX_PLAN": plans.MAX_CONTENT,
+        "MAX_PROGRAM": program.MAX_BYTES,
+        "MAX_ICONS": program.MAX_ICONS,
+        "MAX_DRIVE_VALIDITY": teleoperation.MAX_VALID_S,
+        "MAX_PAYLOAD": event.MAX_PAYLOAD_BYTES,
+        "MAX_CLAUSES": subscription.MAX_CLAUSES,
+        "MAX_PATTERNS": subscription.MAX_PATTERNS,
+        "MAX_QUEUE": queue.MAX_SIZE,
+        "MAX_BLOCK_LIMIT": queue.MAX_BLOCK_S,
+    }
+    in_the_idl = {name: value for name, value in vars(RoboCorba).items() if name.startswith(("MAX_", "MIN_"))}
+    assert in_the_idl == of_the_servers
