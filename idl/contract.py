@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from make_stubs import omniidl
+from make_stubs import idl_files, omniidl
 
 HERE = Path(__file__).resolve().parent
 _INTERFACE = re.compile(r"interface :(.*)")
@@ -28,17 +28,10 @@ def numbers(version: str) -> list[int]:
     return [int(part) for part in version.split(".")]
 
 
-def files(folder: Path) -> list[Path]:
-    """The IDL files of a folder that are ours."""
-    return sorted(file for file in folder.glob("*.idl") if not file.name.startswith("Cos"))
-
-
-def signatures(of: Iterable[Path]) -> dict[str, str]:
+def signatures(files: Iterable[str]) -> dict[str, str]:
     """The signature of each declaration in IDL files, by its repository id. Raises as `omniidl` does."""
-    text = omniidl("-p", str(HERE), "-b", "signatures", *map(str, of))
-    return {
-        declaration: signature for declaration, _, signature in (line.partition("\t") for line in text.splitlines())
-    }
+    lines = omniidl("-p", str(HERE), "-b", "signatures", *files).splitlines()
+    return dict(line.split("\t", 1) for line in lines)
 
 
 def broken(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
@@ -63,5 +56,7 @@ def _bases(signature: str) -> set[str]:
 
 
 if __name__ == "__main__":
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else released()
-    sys.exit("\n".join(broken(signatures(files(folder)), signatures(files(HERE)))))
+    found = broken(
+        signatures(idl_files(Path(sys.argv[1]) if len(sys.argv) > 1 else released())), signatures(idl_files(HERE))
+    )
+    sys.exit("\n".join(found) or 0)

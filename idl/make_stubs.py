@@ -38,8 +38,12 @@ def make_stubs(folder: Path) -> None:
 
 def generate(folder: Path, idl: Path, *options: str) -> None:
     """Generate modules in `folder` from the IDL files in `idl`. Raises as `omniidl` does."""
-    files = sorted(str(file) for file in idl.glob("*.idl") if not file.name.startswith("Cos"))
-    omniidl("-bpython", "-C", str(folder), *options, *(f"-Wbextern={module}" for module in OMG), *files)
+    omniidl("-bpython", "-C", str(folder), *options, *(f"-Wbextern={module}" for module in OMG), *idl_files(idl))
+
+
+def idl_files(folder: Path) -> list[str]:
+    """The IDL files in a folder that are ours."""
+    return sorted(str(file) for file in folder.glob("*.idl") if not file.name.startswith("Cos"))
 
 
 def omniidl(*arguments: str) -> str:

@@ -6,6 +6,7 @@
 // What follows -- in the second line are the arguments of `start`: where the robot is, in metres and radians of the
 // building's map. A robot that knows its place by itself reads it from its localisation instead.
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>

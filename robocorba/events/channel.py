@@ -178,11 +178,7 @@ class Channel:
         """Whether a consumer of this channel or of a peer has subscribed to events of this type and source of a
         supplier of this channel."""
         with self.lock:
-            is_selected = any(
-                proxy.is_selecting and match_subscription(proxy.subscription, type, source)
-                for proxy in self.proxy_suppliers.values()
-            )
-            return is_selected or any(self.federation.is_wanted(peer, type, source, self.name) for peer in self.feeds)
+            return bool(self._new_route(EventHeader(type, source, self.name)).sinks)
 
     def has_had(self, origin: str, number: int) -> bool:
         """Whether this channel has published or forwarded the event with this number of this origin."""

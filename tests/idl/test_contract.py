@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -55,9 +56,18 @@ def contract() -> ModuleType:
 
 @pytest.mark.parametrize("release", [folder.name for folder in sorted((IDL / "released").iterdir())])
 def test_clients_of_a_release_work(contract: ModuleType, release: str) -> None:
-    released = contract.signatures(contract.files(IDL / "released" / release))
+    released = contract.signatures(contract.idl_files(IDL / "released" / release))
     assert released
-    assert contract.broken(released, contract.signatures(contract.files(IDL))) == []
+    assert contract.broken(released, contract.signatures(contract.idl_files(IDL))) == []
+
+
+def test_the_program_says_what_a_change_breaks(tmp_path: Path) -> None:
+    program = (sys.executable, str(IDL / "contract.py"))
+    same = subprocess.run(program, capture_output=True, text=True, timeout=60)
+    assert (same.returncode, same.stderr) == (0, "")
+    (tmp_path / "names.idl").write_text("module RoboCorba { interface Gone { }; };")
+    broken = subprocess.run((*program, str(tmp_path)), capture_output=True, text=True, timeout=60)
+    assert (broken.returncode, broken.stderr) == (1, "IDL:RoboCorba/Gone:1.0 is gone; it was: interface :\n")
 
 
 def test_the_last_release_is_this_one_or_earlier(contract: ModuleType) -> None:
@@ -116,7 +126,7 @@ def _signatures(contract: ModuleType, folder: Path, old: str, new: str) -> list[
     for number, text in enumerate((BEFORE, BEFORE.replace(old, new, 1))):
         file = folder / f"{number}.idl"
         file.write_text(text)
-        found.append(contract.signatures([file]))
+        found.append(contract.signatures([str(file)]))
     return found
 
 

@@ -22,7 +22,7 @@ CALL = Call(mission="m.1", leader="A", floor="L1", x=0.0, y=0.0, helpers=1)
 
 
 class FreeAgent(SimpleNamespace):
-    """A control agent without a task, whose robot has these joints, or does not answer."""
+    """A control agent without a task, whose robot has this number of joints, or does not answer."""
 
     is_free, is_busy, place = True, False, Pose("L1", 1.0, 2.0, 0.0)
 
@@ -35,7 +35,7 @@ class FreeAgent(SimpleNamespace):
 
 @pytest.fixture
 def leader(request: pytest.FixtureRequest) -> Iterator[Transport]:
-    """The transport of a leader A beside a robot B with so many joints."""
+    """The transport of a leader A beside a robot B with the number of joints of the parameter."""
     bus = Bus()
     transport = Transport(BusEnd(bus, "A"), "A")
     transport.subscribe([(Offer, "*"), (Answer, "*")])
