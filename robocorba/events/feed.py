@@ -67,7 +67,8 @@ class _Transmission(NamedTuple):
 
 
 class FeedSnapshot(NamedTuple):
-    """A feed at one moment. joins, packets, bytes: counted since its start. oldest_s: age of the oldest queued event
+    """A feed at one moment. joins: since its start. packets, bytes: those that the gateway has acknowledged since then,
+    each once. oldest_s: age of the oldest queued event
     [s]. unseen: number of events that the peer did not want."""
 
     is_up: bool
@@ -159,7 +160,10 @@ class Feed:
             raise SessionOver(f"the session is not the current one of {self.peer}")
         self._contact_at = time.monotonic()
         while self._unacknowledged and self._unacknowledged[0].position < position:
-            self.account.delivered += self._unacknowledged.popleft().count
+            packet = self._unacknowledged.popleft()
+            self.account.delivered += packet.count
+            self._packets += 1
+            self._bytes += sum(batch.size for batch in packet.batches)
             self._sent = max(0, self._sent - 1)
             self._progress_at = self._contact_at
         self._changed.notify()
@@ -254,8 +258,6 @@ class Feed:
             if session == self.session and not self.is_ended:
                 if unsendable:
                     self._discard(unsendable, packet)
-                self._packets += 1
-                self._bytes += sum(batch.size for batch in packet.batches)
                 if problem and packet in self._unacknowledged:
                     self._problem = problem
                     self._sent = min(self._sent, self._unacknowledged.index(packet))

@@ -188,7 +188,7 @@ class Channels:
                 sent, received = self.outgoing(a, b), self.incoming(b, a)
                 assert Counts.of(sent.events).is_exact and Counts.of(received.events).is_exact
                 is_all = sent.events.delivered == received.events.received + received.repeated
-                # A batch whose reply was late is sent twice, and counted twice by the receiver.
+                # A link that was joined again sends what was not acknowledged in other batches.
                 same = received.repeated > 0 or (sent.batches, sent.bytes) == (received.batches, received.bytes)
                 return not sent.events.queued and is_all and same
 

@@ -150,6 +150,28 @@ def test_packets_grow_under_load(at: Setting) -> None:
     assert len(at.gateway.got[1][2]) == 1  # merged into one batch
 
 
+def test_a_packet_that_is_sent_again_counts_once(at: Setting) -> None:
+    """After a send that failed, and after an acknowledgement that was late."""
+    at.join()
+    at.renew(1)
+    at.gateway.is_dead = True
+    batch = at.batch()
+    assert at.accept(batch)
+    assert not at.feed.deliver(batch)
+    with at.lock:
+        assert (at.feed.snapshot().is_up, at.feed.snapshot().packets) == (False, 0)
+    at.gateway.is_dead = False
+    at.renew(1)
+    eventually(lambda: at.gateway.payloads() == [1], what="the event")
+    time.sleep(1.1 * DEFAULTS.retransmit_s)
+    at.renew(1)
+    eventually(lambda: at.gateway.payloads() == [1, 1], what="the same once more")
+    at.acknowledge(2)
+    with at.lock:
+        assert (at.feed.snapshot().packets, at.feed.snapshot().bytes) == (1, batch.size)
+    assert at.check_account() == (1, 1, 0, 0, 0, 0)
+
+
 def test_at_most_a_window_of_packets_is_in_flight(at: Setting) -> None:
     at.join()
     at.renew(1)
