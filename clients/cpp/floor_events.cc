@@ -20,7 +20,7 @@ class FloorConsumer : public POA_RoboCorba::EventConsumer {
  public:
   explicit FloorConsumer(long lines) : left_(lines) {}
 
-  // Events come one after the other; numbers of bodies are known from the first one, which is the whole floor.
+  // Events come one after the other. Names of bodies are known once an event is the whole floor, as one is every 5 s.
   void pushRuns(const RoboCorba::EventRunSeq& runs) override {
     std::lock_guard<std::mutex> guard(mutex_);
     for (CORBA::ULong run = 0; run < runs.length(); ++run)

@@ -11,7 +11,7 @@ import typer
 from robocorba.commands.options import Naming, State, administrator, connected, require_extra
 from robocorba.commands.served_map import ServedMap
 from robocorba.commands.simulation_tables import simulation_server
-from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, StopSignal
+from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.administrator import RemoteAdministrator
 from robocorba.corba.remote.live_system import LiveSystem, live_system
@@ -48,7 +48,7 @@ def foxglove(
         stop = StopSignal()
         steering = administrator(orb, Settings.read(state=state)) if steer else None
         system = live_system(orb, with_scans=scans)
-        changes = system.follow(RESOLVE_TIMEOUT_S)
+        changes = system.follow(OUTAGE_LIMIT_S)
         time_s, served = max((update.time for update in changes.updates), default=0.0), ServedMap(orb, changes)
         with contextlib.closing(LiveServer(host, port, served.building, steer, time_s)) as server:
             server.publisher.publish(changes)

@@ -9,7 +9,7 @@ import typer
 
 from robocorba.commands.options import Naming, connected
 from robocorba.commands.served_map import ServedMap
-from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, StopSignal
+from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
 from robocorba.corba.remote.lasers import RemoteLasers
 from robocorba.corba.remote.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
@@ -59,7 +59,7 @@ def ros2(
 
         stop = StopSignal()
         system = live_system(orb, with_scans=scan_rate > 0.0)
-        changes = system.follow(RESOLVE_TIMEOUT_S)
+        changes = system.follow(OUTAGE_LIMIT_S)
         served, frames = ServedMap(orb, changes), Frames(namespaced_tf)
         if floor and floor not in served.building.floors:
             raise UnknownFloor("map", floor, list(served.building.floors))

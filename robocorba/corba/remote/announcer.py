@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -42,6 +43,8 @@ SOURCE = "simulation"
 CHANGED, TYPED_CHANGED = "floor.changed", "typed.floor_changed"
 #: Interval at which the channel is asked whether somebody wants typed changes [s].
 WANTED_INTERVAL_S = 0.5
+#: Interval between whole floors among typed changes [s]: for consumers that come later, or have missed some.
+WHOLE_INTERVAL_S = 5.0
 _log = logging.getLogger(__name__)
 
 
@@ -52,11 +55,11 @@ class Announcer:
         self._orb, self._channel, self._database = orb, channel, database
         self._client: EventClient | None = None
         self._versions: dict[str, int] = {}
-        #: Version of each floor that was published last as a struct, of those that somebody wants.
-        self._typed_versions: dict[str, int] = {}
-        #: The floors that somebody wants as structs, and when the channel was asked last [s, monotonic].
-        self._wanted: set[str] = set()
-        self._asked_at = 0.0
+        #: The floors that somebody wants as structs: the version that was published last, and when a whole one was
+        #: [s, monotonic].
+        self._typed: dict[str, tuple[int, float]] = {}
+        #: When the channel was asked for them last [s, monotonic].
+        self._asked_at = -math.inf
         self._waiting: deque[SimulationEvent] = deque(maxlen=MAX_WAITING)
         self._stops: deque[StopEvent] = deque(maxlen=MAX_WAITING)
         self._repeating = Repeating("announcer", self._publish, PUBLISH_INTERVAL_S)
@@ -83,18 +86,22 @@ class Announcer:
         events = [self._waiting.popleft() for _ in range(len(self._waiting))]
         updates = [update for floor in self._database.floors if (update := self._changes(floor))]
         stops = [self._stops.popleft() for _ in range(len(self._stops))]
-        if not (events or updates or stops):
+        now = time.monotonic()
+        is_to_ask = now - self._asked_at >= WANTED_INTERVAL_S
+        if not (events or updates or stops or self._typed or is_to_ask):
             return
         try:
             if self._client is None:
                 self._client = EventClient(self._orb, self._channel, SOURCE, RESOLVE_TIMEOUT_S)
             if stops:
                 self._push(SOURCE, STOP_EVENT, stops)
-            self._ask(self._client)
             for update in updates:
                 self._push(update.floor, CHANGED, [as_map(update)])
-                if update.floor in self._wanted:
-                    self._push_typed(self._client, update.floor)
+            if is_to_ask:
+                self._asked_at = now
+                self._ask(self._client)
+            for floor in self._typed:
+                self._push_typed(self._client, floor, now)
             for kind in {event.kind for event in events}:
                 payloads = [payload_of(event) for event in events if event.kind == kind]
                 self._push(SOURCE, f"simulation.{kind.replace(' ', '_')}", payloads)
@@ -110,23 +117,23 @@ class Announcer:
         self._client.source = source
         self._client.push_many(kind, payloads, expiry_s=EXPIRY_S, retry_s=0.0)
 
-    def _push_typed(self, client: EventClient, floor: str) -> None:
-        """Publish the changes of a floor as a struct; at first the whole floor."""
+    def _push_typed(self, client: EventClient, floor: str, now: float) -> None:
+        """Publish what has changed on a floor as a struct; at first and every WHOLE_INTERVAL_S the whole floor."""
+        version, whole_at = self._typed[floor]
+        is_whole = now - whole_at >= WHOLE_INTERVAL_S
         with contextlib.suppress(UnknownFloor):
-            update = self._database.changes(floor, self._typed_versions.get(floor, WHOLE))
+            update = self._database.changes(floor, WHOLE if is_whole else version)
+            if not is_whole and update.version == version:
+                return
             value = CORBA.Any(RoboCorba._tc_TypedFloorUpdate, floors.typed_update(update))
             client.source = floor
             client.push_any(TYPED_CHANGED, value, expiry_s=EXPIRY_S, retry_s=0.0)
-            self._typed_versions[floor] = update.version
+            self._typed[floor] = update.version, now if is_whole else whole_at
 
     def _ask(self, client: EventClient) -> None:
         """Find out which floors somebody wants as structs."""
-        now = time.monotonic()
-        if now - self._asked_at >= WANTED_INTERVAL_S:
-            self._asked_at = now
-            self._wanted = {floor for floor in self._database.floors if client.is_wanted(TYPED_CHANGED, floor)}
-            for floor in self._typed_versions.keys() - self._wanted:
-                del self._typed_versions[floor]
+        wanted = [floor for floor in self._database.floors if client.is_wanted(TYPED_CHANGED, floor)]
+        self._typed = {floor: self._typed.get(floor, (WHOLE, -math.inf)) for floor in wanted}
 
     def _changes(self, floor: str) -> FloorUpdate | None:
         """The changes of a floor since the last call; None without changes, the whole floor in the first call."""
