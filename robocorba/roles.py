@@ -61,8 +61,8 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         ),
     ),
     "OmniDatabase": _rules(
-        (EVERYBODY, "_get_release floors getFloor floorChanges typedFloorChanges lastScans scansSince postures"),
-        (EVERYBODY, "reservations elevators missions mission"),
+        (EVERYBODY, "_get_release floors getFloor floorChanges typedFloorChanges publishTypedChanges lastScans"),
+        (EVERYBODY, "scansSince postures reservations elevators missions mission"),
         (ROBOTS, "putMission"),
         (OPERATORS, "removeMission"),
     ),

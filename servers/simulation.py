@@ -122,7 +122,7 @@ class SimulationServer:
             self._stops,
             self._registered_sensors,
         )
-        database = OmniDatabaseServant(self.agent.database, self._missions)
+        database = OmniDatabaseServant(self.agent.database, self._missions, self._publish_typed)
         control = MissionControlServant(self._mission_control)
         reading, drawing = CallLimit(READING), CallLimit(DRAWING, MAX_WAITING_PICTURES)
         reading.apply(servant, "_get_state", "clients", "sensors")
@@ -190,6 +190,9 @@ class SimulationServer:
     def _publish(self, event: SimulationEvent) -> None:
         if self._announcer:
             self._announcer.announce(event)
+
+    def _publish_typed(self, floor: str) -> float:
+        return self._announcer.publish_typed(floor) if self._announcer else 0.0
 
     def _is_logged_on(self, robot: str) -> bool:
         try:

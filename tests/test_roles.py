@@ -28,6 +28,7 @@ READS += (
 READS += (
     "lastScans",
     "typedFloorChanges",
+    "publishTypedChanges",
     "laser",
     "proximity",
     "changesSince",

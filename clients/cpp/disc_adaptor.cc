@@ -114,9 +114,9 @@ int main(int argc, char** argv) {
     PortableServer::POA_var poa = PortableServer::POA::_narrow(object);
     PortableServer::POAManager_var manager = poa->the_POAManager();
     manager->activate();
-    Disc disc;
-    PortableServer::ObjectId_var id = poa->activate_object(&disc);
-    RoboCorba::RobotAdaptor_var reference = disc._this();
+    PortableServer::Servant_var<Disc> disc(new Disc());
+    PortableServer::ObjectId_var id = poa->activate_object(disc.in());
+    RoboCorba::RobotAdaptor_var reference = disc->_this();
     object = orb->string_to_object(argv[1]);
     CosNaming::NamingContext_var root = CosNaming::NamingContext::_narrow(object);
     bind(root, argv[2], reference);

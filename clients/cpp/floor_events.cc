@@ -1,9 +1,11 @@
 // Print the robots of a floor as they move, by events of its channel, from C++ with omniORB:
 //
-//   floor_events corbaname::127.0.0.1:2809#RoboCorba/EventChannels/main  L1 [COUNT]
+//   floor_events corbaname::127.0.0.1:2809#RoboCorba/OmniDatabase
+//                corbaname::127.0.0.1:2809#RoboCorba/EventChannels/main  L1 [COUNT]
 //
 // Ends after COUNT lines, with 0 lines never. The channel calls this program: behind a firewall see docs/operations.md.
 
+#include <chrono>
 #include <condition_variable>
 #include <cstdlib>
 #include <iostream>
@@ -20,7 +22,7 @@ class FloorConsumer : public POA_RoboCorba::EventConsumer {
  public:
   explicit FloorConsumer(long lines) : left_(lines) {}
 
-  // Events come one after the other. Names of bodies are known once an event is the whole floor, as one is every 5 s.
+  // Events come one after the other. The first one after each publishTypedChanges is the whole floor, with all names.
   void pushRuns(const RoboCorba::EventRunSeq& runs) override {
     std::lock_guard<std::mutex> guard(mutex_);
     for (CORBA::ULong run = 0; run < runs.length(); ++run)
@@ -32,9 +34,10 @@ class FloorConsumer : public POA_RoboCorba::EventConsumer {
   void push(const CORBA::Any&) override {}
   void disconnect_push_consumer() override {}
 
-  void waitForEnd() {
+  // Whether all lines are printed. Waits for it.
+  bool hasEnded(double seconds) {
     std::unique_lock<std::mutex> guard(mutex_);
-    changed_.wait(guard, [this] { return left_ == 0; });
+    return changed_.wait_for(guard, std::chrono::duration<double>(seconds), [this] { return left_ == 0; });
   }
 
  private:
@@ -68,8 +71,8 @@ class FloorConsumer : public POA_RoboCorba::EventConsumer {
 
 int main(int argc, char** argv) {
   CORBA::ORB_var orb = CORBA::ORB_init(argc, argv);
-  if (argc != 3 && argc != 4) {
-    std::cerr << "floor_events URI FLOOR [COUNT]" << std::endl;
+  if (argc != 4 && argc != 5) {
+    std::cerr << "floor_events DATABASE CHANNEL FLOOR [COUNT]" << std::endl;
     return 2;
   }
   int code = 0;
@@ -80,22 +83,34 @@ int main(int argc, char** argv) {
     manager->activate();
 
     object = orb->string_to_object(argv[1]);
+    RoboCorba::OmniDatabase_var database = RoboCorba::OmniDatabase::_narrow(object);
+    object = orb->string_to_object(argv[2]);
     RoboCorba::EventChannel_var channel = RoboCorba::EventChannel::_narrow(object);
-    FloorConsumer consumer(argc == 4 ? std::atol(argv[3]) : -1);
-    PortableServer::ObjectId_var id = poa->activate_object(&consumer);
-    RoboCorba::EventConsumer_var reference = consumer._this();
+    PortableServer::Servant_var<FloorConsumer> consumer(new FloorConsumer(argc == 5 ? std::atol(argv[4]) : -1));
+    PortableServer::ObjectId_var id = poa->activate_object(consumer.in());
+    RoboCorba::EventConsumer_var reference = consumer->_this();
 
     RoboCorba::Subscription wanted;
     wanted.length(1);
     wanted[0].window = 0.0;
     wanted[0].patterns.length(1);
     wanted[0].patterns[0].type = CORBA::string_dup("typed.floor_changed");
-    wanted[0].patterns[0].source = CORBA::string_dup(argv[2]);
+    wanted[0].patterns[0].source = CORBA::string_dup(argv[3]);
     const RoboCorba::QueuePolicy queue = {1000, RoboCorba::DISCARD_OLDEST, 0.0};
     RoboCorba::EventProxyPushSupplier_var proxy = channel->subscribe("", reference, wanted, queue);
-    consumer.waitForEnd();
+    double seconds;
+    do {
+      seconds = database->publishTypedChanges(argv[3]);
+    } while (seconds > 0 && !consumer->hasEnded(seconds / 2));
     proxy->disconnect_push_supplier();
     poa->deactivate_object(id);
+    if (seconds == 0) {
+      std::cerr << "the simulation server publishes no events" << std::endl;
+      code = 1;
+    }
+  } catch (const RoboCorba::UnknownFloor& unknown) {
+    std::cerr << "there is no floor " << unknown.floorName << std::endl;
+    code = 1;
   } catch (const RoboCorba::InvalidSubscription& refusal) {
     std::cerr << refusal.where << ": " << refusal.reason << std::endl;
     code = 1;

@@ -118,13 +118,6 @@ class EventClient:
         event = RoboCorba.Event(header, omniORB.cdrMarshal(CORBA.TC_any, value))
         self._call(lambda: self._proxy_consumer().pushEvent(event), retry_s)
 
-    def is_wanted(self, type: str, source: str) -> bool:
-        """Whether somebody has subscribed to such events, on this channel or one of its peers. Raises NotReachable."""
-        try:
-            return bool(self._proxy_consumer().isWanted(type, source))
-        except CORBA.Exception as error:
-            raise _translated(error) from None
-
     def subscribe(
         self,
         receive: Callable[[Event], None],

@@ -174,12 +174,6 @@ class Channel:
                 claims = route.accept(piece, time.monotonic())
             _deliver(piece, claims)
 
-    def is_wanted(self, type: str, source: str) -> bool:
-        """Whether a consumer of this channel or of a peer has subscribed to events of this type and source of a
-        supplier of this channel."""
-        with self.lock:
-            return bool(self._new_route(EventHeader(type, source, self.name)).sinks)
-
     def has_had(self, origin: str, number: int) -> bool:
         """Whether this channel has published or forwarded the event with this number of this origin."""
         return number <= (self._number if origin == self.name else self._watermarks.last(origin))

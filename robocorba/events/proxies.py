@@ -73,10 +73,6 @@ class Proxies:
 
     # ---- called for clients ----
 
-    def is_wanted(self, type: str, source: str) -> bool:
-        """See Channel.is_wanted."""
-        return self._channel.is_wanted(type, source)
-
     def obtain(self, kind: ProxyKind) -> Proxy:
         """Create a proxy without a client. Raises TooManyProxies, ProxyGone."""
         with self._lock:

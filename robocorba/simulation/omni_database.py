@@ -88,19 +88,19 @@ class OmniDatabase:
 
     def last_scans(self, floor: str) -> list[LastScan]:
         """Last scans on a floor. Raises UnknownFloor."""
-        self._check(floor)
+        self.check(floor)
         return [scan for scan in list(self._scans.values()) if scan.at.floor == floor]
 
     def scans_since(self, floor: str, time_s: float) -> list[RobotScan]:
         """Scans on a floor after a simulated time [s], the last one of each sensor. Raises UnknownFloor."""
-        self._check(floor)
+        self.check(floor)
         return self.robot_scans.since(floor, time_s)
 
     # ---- robots ----
 
     def postures(self, floor: str, time_s: float) -> list[Posture]:
         """Postures that robots on a floor reported after a simulated time [s]. Raises UnknownFloor."""
-        self._check(floor)
+        self.check(floor)
         robots = list(self._building.robots.values())
         postures = [robot.posture for robot in robots if robot.floor == floor]
         return [posture for posture in postures if posture and posture.time > time_s]
@@ -109,7 +109,8 @@ class OmniDatabase:
         """All reservations of areas, granted or waiting, first request first."""
         return self._building.reservations.all(self._building.time)
 
-    def _check(self, floor: str) -> None:
+    def check(self, floor: str) -> None:
+        """Raises UnknownFloor if there is no such floor."""
         if floor not in self._building.floors:
             raise UnknownFloor("floorName", floor, self.floors)
 

@@ -175,7 +175,8 @@ def test_a_robot_in_cpp(system: Running, cpp: Path) -> None:
 
 def test_a_consumer_of_events_in_cpp(system: Running, system_orb: Orb, launch: Launcher, cpp: Path) -> None:
     channel = corbaname(system.naming, "RoboCorba/EventChannels/main")
-    consumer = launch(str(cpp / "floor_events"), channel, "L1", "5")
+    client = (str(cpp / "floor_events"), corbaname(system.naming, "RoboCorba/OmniDatabase"), channel)
+    consumer = launch(*client, "L1", "5")
     server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     robot = server.registerRobot(about("seen", 3.0, 3.0, floor="L1"))
     try:
@@ -191,6 +192,7 @@ def test_a_consumer_of_events_in_cpp(system: Running, system_orb: Orb, launch: L
         assert all(line.split()[2] == "seen" for line in out.splitlines())
     finally:
         robot.deregister()
+    assert run_cpp(Path(client[0]), *client[1:], "L9") == (1, "", "there is no floor L9\n")
 
 
 def test_an_adaptor_in_cpp(system: Running, system_orb: Orb, launch: Launcher, cpp: Path, tmp_path: Path) -> None:
@@ -214,6 +216,8 @@ def test_an_adaptor_in_cpp(system: Running, system_orb: Orb, launch: Launcher, c
     assert agent.state().at[1:3] == pytest.approx((4.0, 3.0), abs=0.02)
     server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     eventually(lambda: abs(next(c for c in server.clients() if c.name == "disc").at.x - 4.0) < 0.05)  # its body follows
+    nobody = run_cpp(cpp / "disc_adaptor", "corbaloc::127.0.0.1:1/NameService", "disc")
+    assert nobody == (1, "", "the call failed: TRANSIENT\n")
 
 
 class Demo(NamedTuple):

@@ -1,13 +1,12 @@
 """Publishes the events floor.changed and simulation.* of the simulation server on its event channel.
 
-Changes of floors are also published as structs of the IDL, of type typed.floor_changed, while somebody subscribes to
-them: not every language reads msgpack."""
+Changes of a floor are also published as structs of the IDL, of type typed.floor_changed, while somebody asks for them:
+not every language reads msgpack."""
 
 from __future__ import annotations
 
 import contextlib
 import logging
-import math
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -41,10 +40,8 @@ EXPIRY_S = 2.0
 SOURCE = "simulation"
 #: Types of the events with changes of floors, as msgpack and as TypedFloorUpdate.
 CHANGED, TYPED_CHANGED = "floor.changed", "typed.floor_changed"
-#: Interval at which the channel is asked whether somebody wants typed changes [s].
-WANTED_INTERVAL_S = 0.5
-#: Interval between whole floors among typed changes [s]: for consumers that come later, or have missed some.
-WHOLE_INTERVAL_S = 5.0
+#: How long changes of a floor are published as structs after somebody has asked for them [s].
+TYPED_S = 30.0
 _log = logging.getLogger(__name__)
 
 
@@ -55,11 +52,10 @@ class Announcer:
         self._orb, self._channel, self._database = orb, channel, database
         self._client: EventClient | None = None
         self._versions: dict[str, int] = {}
-        #: The floors that somebody wants as structs: the version that was published last, and when a whole one was
-        #: [s, monotonic].
+        #: Floors that somebody has asked for as structs since the last publication.
+        self._asked: deque[str] = deque(maxlen=MAX_WAITING)
+        #: Floors that are published as structs: the version that was published last, and until when [s, monotonic].
         self._typed: dict[str, tuple[int, float]] = {}
-        #: When the channel was asked for them last [s, monotonic].
-        self._asked_at = -math.inf
         self._waiting: deque[SimulationEvent] = deque(maxlen=MAX_WAITING)
         self._stops: deque[StopEvent] = deque(maxlen=MAX_WAITING)
         self._repeating = Repeating("announcer", self._publish, PUBLISH_INTERVAL_S)
@@ -77,6 +73,11 @@ class Announcer:
         self._stops.append(StopEvent(robots=list(robots), reason=reason))
         self._repeating.wake()
 
+    def publish_typed(self, floor: str) -> float:
+        """Publish changes of a floor as structs too, and the whole floor at first. Returns for how long [s]."""
+        self._asked.append(floor)
+        return TYPED_S
+
     def close(self) -> None:
         self._repeating.close()
         if self._client:
@@ -86,9 +87,8 @@ class Announcer:
         events = [self._waiting.popleft() for _ in range(len(self._waiting))]
         updates = [update for floor in self._database.floors if (update := self._changes(floor))]
         stops = [self._stops.popleft() for _ in range(len(self._stops))]
-        now = time.monotonic()
-        is_to_ask = now - self._asked_at >= WANTED_INTERVAL_S
-        if not (events or updates or stops or self._typed or is_to_ask):
+        self._take_asked()
+        if not (events or updates or stops or self._typed):
             return
         try:
             if self._client is None:
@@ -97,11 +97,8 @@ class Announcer:
                 self._push(SOURCE, STOP_EVENT, stops)
             for update in updates:
                 self._push(update.floor, CHANGED, [as_map(update)])
-            if is_to_ask:
-                self._asked_at = now
-                self._ask(self._client)
             for floor in self._typed:
-                self._push_typed(self._client, floor, now)
+                self._push_typed(self._client, floor)
             for kind in {event.kind for event in events}:
                 payloads = [payload_of(event) for event in events if event.kind == kind]
                 self._push(SOURCE, f"simulation.{kind.replace(' ', '_')}", payloads)
@@ -117,23 +114,23 @@ class Announcer:
         self._client.source = source
         self._client.push_many(kind, payloads, expiry_s=EXPIRY_S, retry_s=0.0)
 
-    def _push_typed(self, client: EventClient, floor: str, now: float) -> None:
-        """Publish what has changed on a floor as a struct; at first and every WHOLE_INTERVAL_S the whole floor."""
-        version, whole_at = self._typed[floor]
-        is_whole = now - whole_at >= WHOLE_INTERVAL_S
+    def _take_asked(self) -> None:
+        """Begin anew with floors that somebody has asked for as structs; end with those that nobody asks for."""
+        now = time.monotonic()
+        for _ in range(len(self._asked)):
+            self._typed[self._asked.popleft()] = WHOLE, now + TYPED_S
+        self._typed = {floor: (version, until) for floor, (version, until) in self._typed.items() if now < until}
+
+    def _push_typed(self, client: EventClient, floor: str) -> None:
+        version, until = self._typed[floor]
         with contextlib.suppress(UnknownFloor):
-            update = self._database.changes(floor, WHOLE if is_whole else version)
-            if not is_whole and update.version == version:
+            update = self._database.changes(floor, version)
+            if update.version == version:
                 return
             value = CORBA.Any(RoboCorba._tc_TypedFloorUpdate, floors.typed_update(update))
             client.source = floor
             client.push_any(TYPED_CHANGED, value, expiry_s=EXPIRY_S, retry_s=0.0)
-            self._typed[floor] = update.version, now if is_whole else whole_at
-
-    def _ask(self, client: EventClient) -> None:
-        """Find out which floors somebody wants as structs."""
-        wanted = [floor for floor in self._database.floors if client.is_wanted(TYPED_CHANGED, floor)]
-        self._typed = {floor: self._typed.get(floor, (WHOLE, -math.inf)) for floor in wanted}
+            self._typed[floor] = update.version, until
 
     def _changes(self, floor: str) -> FloorUpdate | None:
         """The changes of a floor since the last call; None without changes, the whole floor in the first call."""

@@ -77,9 +77,6 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
     def state(self) -> Any:
         return events.proxy_state(self._proxies.snapshot(self._proxy))
 
-    def isWanted(self, type: str, source: str) -> bool:
-        return self._proxies.is_wanted(type, source)
-
 
 class PullConsumerServant(CosEventChannelAdmin__POA.ProxyPullConsumer):
     """CosEventChannelAdmin::ProxyPullConsumer: polls a supplier for events."""

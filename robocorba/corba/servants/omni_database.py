@@ -19,8 +19,10 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 class OmniDatabaseServant(ServerServant, RoboCorba__POA.OmniDatabase):
     """RoboCorba::OmniDatabase, with the building's missions."""
 
-    def __init__(self, database: OmniDatabase, missions: MissionDirectory) -> None:
-        self._database, self._missions = database, missions
+    def __init__(
+        self, database: OmniDatabase, missions: MissionDirectory, publish_typed: Callable[[str], float]
+    ) -> None:
+        self._database, self._missions, self._publish_typed = database, missions, publish_typed
 
     def floors(self) -> list[str]:
         return self._database.floors
@@ -36,6 +38,11 @@ class OmniDatabaseServant(ServerServant, RoboCorba__POA.OmniDatabase):
     @translating
     def typedFloorChanges(self, name: str, since: int) -> Any:
         return floors.typed_update(self._database.changes(name, since))
+
+    @translating
+    def publishTypedChanges(self, name: str) -> float:
+        self._database.check(name)
+        return self._publish_typed(name)
 
     @translating
     def lastScans(self, name: str) -> list[Any]:
