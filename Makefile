@@ -30,6 +30,8 @@ $(VENV)/.made:
 	  { echo "Python's venv module is missing; on Debian or Ubuntu: apt install python3-venv" >&2; exit 1; }
 	@echo "setting up $(VENV) (once, a minute or two) ..."
 	@$(PYTHON) -m venv $(VENV)
+	@# The pip of Python 3.10 tries versions of our dependencies without an end.
+	@$(BIN)/python -m pip install --quiet 'pip>=25.3,<26'
 	@touch $@
 
 $(VENV)/.installed: $(VENV)/.made setup.cfg setup.py pyproject.toml

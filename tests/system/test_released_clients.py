@@ -30,7 +30,7 @@ def compiled(release: str, folder: Path) -> Path:
 @pytest.mark.parametrize("release", [folder.name for folder in sorted(RELEASED.iterdir())])
 def test_a_client_of_a_release_works_unchanged(system: Running, tmp_path: Path, release: str) -> None:
     stubs = compiled(release, tmp_path / "stubs")
-    command = (sys.executable, "-P", str(CLIENT), str(system.naming))
+    command = (sys.executable, str(CLIENT), str(system.naming))
     environment = {**os.environ, "PYTHONPATH": str(stubs)}
     ran = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert (ran.returncode, ran.stderr) == (0, "")

@@ -115,7 +115,7 @@ class Announcer:
         self._client.push_many(kind, payloads, expiry_s=EXPIRY_S, retry_s=0.0)
 
     def _take_asked(self) -> None:
-        """Begin anew with floors that somebody has asked for as structs; end with those that nobody asks for."""
+        """Floors that somebody has asked for as structs begin with the whole floor; those that nobody asks for end."""
         now = time.monotonic()
         for _ in range(len(self._asked)):
             self._typed[self._asked.popleft()] = WHOLE, now + TYPED_S
