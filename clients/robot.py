@@ -51,6 +51,9 @@ from robocorba.settings import RobotSettings
 from robocorba.simulation.registry import Description, Pose
 from robocorba.spatial.pose import XY
 
+#: Longest wait for the naming service before a robot says that it is ready [s]: it can do without its name.
+BINDING_LIMIT_S = 5.0
+
 
 class Checker:
     """Checks a program from the robot's present state, with the objects and robots around it. Thread-safe: simultaneous
@@ -171,6 +174,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if wanted:
             agent.load(wanted)
             agent.run()
+        orb.wait_until_bound(BINDING_LIMIT_S)
         print("ready", flush=True)
         if settings.prints_progress:
             stack.callback(progress.start().close)

@@ -252,6 +252,8 @@ class BoundNames:
         self._thefts: dict[str, tuple[int, float]] = {}
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
+        #: Set as soon as all names have been bound.
+        self.are_bound = threading.Event()
 
     def start(self, served: dict[str, Any], owns_names: Callable[[], bool] = lambda: True) -> None:
         """Begin to bind names to these objects; returns immediately.
@@ -280,6 +282,8 @@ class BoundNames:
             if errors and not failures:
                 _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(errors[0]))
             failures = failures + 1 if errors else 0
+            if not errors:
+                self.are_bound.set()
             if self._closing.wait(BACKOFF.pause_s(failures) or BINDING_CHECK_INTERVAL_S):
                 return
 

@@ -239,6 +239,10 @@ class Orb:
         self.accept_calls()
         self._bound_names.start(served, owns_names)
 
+    def wait_until_bound(self, limit_s: float) -> bool:
+        """Wait until all served names have been bound; whether they were within this time."""
+        return bool(self._bound_names.are_bound.wait(limit_s))
+
     def activate(self, servant: Any, key: str = "") -> Any:
         """A reference to an object that lives until `deactivate`, or with a key `deactivate_key`, at most as long as
         this process.

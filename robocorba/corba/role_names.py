@@ -34,6 +34,8 @@ class HeldNames:
         self._owns_names: Callable[[], bool] = lambda: True
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
+        #: Set as soon as all names have been bound.
+        self.are_bound = threading.Event()
 
     def start(self, served: dict[str, Mapping[Role, Any]], owns_names: Callable[[], bool]) -> None:
         """Begin to announce names with the references of each role, while `owns_names`; returns immediately."""
@@ -69,6 +71,8 @@ class HeldNames:
             if errors and not failures:
                 _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(errors[0]))
             failures = failures + 1 if errors else 0
+            if bound.issuperset(list(self._served)):
+                self.are_bound.set()
             if self._closing.wait(BACKOFF.pause_s(failures) or ANNOUNCEMENT_INTERVAL_S):
                 return
 

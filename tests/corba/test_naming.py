@@ -103,6 +103,10 @@ def test_a_name_that_fails_does_not_stop_the_others(names: Names, caplog: pytest
     with contextlib.closing(BoundNames(names)) as bound:  # type: ignore[arg-type]
         bound.start({"A": own, "B": own})
         eventually(lambda: names.bindings.get("B") is own, PATIENCE_S)
+        assert not bound.are_bound.is_set()
+        names.refused = set()
+        assert bound.are_bound.wait(PATIENCE_S)
+        assert names.bindings == {"A": own, "B": own}
     assert names.bindings == {}
 
 
