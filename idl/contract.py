@@ -56,7 +56,5 @@ def _bases(signature: str) -> set[str]:
 
 
 if __name__ == "__main__":
-    found = broken(
-        signatures(idl_files(Path(sys.argv[1]) if len(sys.argv) > 1 else released())), signatures(idl_files(HERE))
-    )
-    sys.exit("\n".join(found) or 0)
+    before = Path(sys.argv[1]) if len(sys.argv) > 1 else released()
+    sys.exit("\n".join(broken(signatures(idl_files(before)), signatures(idl_files(HERE)))) or 0)

@@ -68,8 +68,7 @@ class _Transmission(NamedTuple):
 
 class FeedSnapshot(NamedTuple):
     """A feed at one moment. joins: since its start. packets, bytes: those that the gateway has acknowledged since then,
-    each once. oldest_s: age of the oldest queued event
-    [s]. unseen: number of events that the peer did not want."""
+    each once. oldest_s: age of the oldest queued event [s]. unseen: number of events that the peer did not want."""
 
     is_up: bool
     problem: str
