@@ -28,7 +28,7 @@ from robocorba.corba.naming import Address
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.omni_database import RemoteFloors
-from robocorba.ros2.names import ros_name
+from robocorba.plain_names import plain_name
 from robocorba.testing.generated_buildings import office
 from robocorba.testing.generated_buildings import robots as robots_in
 from robocorba.testing.json_process import Cpu, Process
@@ -150,7 +150,7 @@ def measure(seconds: float = 20.0, robots: int = 20, orders_each: int = 20) -> b
         pid, node = closing.enter_context(bridge(naming, python, folder))
         for topic, kind in (("odom", "nav_msgs/msg/Odometry"), ("scan", "sensor_msgs/msg/LaserScan")):
             for name in [*_names(orb), ROBOT]:
-                node.ask({"do": "subscribe", "topic": f"/{ros_name(name)}/{topic}", "type": kind})
+                node.ask({"do": "subscribe", "topic": f"/{plain_name(name)}/{topic}", "type": kind})
         time.sleep(SETTLE_S)
         before, cpu, since = node.ask({"do": "counts"}), Cpu([pid]), len(clock.samples) - 1
         time.sleep(seconds)

@@ -41,8 +41,8 @@ def convert(
 
 
 def _write_bag(recording: Recording, folder: Path, robots: str, namespaced_tf: bool, overwrite: bool) -> None:
+    from robocorba.plain_names import names_in
     from robocorba.ros2 import bag
     from robocorba.ros2.frames import Frames
-    from robocorba.ros2.names import names_in
 
     bag.convert(recording, folder, names_in(robots), Frames(namespaced_tf), overwrite=overwrite)

@@ -19,10 +19,10 @@ from robocorba.maps.formats.floor_grid import DEFAULT_RESOLUTION_M
 from robocorba.printing import echo
 
 if TYPE_CHECKING:
-    from robocorba.ros2.lasers import ContinuousScans
     from robocorba.ros2.node import RosNode
     from robocorba.ros2.publisher import RosPublisher
     from robocorba.ros2.robot_interfaces import RobotInterfaces
+    from robocorba.sensing.continuous_scans import ContinuousScans
 
 #: Interval between looks at the system [s].
 LOOK_S = 0.05
@@ -50,12 +50,12 @@ def ros2(
 
     It needs rclpy and the standard messages of ROS 2 Jazzy or later in the same Python."""
     with connected("ros2", naming) as orb, contextlib.closing(_node(domain)) as node:
+        from robocorba.plain_names import names_in
         from robocorba.ros2.frames import Frames
-        from robocorba.ros2.lasers import ContinuousScans
-        from robocorba.ros2.names import names_in
         from robocorba.ros2.node import RosTopics
         from robocorba.ros2.publisher import RosPublisher
         from robocorba.ros2.robot_interfaces import RobotInterfaces
+        from robocorba.sensing.continuous_scans import ContinuousScans
 
         stop = StopSignal()
         system = live_system(orb, with_scans=scan_rate > 0.0)

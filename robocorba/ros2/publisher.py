@@ -24,10 +24,10 @@ from robocorba.kinematics.smartpal import JOINTS
 from robocorba.maps.formats.floor_grid import DEFAULT_RESOLUTION_M, floor_grid
 from robocorba.maps.model import Building
 from robocorba.maps.movable import movables
+from robocorba.plain_names import PlainNames
 from robocorba.ros2.frames import BASE, LASER, MAP, ODOM, Frames, floor_frame
 from robocorba.ros2.links import description, link_poses
 from robocorba.ros2.messages import Messages, MessageTypes, yaw
-from robocorba.ros2.names import RosNames
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_changes import SystemChanges
 from robocorba.simulation.system_view import RobotPlace, SystemView
@@ -69,7 +69,7 @@ class RosPublisher:
     ) -> None:
         self._topics, self._messages, self._frames = topics, Messages(topics.types), frames
         self._wanted, self._floor, self._resolution_m = robots, floor, resolution_m
-        self.names, self._floor_names = RosNames(), RosNames()
+        self.names, self._floor_names = PlainNames(), PlainNames()
         self._view = SystemView(building)
         #: Robots that were published last, with the floors that were published for them.
         self._floor_of: dict[str, str] = {}

@@ -20,10 +20,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
 from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.corba.remote.robot_orders import RobotOrders
 from robocorba.errors.base import RoboCorbaError
 from robocorba.ros2.messages import heading_of
 from robocorba.ros2.node import RosNode, message_type
-from robocorba.ros2.robot_orders import RobotOrders
 from robocorba.spatial.pose import Pose
 
 #: Services without arguments, and what they order.

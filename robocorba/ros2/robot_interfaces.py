@@ -7,6 +7,7 @@ from functools import partial
 
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent, robots
+from robocorba.corba.remote.robot_orders import RobotOrders
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.repeating import Repeating
@@ -17,7 +18,6 @@ from robocorba.ros2.messages import Messages
 from robocorba.ros2.node import RosNode, RosTopics
 from robocorba.ros2.publisher import RosPublisher
 from robocorba.ros2.robot_interface import RobotInterface
-from robocorba.ros2.robot_orders import RobotOrders
 from robocorba.spatial.pose import Pose
 
 #: Interval between looks at the states of all robots [s].

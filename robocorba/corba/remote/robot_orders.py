@@ -1,25 +1,25 @@
-"""Orders from ROS to one robot: velocities, goals and programs, executed by its control agent."""
+"""Orders from other systems to one robot: velocities, goals and programs, executed by its control agent."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 from robocorba.control.agent import AgentCondition
 from robocorba.control.runner import ProgramResult
 from robocorba.control.teleoperation import TELEOPERATION
 from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import IllegalOrder, MotionFailed
 from robocorba.errors.services import NotReachable
+from robocorba.last_order import LastOrder
 from robocorba.motion.robot_state import Velocity
 from robocorba.programs import program
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.spatial.pose import Pose
 
-#: Validity of a velocity [s]: a robot stops this time after the last message.
+#: Validity of a velocity, unless another one is wanted [s]: a robot stops this time after the last message.
 VELOCITY_VALID_S = 0.5
 #: Age from which an order that waits for its turn is too old for execution [s].
 MAX_AGE_S = 0.5
@@ -30,46 +30,7 @@ REPORT_INTERVAL_S = 2.0
 #: Name of the program that drives to a goal.
 GOAL = "goal_pose"
 
-OrderT = TypeVar("OrderT")
 Answer = TypeVar("Answer")
-
-
-class LastOrder(Generic[OrderT]):
-    """Executes orders in a thread of its own, one after the other; a new one replaces one that waits. report: called
-    with the error of one that fails, or with empty text after one that does not."""
-
-    def __init__(self, name: str, execute: Callable[[OrderT], None], report: Callable[[str], None]) -> None:
-        self._execute, self._report = execute, report
-        self._condition = threading.Condition()
-        self._waiting: OrderT | None = None
-        self._is_closed = False
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
-
-    def give(self, order: OrderT) -> None:
-        with self._condition:
-            self._waiting = order
-            self._condition.notify()
-
-    def close(self) -> None:
-        """Drop what waits, and end the thread after the present order."""
-        with self._condition:
-            self._waiting, self._is_closed = None, True
-            self._condition.notify()
-
-    def _run(self) -> None:
-        while (order := self._next()) is not None:
-            try:
-                self._execute(order)
-                self._report("")
-            except RoboCorbaError as error:
-                self._report(str(error))
-
-    def _next(self) -> OrderT | None:
-        with self._condition:
-            self._condition.wait_for(lambda: self._is_closed or self._waiting is not None)
-            order, self._waiting = self._waiting, None
-            return order
 
 
 class RobotOrders:
@@ -81,17 +42,17 @@ class RobotOrders:
         self._lock = threading.Lock()
         self._agent: RemoteAgent | None = None
         self._problems: dict[str, tuple[str, float]] = {}
-        self._velocities = LastOrder(f"{name} velocity", self._drive, lambda why: self._note("cmd_vel", why))
-        self._goals = LastOrder(f"{name} goal", self._drive_to, lambda why: self._note("goal_pose", why))
+        self._velocities = LastOrder(f"{name} velocity", self._drive, lambda why: self._note("velocity", why))
+        self._goals = LastOrder(f"{name} goal", self._drive_to, lambda why: self._note("goal", why))
 
     def close(self) -> None:
         """No further orders."""
         self._velocities.close()
         self._goals.close()
 
-    def drive(self, velocity: Velocity) -> None:
-        """Drive at a velocity ahead and to the left [m/s], turn [rad/s], for VELOCITY_VALID_S."""
-        self._velocities.give((velocity, time.monotonic()))
+    def drive(self, velocity: Velocity, valid_s: float = VELOCITY_VALID_S) -> None:
+        """Drive at a velocity ahead and to the left [m/s], turn [rad/s], for some time [s]."""
+        self._velocities.give((velocity, valid_s, time.monotonic()))
 
     def drive_to(self, goal: Pose) -> None:
         """Drive to a pose, instead of to an earlier one."""
@@ -115,10 +76,10 @@ class RobotOrders:
             self._agent = agent
         return order(agent)
 
-    def _drive(self, order: tuple[Velocity, float]) -> None:
-        velocity, given_at = order
+    def _drive(self, order: tuple[Velocity, float, float]) -> None:
+        velocity, valid_s, given_at = order
         if time.monotonic() - given_at < MAX_AGE_S:
-            self.order(lambda agent: agent.drive(velocity, VELOCITY_VALID_S))
+            self.order(lambda agent: agent.drive(velocity, valid_s))
 
     def _drive_to(self, goal: Pose) -> None:
         drive = ProgramBuilder(GOAL).mbase_path(goal.floor, goal.x, goal.y, goal.heading).program()
@@ -126,15 +87,15 @@ class RobotOrders:
         self.order(lambda agent: agent.load(program.dumps(drive)))
         self.order(lambda agent: agent.run())
 
-    def _note(self, topic: str, why: str) -> None:
+    def _note(self, kind: str, why: str) -> None:
         """Report a problem once every REPORT_INTERVAL_S."""
-        before, at_s = self._problems.get(topic, ("", 0.0))
+        before, at_s = self._problems.get(kind, ("", 0.0))
         now_s = time.monotonic()
         if why and (why != before or now_s - at_s >= REPORT_INTERVAL_S):
-            self._warn(f"{self.name}: {topic}: {why}")
-            self._problems[topic] = why, now_s
+            self._warn(f"{self.name}: {kind}: {why}")
+            self._problems[kind] = why, now_s
         elif not why:
-            self._problems.pop(topic, None)
+            self._problems.pop(kind, None)
 
 
 def _end_drive(agent: RemoteAgent) -> None:

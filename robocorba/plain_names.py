@@ -1,11 +1,11 @@
-"""Names for topics, frames and parameters of ROS: letters, digits and underscores, not beginning with a digit."""
+"""Names for ROS and OpenRTM: letters, digits and underscores, not beginning with a digit."""
 
 from __future__ import annotations
 
 import re
 
 
-def ros_name(name: str) -> str:
+def plain_name(name: str) -> str:
     """The name in which each other character is an underscore."""
     cleaned = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9_]", "_", name))
     return f"_{cleaned}" if cleaned[:1].isdigit() else cleaned or "_"
@@ -16,7 +16,7 @@ def names_in(text: str) -> frozenset[str] | None:
     return frozenset(filter(None, (each.strip() for each in text.split(",")))) or None
 
 
-class RosNames:
+class PlainNames:
     """Unique names for things that are called otherwise. A second one that would have the same gets a number."""
 
     def __init__(self) -> None:
@@ -24,7 +24,7 @@ class RosNames:
 
     def __getitem__(self, name: str) -> str:
         if name not in self._names:
-            wanted = found = ros_name(name)
+            wanted = found = plain_name(name)
             number = 2
             while found in self._names.values():
                 found, number = f"{wanted.rstrip('_')}_{number}", number + 1

@@ -7,18 +7,18 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robocorba.ros2.names import RosNames, names_in, ros_name
+from robocorba.plain_names import PlainNames, names_in, plain_name
 
 
 def test_what_is_allowed_stays() -> None:
-    assert [ros_name(name) for name in ("A", "robot_7", "2nd floor", "l'été", "a--b")] == [
+    assert [plain_name(name) for name in ("A", "robot_7", "2nd floor", "l'été", "a--b")] == [
         *("A", "robot_7", "_2nd_floor", "l_t_", "a_b")
     ]
 
 
 @given(st.lists(st.text(min_size=1), unique=True))
 def test_names_are_allowed_unique_and_stay(names: list[str]) -> None:
-    ros = RosNames()
+    ros = PlainNames()
     found = [ros[name] for name in names]
     assert all(re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) and "__" not in name for name in found)
     assert len(set(found)) == len(names)
