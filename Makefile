@@ -39,7 +39,7 @@ $(VENV)/.installed: $(VENV)/.made setup.cfg setup.py pyproject.toml
 	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	@touch $@ $(VENV)/.stubs
 
-$(VENV)/.stubs: $(VENV)/.installed $(wildcard idl/*.idl) idl/make_stubs.py
+$(VENV)/.stubs: $(VENV)/.installed $(wildcard idl/*.idl idl/openrtm/*.idl) idl/make_stubs.py
 	@$(BIN)/python idl/make_stubs.py robocorba/stubs
 	@touch $@
 

@@ -19,9 +19,10 @@ class BuildWithIdl(build_py):
         super().run()
         if not self.editable_mode:
             target = Path(self.build_lib) / "robocorba" / "idl"
-            target.mkdir(parents=True, exist_ok=True)
-            for file in (ROOT / "idl").glob("*.idl"):
-                shutil.copy(file, target)
+            for file in (*(ROOT / "idl").glob("*.idl"), *(ROOT / "idl" / "openrtm").glob("*.idl")):
+                copy = target / file.relative_to(ROOT / "idl")
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(file, copy)
 
 
 make_stubs(ROOT / "robocorba" / "stubs")

@@ -1,4 +1,4 @@
-"""Make the Python stubs of every IDL file beside this one: python make_stubs.py FOLDER.
+"""Make the Python stubs of every IDL file beside this one and in openrtm/: python make_stubs.py FOLDER.
 
 FOLDER becomes the package robocorba.stubs; what was in it goes. Uses the omniidl
 of the running interpreter where it has one, else the one on PATH.
@@ -28,7 +28,8 @@ def make_stubs(folder: Path) -> None:
     fresh = folder.with_name(f".{folder.name}.new")
     shutil.rmtree(fresh, ignore_errors=True)
     fresh.mkdir(parents=True)
-    generate(fresh, HERE, f"-Wbpackage={package}")
+    for idl in (HERE, HERE / "openrtm"):
+        generate(fresh, idl, f"-Wbpackage={package}")
     made = fresh / Path(*package.split("."))
     shutil.rmtree(folder, ignore_errors=True)
     made.rename(folder)

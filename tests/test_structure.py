@@ -28,6 +28,7 @@ DOMAIN = {
     "programs": "errors spatial kinematics planning sensing",
     "collision_avoidance": "errors spatial motion kinematics planning data_pool",
     "control": "errors spatial maps motion kinematics planning simulation sensing programs collision_avoidance",
+    "openrtm": "errors simulation",
     "missions": "errors spatial maps motion kinematics planning simulation programs control",
 }
 #: Modules of robocorba/ itself that every package may use.
@@ -39,6 +40,7 @@ COMMON = {
     "robocorba.kernel_digests",
     "robocorba.kernel_store",
     "robocorba.kernels",
+    "robocorba.last_order",
     "robocorba.private_files",
     "robocorba.record_file",
     "robocorba.repeating",

@@ -27,6 +27,7 @@ SUBCOMMANDS = {
     "convert": ("convert", "convert"),
     "foxglove": ("foxglove", "foxglove"),
     "ros2": ("ros2", "ros2"),
+    "openrtm": ("openrtm", "openrtm"),
     "access": ("access", "app"),
     "robot": ("robot", "robot"),
     "robots": ("robots", "robots"),

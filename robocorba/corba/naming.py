@@ -263,6 +263,10 @@ class BoundNames:
         self._thread = threading.Thread(target=self._run, name="bindings", daemon=True)
         self._thread.start()
 
+    def add(self, name: str, reference: Any) -> None:
+        """Bind another name, within BINDING_CHECK_INTERVAL_S if it can be bound. It must not be bound by this yet."""
+        self._served[name] = reference
+
     def withdraw(self, name: str) -> None:
         """Unbind one of them."""
         self._unbind({name: self._served.pop(name)})
@@ -288,6 +292,8 @@ class BoundNames:
                 return
 
     def _check(self, name: str, reference: Any) -> None:
+        if self._served.get(name) is not reference:
+            return  # withdrawn
         try:
             found = self._names.bound(name) if name in self._bound else None
         except CORBA.MARSHAL:  # a reference that can't be read
@@ -297,6 +303,9 @@ class BoundNames:
             return
         if found is None:
             self._names.take_back(name, reference)
+            if self._served.get(name) is not reference:  # withdrawn meanwhile
+                self._names.unbind(name, reference)
+                return
             self._bound.add(name)
             _log.info("bound %s at %s", self._names.path(name), self._names.address)
         elif not found._is_equivalent(reference) and self._owns_names():

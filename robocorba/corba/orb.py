@@ -449,6 +449,13 @@ class Orb:
         other = NamingService(self._connect, naming, "", with_kinds=True)
         return other.resolve_once(name, interface, call_timeout_s)
 
+    def names_elsewhere(self, naming: Address) -> BoundNames:
+        """Names, which may have kinds, that are kept bound in the root of another naming service, or in the root of
+        the system's, until they are closed; none at first."""
+        names = BoundNames(NamingService(self._connect, naming, "", with_kinds=True, uri=self.uri))
+        names.start({})
+        return names
+
     def names(self, path: str, timeout_s: float = PROBE_TIMEOUT_S) -> list[str]:
         """The names bound in the naming context `path`, sorted; empty if there is no such context.
 

@@ -1,0 +1,1 @@
+"""Robots as RT components, for tools and components of OpenRTM."""
