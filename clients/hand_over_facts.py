@@ -13,7 +13,7 @@ from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import GRIP, SHUT_RAD, Side
 from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
 from robocorba.motion.robot_state import RobotState
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: The hands of giver and taker that hold the sheet.
 GIVING, TAKING = Side.RIGHT, Side.LEFT

@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.pose import HandPose
 from robocorba.motion.robot_state import RobotState
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 GROUND, FLOOR, INK, EDGE = "#ffffff", "#eef0f3", "#1f2430", "#5a6270"
 #: Pictures are drawn larger by this factor and then reduced, for smooth edges.

@@ -15,7 +15,7 @@
 
 #include <omniORB4/Naming.hh>
 
-#include "robot.hh"
+#include "robocorba.hh"
 
 namespace {
 

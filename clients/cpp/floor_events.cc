@@ -13,8 +13,7 @@
 #include <mutex>
 #include <string>
 
-#include "event_channel.hh"
-#include "omni_database.hh"
+#include "robocorba.hh"
 
 namespace {
 

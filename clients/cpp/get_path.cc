@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <iostream>
 
-#include "path_planner.hh"
+#include "robocorba.hh"
 
 static void setPoint(RoboCorba::Point& point, char** word) {
   point.floor = CORBA::string_dup(word[0]);

@@ -11,7 +11,7 @@
 #include <iostream>
 #include <thread>
 
-#include "simulation_server.hh"
+#include "robocorba.hh"
 
 namespace {
 

@@ -15,7 +15,7 @@ import pytest
 from omniORB import CORBA
 from PIL import Image
 
-from robocorba.control.runner import ProgramResult
+from robocorba.control.agent_state import ProgramResult
 from robocorba.corba.naming import corbaname
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
@@ -141,7 +141,7 @@ def cpp(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if not has_cpp():
         pytest.skip("needs make, g++, libomniorb4-dev and omniidl with its back-end for C++")
     folder = tmp_path_factory.mktemp("cpp")
-    make = ("make", "-j2", "-C", str(ROOT / "clients" / "cpp"), f"OUT={folder}", f"OMNIIDL={OMNIIDL}")
+    make = ("make", "-j2", "-C", str(ROOT / "clients" / "cpp"), f"OUT={folder}", f"OMNIIDL={OMNIIDL}", "OPTIMIZE=-O0")
     made = subprocess.run(make, capture_output=True, text=True, env=CLEAN, timeout=250)
     assert made.returncode == 0, made.stderr
     return folder
