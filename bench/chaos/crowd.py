@@ -15,8 +15,7 @@ from omniORB import CORBA
 from bench.chaos.attackers import EMPTY_FLOOR, EMPTY_FLOOR_M, HERE, THERE
 from bench.chaos.beside import Complaints
 from bench.missions.many import Room, building
-from robocorba.control.agent import AgentCondition
-from robocorba.control.runner import ProgramResult
+from robocorba.control.agent_state import AgentCondition, ProgramResult
 from robocorba.corba.event_client import Event, EventClient
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.events import Unconfirmed

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, cast
 import psutil
 
 from bench.common.harness import progress
-from robocorba.control.runner import ProgramReport, ProgramResult
+from robocorba.control.agent_state import ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.names import MISSIONS
 from robocorba.programs.graphic_programming import ProgramBuilder

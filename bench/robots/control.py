@@ -26,7 +26,7 @@ from robocorba.corba.orb import Orb
 from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, JOINTS
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program, dumps
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.json_process import busy_process
 from robocorba.testing.report import PROGRESS, at_most, distribution, quantile, summarize

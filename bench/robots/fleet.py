@@ -23,7 +23,7 @@ import psutil
 from matplotlib.axes import Axes
 
 from bench.common.harness import run
-from robocorba.control.agent import AgentCondition
+from robocorba.control.agent_state import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.services import NotReachable

@@ -23,7 +23,7 @@ from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, Side
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.testing.report import at_least, at_most, distribution, summarize, summary, timed_ms
 
 POSES, QUESTIONS = 1000, 10_000

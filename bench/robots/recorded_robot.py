@@ -30,7 +30,7 @@ from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.services import NotReachable
 from robocorba.maps import native
 from robocorba.motion.robot_state import ActorCommand, RobotState
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.testing.buildings import two_floors
 from robocorba.testing.json_process import Process, checkout_command
 from robocorba.testing.processes import Running, eventually, running_system

@@ -28,7 +28,7 @@ from matplotlib.axes import Axes
 
 from bench.common.harness import progress, run
 from bench.robots.recorded_robot import FLOOR, HANG_S, NAME, RecordedRobot, system_on_two_floors
-from robocorba.control.agent import AgentCondition
+from robocorba.control.agent_state import AgentCondition
 from robocorba.control.high_controller import SPEED_CAP
 from robocorba.corba.orb import Orb
 from robocorba.errors.robots import RobotError

@@ -24,15 +24,14 @@ from matplotlib.axes import Axes
 
 from bench.common.harness import run
 from robocorba.claimed_ports import claimed_ports
-from robocorba.control.agent import AgentState
-from robocorba.control.runner import ProgramResult
+from robocorba.control.agent_state import AgentState, ProgramResult
 from robocorba.corba.orb import Orb
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import JOINTS, Side
 from robocorba.programs import program
 from robocorba.programs.icons import kind
 from robocorba.settings import Address
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.processes import Launcher, drain, real_system
 from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize, write_csv

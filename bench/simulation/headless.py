@@ -25,13 +25,14 @@ from matplotlib.axes import Axes
 from bench.common.harness import progress, run
 from robocorba.maps.model import Building
 from robocorba.sensing.fan import PROXIMITY, Fan
-from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
+from robocorba.sensing.scan import Mount, ScanSpec
+from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S, warm_up
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial import floor_format
+from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.floor_update import WHOLE, BodyKind, FloorUpdate
-from robocorba.spatial.grids import Floats, Longs
 from robocorba.testing.generated_buildings import RADIUS_M, office, robots
 from robocorba.testing.json_process import ObjectProcess
 from robocorba.testing.report import Mark, at_least, at_most, bars, summarize

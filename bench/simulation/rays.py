@@ -20,7 +20,7 @@ from shapely import LineString
 from bench.common.harness import run
 from robocorba.sensing.fan import Fan
 from robocorba.sensing.visible_obstacles import VisibleObstacles
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.testing.report import at_least, at_most, bars, summarize
 
 FULL = Fan(-math.pi, 2 * math.pi / 360, 360, 30.0)

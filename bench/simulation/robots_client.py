@@ -24,10 +24,10 @@ from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.orb import Orb
 from robocorba.repeating import Repeating
 from robocorba.sensing.fan import Fan
-from robocorba.sensing.virtual_sensor import ScanSpec
+from robocorba.sensing.scan import ScanSpec
 from robocorba.settings import Address
 from robocorba.simulation.registry import Description
-from robocorba.spatial.floor_state import Pose
+from robocorba.spatial.pose import Pose
 from robocorba.stubs import RoboCorba
 from robocorba.testing.generated_buildings import saved_office
 from robocorba.testing.json_process import LoggedOff, Process, answer_commands, checked_call, checkout_command

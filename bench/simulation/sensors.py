@@ -21,7 +21,7 @@ from bench.common.harness import run
 from bench.simulation.robots_client import FULL, NO_MOUNT, START_LIMIT_S, Clients, office_system
 from robocorba.corba.conversion import scans, simulation
 from robocorba.sensing.fan import Fan
-from robocorba.sensing.virtual_sensor import ScanSpec
+from robocorba.sensing.scan import ScanSpec
 from robocorba.testing.generated_buildings import office, robots
 from robocorba.testing.json_process import Cpu, Process, pids_of
 from robocorba.testing.report import PROGRESS, Mark, at_most, bars, quantile, summarize, summary, timed_ms

@@ -23,7 +23,7 @@ from matplotlib.axes import Axes
 from bench.common.harness import progress, run
 from bench.starts.memory import start_robots
 from bench.starts.systems import OURS, SETTLE_S, System, load, system, versions
-from robocorba.control.agent import AgentCondition
+from robocorba.control.agent_state import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.maps import native

@@ -15,7 +15,7 @@ from robocorba.commands.reporting import reporting
 from robocorba.commands.rt_objects import RtComponent, RtObjects
 from robocorba.commands.served_map import ServedMap
 from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
-from robocorba.control.agent import AgentCondition
+from robocorba.control.agent_state import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.lasers import RemoteLasers

@@ -22,7 +22,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.printing import Console, line
 
 if TYPE_CHECKING:
-    from robocorba.control.agent import AgentState
+    from robocorba.control.agent_state import AgentState
     from robocorba.corba.remote.control_agent import RemoteAgent
 
 #: Interval between requests for the robot's progress [s].

@@ -13,7 +13,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import Unreachable
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINTS, Side
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 if TYPE_CHECKING:
     from robocorba.kinematics.inverse import InverseKinematics

@@ -10,8 +10,7 @@ from typing import Any, Protocol
 import msgspec
 
 from robocorba.console.arguments import InvalidArguments, texts
-from robocorba.control.agent import AgentState
-from robocorba.control.runner import IconBegun
+from robocorba.control.agent_state import AgentState, IconBegun
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.robots import InvalidProgram

@@ -7,15 +7,15 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
-from enum import Enum
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from robocorba.collision_avoidance.neighbours import Nearby
 from robocorba.control import model_switcher
+from robocorba.control.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
 from robocorba.control.high_controller import HighController
 from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.robot import Robot
-from robocorba.control.runner import IconBegun, OtherRobots, ProgramReport, ProgramResult, Runner
+from robocorba.control.runner import OtherRobots, Runner
 from robocorba.control.sensors import Sensors
 from robocorba.control.session import SessionState
 from robocorba.control.teleoperation import Teleoperation, check_order
@@ -34,8 +34,8 @@ from robocorba.programs.report import CheckReport
 from robocorba.repeating import Repeating
 from robocorba.simulation.emergency_stops import StopAnswer
 from robocorba.simulation.registry import Pose
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.frames import into, turned
-from robocorba.spatial.grids import Floats
 
 #: Gain with which the body in the building follows an actual robot [1/s].
 FOLLOW_GAIN = 5.0
@@ -56,31 +56,6 @@ LEASE_RENEWAL_S = 0.5
 END_LIMIT_S = 5.0
 
 _log = logging.getLogger(__name__)
-
-
-class AgentCondition(Enum):
-    """Condition of a control agent. IDLE: no program runs, also after its end. STOPPED: by an emergency stop or a
-    fault, until it is reset."""
-
-    IDLE = 0
-    RUNNING = 1
-    PAUSED = 2
-    STOPPED = 3
-
-
-class AgentState(NamedTuple):
-    """adaptor: its name. reason: why the robot is stopped, or empty. at: the robot's pose. actor: what the adaptor read
-    last. speed_cap: [m/s]. jitter_s: greatest lateness of a tick in the last ten seconds."""
-
-    name: str
-    adaptor: str
-    condition: AgentCondition
-    reason: str
-    at: Pose
-    actor: RobotState
-    speed_cap: float
-    jitter_s: float
-    program: ProgramReport
 
 
 class Task(Protocol):

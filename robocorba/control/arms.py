@@ -11,8 +11,8 @@ from robocorba.errors.robots import MotionFailed
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import GRIP, JOINT_ACCELERATION, JOINT_SPEED, JOINTS, Side
 from robocorba.motion.joint_motion import GripMotion, JointMotion
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.frames import out_of
-from robocorba.spatial.grids import Floats
 
 
 class ArmMovements(Movements):

@@ -21,8 +21,8 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotHeld, RobotLost
 from robocorba.motion.motion import Motion, MotionCommand
 from robocorba.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.frames import turned
-from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import Limits
 
 #: Period of the control loop [s].

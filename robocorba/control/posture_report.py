@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 _log = logging.getLogger(__name__)
 

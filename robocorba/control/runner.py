@@ -9,10 +9,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from enum import Enum
 from functools import singledispatchmethod
 from typing import Any, NamedTuple, Protocol
 
+from robocorba.control.agent_state import IconBegun, ProgramReport, ProgramResult
 from robocorba.control.execution_control import CHECK_INTERVAL_S, Aborted, SensorStop
 from robocorba.control.robot import Robot
 from robocorba.errors.base import RoboCorbaError
@@ -27,37 +27,6 @@ MAX_EVENTS = 1000
 MAX_ICONS_BEGUN = 1000
 #: Time without a distance from its sensor after which a stop_if_closer icon fails [s].
 BLIND_LIMIT_S = 1.0
-
-
-class ProgramResult(Enum):
-    """Result of a program."""
-
-    NO_RESULT = 0
-    DONE = 1
-    ABORTED = 2
-    FAILED = 3
-
-
-class ProgramReport(NamedTuple):
-    """Progress and result of a program. icon: the present icon, a path such as icons[2].then[0]; kind: its type.
-    reason: why the program failed or was aborted. seconds: since its start."""
-
-    name: str = ""
-    result: ProgramResult = ProgramResult.NO_RESULT
-    icon: str = ""
-    kind: str = ""
-    reason: str = ""
-    icons_done: int = 0
-    seconds: float = 0.0
-
-
-class IconBegun(NamedTuple):
-    """An icon that has begun. number: counts from 0. seconds: since the program's start."""
-
-    number: int
-    icon: str
-    kind: str
-    seconds: float
 
 
 class ReceivedEvent(NamedTuple):

@@ -10,9 +10,9 @@ from robocorba.control.session import BuildingSession
 from robocorba.motion.robot_state import RobotState
 from robocorba.programs.icons import PROXIMITY_SENSORS
 from robocorba.sensing.fan import LASER, PROXIMITY
-from robocorba.sensing.virtual_sensor import Mount, ScanSpec
+from robocorba.sensing.scan import Mount, ScanSpec
 from robocorba.simulation.registry import Pose
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Scans are measured from the centre of the robot.
 CENTRE = Mount()

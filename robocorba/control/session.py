@@ -9,11 +9,11 @@ from typing import NamedTuple, Protocol
 
 from robocorba.maps.polygons import FloorArea
 from robocorba.motion.robot_state import Velocity
-from robocorba.sensing.virtual_sensor import Mount, ScanSpec
+from robocorba.sensing.scan import Mount, ScanSpec
 from robocorba.simulation.elevator import RideStatus
 from robocorba.simulation.registry import Pose
 from robocorba.simulation.reservations import Reservation
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 
 class SessionState(NamedTuple):

@@ -34,8 +34,8 @@ from robocorba.kinematics.smartpal import (
     Side,
 )
 from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.frames import Frame, turned
-from robocorba.spatial.grids import Floats
 
 #: Timeout of `start` for all units to become ready [s].
 START_LIMIT_S = 10.0

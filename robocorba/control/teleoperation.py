@@ -7,9 +7,9 @@ import threading
 import time
 from collections.abc import Callable
 
+from robocorba.control.agent_state import TELEOPERATION, IconBegun, ProgramReport, ProgramResult
 from robocorba.control.execution_control import Aborted
 from robocorba.control.robot import Robot
-from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.motion.driving import is_stationary
@@ -20,8 +20,6 @@ from robocorba.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
 MAX_VALID_S = 5.0
 #: Time after the last order for which the robot remains teleoperated [s]: short pauses between orders don't end it.
 LINGER_S = 1.0
-#: Name of teleoperation in reports.
-TELEOPERATION = "teleoperation"
 
 
 class OrderedVelocity:

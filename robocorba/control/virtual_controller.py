@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Gain of the joints' position control [1/s].
 GAIN = 20.0

@@ -17,9 +17,9 @@ from robocorba.data_pool.entities import FloorEntity, entity_of_body, entity_of_
 from robocorba.data_pool.recent import Updates, merged, since
 from robocorba.data_pool.walls import NearbyObstacle, Walls, nearest_of
 from robocorba.errors.paths import InvalidPoint, InvalidRequest
+from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.elevator_state import ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, Motions
-from robocorba.spatial.grids import Floats, Longs
 
 
 class NearbyRobot(NamedTuple):

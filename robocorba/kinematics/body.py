@@ -8,7 +8,7 @@ import numpy as np
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINTS, Side
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Depth up to which overlapping links do not count as colliding [m].
 _TOUCH_M = 1e-4

@@ -14,7 +14,7 @@ import numpy as np
 
 from robocorba.kernels import kernel
 from robocorba.kinematics.smartpal import ARM, JOINTS, LUMBAR, Side
-from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.arrays import Floats, Longs
 
 #: Weight of a rotation in the error: one radian counts as this distance [m].
 ROTATION_WEIGHT_M = 0.3

@@ -17,7 +17,7 @@ from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.chain import ROTATION_WEIGHT_M, TOLERANCE_M, chains_of, solve_pose
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, LUMBAR, Side
-from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.arrays import Floats, Longs
 
 #: A comfortable arm (7,) [rad]: the elbow bent and slightly aside, the wrist in the middle of its range.
 COMFORTABLE_ARM = np.radians((5, -10, 0, 75, 0, 14, -10))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 
 class HandPose(NamedTuple):

@@ -11,7 +11,7 @@ from enum import Enum
 
 import numpy as np
 
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M, Limits
 
 

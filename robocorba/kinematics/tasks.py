@@ -8,7 +8,7 @@ import numpy as np
 
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import Side
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Joints of one arm (7,) [rad]. Both arms can take the same posture simultaneously. `tuck` keeps the arms above
 #: the base, for narrow passages.

@@ -20,7 +20,7 @@ from robocorba.kinematics.link_tree import Link, LinkJoint, links
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINT_ACCELERATION, JOINT_SPEED
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Mass [kg] and moments of inertia [kg m^2] of a link between two joints of a link of the model; taken off its mass.
 _JOINT_MASS_KG, _JOINT_INERTIA = 0.01, 1e-5

@@ -23,7 +23,7 @@ from robocorba.maps.model import Elevator
 from robocorba.missions.formation import MARGIN_M, Formation, width_of
 from robocorba.missions.obstacles import BuildingObstacles, FloorObstacles, ObstacleInMargin, placed
 from robocorba.planning.body_search import HEADINGS, Bytes, Lattice, distances_to_goal
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.pose import XY, Pose
 
 #: Radius of the disc that shows whether start and goal are connected at all [m].

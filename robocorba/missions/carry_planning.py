@@ -33,8 +33,8 @@ from robocorba.planning.body_search import (
     shorten,
 )
 from robocorba.planning.request import MAX_COORDINATE_M
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.frames import out_of
-from robocorba.spatial.grids import Floats
 from robocorba.spatial.pose import Pose
 
 #: Clearance that shortened paths keep if there is room [m].

@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.robots import InvalidCarry
 from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.pose import Pose2D
 
 #: Distance from the centre of a carrier's base to its hands [m].

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 
+from robocorba.control.agent_state import IconBegun, ProgramReport, ProgramResult
 from robocorba.control.execution_control import Aborted
 from robocorba.control.robot import Robot
-from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.missions.messages import MakeWay, WayMade
 

@@ -12,7 +12,7 @@ import numpy as np
 from robocorba.missions.messages import MemberMeasurements, MemberState, type_of
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.missions.transport import Received
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 REPORT_FILE = "report.json"
 #: Phases without robots: while the leader looks for helpers, and before that for its turn, and after a fault.

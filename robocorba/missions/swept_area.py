@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.maps.polygons import FloorArea
 from robocorba.missions.carry_planning import CarryPlan
 from robocorba.missions.obstacles import placed
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.pose import XY, Pose2D
 
 #: Distance between samples of the path [m, rad].

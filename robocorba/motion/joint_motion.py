@@ -10,7 +10,7 @@ import numpy as np
 from robocorba.errors.robots import MotionFailed
 from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import RobotState
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Force of a finger for each radian between its target and its position [N/rad]; our assumption.
 FINGER_N_PER_RAD = 100.0

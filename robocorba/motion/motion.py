@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 from robocorba.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 
 class MotionCommand(NamedTuple):

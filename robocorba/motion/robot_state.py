@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 Velocity = tuple[float, float, float]
 ZERO_VELOCITY: Velocity = (0.0, 0.0, 0.0)

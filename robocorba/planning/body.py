@@ -14,7 +14,8 @@ from shapely import Polygon
 
 from robocorba.kernels import kernel
 from robocorba.planning.space import line_clearance
-from robocorba.spatial.grids import Floats, Grid, segments_of
+from robocorba.spatial.arrays import Floats
+from robocorba.spatial.grids import Grid, segments_of
 
 #: Poses are tested until no point of the body moves farther than this between two of them [m]. In between, the
 #: clearance is smaller by at most half of it.

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from robocorba.kernels import kernel
 from robocorba.planning.body import CapsuleBody, body_clearance, body_passes
 from robocorba.planning.space import nearest_segment
-from robocorba.spatial.grids import Floats, Grid, Longs
+from robocorba.spatial.arrays import Floats, Longs
+from robocorba.spatial.grids import Grid
 
 Bytes = NDArray[np.uint8]
 Singles = NDArray[np.float32]

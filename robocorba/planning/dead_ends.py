@@ -15,7 +15,7 @@ import numpy as np
 from robocorba.kernels import kernel
 from robocorba.planning.segments import segments_distance2
 from robocorba.planning.triangulation import Flags, Mesh, locate, on_lattice
-from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.arrays import Floats, Longs
 
 #: Exit triangle of a triangle of the core.
 IN_CORE = -1

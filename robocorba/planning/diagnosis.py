@@ -14,7 +14,7 @@ from robocorba.planning import geometric, topological
 from robocorba.planning.request import Path, PathRequest, Place, PointKind, RouteMode
 from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.space import FloorSpace
-from robocorba.spatial.grids import Longs
+from robocorba.spatial.arrays import Longs
 from robocorba.spatial.pose import XY
 
 #: Radius of a thin robot [m]: if it has a path where the real one has none, gaps are too narrow.

@@ -10,7 +10,8 @@ import numpy as np
 from robocorba.kernels import kernel
 from robocorba.planning.dead_ends import exit_triangles
 from robocorba.planning.triangulation import crossings, empty_mesh, insert_points, insert_walls, trimmed
-from robocorba.spatial.grids import Floats, Grid, Longs
+from robocorba.spatial.arrays import Floats, Longs
+from robocorba.spatial.grids import Grid
 from robocorba.spatial.pose import XY
 
 #: Angles that differ by less are equal [rad].

@@ -14,7 +14,7 @@ from robocorba.planning.request import Criterion, PathRequest
 from robocorba.planning.route import ELEVATOR, NODE, TRAVELS, WAITS, waypoints
 from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.tangent_graph import NO_LANES, DriveLeg
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.pose import XY
 
 #: A vertex of the search: a floor, and the elevator whose cabin is there or " start" or " goal".

@@ -11,7 +11,7 @@ from robocorba.kernels import kernel
 from robocorba.planning.packing import Packed, numbers, pack, rows
 from robocorba.planning.roads import CLEARANCE, LENGTH, SPEED_LIMIT, TRAVEL, WAIT, RoadMap, RoadmapArrays
 from robocorba.planning.space import TOUCH_M
-from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.arrays import Floats, Longs
 
 #: Maximum number of nodes of a building that gets a table of all costs for the robot of getPath.
 MAX_TABLE_NODES = 400

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from robocorba.kernels import kernel
-from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.arrays import Floats, Longs
 
 
 class Packed(NamedTuple):

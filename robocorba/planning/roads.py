@@ -16,7 +16,8 @@ from robocorba.maps.model import Building, FloorMap, PathEdge
 from robocorba.planning.elevators import ride
 from robocorba.planning.request import MAX_RADIUS_M, IndexedNames
 from robocorba.planning.space import FloorSpace, is_ground, line_clearance
-from robocorba.spatial.grids import Floats, Grid, Longs
+from robocorba.spatial.arrays import Floats, Longs
+from robocorba.spatial.grids import Grid
 
 #: Columns of RoadmapArrays.measures. Waiting and travelling are 0 s for a drive; the length of a ride is its climb.
 LENGTH, CLEARANCE, SPEED_LIMIT, WAIT, TRAVEL = range(5)

@@ -14,7 +14,7 @@ import numpy as np
 
 from robocorba.kernels import kernel
 from robocorba.planning.request import PointKind
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 FLOOR, X, Y, NODE, ELEVATOR, LIMIT, WAITS, TRAVELS, FIXED = range(9)
 COLUMNS = 9

@@ -18,7 +18,8 @@ from robocorba.planning.roads import CLEARANCE, SPEED_LIMIT, TRAVEL, WAIT, Roadm
 from robocorba.planning.route import COLUMNS, ELEVATOR, FIXED, FLOOR, LIMIT, NODE, TRAVELS, WAITS, X, Y, measure
 from robocorba.planning.space import TOUCH_M, against_one_way, detour_bound, line_free
 from robocorba.planning.world import Ground, floor_grid, floor_lanes, floor_point_is_free, unpack
-from robocorba.spatial.grids import Floats, Grid, Longs
+from robocorba.spatial.arrays import Floats, Longs
+from robocorba.spatial.grids import Grid
 
 #: Statuses of `find_route`.
 FOUND, START_NOT_FREE, GOAL_NOT_FREE, START_SEES_NO_NODE, GOAL_SEES_NO_NODE, NO_ROUTE = range(6)

@@ -23,7 +23,7 @@ from robocorba.planning.search import points_of
 from robocorba.planning.space import TOUCH_M, FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.world import pack_world
-from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Maximum number of cached tangent graphs, one for each floor and radius; the least recently used is dropped.

@@ -21,7 +21,8 @@ from robocorba.maps.vicinity import named_obstacles
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.floor_source import FloorSource, Touched
 from robocorba.planning.segments import segments_distance2
-from robocorba.spatial.grids import Floats, Grid, build_grid, column_of, row_of, segments_of, span
+from robocorba.spatial.arrays import Floats
+from robocorba.spatial.grids import Grid, build_grid, column_of, row_of, segments_of, span
 from robocorba.spatial.pose import XY
 
 #: Tolerance for rounding where a robot touches what it passes [m].

@@ -35,7 +35,7 @@ from robocorba.planning.tangent_search import (
     search,
 )
 from robocorba.planning.visible_region import make_scratch
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.pose import XY
 
 #: Minimum radius of the circle around a vertex [m]: with radius 0 a wall would have no corner to turn at.

@@ -19,7 +19,8 @@ from robocorba.planning.space import against_one_way, line_free
 from robocorba.planning.tangents import SAME_RAD, arc_corners, arc_is_free, free_arc, tangent
 from robocorba.planning.triangulation import Mesh, doubled
 from robocorba.planning.visible_region import Scratch, seen_from
-from robocorba.spatial.grids import Floats, Grid, Longs
+from robocorba.spatial.arrays import Floats, Longs
+from robocorba.spatial.grids import Grid
 
 #: Statuses of a search.
 DONE, NO_ROOM, NO_BUDGET = range(3)

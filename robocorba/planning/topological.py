@@ -24,7 +24,7 @@ from robocorba.planning.search import (
 )
 from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.world import floor_grid, floor_lanes, unpack
-from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.pose import XY
 
 #: Cost factor of the edges of a better route in the search for an alternative.

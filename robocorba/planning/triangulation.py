@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocorba.kernels import kernel
-from robocorba.spatial.grids import Floats, Grid, Longs
+from robocorba.spatial.arrays import Floats, Longs
+from robocorba.spatial.grids import Grid
 
 #: Number of steps of the lattice across the frame: products of two differences fit into 64 bits.
 LATTICE = 1 << 30

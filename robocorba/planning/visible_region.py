@@ -21,7 +21,7 @@ from robocorba.planning.triangulation import (
     next_in_star,
     on_lattice,
 )
-from robocorba.spatial.grids import Floats, Longs
+from robocorba.spatial.arrays import Floats, Longs
 
 #: Distance beside a ray within which a vertex counts as seen [steps of the lattice].
 SLACK_STEPS = 4.0

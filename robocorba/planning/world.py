@@ -11,7 +11,8 @@ from robocorba.kernels import kernel
 from robocorba.planning.packing import Packed, numbers, pack, rows
 from robocorba.planning.roads import RoadmapArrays
 from robocorba.planning.space import FloorSpace, point_is_free
-from robocorba.spatial.grids import Floats, Grid, Longs
+from robocorba.spatial.arrays import Floats, Longs
+from robocorba.spatial.grids import Grid
 
 
 class Ground(NamedTuple):

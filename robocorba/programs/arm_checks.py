@@ -23,7 +23,7 @@ from robocorba.programs.icons import (
     MoveTable,
 )
 from robocorba.programs.report import CheckReport
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Maximum change of a joint between two postures that are checked for collisions [rad].
 _STEP_RAD = math.radians(2)

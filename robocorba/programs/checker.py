@@ -32,7 +32,7 @@ from robocorba.programs.icons import (
 )
 from robocorba.programs.program import Program, icons_with_paths
 from robocorba.programs.report import CheckReport
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Maximum number of icons that a check follows. Icons in a repeat count each time they are followed, at most twice.
 MAX_ICONS_CHECKED = 4000

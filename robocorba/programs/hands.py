@@ -13,7 +13,7 @@ from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs.icons import Gripper, Lumbar, MhandJoints, MhandOffset, MhandPose, MhandPosture, sides
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: The icons that move joints.
 HandIcon = MhandJoints | MhandPose | MhandOffset | MhandPosture | Lumbar | Gripper

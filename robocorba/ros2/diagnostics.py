@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from robocorba.control.agent import AgentCondition, AgentState
-from robocorba.control.runner import ProgramResult
+from robocorba.control.agent_state import AgentCondition, AgentState, ProgramResult
 from robocorba.ros2.messages import Messages
 
 #: Levels of diagnostic_msgs/msg/DiagnosticStatus.

@@ -13,7 +13,7 @@ from robocorba.kinematics.smartpal import JOINTS
 from robocorba.kinematics.urdf import urdf
 from robocorba.ros2.frames import BASE
 from robocorba.ros2.messages import Quaternion
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: The root of the robot's URDF, which is its base.
 _ROOT = "base"

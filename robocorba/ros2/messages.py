@@ -11,7 +11,7 @@ import numpy as np
 from robocorba.maps.formats.grid import FREE, OCCUPIED, UNKNOWN, Canvas
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_view import RobotPlace
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 NS_PER_S = 1_000_000_000
 #: Variance of simulated poses and velocities, which are exact: small, as filters can't invert zeros.

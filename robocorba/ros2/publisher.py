@@ -31,7 +31,7 @@ from robocorba.ros2.messages import Messages, MessageTypes, yaw
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_changes import SystemChanges
 from robocorba.simulation.system_view import RobotPlace, SystemView
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.posture import Posture
 
 #: Simulated time after which joints that don't move are published again [s].

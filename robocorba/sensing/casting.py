@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from robocorba.kernels import kernel
-from robocorba.spatial.grids import Floats, Grid, Longs, column_of, row_of
+from robocorba.spatial.arrays import Floats, Longs
+from robocorba.spatial.grids import Grid, column_of, row_of
 
 #: Maximum error of `direction` [rad].
 SLACK_RAD = 1e-3

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from robocorba.errors.sensing import InvalidScan
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Maximum number of rays of a fan.
 MAX_RAYS = 8192

@@ -3,51 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.errors.sensing import InvalidScan
 from robocorba.kernels import kernel
-from robocorba.spatial.grids import Floats
+from robocorba.sensing.scan import Noise
+from robocorba.spatial.arrays import Floats
 
-#: Maximum of Noise.sigma_m [m].
-MAX_SIGMA_M = 10.0
-#: Maximum of Noise.relative.
-MAX_RELATIVE = 1.0
 #: Constants of SplitMix64 (Steele, Lea and Flood, 2014).
 _STEP, _MIX_1, _MIX_2 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _30, _27, _31, _11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
 
 
-@dataclass(frozen=True)
-class Noise:
-    """Noise model: a distance d reads d plus a normal error of deviation `sigma_m` + `relative` x d, within [0, range].
-    A share `lost` of the rays gets no echo and reads the range [m]. Raises InvalidScan."""
-
-    sigma_m: float = 0.0
-    relative: float = 0.0
-    lost: float = 0.0
-
-    def __post_init__(self) -> None:
-        for field, value, maximum in (
-            ("sigma", self.sigma_m, MAX_SIGMA_M),
-            ("relative", self.relative, MAX_RELATIVE),
-            ("lost", self.lost, 1.0),
-        ):
-            if not 0.0 <= value <= maximum:  # also refuses NaN
-                raise InvalidScan(field, f"{value} is not 0 to {maximum:g}")
-
-    def __bool__(self) -> bool:
-        return bool(self.sigma_m or self.relative or self.lost)
-
-    def disturb(self, distances: Floats, range_m: float, seed: int, robots: NDArray[np.int64], scan: int) -> Floats:
-        """Distances (m, rays) with noise. robots: (m,) numbers of the robots that scan. scan: number of the scan."""
-        keys = robots.astype(np.uint64)
-        return _disturb(
-            distances, range_m, self.sigma_m, self.relative, self.lost, np.uint64(seed), keys, np.uint64(scan)
-        )
+def disturb(noise: Noise, distances: Floats, range_m: float, seed: int, robots: NDArray[np.int64], scan: int) -> Floats:
+    """Distances (m, rays) with noise. robots: (m,) numbers of the robots that scan. scan: number of the scan."""
+    keys = robots.astype(np.uint64)
+    sigma_m, relative, lost = noise.sigma_m, noise.relative, noise.lost
+    return _disturb(distances, range_m, sigma_m, relative, lost, np.uint64(seed), keys, np.uint64(scan))
 
 
 @kernel

@@ -6,11 +6,11 @@ import threading
 import time
 from collections.abc import Callable
 
-from robocorba.sensing.virtual_sensor import Mount, ScanResult, ScanSpec, VirtualSensor
+from robocorba.sensing.scan import Mount, ScanResult, ScanSpec
+from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation.load_balance import Load
-from robocorba.simulation.omni_database import LastScan
-from robocorba.simulation.robot_scans import LastScans, RobotScan
-from robocorba.spatial.floor_state import Pose
+from robocorba.simulation.robot_scans import LastScan, LastScans, RobotScan
+from robocorba.spatial.pose import Pose
 
 
 class Reports:

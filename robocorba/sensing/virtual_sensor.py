@@ -8,9 +8,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,60 +18,21 @@ from robocorba.kernels import kernel
 from robocorba.maps.model import Building, Floor
 from robocorba.maps.movable import fixed_obstacles, landing_doors
 from robocorba.sensing.casting import ObstacleGrids, cast
-from robocorba.sensing.fan import LASER, MAX_RANGE_M, Fan
-from robocorba.sensing.noise import Noise
+from robocorba.sensing.fan import LASER
+from robocorba.sensing.noise import disturb
+from robocorba.sensing.scan import Mount, Noise, ScanResult, ScanSpec
 from robocorba.sensing.visible_obstacles import NO_ROBOT, VisibleObstacles, border_segments
+from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.elevator_state import Doors
 from robocorba.spatial.floor_update import BodyKind, FloorUpdate, FloorView, Motions
-from robocorba.spatial.grids import Floats, Longs, column_of, row_of
+from robocorba.spatial.grids import column_of, row_of
 
 #: Maximum age of floor data for a scan [s].
 LAG_LIMIT_S = 1.0
-#: Maximum distance from the sensor at which the rays start [m].
-MAX_RIM_M = 100.0
 #: Maximum number of rays in one call.
 MAX_RAYS_AT_ONCE = 1_000_000
-NO_NOISE = Noise()
 #: Number in place of a robot's: the sensor is mounted on the robot at the pose of the scan.
 ROBOT_AT_POSE = -2
-
-
-class Mount(NamedTuple):
-    """Pose of a sensor in the robot's frame: ahead, left [m], heading [rad]."""
-
-    ahead_m: float = 0.0
-    left_m: float = 0.0
-    heading: float = 0.0
-
-
-@dataclass(frozen=True)
-class ScanSpec:
-    """Distances along the rays of `fan`, measured from a circle of radius `rim_m` [m] around the sensor,
-    with noise from `seed`. Raises InvalidScan."""
-
-    fan: Fan
-    rim_m: float = 0.0
-    noise: Noise = NO_NOISE
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.rim_m <= MAX_RIM_M:  # also refuses NaN
-            raise InvalidScan("rim", f"{self.rim_m} is not 0 to {MAX_RIM_M:g} m")
-        if self.rim_m + self.fan.range_m > MAX_RANGE_M:
-            raise InvalidScan("range", f"ends more than {MAX_RANGE_M:g} m from the sensor")
-
-    @cached_property
-    def frame(self) -> tuple[float, float, float, float]:
-        """First angle, step [rad], range and rim [m]."""
-        return self.fan.first_rad, self.fan.step_rad, self.fan.range_m, float(self.rim_m)
-
-
-class ScanResult(NamedTuple):
-    """Result of a scan: simulated time [s], poses (m, 3) of the sensors, distances (m, rays) [m]."""
-
-    time: float
-    sensors: Floats
-    distances: Floats
 
 
 class VirtualSensor:
@@ -116,7 +74,7 @@ class VirtualSensor:
         for floor in list(self._floors.values())[:1]:
             place_discs(floor.view.motions, floor.view.moved, floor.view.moved, np.empty(0, bool), np.empty((0, 4)))
             scan_from(floor.obstacles.grids, np.zeros((1, 3)), Mount(), NO_ROBOT, LASER.rays, ScanSpec(LASER).frame)
-        Noise(0.01).disturb(np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64), 0)
+        disturb(Noise(0.01), np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64), 0)
 
     def view(self, floor: str) -> FloorView:
         """The copy of a floor. Raises UnknownFloor."""
@@ -151,7 +109,7 @@ class VirtualSensor:
         if not is_finite:
             raise InvalidScan("robot", "the pose of the robot or of its sensor is not finite")
         if spec.noise:
-            distances = spec.noise.disturb(distances, fan.range_m, spec.seed, own_robots, 0)
+            distances = disturb(spec.noise, distances, fan.range_m, spec.seed, own_robots, 0)
         return ScanResult(time_s, sensors, distances)
 
     def scan_many(

@@ -11,17 +11,8 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.kernels import kernel
 from robocorba.sensing.casting import ObstacleGrids, cast
 from robocorba.sensing.fan import Fan
-from robocorba.spatial.grids import (
-    Floats,
-    Longs,
-    build_grid,
-    cell_starts,
-    column_of,
-    frame_over,
-    row_of,
-    segments_of,
-    zero_counts,
-)
+from robocorba.spatial.arrays import Floats, Longs
+from robocorba.spatial.grids import build_grid, cell_starts, column_of, frame_over, row_of, segments_of, zero_counts
 
 #: Target average of static segments per grid cell.
 STATIC_SEGMENTS_PER_CELL = 4.0

@@ -35,9 +35,9 @@ from robocorba.simulation.reservations import AreaRequest, Reservations
 from robocorba.simulation.static_parts import static_parts
 from robocorba.simulation.world_record import RobotRecord, WorldRecord
 from robocorba.spatial.elevator_state import Doors, ElevatorState
-from robocorba.spatial.floor_state import Pose, RobotMotion
 from robocorba.spatial.floor_update import Body, BodyKind
 from robocorba.spatial.frames import out_of
+from robocorba.spatial.pose import Pose, RobotMotion
 from robocorba.spatial.posture import Posture
 
 #: Mass of a movable object per area of its outline [kg/m^2]; maps hold no masses. Three robots lift up to 1.33 m^2.

@@ -7,7 +7,6 @@ import logging
 import math
 import time
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
 
 import msgspec
 
@@ -18,9 +17,10 @@ from robocorba.maps.model import Building
 from robocorba.simulation import omni_database, physics
 from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
 from robocorba.simulation.load_balance import LoadBalance
-from robocorba.simulation.omni_database import LastScan, OmniDatabase
+from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.registry import Description, Registry, RobotClient
-from robocorba.simulation.robot_scans import RobotScan
+from robocorba.simulation.robot_scans import LastScan, RobotScan
+from robocorba.simulation.server_state import ServerState
 from robocorba.simulation.session import Session
 from robocorba.simulation.simulation_loop import SimulationLoop, check_pace
 from robocorba.simulation.state_writer import StateWriter
@@ -40,21 +40,6 @@ LEASE_CHECK_INTERVAL_S = 0.1
 RATE_WINDOW_S = 2.0
 
 _log = logging.getLogger(__name__)
-
-
-class ServerState(NamedTuple):
-    """State of the server. limit, robots: allowed and logged-on robots. time: simulated [s]. pace, achieved: requested
-    (0: as fast as possible) and achieved simulated seconds per second. event_rate: published events per second."""
-
-    limit: int
-    robots: int
-    time: float
-    pace: float
-    achieved: float
-    is_paused: bool
-    map_version: int
-    collisions: int
-    event_rate: float
 
 
 class ManagementAgent:

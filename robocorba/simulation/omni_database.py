@@ -8,7 +8,6 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,27 +15,15 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.kernels import kernel
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.reservations import ReservedAreas
-from robocorba.simulation.robot_scans import RobotScan, RobotScans
+from robocorba.simulation.robot_scans import LastScan, RobotScan, RobotScans
+from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.elevator_state import ElevatorState
-from robocorba.spatial.floor_state import FloorState, Pose
+from robocorba.spatial.floor_state import FloorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, FloorUpdate, Motions
-from robocorba.spatial.grids import Floats, Longs
 from robocorba.spatial.posture import Posture
 
 #: Departed bodies remembered for each floor; a client with an older version gets the whole floor.
 MAX_DEPARTED = 10_000
-
-
-class LastScan(NamedTuple):
-    """Last scan of a robot. time: simulated [s]. at: pose of the sensor. first_rad, step_rad: angle of the first ray
-    from the sensor's heading, and between rays, counter-clockwise [rad]. distances: lengths of the rays [m]."""
-
-    robot: str
-    time: float
-    at: Pose
-    first_rad: float
-    step_rad: float
-    distances: Floats
 
 
 class OmniDatabase:

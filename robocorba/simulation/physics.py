@@ -25,8 +25,9 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.kernels import kernel
 from robocorba.simulation.bodies import Bodies
 from robocorba.simulation.static_parts import StaticChange, StaticPart, StaticParts, changes_between, static_parts
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.floor_state import FloorState, in_own_frames
-from robocorba.spatial.grids import Floats, segments_of
+from robocorba.spatial.grids import segments_of
 from robocorba.spatial.pose import Limits
 
 #: Duration of a step [s].

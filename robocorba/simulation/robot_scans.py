@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.pose import Pose
 
 #: Sensors remembered for each robot; beyond that the one without a scan for the longest time is forgotten.
@@ -60,6 +60,18 @@ class LastScans:
 
     def all(self) -> list[RobotScan]:
         return [scan for sensors in self.by_robot.values() for scan in sensors.values()]
+
+
+class LastScan(NamedTuple):
+    """Last scan of a robot. time: simulated [s]. at: pose of the sensor. first_rad, step_rad: angle of the first ray
+    from the sensor's heading, and between rays, counter-clockwise [rad]. distances: lengths of the rays [m]."""
+
+    robot: str
+    time: float
+    at: Pose
+    first_rad: float
+    step_rad: float
+    distances: Floats
 
 
 class RobotScans:

@@ -18,7 +18,7 @@ from robocorba.simulation.reservations import (
     area_requests,
     canonical_areas,
 )
-from robocorba.spatial.floor_state import RobotMotion
+from robocorba.spatial.pose import RobotMotion
 
 
 class Session:

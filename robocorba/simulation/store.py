@@ -14,8 +14,7 @@ from robocorba.errors.simulation import InvalidMission, NoRoom, StaleMission, Un
 from robocorba.record_file import RecordFile
 from robocorba.simulation.registry import Description
 from robocorba.simulation.world_record import WorldRecord
-from robocorba.spatial.floor_state import Pose
-from robocorba.spatial.pose import Limits
+from robocorba.spatial.pose import Limits, Pose
 
 #: "RoCs": marks store files of the simulation server.
 APPLICATION_ID = 0x526F4373

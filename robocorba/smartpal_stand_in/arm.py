@@ -18,7 +18,7 @@ from robocorba.smartpal_stand_in.codes import ReturnCode
 from robocorba.smartpal_stand_in.dynamics import Dynamics
 from robocorba.smartpal_stand_in.motion import UnitMotion, joint_motion, max_line_rate
 from robocorba.smartpal_stand_in.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Length of the motion queue. Assumed.
 MAX_MOTIONS = 32

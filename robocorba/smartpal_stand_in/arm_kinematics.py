@@ -18,7 +18,7 @@ from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.model import SHOULDER_M
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, ARM_JOINTS, JOINTS, LUMBAR, Side
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Rows of joint axes in a kinematic chain: the lumbar's come first, then the arm's.
 _LUMBAR_JOINTS = LUMBAR.stop - LUMBAR.start

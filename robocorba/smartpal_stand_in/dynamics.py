@@ -12,7 +12,7 @@ import numpy as np
 
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.smartpal import ARM, JOINTS, MASS_KG, Side
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 #: Time step of the simulation [s].
 STEP_S = 0.002

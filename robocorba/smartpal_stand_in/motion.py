@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from robocorba.smartpal_stand_in.setpoint import Setpoint
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 
 class UnitMotion:

@@ -7,21 +7,11 @@ from collections.abc import Mapping
 from functools import cached_property, partial
 from itertools import repeat
 
-import msgspec
 import numpy as np
 
 from robocorba.kernels import kernel
-from robocorba.spatial.grids import Floats
-from robocorba.spatial.pose import Pose
-
-
-class RobotMotion(msgspec.Struct, frozen=True, gc=False):
-    """Pose and velocity of a robot: velocity ahead, to the left [m/s] and turn [rad/s]; `time` is simulated [s]."""
-
-    time: float
-    pose: Pose
-    velocity: tuple[float, float, float]
-
+from robocorba.spatial.arrays import Floats
+from robocorba.spatial.pose import Pose, RobotMotion
 
 #: Builds a Pose from a tuple of its fields at half the cost of calling the class.
 _pose_of = partial(tuple.__new__, Pose)

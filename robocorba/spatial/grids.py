@@ -14,9 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from robocorba.kernels import kernel
-
-Floats = NDArray[np.float64]
-Longs = NDArray[np.int64]
+from robocorba.spatial.arrays import Floats, Longs
 
 #: Approximate maximum number of cells; larger areas get larger cells.
 _MAX_CELLS = 250_000

@@ -1,9 +1,11 @@
-"""Points, poses and motion limits of a base: values that every package uses."""
+"""Points, poses, motion and motion limits of a base: values that every package uses."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple, TypeAlias
+
+import msgspec
 
 #: Radius of the circle around SmartPal's base [m], the default robot of path requests and map checks.
 SMARTPAL_RADIUS_M = 0.40
@@ -21,6 +23,14 @@ class Pose(NamedTuple):
     x: float
     y: float
     heading: float = 0.0
+
+
+class RobotMotion(msgspec.Struct, frozen=True, gc=False):
+    """Pose and velocity of a robot: velocity ahead, to the left [m/s] and turn [rad/s]; `time` is simulated [s]."""
+
+    time: float
+    pose: Pose
+    velocity: tuple[float, float, float]
 
 
 class Limits(NamedTuple):

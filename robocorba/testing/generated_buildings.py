@@ -28,7 +28,7 @@ from robocorba.maps.model import (
 from robocorba.planning.request import Place
 from robocorba.planning.space import FloorSpace
 from robocorba.simulation.registry import Description
-from robocorba.spatial.floor_state import Pose
+from robocorba.spatial.pose import Pose
 
 
 def random_places(building: Building, radius_m: float, count: int, seed: int) -> list[Place]:

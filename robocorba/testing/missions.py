@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import msgspec
 from omniORB import CORBA
 
-from robocorba.control.agent import AgentCondition
+from robocorba.control.agent_state import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool

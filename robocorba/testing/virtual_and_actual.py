@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from robocorba.control.agent import AgentState
+from robocorba.control.agent_state import AgentState
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.kinematics.body import SmartPalBody

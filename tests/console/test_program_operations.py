@@ -10,8 +10,7 @@ import pytest
 
 from robocorba.console.operations import InvalidArguments, Operations
 from robocorba.console.program_operations import MAX_ARGUMENTS, ProgramOperations
-from robocorba.control.agent import AgentCondition, AgentState
-from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
+from robocorba.control.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
 from robocorba.errors.robots import IllegalOrder, InvalidProgram
 from robocorba.errors.services import NotReachable
 from robocorba.motion.robot_state import RobotState

@@ -31,13 +31,14 @@ from robocorba.maps.topology import topological_map
 from robocorba.motion.robot_state import Velocity
 from robocorba.planning.planner import PathPlanner
 from robocorba.programs.icons import Icon
-from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
+from robocorba.sensing.scan import Mount, ScanSpec
+from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation.building import STOPPED
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.registry import Description, Pose
 from robocorba.simulation.reservations import Reservation
 from robocorba.simulation.store import SimulationStore
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.testing.buildings import with_all
 from tests.simulation.places import tower
 

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from robocorba.control import model_switcher
-from robocorba.control.agent import BODY_BLOCKED_M, BODY_LOST_M, AgentCondition, AgentState, ControlAgent
+from robocorba.control.agent import BODY_BLOCKED_M, BODY_LOST_M, ControlAgent
+from robocorba.control.agent_state import AgentCondition, AgentState, ProgramResult
 from robocorba.control.model_switcher import AdaptorContext
-from robocorba.control.runner import ProgramResult
 from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.motion.robot_state import Velocity

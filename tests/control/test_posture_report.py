@@ -7,7 +7,7 @@ import pytest
 
 from robocorba.control.posture_report import MIN_CHANGE_RAD, REFRESH_S, PostureReport
 from robocorba.errors.robots import RobotLost
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from tests.clock import Clock
 
 

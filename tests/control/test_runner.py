@@ -9,8 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from robocorba.control.agent_state import ProgramReport, ProgramResult
 from robocorba.control.robot import Robot
-from robocorba.control.runner import ProgramReport, ProgramResult, ReceivedEvent, Runner
+from robocorba.control.runner import ReceivedEvent, Runner
 from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs import icons

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from robocorba.control.agent import AgentCondition, ControlAgent
+from robocorba.control.agent import ControlAgent
+from robocorba.control.agent_state import AgentCondition, ProgramResult
 from robocorba.control.model_switcher import AdaptorContext
-from robocorba.control.runner import ProgramResult
 from robocorba.control.teleoperation import LINGER_S, OrderedVelocity
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.simulation import InvalidChoice

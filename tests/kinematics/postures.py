@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from robocorba.kinematics.smartpal import JOINT_LOWER, JOINT_UPPER, JOINTS
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 HOME = np.zeros(len(JOINTS))
 

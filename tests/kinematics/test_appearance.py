@@ -15,7 +15,7 @@ from robocorba.kinematics.link_tree import as_json, links, mounts
 from robocorba.kinematics.model import BASE_BACK_M, BASE_FRONT_M, BASE_HALF_WIDTH_M, LASER_M, PROXIMITY_HEIGHT_M
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import HEIGHT_M, JOINTS, Side
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 from .postures import HOME, anywhere
 

@@ -11,7 +11,7 @@ import pytest
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, HEIGHT_M, LUMBAR, Side
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 from .postures import HOME, anywhere, at
 

@@ -19,7 +19,7 @@ from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, JOINT_LOWER, JOINT_UPPER, JOINTS, LUMBAR, Side
 from robocorba.kinematics.tasks import POSTURES
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 from .postures import HOME, anywhere, at, within_limits
 

@@ -12,7 +12,7 @@ from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, RADIUS_M, Side
 from robocorba.kinematics.tasks import GRIP_DEPTH_M, POSTURES, SHEET_M, grip_table, hand_over
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 from .postures import HOME, within_limits
 

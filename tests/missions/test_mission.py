@@ -14,8 +14,7 @@ from shapely import Point
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.collision_avoidance.policy import GivingWayPolicy
-from robocorba.control.agent import AgentCondition
-from robocorba.control.runner import ProgramResult
+from robocorba.control.agent_state import AgentCondition, ProgramResult
 from robocorba.errors.robots import GoalReached, InTheWay, MissionTakenOver
 from robocorba.errors.services import NotReachable
 from robocorba.maps.polygons import FloorArea

@@ -24,7 +24,7 @@ from robocorba.kinematics.smartpal import (
 from robocorba.motion.joint_motion import FINGER_N_PER_RAD, SETTLE_S, GripMotion, JointMotion
 from robocorba.motion.motion import Motion
 from robocorba.motion.robot_state import RobotState
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 TICK_S = 0.02
 POSTURES = st.lists(st.floats(0.0, 1.0), min_size=len(JOINTS), max_size=len(JOINTS)).map(

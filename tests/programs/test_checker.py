@@ -23,7 +23,7 @@ from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.hands import home
 from robocorba.programs.icons import CloserThan, Destination, FartherThan, Holding, Result
 from robocorba.programs.report import CheckReport
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 Build = Callable[[ProgramBuilder], object]
 LOBBY = Start(Place("L1", 17.0, 4.0), 0.0)

@@ -10,11 +10,12 @@ from robocorba.errors.simulation import UpdateMismatch
 from robocorba.maps.model import Building
 from robocorba.sensing.fan import Fan
 from robocorba.sensing.floor_follower import QUIET_INTERVAL_S, SCAN_WINDOW_S, FloorFollower
-from robocorba.sensing.virtual_sensor import Mount, ScanSpec, VirtualSensor
+from robocorba.sensing.scan import Mount, ScanSpec
+from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
-from robocorba.spatial.floor_state import Pose
 from robocorba.spatial.floor_update import FloorUpdate
+from robocorba.spatial.pose import Pose
 from tests.clock import Clock
 from tests.simulation.places import robot, tower
 

@@ -12,9 +12,9 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.sensing import InvalidScan, SensorBehind
 from robocorba.maps.model import ElementKind, Wall
 from robocorba.sensing.fan import LASER, PROXIMITY, Fan
-from robocorba.sensing.noise import Noise
 from robocorba.sensing.reports import Reports
-from robocorba.sensing.virtual_sensor import LAG_LIMIT_S, MAX_RAYS_AT_ONCE, Mount, ScanSpec, VirtualSensor
+from robocorba.sensing.scan import Mount, Noise, ScanSpec
+from robocorba.sensing.virtual_sensor import LAG_LIMIT_S, MAX_RAYS_AT_ONCE, VirtualSensor
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.spatial.pose import Pose

@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.errors.sensing import InvalidScan
 from robocorba.sensing.fan import LASER, PROXIMITY, Fan
 from robocorba.sensing.visible_obstacles import VisibleObstacles, border_segments
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 coordinate = st.floats(-20, 20).map(lambda value: round(value, 2))
 point = st.tuples(coordinate, coordinate)

@@ -25,7 +25,7 @@ from robocorba.simulation.recording import Recorder, Recording
 from robocorba.simulation.registry import Description
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.store import SimulationStore
-from robocorba.spatial.floor_state import Pose
+from robocorba.spatial.pose import Pose
 
 
 def tower() -> Building:

@@ -27,7 +27,7 @@ from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import area_request
 from robocorba.simulation.world_record import WorldRecord
 from robocorba.spatial.elevator_state import Doors
-from robocorba.spatial.floor_state import Pose
+from robocorba.spatial.pose import Pose
 from tests.simulation.places import robot, tower
 
 

@@ -17,7 +17,7 @@ from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.floor_pool import KEPT_WINDOWS, MIN_SHARED_BODIES, WINDOW_STEPS, FloorPool, SharingChoice
 from robocorba.simulation.physics import Contact, StepResult
 from robocorba.simulation.registry import Description
-from robocorba.spatial.floor_state import Pose
+from robocorba.spatial.pose import Pose
 from tests.clock import Clock
 
 FLOORS = ("L1", "L2", "L3")

@@ -26,8 +26,8 @@ from robocorba.maps.model import ElementKind
 from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.management_agent import ManagementAgent
-from robocorba.simulation.omni_database import LastScan
 from robocorba.simulation.physics import STEP_S
+from robocorba.simulation.robot_scans import LastScan
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import ClientRecord, SimulationStore
 from robocorba.spatial.pose import Pose

@@ -9,7 +9,7 @@ import pytest
 from robocorba.errors.simulation import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
 from robocorba.simulation.physics import Limits
 from robocorba.simulation.registry import Description, Registry
-from robocorba.spatial.floor_state import Pose
+from robocorba.spatial.pose import Pose
 from tests.clock import Clock
 from tests.simulation.places import robot
 

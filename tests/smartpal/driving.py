@@ -10,7 +10,7 @@ import numpy as np
 
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.motion.robot_state import ActorCommand, RobotState
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 TICK_S = 0.02
 SPEED_M_S, JOINT_RAD_S = 0.45, 0.5

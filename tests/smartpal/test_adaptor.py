@@ -14,7 +14,7 @@ from robocorba.control.smartpal_adaptor import SmartPalAdaptor
 from robocorba.errors.robots import AdaptorFailed, UnitFailed
 from robocorba.kinematics.smartpal import JOINT_SPEED, JOINTS, Side
 from robocorba.motion.robot_state import ActorCommand, RobotState
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 
 ARGUMENTS = ["--naming", "127.0.0.1:1"]
 

@@ -14,7 +14,7 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.claimed_ports import claimed_ports
-from robocorba.control.agent import AgentCondition
+from robocorba.control.agent_state import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.services import NotPermitted

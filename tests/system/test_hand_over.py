@@ -33,7 +33,7 @@ from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Place
 from robocorba.programs.checker import Start, check
 from robocorba.simulation.recording import Recording
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.supervision.launch import LoggedProcess, module_command
 from robocorba.testing.processes import Launcher, real_system
 

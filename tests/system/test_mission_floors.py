@@ -15,7 +15,7 @@ from typing import NamedTuple
 import pytest
 
 from robocorba.claimed_ports import claimed_ports
-from robocorba.control.agent import AgentCondition
+from robocorba.control.agent_state import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.corba.remote.data_pool import RemotePool

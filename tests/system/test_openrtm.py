@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from omniORB import CORBA
 
-from robocorba.control.agent import AgentCondition
+from robocorba.control.agent_state import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.programs import program

@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from robocorba.control.agent import AgentCondition, AgentState
-from robocorba.control.runner import ProgramResult
+from robocorba.control.agent_state import AgentCondition, AgentState, ProgramResult
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.robots import IllegalOrder

@@ -15,8 +15,7 @@ from typing import Any
 import pytest
 
 from robocorba.claimed_ports import claimed_ports
-from robocorba.control.agent import AgentCondition
-from robocorba.control.runner import ProgramResult
+from robocorba.control.agent_state import AgentCondition, ProgramResult
 from robocorba.corba.conversion import maps
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent

@@ -21,7 +21,7 @@ from robocorba.repeating import Repeating
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservation
-from robocorba.spatial.floor_state import Pose
+from robocorba.spatial.pose import Pose
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import (

@@ -12,8 +12,7 @@ import msgspec
 import pytest
 
 from robocorba.claimed_ports import claimed_ports
-from robocorba.control.agent import AgentState
-from robocorba.control.runner import ProgramResult
+from robocorba.control.agent_state import AgentState, ProgramResult
 from robocorba.corba.orb import Orb
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.maps import native

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from robocorba.control.agent import AgentCondition, AgentState
-from robocorba.control.runner import IconBegun, ProgramReport, ProgramResult
+from robocorba.control.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
 from robocorba.corba.conversion.errors import register, register_with
 from robocorba.corba.conversion.simulation import pose_of
 from robocorba.corba.conversion.structs import Converter, enumeration, struct_converter

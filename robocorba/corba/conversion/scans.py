@@ -12,12 +12,10 @@ from omniORB import CORBA
 from robocorba.corba.conversion.errors import register
 from robocorba.errors.sensing import InvalidScan, SensorBehind
 from robocorba.sensing.fan import MAX_RAYS, Fan
-from robocorba.sensing.noise import Noise
-from robocorba.sensing.virtual_sensor import Mount, ScanResult, ScanSpec
-from robocorba.simulation.omni_database import LastScan
-from robocorba.simulation.robot_scans import RobotScan
-from robocorba.spatial.floor_state import Pose
-from robocorba.spatial.grids import Floats
+from robocorba.sensing.scan import Mount, Noise, ScanResult, ScanSpec
+from robocorba.simulation.robot_scans import LastScan, RobotScan
+from robocorba.spatial.arrays import Floats
+from robocorba.spatial.pose import Pose
 from robocorba.stubs import RoboCorba
 
 

@@ -18,11 +18,10 @@ from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.elevator import RidePhase, RideStatus
 from robocorba.simulation.emergency_stops import StopAnswer, StopState
 from robocorba.simulation.load_balance import Load, SensorServer
-from robocorba.simulation.management_agent import ServerState
 from robocorba.simulation.registry import Description, RobotClient
 from robocorba.simulation.reservations import Reservation, ReservedAreas, check_alternatives, check_sizes
-from robocorba.spatial.floor_state import Pose, RobotMotion
-from robocorba.spatial.pose import Limits
+from robocorba.simulation.server_state import ServerState
+from robocorba.spatial.pose import Limits, Pose, RobotMotion
 from robocorba.spatial.posture import Posture
 from robocorba.stubs import RoboCorba
 

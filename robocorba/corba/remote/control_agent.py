@@ -6,8 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-from robocorba.control.agent import AgentState
-from robocorba.control.runner import IconBegun
+from robocorba.control.agent_state import AgentState, IconBegun
 from robocorba.corba.conversion import robot
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import Answer, translated

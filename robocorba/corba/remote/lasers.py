@@ -13,7 +13,7 @@ from robocorba.errors.sensing import SensorBehind
 from robocorba.errors.services import NotReachable
 from robocorba.names import SENSORS
 from robocorba.sensing.fan import LASER
-from robocorba.sensing.virtual_sensor import Mount, ScanSpec
+from robocorba.sensing.scan import Mount, ScanSpec
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.spatial.pose import Pose
 from robocorba.stubs import RoboCorba

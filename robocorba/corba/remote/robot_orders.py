@@ -7,9 +7,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from robocorba.control.agent import AgentCondition
-from robocorba.control.runner import ProgramResult
-from robocorba.control.teleoperation import TELEOPERATION
+from robocorba.control.agent_state import TELEOPERATION, AgentCondition, ProgramResult
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.robots import IllegalOrder, MotionFailed
 from robocorba.errors.services import NotReachable

@@ -24,11 +24,11 @@ from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import InvalidCommand, PlaceTaken
 from robocorba.maps.polygons import FloorArea
 from robocorba.motion.robot_state import Velocity
-from robocorba.sensing.virtual_sensor import Mount, ScanSpec
+from robocorba.sensing.scan import Mount, ScanSpec
 from robocorba.simulation.building import STOPPED
 from robocorba.simulation.registry import LEASE_S, Description, Pose
 from robocorba.simulation.reservations import Reservation
-from robocorba.spatial.grids import Floats
+from robocorba.spatial.arrays import Floats
 from robocorba.stubs import RoboCorba
 
 #: Timeout of calls in the control loop [s]; the robot stops earlier, when its last command expires.

@@ -14,8 +14,7 @@ from robocorba.corba.remote.omni_database import changes
 from robocorba.corba.remote.remote_object import Answer, translated
 from robocorba.errors.services import NotReachable
 from robocorba.simulation.load_balance import Load
-from robocorba.simulation.omni_database import LastScan
-from robocorba.simulation.robot_scans import IDLE_INTERVAL_S, RobotScan
+from robocorba.simulation.robot_scans import IDLE_INTERVAL_S, LastScan, RobotScan
 from robocorba.simulation.sensor_admission import proof_of
 from robocorba.spatial.floor_update import FloorUpdate
 from robocorba.stubs import RoboCorba

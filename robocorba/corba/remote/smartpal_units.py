@@ -19,8 +19,8 @@ from robocorba.errors.robots import AdaptorFailed, UnitFailed
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import Side
 from robocorba.settings import Address
+from robocorba.spatial.arrays import Floats
 from robocorba.spatial.frames import Frame
-from robocorba.spatial.grids import Floats
 from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 
 #: Timeout of a call [s].

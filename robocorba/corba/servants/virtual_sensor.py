@@ -13,7 +13,8 @@ from robocorba.corba.conversion.errors import translating
 from robocorba.corba.server_release import ServerServant
 from robocorba.sensing.fan import LASER, PROXIMITY
 from robocorba.sensing.reports import Reports
-from robocorba.sensing.virtual_sensor import ScanSpec, VirtualSensor
+from robocorba.sensing.scan import ScanSpec
+from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.stubs import RoboCorba__POA
 
 
