@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -89,3 +91,54 @@ def test_a_call_that_fails_leaves_its_place() -> None:
     for _ in range(3):
         with pytest.raises(CORBA.NO_IMPLEMENT):
             call()
+
+
+@pytest.mark.parametrize("limit_s", [10.0, 0.0005])
+def test_no_place_is_lost_and_none_is_taken_twice(limit_s: float) -> None:
+    """Beside many callers, also those whose time ends while they get their place."""
+    running: list[None] = []
+    most = [0]
+
+    def work() -> None:
+        running.append(None)
+        most[0] = max(most[0], len(running))
+        time.sleep(0.0002)
+        running.pop()
+
+    call = CallLimit(at_once=3, limit_s=limit_s).limited(work)
+
+    def repeat(times: int) -> int:
+        done = 0
+        for _ in range(times):
+            with contextlib.suppress(CORBA.TRANSIENT):
+                call()
+                done += 1
+        return done
+
+    with ThreadPoolExecutor(24) as pool:
+        done = sum(pool.map(repeat, [50] * 24))
+    assert most[0] <= 3
+    assert 50 <= done <= 24 * 50
+    assert limit_s < 1.0 or done == 24 * 50
+    for _ in range(10):
+        call()  # all places are free again
+
+
+def test_who_has_waited_longest_goes_first() -> None:
+    order: list[int] = []
+    go_on, call_first = threading.Event(), threading.Event()
+
+    def work(number: int) -> None:
+        order.append(number)
+        call_first.set()
+        go_on.wait(10.0)
+
+    limit = CallLimit(at_once=1)
+    call = limit.limited(work)
+    with ThreadPoolExecutor(8) as pool:
+        for number in range(6):
+            pool.submit(call, number)
+            assert call_first.wait(10.0)
+            eventually(lambda waiting=number: len(limit._places._waiting) == waiting)
+        go_on.set()
+    assert order == list(range(6))
