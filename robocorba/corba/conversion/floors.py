@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,9 @@ import numpy as np
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.stubs import RoboCorba
+
+#: Structs of bodies that are kept: they never change, and making them is most of the cost of reading a whole floor.
+KEPT_BODIES = 4096
 
 _KINDS = {BodyKind.ROBOT: RoboCorba.ROBOT_BODY, BodyKind.OBJECT: RoboCorba.OBJECT_BODY}
 _DOORS = {
@@ -33,18 +37,21 @@ def typed_update(value: FloorUpdate) -> Any:
 
 def _head(value: FloorUpdate) -> tuple[Any, ...]:
     """The members before the rows."""
-    came = [
-        RoboCorba.Body(
-            body.number,
-            _KINDS[body.kind],
-            body.name,
-            body.radius_m,
-            [RoboCorba.XY(x, y) for x, y in body.outline],
-            body.mass_kg,
-        )
-        for body in value.came
-    ]
-    return value.floor, value.since, value.version, value.time, value.map_version, came, value.went
+    return (
+        value.floor,
+        value.since,
+        value.version,
+        value.time,
+        value.map_version,
+        list(map(_body, value.came)),
+        value.went,
+    )
+
+
+@lru_cache(maxsize=KEPT_BODIES)
+def _body(body: Body) -> Any:
+    outline = [RoboCorba.XY(x, y) for x, y in body.outline]
+    return RoboCorba.Body(body.number, _KINDS[body.kind], body.name, body.radius_m, outline, body.mass_kg)
 
 
 def update_of(struct: Any) -> FloorUpdate:
