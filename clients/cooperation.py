@@ -12,6 +12,7 @@ from typing import Any
 
 import msgspec
 import shapely
+from robocorba.clients.cooperative_planners import planner_of
 from shapely import MultiPoint, Point
 
 from robocorba.control.agent import ControlAgent
@@ -30,24 +31,19 @@ from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
 from robocorba.missions import carry_planning
 from robocorba.missions.clock import OWN_CLOCK
-from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.execution import pose_in_robot_frame
-from robocorba.missions.hand_over import HandOverPlanner
 from robocorba.missions.leader import Inherited, Leader
 from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.leader_policy import DEFAULT_POLICY, LeaderPolicy
 from robocorba.missions.lookout import Seen
 from robocorba.missions.mission_agent import MissionAgent
-from robocorba.missions.move_table import MoveTablePlanner
 from robocorba.missions.recorder import LedMission, MissionRecorder, claimed
 from robocorba.missions.remaining_carry import RemainingCarry, reservation
 from robocorba.missions.report import MissionReport
 from robocorba.missions.subplan import CooperativePlan, StoredPlan
 from robocorba.missions.succession import Succession
 from robocorba.missions.transport import Transport
-from robocorba.missions.world import World
 from robocorba.planning.request import Place
-from robocorba.programs import icons
 from robocorba.programs.icons import Icon, kind
 from robocorba.programs.program import of_icon
 from robocorba.simulation.mission_record import MissionContent, new_mission_name
@@ -59,14 +55,6 @@ PUBLISH_TIMEOUT_S = 5.0
 MAX_PLANS_KEPT = 20
 #: Timeout to find the Omni database for a record of a mission [s].
 RECORD_RESOLVE_S = 1.0
-#: Makes the planner of each cooperative icon from the icon, the world, the leader's name and its place.
-PLANNERS: dict[type[Icon], Callable[[Any, World, str, Place], CooperativePlanner]] = {
-    icons.MoveTable: lambda icon, world, leader, here: MoveTablePlanner(world, icon.table, icon.to),
-    icons.HandOver: lambda icon, world, leader, here: HandOverPlanner(
-        world, icon.object, icon.giver or leader, icon.taker, leader, here
-    ),
-}
-
 _log = logging.getLogger(__name__)
 
 
@@ -213,9 +201,7 @@ class Cooperation:
         agent = self._agent
         if agent is None:
             raise MissionFailed("the robot has no event channel; start it with --channel")
-        if type(icon) not in PLANNERS:
-            raise MissionFailed(f"unsupported cooperative icon {kind(icon)}")
-        make_planner = PLANNERS[type(icon)]
+        make_planner = planner_of(icon)
         execution, areas = agent.robot.execution, LeaderAreas(agent.robot.session)
         is_aborted = False
 

@@ -175,8 +175,7 @@ class Runner:
     def _(self, icon: icons.Say, path: str) -> None:
         self._others.publish(icon.type, icon.payload)
 
-    @_perform.register(icons.MoveTable)
-    @_perform.register(icons.HandOver)
+    @_perform.register(icons.CooperativeIcon)
     def _(self, icon: Icon, path: str) -> None:
         mission, self._mission = self._mission, ""
         self._others.cooperate(icon, mission)

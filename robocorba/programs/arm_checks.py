@@ -12,15 +12,14 @@ from robocorba.errors.robots import InvalidProgram, Unreachable
 from robocorba.kinematics.smartpal import JOINTS, LUMBAR
 from robocorba.programs.hands import BodyModel, HandIcon, Kinematics, home, joint_path, joints_of
 from robocorba.programs.icons import (
+    CooperativeIcon,
     Gripper,
-    HandOver,
     Icon,
     Lumbar,
     MhandJoints,
     MhandOffset,
     MhandPose,
     MhandPosture,
-    MoveTable,
 )
 from robocorba.programs.report import CheckReport
 from robocorba.spatial.arrays import Floats
@@ -83,13 +82,12 @@ class ArmChecks:
 
     def after(self, path: str, icon: Icon, arms: KnownArms) -> KnownArms:
         """The arms after an icon that contains no others."""
-        if not isinstance(icon, HandIcon | MoveTable | HandOver):
+        if not isinstance(icon, HandIcon | CooperativeIcon):
             return arms
-        takes_part = not (isinstance(icon, HandOver) and icon.giver)
-        if self._reason and takes_part:
+        if self._reason and not (isinstance(icon, CooperativeIcon) and not icon.needs_arms):
             self._report.add_finding(path, "icon", self._reason)
             return arms
-        if isinstance(icon, MoveTable | HandOver):
+        if isinstance(icon, CooperativeIcon):
             return arms.with_unknown(range(len(JOINTS)), self.home)
         unknown = arms.with_unknown(joints_of(icon), self.home)
         if not self._kinematics:

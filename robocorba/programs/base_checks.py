@@ -11,7 +11,7 @@ from typing import Protocol
 from robocorba.errors.paths import InvalidPoint, NotFree, PathError, UnknownFloor
 from robocorba.planning.request import Path, PathRequest, Place, RouteMode
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
-from robocorba.programs.icons import Gripper, HandOver, Icon, MbaseBy, MbasePath, MbaseTo, MbaseVelocity, MoveTable
+from robocorba.programs.icons import CooperativeIcon, Gripper, Icon, MbaseBy, MbasePath, MbaseTo, MbaseVelocity
 from robocorba.programs.report import CheckReport
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
@@ -76,8 +76,9 @@ class BaseChecks:
             return base.with_unknown_pose() if icon.ahead or icon.left or icon.turn else base
         if isinstance(icon, Gripper) and icon.action == "close":
             self._obstacles = self._obstacles.without(icon.object or "")
-        if isinstance(icon, MoveTable | HandOver):
-            self._obstacles = self._obstacles.without(icon.table if isinstance(icon, MoveTable) else icon.object)
+        if isinstance(icon, CooperativeIcon):
+            if icon.moved:
+                self._obstacles = self._obstacles.without(icon.moved)
             self._report.add_note(path, "the mission layer expands it at run time: not checked")
             return base.with_unknown_pose()
         return base

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import math
 import re
+from functools import reduce
+from operator import or_
 from typing import Annotated, Any, Literal, get_args
 
 from msgspec import Meta, Struct
 
 from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, LUMBAR, OPEN_RAD, SHUT_RAD, Side
+from robocorba.programs.installed_icons import installed
 from robocorba.sensing.fan import LASER, PROXIMITY
 
 
@@ -303,15 +306,33 @@ class Say(_Icon, frozen=True):
     payload: Any = None
 
 
-class MoveTable(_Icon, frozen=True):
+class CooperativeIcon(_Icon, frozen=True):
+    """An icon that several robots execute together, in a mission. Packages add their own: docs/mission.md."""
+
+    @property
+    def moved(self) -> str:
+        """Name of the object that it takes away from its place in the building, or empty."""
+        return ""
+
+    @property
+    def needs_arms(self) -> bool:
+        """Whether the robot whose program has this icon moves its arms for it."""
+        return True
+
+
+class MoveTable(CooperativeIcon, frozen=True):
     """Carry a table together with other robots: the mission layer makes the icons of each of them."""
 
     table: Text
     to: Destination
     recovery_timeout: RecoveryTimeout | None = None
 
+    @property
+    def moved(self) -> str:
+        return self.table
 
-class HandOver(_Icon, frozen=True):
+
+class HandOver(CooperativeIcon, frozen=True):
     """Hand an object to another robot. Without `giver` the giver is the robot that runs the program."""
 
     object: Text
@@ -319,9 +340,14 @@ class HandOver(_Icon, frozen=True):
     giver: Text | None = None
     recovery_timeout: RecoveryTimeout | None = None
 
+    @property
+    def moved(self) -> str:
+        return self.object
 
-#: The icons of missions.
-COOPERATIVE = (MoveTable, HandOver)
+    @property
+    def needs_arms(self) -> bool:
+        return not self.giver
+
 
 Condition = CloserThan | FartherThan | Holding | Event | Result
 Icon = (
@@ -344,6 +370,9 @@ Icon = (
     | MoveTable
     | HandOver
 )
+#: Cooperative icons of other packages. Their modules may import all that is above.
+INSTALLED = installed(CooperativeIcon, {str(kind.__struct_config__.tag) for kind in get_args(Icon)})
+Icon = reduce(or_, INSTALLED, Icon)  # type: ignore[misc]
 Body = Annotated[tuple[Icon, ...], Meta(min_length=1)]
 
 #: Every icon and condition by its tag.

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import msgspec
 
 from robocorba.errors.robots import InvalidProgram
-from robocorba.programs.icons import CONDITIONS, COOPERATIVE, ICONS, Body, Icon, Text, bodies, kind
+from robocorba.programs.icons import CONDITIONS, ICONS, Body, CooperativeIcon, Icon, Text, bodies, kind
 
 #: Size limit of a program file [bytes].
 MAX_BYTES = 1024 * 1024
@@ -50,8 +50,8 @@ def of_icon(text: str) -> Program:
     """A program of one cooperative icon, from the icon's JSON. Raises InvalidProgram."""
     program = _converted({"name": "mission", "icons": [_parsed(text)]})
     (icon,) = program.icons
-    if not isinstance(icon, COOPERATIVE):
-        known = ", ".join(str(icon.__struct_config__.tag) for icon in COOPERATIVE)
+    if not isinstance(icon, CooperativeIcon):
+        known = ", ".join(tag for tag, each in ICONS.items() if issubclass(each, CooperativeIcon))
         raise InvalidProgram("icons[0]", "icon", f"{kind(icon)} is not a cooperative icon; known are {known}")
     return program
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import shapely
 
-from robocorba.clients.cooperation import PLANNERS
+from robocorba.clients.cooperative_planners import PLANNERS
 from robocorba.errors.robots import MissionFailed
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, RADIUS_M, SHUT_RAD

@@ -1,4 +1,4 @@
-"""docs/mission.md: its tables of messages and steps, and its examples."""
+"""docs/mission.md: its tables of messages and steps, its program, and the planner of the tutorial."""
 
 from __future__ import annotations
 
@@ -20,8 +20,11 @@ from robocorba.spatial.pose import Pose
 from tests.control.places import Place
 from tests.missions.places import Crew
 
-MANUAL = (Path(__file__).resolve().parents[2] / "docs" / "mission.md").read_text()
-PROGRAM, SALUTE = re.findall(r"```python\n(.*?)```", MANUAL, re.DOTALL)
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+MANUAL = (DOCS / "mission.md").read_text()
+(PROGRAM,) = re.findall(r"```python\n(.*?)```", MANUAL, re.DOTALL)
+TUTORIAL = (DOCS / "tutorials" / "your-own-cooperative-icon.md").read_text()
+(SALUTE,) = re.findall(r"```python file=\S*planner.py\n(.*?)```", TUTORIAL, re.DOTALL)
 
 
 def rows(start: str) -> dict[str, set[str]]:
@@ -64,9 +67,9 @@ def crew(tmp_path: Path) -> Iterator[Crew]:
     place.close()
 
 
-def test_the_new_icon_of_the_manual_works(crew: Crew) -> None:
+def test_the_new_icon_of_the_tutorial_works(crew: Crew) -> None:
     found: dict[str, Any] = {}
-    exec(compile(SALUTE, "docs/mission.md", "exec", dont_inherit=True), found)
+    exec(compile(SALUTE, "planner.py", "exec", dont_inherit=True), found)
     report = crew.leader("A").lead("salute", lambda: found["Salute"]("B", Spot("L1", 7.0, 2.0)))
     assert (report.result, report.reason) == ("done", "")
     assert [phase.name for phase in report.phases] == ["gathering", "saluting"]

@@ -25,6 +25,15 @@ def test_the_reader_gets_to_the_end(name: str, tmp_path: Path) -> None:
         follow(TUTORIALS / f"{name}.md", tmp_path, {"ROBOCORBA_NAMING": f"127.0.0.1:{port}"}, options=OPTIONS)
 
 
+def test_your_own_cooperative_icon(tmp_path: Path) -> None:
+    """The reader installs a package; here it goes into a folder of the test, not into the suite's environment."""
+    plugins = str(tmp_path / "plugins")
+    options = {"--quiet .": f"--quiet --disable-pip-version-check --no-build-isolation --no-deps --target {plugins} ."}
+    with claimed_ports() as port:
+        environment = {"ROBOCORBA_NAMING": f"127.0.0.1:{port}", "PYTHONPATH": plugins}
+        follow(TUTORIALS / "your-own-cooperative-icon.md", tmp_path, environment, options=options)
+
+
 def test_two_machines(tmp_path: Path) -> None:
     try:
         one, two = Namespace(), Namespace()
@@ -40,4 +49,8 @@ def test_two_machines(tmp_path: Path) -> None:
 
 
 def test_every_tutorial_is_followed() -> None:
-    assert {page.stem for page in TUTORIALS.glob("*.md")} == {*ON_ONE_MACHINE, "two-machines"}
+    assert {page.stem for page in TUTORIALS.glob("*.md")} == {
+        *ON_ONE_MACHINE,
+        "your-own-cooperative-icon",
+        "two-machines",
+    }

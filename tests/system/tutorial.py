@@ -92,7 +92,9 @@ def follow(
             elif block.language == "text" and (printing := terminals.get(block.words.get("terminal", ""), last)):
                 printing.expect(block.content, where)
             elif "file" in block.words:
-                (folder / block.words["file"]).write_text(block.content)
+                file = folder / block.words["file"]
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(block.content)
 
 
 class Terminal:
