@@ -29,9 +29,12 @@ class Disc : public POA_RoboCorba::RobotAdaptor {
     std::lock_guard<std::mutex> guard(mutex_);
     if (isStarted_) return false;
     if (arguments.length() != 3) throw RoboCorba::AdaptorFailed("the arguments must be X Y HEADING");
-    x_ = std::atof(arguments[0]);
-    y_ = std::atof(arguments[1]);
-    heading_ = std::atof(arguments[2]);
+    if (!isPlaced_) {  // at the first start; later, such as after a stop, it knows where it is
+      x_ = std::atof(arguments[0]);
+      y_ = std::atof(arguments[1]);
+      heading_ = std::atof(arguments[2]);
+      isPlaced_ = true;
+    }
     velocity_ = RoboCorba::Velocity();
     movedAt_ = until_ = now();
     return isStarted_ = true;
@@ -80,7 +83,7 @@ class Disc : public POA_RoboCorba::RobotAdaptor {
   }
 
   std::mutex mutex_;
-  bool isStarted_ = false;
+  bool isStarted_ = false, isPlaced_ = false;
   double x_ = 0.0, y_ = 0.0, heading_ = 0.0, movedAt_ = 0.0, until_ = 0.0;
   RoboCorba::Velocity velocity_ = RoboCorba::Velocity();
 };

@@ -2,14 +2,37 @@
 
 from __future__ import annotations
 
+import functools
+import logging
 import threading
+from collections.abc import Callable
 from typing import Any
 
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.corba.conversion import robot
 from robocorba.corba.conversion.errors import translating
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import AdaptorFailed
 from robocorba.motion.robot_state import RobotState
 from robocorba.stubs import RoboCorba__POA
+
+_log = logging.getLogger(__name__)
+
+
+def _failing(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Any error of an adaptor is a failure of its robot, with the error as its cause."""
+
+    @functools.wraps(method)
+    def call(*arguments: Any) -> Any:
+        try:
+            return method(*arguments)
+        except RoboCorbaError:
+            raise
+        except Exception as error:  # whatever a driver raises
+            _log.exception("the adaptor failed")
+            raise AdaptorFailed(f"{type(error).__name__}: {error}") from error
+
+    return call
 
 
 class RobotAdaptorServant(RoboCorba__POA.RobotAdaptor):
@@ -20,21 +43,25 @@ class RobotAdaptorServant(RoboCorba__POA.RobotAdaptor):
         self._lock = threading.Lock()
 
     @translating
+    @_failing
     def start(self, arguments: list[str]) -> bool:
         with self._lock:
             return self._adaptor.start(arguments)
 
     @translating
+    @_failing
     def stop(self) -> bool:
         return self._adaptor.stop()
 
     @translating
+    @_failing
     def read(self) -> tuple[bool, Any]:
         state = RobotState()
         with self._lock:
             return self._adaptor.read(state), robot.actor_state(state)
 
     @translating
+    @_failing
     def write(self, wanted: Any) -> bool:
         command = robot.actor_command_of(wanted)
         with self._lock:
