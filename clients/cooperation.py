@@ -12,9 +12,9 @@ from typing import Any
 
 import msgspec
 import shapely
-from robocorba.clients.cooperative_planners import planner_of
 from shapely import MultiPoint, Point
 
+from robocorba.clients.cooperative_planners import planner_of
 from robocorba.control.agent import ControlAgent
 from robocorba.control.execution_control import Aborted
 from robocorba.control.runner import ReceivedEvent
