@@ -58,8 +58,8 @@ class _Places:
     """A semaphore that hands each place on to the thread that has waited longest.
 
     Python's own takes a lock in each operation. Where dozens of threads want it, the one that holds this lock often
-    waits for the interpreter, and all others for it: a call of 0.3 ms waited for a second behind sixty others. Here
-    each waiting thread has a lock of its own, and single operations of deques, which are atomic, do the rest."""
+    waits for the interpreter, and all others for it: a short call waited for 1.4 s behind sixty others. Here each
+    waiting thread has a lock of its own, and single operations of deques, which are atomic, do the rest."""
 
     def __init__(self, count: int, waiting: int) -> None:
         self._max_waiting = waiting

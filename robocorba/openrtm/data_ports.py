@@ -158,7 +158,7 @@ class OutPort(DataPort[Value]):
     def __init__(self, name: str, type: DataType[Value], channel: Channel) -> None:
         super().__init__(name, type, channel)
         self._lock = threading.Lock()
-        #: The last value in little and big endian, once it is asked for.
+        #: The last value, for connections that ask for it.
         self._last: Value | None = None
         self._served: dict[str, str] = {}
         self._senders: dict[str, tuple[LastOrder[bytes], bool]] = {}

@@ -7,7 +7,7 @@
 | `range` (out) | RTC::RangeData | the scan of the robot's first sensor |
 | `velocity` (in) | RTC::TimedVelocity2D | drive at this velocity [m/s, rad/s] for `velocity_valid_for` |
 
-Times are simulated. An inactive component sends nothing, takes no velocities, and its robot has been told to stand.
+Times are simulated. An inactive component sends nothing, takes no velocities, and its robot has been ordered to stand.
 While the robot is in an emergency stop, or is not reachable, an active component goes to ERROR; reset ends the
 emergency stop."""
 
@@ -132,6 +132,7 @@ class RobotComponent:
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Set parameters. Raises InvalidParameter; then none is set."""
+        valid_s = self.velocity_valid_s
         for name, value in values.items():
             if name != VELOCITY_VALID_FOR:
                 raise InvalidParameter(f"there is no parameter {name}")
@@ -141,7 +142,7 @@ class RobotComponent:
                 valid_s = math.nan
             if not MIN_VALID_S <= valid_s <= MAX_VALID_S:
                 raise InvalidParameter(f"{name}: {value!r} is not {MIN_VALID_S:g} to {MAX_VALID_S:g} s")
-            self.velocity_valid_s = valid_s
+        self.velocity_valid_s = valid_s
 
     # ---- data ----
 

@@ -84,7 +84,8 @@ class ArmChecks:
         """The arms after an icon that contains no others."""
         if not isinstance(icon, HandIcon | CooperativeIcon):
             return arms
-        if self._reason and not (isinstance(icon, CooperativeIcon) and not icon.needs_arms):
+        needs_arms = icon.needs_arms if isinstance(icon, CooperativeIcon) else True
+        if self._reason and needs_arms:
             self._report.add_finding(path, "icon", self._reason)
             return arms
         if isinstance(icon, CooperativeIcon):

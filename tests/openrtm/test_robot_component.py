@@ -170,7 +170,8 @@ def test_the_validity_of_velocities_is_a_parameter() -> None:
         with pytest.raises(InvalidParameter):
             component.configure(wrong)
     with pytest.raises(InvalidParameter, match="there is no parameter speed"):
-        component.configure({"speed": "1"})
+        component.configure({"velocity_valid_for": "1", "speed": "1"})
+    assert component.configuration == {"velocity_valid_for": "2"}  # none was set
     assert component.configuration == {"velocity_valid_for": "2"}
 
 

@@ -254,7 +254,7 @@ def test_components_come_and_go_with_their_robots(door: Door, system: Running, t
 def test_the_door_may_be_killed_and_ends_without_a_trace(
     door: Door, agents: dict[str, RemoteAgent], peer: Peer
 ) -> None:
-    """A robot that was driven stands; the names are those of the new process; connections are made anew."""
+    """A robot that was driven stands; the names are those of the new process; connections are made again."""
     a = agents["A"]
     door.run("rtact", "/A.rtc")
     eventually(lambda: peer("send", velocity=AHEAD) and peer("poses")[-1:] and x_of(a) > 5.4, PATIENCE_S, "A drives")
