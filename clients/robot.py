@@ -111,6 +111,13 @@ def preload() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
+    try:
+        run(arguments)
+    except (RoboCorbaError, CORBA.Exception) as error:
+        fail(f"robot: {error_of(error)}")
+
+
+def run(arguments: Sequence[str] | None) -> None:
     settings = RobotSettings.read(arguments, __doc__ or "")
     claim_state(settings.common.state)
     logs.setup(f"robot_{settings.name}", settings.common.state / "logs")
@@ -182,7 +189,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except (RoboCorbaError, CORBA.Exception) as error:
-        fail(f"robot: {error_of(error)}")
+    main()

@@ -46,6 +46,12 @@ def omniorb_trace(environment: Mapping[str, str] = os.environ) -> dict[str, str]
     return {} if "ORBtraceLevel" in environment else {"traceLevel": "0"}
 
 
+def replace_environment(variables: Mapping[str, str]) -> None:
+    """Let this process have these variables only, as one that was started with them."""
+    os.environ.clear()
+    os.environ.update(variables)
+
+
 def limit_ros_discovery(environment: MutableMapping[str, str] = os.environ) -> None:
     """ROS looks for nodes on this machine only, unless the environment has chosen another range."""
     environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

@@ -6,18 +6,12 @@ import contextlib
 import itertools
 import json
 import math
-import signal
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
-import psutil
-
-from bench.common.harness import progress
 from robocorba.control.agent_state import ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
 from robocorba.names import MISSIONS
@@ -25,7 +19,7 @@ from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
 from robocorba.simulation.registry import Pose
-from robocorba.testing.json_process import Cpu, Process, checkout_command
+from robocorba.testing.json_process import Cpu
 from robocorba.testing.missions import MissionSystem, RobotStart
 from robocorba.testing.processes import eventually
 
@@ -166,31 +160,11 @@ class Costs:
 @contextlib.contextmanager
 def started(place: MissionSystem, starts: Mapping[str, RobotStart]) -> Iterator[None]:
     """A ready process for each robot."""
-    command = checkout_command("bench.missions.nursery")
-    with Process(command, place.folder / "nursery.log", environment={"OPENBLAS_NUM_THREADS": "1"}) as nursery:
-        nursery.receive(START_LIMIT_S)
-        for name, at in starts.items():
-            (place.folder / name).mkdir()
-            where = ("--floor", at.floor, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
-            own = ("--naming", str(place.running.naming), "--state", str(place.folder / name))
-            pid = nursery.ask([str(_out(place, name)), name, *where, *own], START_LIMIT_S)
-            place.robots[name] = cast(Any, psutil.Process(pid))
-        try:
-            for name in progress(list(starts), "waiting for robots"):
-                eventually(partial(_is_ready, place, name), START_LIMIT_S, f"{name} is ready")
-            yield
-        finally:
-            place.end()
-
-
-def _is_ready(place: MissionSystem, name: str) -> bool:
-    out = _out(place, name).read_text() if _out(place, name).exists() else ""
-    assert place.robots[name].is_running(), out  # type: ignore[attr-defined]
-    return "ready\n" in out
-
-
-def _out(place: MissionSystem, name: str) -> Path:
-    return place.folder / name / "out"
+    try:
+        place.start(starts)
+        yield
+    finally:
+        place.end()
 
 
 def aftermath(place: MissionSystem, names: Sequence[str], items: Sequence[str]) -> list[str]:
@@ -201,10 +175,8 @@ def aftermath(place: MissionSystem, names: Sequence[str], items: Sequence[str]) 
     except AssertionError:
         for name in [name for name in names if not place.is_free(name)]:
             state = place.agent(name).state()
-            place.robots[name].send_signal(signal.SIGUSR1)  # prints its stacks
-            time.sleep(1.0)
             doing = f"{state.condition.name.lower()} {state.program.name} {state.program.kind} {state.reason}"
-            wrong.append(f"{name} is {doing}\n{_out(place, name).read_text()[-4000:]}")
+            wrong.append(f"{name} is {doing}")
     if held := place.holding():
         wrong.append(f"held: {held}")
     if not place.is_stationary((*names, *items)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 
 import typer
@@ -13,6 +13,8 @@ import typer
 from robocorba import __version__
 from robocorba.printing import echo
 
+#: Its name, as help and errors show it.
+NAME = "robocorba"
 #: Module and attribute of each subcommand; an `app` has further subcommands.
 SUBCOMMANDS = {
     "up": ("up", "up"),
@@ -75,12 +77,13 @@ def command(names: Iterable[str] = SUBCOMMANDS) -> typer.Typer:
     return app
 
 
-def main() -> None:
-    """Entry point of the command."""
-    name = sys.argv[1] if len(sys.argv) > 1 else ""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point of the command. Never returns. arguments: those of the process by default."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    name = arguments[0] if arguments else ""
     code = 0
     try:
-        command([name] if name in SUBCOMMANDS else SUBCOMMANDS)()
+        command([name] if name in SUBCOMMANDS else SUBCOMMANDS)(arguments, NAME)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
     # Skip the interpreter's finalisation: ORB threads that end during it would abort the process.

@@ -324,7 +324,7 @@ def _print_progress(control: RemoteMissionControl, name: str, stop: StopSignal) 
                 line(now.phase, ", ".join(now.robots), f"{now.seconds:.1f} s")
             printed, leader = now.phase, now.leader
             bar(now.share, printed)
-            if stop.is_requested and not is_ending:
+            if stop.is_made and not is_ending:
                 with contextlib.suppress(NoLeader, NotReachable):  # it has just ended, or changes its leader
                     control.abort(name)
                     is_ending = True

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import queue
-import signal
 import time
 from collections.abc import Callable, Iterator
 
@@ -12,6 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robocorba.errors.services import NotReachable
 from robocorba.printing import Console
+from robocorba.stop_request import StopRequest
 
 #: Timeout to resolve a server at the start, and in each retry after it was lost [s].
 RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S = 3.0, 0.5
@@ -19,25 +18,12 @@ RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S = 3.0, 0.5
 OUTAGE_LIMIT_S = 10.0
 
 
-class StopSignal:
-    """Ctrl-C and SIGTERM: from its construction on, they end `wait` instead of the process.
-
-    is_requested: whether a `wait` was ended by a signal."""
+class StopSignal(StopRequest):
+    """Ctrl-C and SIGTERM: from its construction on, they end `wait` instead of the process."""
 
     def __init__(self) -> None:
-        self.is_requested = False
-        # Unlike an Event, its put() is safe in a signal handler that interrupts its get().
-        self._signals: queue.SimpleQueue[None] = queue.SimpleQueue()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: self._signals.put(None))
-
-    def wait(self, seconds: float) -> bool:
-        """Sleep until the timeout or a stop signal; whether there was a stop signal."""
-        if not self.is_requested:
-            with contextlib.suppress(queue.Empty):
-                self._signals.get(timeout=max(0.0, seconds))
-                self.is_requested = True
-        return self.is_requested
+        super().__init__()
+        self.catch_signals()
 
     def ticks(self, every_s: float, limit_s: float = 0.0) -> Iterator[float]:
         """Yield every `every_s` the time since the first tick [s], until a stop signal or `limit_s` (0: no limit).

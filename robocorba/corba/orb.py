@@ -22,13 +22,11 @@ import contextlib
 import faulthandler
 import gc
 import secrets
-import signal
 import sys
 import threading
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
 
 import PortableServer
@@ -50,6 +48,7 @@ from robocorba.corba.texts import refuse_unreadable_texts
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.roles import Role
 from robocorba.settings import Address, RoleNaming, omniorb_trace
+from robocorba.stop_request import StopRequest
 
 CONTEXT = "RoboCorba"
 #: Name of the adapter of objects whose keys are secrets.
@@ -174,10 +173,7 @@ class Orb:
         if naming.scheme == "ssliop":
             assert isinstance(naming, RoleNaming)
             self._options |= tls.options(naming.file.parent, self._options)
-        # Unlike an Event, its put() is safe in a signal handler that interrupts its get().
-        self._stop: SimpleQueue[None] = SimpleQueue()
-        #: The previous handlers of signals, to be restored at the end.
-        self._handlers: dict[int, Any] = {}
+        self._stop = StopRequest()
 
     def __enter__(self) -> Orb:
         if not _one_orb.acquire(blocking=False):
@@ -201,7 +197,7 @@ class Orb:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        self._restore_signal_handlers()
+        self._stop.close()
         if self._robot_objects:
             self._robot_objects.close()
         self._bound_names.close()
@@ -232,7 +228,7 @@ class Orb:
         when all servants are active: clients that kept a reference over a restart wait, and never get
         OBJECT_NOT_EXIST. Call it once. Names may have several parts, such as EventChannels/hall. While `owns_names`,
         which must not block, they are taken back from other processes that bind them."""
-        self._install_signal_handlers()
+        self._catch_signals()
         served = {name: self._activate_named(servant, name) for name, servant in servants.items()}
         if self._guard and isinstance(self.naming, RoleNaming) and self.naming.role is Role.SERVER:
             self._robot_objects = self._objects_for_robots(self.naming.file.parent, self._guard, servants).start()
@@ -372,26 +368,21 @@ class Orb:
         """Serve until SIGTERM, SIGINT or `stop`; then the `with` must end within SHUTDOWN_LIMIT_S. Main thread only."""
         gc.freeze()  # the objects loaded so far stay; traversing them in each collection would delay calls
         self.accept_calls()
-        self._install_signal_handlers()
+        self._catch_signals()
         try:
-            self._stop.get()
+            self._stop.wait()
         finally:
             faulthandler.dump_traceback_later(SHUTDOWN_LIMIT_S, exit=True, file=sys.__stderr__ or 2)
-            self._restore_signal_handlers()
+            self._stop.release_signals()
 
     def stop(self) -> None:
         """Let `run` return; from any thread, servant or signal handler."""
-        self._stop.put(None)
+        self._stop.make()
 
-    def _install_signal_handlers(self) -> None:
+    def _catch_signals(self) -> None:
         """A signal between `serve` and `run` makes `run` return immediately, instead of killing the process."""
-        if not self._handlers and threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGTERM, signal.SIGINT):
-                self._handlers[number] = signal.signal(number, lambda *_: self.stop())
-
-    def _restore_signal_handlers(self) -> None:
-        while self._handlers:
-            signal.signal(*self._handlers.popitem())
+        if threading.current_thread() is threading.main_thread():
+            self._stop.catch_signals()
 
     def accept_calls(self) -> None:
         """Accept calls of active objects; for a process that has objects, but no names for `serve`."""

@@ -19,7 +19,7 @@ class Children:
         self._ends: dict[int, asyncio.Future[int]] = {}
         #: Sessions whose leaders have ended, with processes that may still be there.
         self._sessions: set[int] = set()
-        _set_subreaper(True)
+        set_subreaper(True)
         asyncio.get_running_loop().add_signal_handler(signal.SIGCHLD, self._reap)
 
     def end_of(self, pid: int) -> asyncio.Future[int]:
@@ -35,7 +35,7 @@ class Children:
 
     def close(self) -> None:
         asyncio.get_running_loop().remove_signal_handler(signal.SIGCHLD)
-        _set_subreaper(False)
+        set_subreaper(False)
 
     def _reap(self) -> None:
         for pid, future in list(self._ends.items()):
@@ -58,5 +58,5 @@ def kill_session(leader: int) -> None:
         os.killpg(leader, signal.SIGKILL)
 
 
-def _set_subreaper(is_one: bool) -> None:
+def set_subreaper(is_one: bool) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, int(is_one))

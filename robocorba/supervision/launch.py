@@ -44,6 +44,15 @@ def module_command(module: str, *arguments: str) -> tuple[str, ...]:
     return (sys.executable, *_RUN_MODULE, module, *arguments)
 
 
+def module_of(command: Sequence[str]) -> ModuleRun | None:
+    """The module that a command line of `module_command` runs; None for another command."""
+    *start, _ = module_command("")
+    if list(command[: len(start)]) != start or len(command) == len(start):
+        return None
+    name, *arguments = command[len(start) :]
+    return ModuleRun(name, tuple(arguments))
+
+
 def bound_command(*command: str, cores: Sequence[int] = ()) -> tuple[str, ...]:
     """The command line that runs `command`, on `cores` or on all, and is killed when this process ends. Start it in the
     main thread: the kernel kills it when the thread that started it ends."""

@@ -14,7 +14,7 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import psutil
 
@@ -54,11 +54,14 @@ class Child:
 class Starter:
     """Starts processes that lead sessions of their own, and that are killed when this process ends. To be used in the
     thread of the event loop, which must be the main one: the kernel kills them when the thread that started them ends.
-    """
+
+    warm: process id of a child of this process that is a warm parent already, and a socket to it."""
+
+    warm: ClassVar[tuple[int, socket.socket] | None] = None
 
     def __init__(self) -> None:
         self._children = Children()
-        self._warm = _WarmParent(self)
+        self._warm = _WarmParent(self, self.warm)
 
     def prepare(self, command: Sequence[str] | ModuleRun) -> None:
         """Let the warm parent load the module of a command in the background, before it is started."""
@@ -109,8 +112,8 @@ class Starter:
 class _WarmParent:
     """The warm parent as seen by the supervisor: started for the first fork, and again when it has ended."""
 
-    def __init__(self, starter: Starter) -> None:
-        self._starter = starter
+    def __init__(self, starter: Starter, given: tuple[int, socket.socket] | None) -> None:
+        self._starter, self._given = starter, given
         #: Held during a request: the answers come in their order.
         self._lock = asyncio.Lock()
         self._loaded: list[str] = []
@@ -187,6 +190,12 @@ class _WarmParent:
     async def _start(self) -> None:
         if self._channel:
             self._channel.close()
+        if self._given:
+            (pid, self._channel), self._given = self._given, None
+            self._channel.setblocking(False)
+            self._process = self._starter.child(pid)
+            self._tasks.append(asyncio.create_task(self._watch(self._process)))
+            return
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._channel.setblocking(False)
         self._command = module_command("robocorba.supervision.warm_parent", str(theirs.fileno()))

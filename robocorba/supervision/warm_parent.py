@@ -4,8 +4,8 @@ A fork shares what is loaded, so a server starts within a fraction of a second, 
 `starter.py` starts this process with one end of a socket, and asks for processes with requests as JSON:
 
     {"module": "robocorba.servers.simulation", "arguments": [...], "cwd": "/...", "title": "..."}
-        with a descriptor for the output: forks a process that calls the module's main(arguments); answered by
-        {"pid": 123} or {"error": "..."}
+        with a descriptor for the output, or three for stdin, stdout and stderr: forks a process that calls the
+        module's main(arguments); answered by {"pid": 123} or {"error": "..."}. With "environment", it has that one
     {"module": "robocorba.servers.simulation"}
         loads the module; answered by {}
 
@@ -29,12 +29,13 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import setproctitle
 
+from robocorba.settings import replace_environment
 from robocorba.supervision.child import bind_to_parent
 
 #: Maximum length of a request [bytes].
@@ -49,7 +50,7 @@ def serve(channel: socket.socket) -> Callable[[], object] | None:
     """Carry out requests until the other end of the socket is closed. In a new process, returns what it has to run."""
     supervisor = os.getppid()
     while True:
-        data, descriptors, _, _ = socket.recv_fds(channel, MAX_REQUEST, 1)
+        data, descriptors, _, _ = socket.recv_fds(channel, MAX_REQUEST, 3)
         if not data:
             return None
         request = json.loads(data)
@@ -61,7 +62,7 @@ def serve(channel: socket.socket) -> Callable[[], object] | None:
                 pid = _fork()
                 if not pid:
                     channel.close()
-                    return lambda: _become(module, request, descriptors[0], supervisor)
+                    return lambda: _become(module, request, descriptors, supervisor)
                 answer = {"pid": pid}
         except Exception as error:
             answer = {"error": f"{type(error).__name__}: {error}"}
@@ -111,25 +112,43 @@ def _fork() -> int:
     return 0
 
 
-def _become(module: Any, request: dict[str, Any], output: int, supervisor: int) -> object:
+def _become(module: Any, request: dict[str, Any], descriptors: Sequence[int], supervisor: int) -> object:
     """Be as if started alone, then run the module's main."""
     os.setsid()  # Ctrl-C in the terminal reaches only the supervisor
-    empty = os.open(os.devnull, os.O_RDONLY)
-    for source, target in ((empty, 0), (output, 1), (output, 2)):
-        os.dup2(source, target)
-    os.close(empty)
-    os.close(output)
-    for read_end, write_end in pipes():
-        _renew(read_end, write_end)
+    _redirect(*descriptors)
+    separate()
     _bind_to(supervisor)
     os.chdir(request["cwd"])
+    sys.argv = [module.__file__, *request["arguments"]]
+    set_title(request["title"])
+    if environment := request.get("environment"):
+        replace_environment(environment)
+    return module.main(request["arguments"])
+
+
+def _redirect(*descriptors: int) -> None:
+    """Make these stdin, stdout and stderr; one alone is for the output. They are closed."""
+    if len(descriptors) == 1:
+        descriptors = (os.open(os.devnull, os.O_RDONLY), *descriptors)
+    for target, source in zip((0, 1, 2), (*descriptors, descriptors[-1]), strict=False):
+        os.dup2(source, target)
+    for source in descriptors:
+        os.close(source)
+
+
+def separate() -> None:
+    """Share nothing with the process that this one was forked from: neither pipes, nor random numbers to come."""
+    for read_end, write_end in pipes():
+        _renew(read_end, write_end)
     random.seed()
     if numpy := sys.modules.get("numpy"):
         numpy.random.seed()
-    sys.argv = [module.__file__, *request["arguments"]]
-    setproctitle.setproctitle(request["title"])
+
+
+def set_title(title: str) -> None:
+    """What lists of processes show of this process."""
+    setproctitle.setproctitle(title)
     setproctitle.setthreadtitle(Path(sys.executable).name)  # which is the short name of the process
-    return module.main(request["arguments"])
 
 
 def pipes() -> list[tuple[int, int]]:
@@ -179,9 +198,10 @@ def _exit() -> None:
     os._exit(0)
 
 
-def main() -> None:
+def main(channel: socket.socket) -> None:
+    """Carry out requests; in a new process run what was asked for, and never return."""
     gc.disable()
-    with socket.socket(fileno=int(sys.argv[1])) as channel:
+    with channel:
         run = serve(channel)
     if run:
         gc.enable()
@@ -190,4 +210,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(socket.socket(fileno=int(sys.argv[1])))

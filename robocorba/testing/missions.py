@@ -37,7 +37,15 @@ from robocorba.simulation.registry import Pose
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.floor_update import WHOLE
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually, running_system
+from robocorba.testing.processes import (
+    ROBOCORBA,
+    Launcher,
+    Running,
+    drain,
+    eventually,
+    forked_processes,
+    running_system,
+)
 
 FLOOR = "L1"
 #: Time limits for the start of a robot and for a mission [s].
@@ -94,6 +102,7 @@ class BodyPose(NamedTuple):
 def missions(folder: Path, building: Path, subnets: str = "lab,hall") -> Iterator[MissionSystem]:
     """`robocorba up` on a building; ended with all its robots. One at a time in a process."""
     with (
+        forked_processes(),
         running_system(folder, "--building", str(building), "--subnets", subnets) as (running, launch),
         Orb(running.naming, call_timeout_s=5.0) as orb,
         MissionSystem(folder, running, orb, launch) as place,

@@ -158,8 +158,8 @@ def landing(elevator: Elevator, floor: str, away_m: float) -> XY:
     return x + share * along[0], y + share * along[1]
 
 
-def drive_to(session: Any, to: XY, speed: float = 1.0, near_m: float = 0.05, limit_s: float = 10.0) -> Any:
-    """Drive a robot straight to a point, and stop; return its state."""
+def drive_to(session: Any, to: XY, speed: float = 1.0, near_m: float = 0.05, limit_s: float = 30.0) -> Any:
+    """Drive a robot straight to a point, until it stands there; return its state."""
 
     def has_come() -> Any:
         state = session.state()
@@ -167,7 +167,7 @@ def drive_to(session: Any, to: XY, speed: float = 1.0, near_m: float = 0.05, lim
         away, c, s = math.hypot(dx, dy), math.cos(state.at.heading), math.sin(state.at.heading)
         if away <= near_m:
             session.command(STAND, 0.0)
-            return state
+            return state if speed_of(state) < 0.001 else None
         share = min(speed, 2.0 * away) / away
         session.command(RoboCorba.Velocity((c * dx + s * dy) * share, (c * dy - s * dx) * share, 0.0), 0.5)
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import itertools
 import json
@@ -169,10 +170,8 @@ def test_without_a_terminal_a_row_is_a_line(capsys: pytest.CaptureFixture[str]) 
 @pytest.fixture
 def stop() -> Iterator[StopSignal]:
     """A stop, and afterwards the signals as they were."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield StopSignal()
-    for number, handler in before.items():
-        signal.signal(number, handler)
+    with contextlib.closing(StopSignal()) as stop:
+        yield stop
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -14,7 +14,7 @@ from robocorba.corba.orb import Orb
 from robocorba.maps import native
 from robocorba.settings import Address
 from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import Launcher, Running, real_system
+from robocorba.testing.processes import Launcher, Running, forked_processes, real_system
 
 HERE = Path(__file__).resolve().parent
 ECHO_UP = (sys.executable, str(HERE / "echo_up.py"))
@@ -25,6 +25,21 @@ def servers_of_tests() -> Iterator[None]:
     """Servers that only tests have are modules of this folder."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(HERE), prepend=os.pathsep)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def nursery(servers_of_tests: None) -> Iterator[None]:
+    """Processes of tests are forks, except where `alone` is used."""
+    with forked_processes():
+        yield
+
+
+@pytest.fixture(scope="module")
+def alone() -> Iterator[None]:
+    """All processes of a module start as those of users do."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Launcher, "nursery", None)
         yield
 
 

@@ -20,7 +20,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import ROBOCORBA, Running, eventually, hang, is_running, read_json, refusal
 from tests.damage import damage
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.usefixtures("alone")]
 
 Launch = Callable[..., subprocess.Popen[str]]
 Start = Callable[..., Running]

@@ -1,0 +1,41 @@
+"""`robocorba up` in a process that was forked from one with all servers: its warm parent is a fork, too."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+from collections.abc import Sequence
+
+from robocorba import commands
+from robocorba.commands import up as up_command
+from robocorba.supervision import warm_parent
+from robocorba.supervision.child import bind_to_parent
+from robocorba.supervision.launch import module_command
+from robocorba.supervision.servers import servers
+from robocorba.supervision.starter import Starter
+
+assert up_command  # loaded before the fork
+
+
+def preload() -> None:
+    """Load all servers and their kernels."""
+    for server in servers(["main"], sensors=1):
+        warm_parent.load(server.module)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run `robocorba up`. Never returns."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    pid = os.fork()
+    if not pid:
+        bind_to_parent(signal.SIGKILL)
+        os.setsid()
+        ours.close()
+        warm_parent.separate()
+        warm_parent.set_title(" ".join(module_command(warm_parent.__name__)))
+        warm_parent.main(theirs)
+        os._exit(0)
+    theirs.close()
+    Starter.warm = pid, ours
+    commands.main(("up", *arguments))
