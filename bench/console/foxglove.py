@@ -1,6 +1,6 @@
 """`robocorba foxglove` and recordings for Foxglove beside 50 robots, 8 with lasers and 3 with arms.
 
-    python -m bench.console.foxglove [--seconds S] [--robots N]
+    python -m bench.console.foxglove [--seconds S] [--recorded S] [--robots N]
 
 A client subscribes to all topics of `robocorba foxglove` while all robots drive. Then the system is recorded twice at
 the same time, compact and for Foxglove, and the compact recording is converted; both files are read by the mcap
@@ -111,7 +111,7 @@ def messages(file: Path) -> int:
     return count
 
 
-def measure(seconds: float = 60.0, robots: int = 50) -> bool:
+def measure(seconds: float = 60.0, recorded: float = 0.0, robots: int = 50) -> bool:
     with (
         tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder,
         crowded_system(Path(folder), robots) as (naming, clock, _),
@@ -125,13 +125,13 @@ def measure(seconds: float = 60.0, robots: int = 50) -> bool:
             if what == "live":
                 rows.append(live(naming, clock, seconds))
             else:
-                rows += recordings(naming, clock, seconds, Path(folder))
-    shown, _, recorded, converted = rows
+                rows += recordings(naming, clock, recorded or seconds, Path(folder))
+    shown, _, written, converted = rows
     marks = [
         at_most("live server, share of a core", shown["cores"], 0.2),
         at_least("updates of a robot each second, live", shown["poses of a robot, 1/s"], 15.0),
         at_least("pace beside that without viewers", shown["pace"] / alone, 0.98),
-        at_most("recorded for Foxglove, x compact", recorded["x compact"], 3.0),
+        at_most("recorded for Foxglove, x compact", written["x compact"], 3.0),
         at_most("converted, x compact", converted["x compact"], 3.0),
     ]
     picture = bars({row["what"]: row["kB/s"] for row in rows[1:]}, "kB/s")
@@ -141,4 +141,9 @@ def measure(seconds: float = 60.0, robots: int = 50) -> bool:
 
 
 if __name__ == "__main__":
-    run(measure, seconds="of each measurement", robots="on one floor")
+    run(
+        measure,
+        seconds="of each measurement",
+        recorded="length of the recordings [s]; 0: as the others",
+        robots="on one floor",
+    )

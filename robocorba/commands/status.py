@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import psutil
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from robocorba.commands.options import Json, State
 from robocorba.commands.reporting import reporting
@@ -143,7 +143,7 @@ def _print(processes: list[ProcessStatus]) -> None:
             rows.append((*cells, status.name or "naming service", answer))
     console = Console()
     if console.is_terminal:
-        table = Table(*header)
+        table = Table(*(Column(title, overflow="fold") for title in header))
         for row in rows:
             table.add_row(*map(str, row))
         console.print(table)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from robocorba.commands.compiling import compile_with_progress
 from robocorba.commands.options import State
@@ -138,7 +138,7 @@ def run(system: System) -> None:
         waiting.stop()
         console = Console()
         if console.is_terminal:
-            console.print(_table(record))
+            console.print(as_table(record))
         else:
             for cells in _rows(record):
                 line(*cells)
@@ -162,8 +162,9 @@ def _rows(record: SystemRecord) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _table(record: SystemRecord) -> Table:
-    table = Table("process", "process id", "object")
+def as_table(record: SystemRecord) -> Table:
+    """The objects of a system, for a terminal."""
+    table = Table("process", "process id", Column("object", overflow="fold"))  # no address may lack its end
     for cells in _rows(record):
         table.add_row(*cells)
     return table

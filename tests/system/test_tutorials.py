@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from robocorba.claimed_ports import claimed_ports
+from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.namespaces import Namespace
 from tests.system.tutorial import follow
 
@@ -46,6 +47,15 @@ def test_two_machines(tmp_path: Path) -> None:
             machine.ip("link", "set", "eth0", "up")
         terminals = {"one": one.command(), "listener": one.command(), "two": two.command()}
         follow(TUTORIALS / "two-machines.md", tmp_path, {}, terminals)
+
+
+def test_a_real_smartpal(tmp_path: Path) -> None:
+    """The stand-in is the robot."""
+    with running_stand_in(tmp_path / "robot") as robot, claimed_ports() as port:
+        options = {"192.168.4.211:5005": str(robot.naming)}
+        (tmp_path / "reader").mkdir()
+        environment = {"ROBOCORBA_NAMING": f"127.0.0.1:{port}"}
+        follow(TUTORIALS.parent / "real-smartpal.md", tmp_path / "reader", environment, options=options)
 
 
 def test_every_tutorial_is_followed() -> None:
