@@ -55,7 +55,7 @@ test: stubs
 
 lint: stubs
 	@$(BIN)/ruff format --check .
-	@$(BIN)/ruff check .
+	@$(BIN)/ruff check --no-cache .
 	@$(BIN)/mypy
 
 bench: stubs

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Interval between looks at the system while somebody watches, and otherwise [s].
 WATCHED_S, IDLE_S = 0.05, 0.5
+#: Least pause between looks, for the system itself on a slow machine [s].
+LEAST_PAUSE_S = 0.01
 #: Interval between looks at pause and pace [s].
 STATE_S = 0.5
 #: Timeout of a call of the simulation server [s].
@@ -70,8 +72,9 @@ class SystemInFoxglove:
 
     def serve(self, server: LiveServer, stop: StopSignal) -> None:
         """Until stopped; while the system does not answer, clients see why."""
-        problem = ""
-        while not stop.wait(WATCHED_S if server.is_watched else IDLE_S):
+        problem, pause_s = "", 0.0
+        while not stop.wait(pause_s):
+            began = time.monotonic()
             try:
                 self._look(server)
                 found = ""
@@ -80,6 +83,8 @@ class SystemInFoxglove:
             if found != problem:
                 problem = found
                 server.report_problem(problem)
+            interval_s = WATCHED_S if server.is_watched else IDLE_S
+            pause_s = max(LEAST_PAUSE_S, began + interval_s - time.monotonic())
 
     def _look(self, server: LiveServer) -> None:
         changes = self._system.follow(RETRY_TIMEOUT_S)
