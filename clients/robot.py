@@ -32,6 +32,7 @@ from robocorba.data_pool.start_places import start_places
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import PlaceTaken
+from robocorba.kernel_store import store
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
 from robocorba.missions import carry_planning
@@ -121,6 +122,10 @@ def run(arguments: Sequence[str] | None) -> None:
     settings = RobotSettings.read(arguments, __doc__ or "")
     claim_state(settings.common.state)
     logs.setup(f"robot_{settings.name}", settings.common.state / "logs")
+    if not store().is_complete:
+        from robocorba.commands.compiling import compile_with_progress  # loads what is needed once on a machine
+
+        compile_with_progress(settings.common.state / "logs")
     raise_process_priority()
     wanted = program.load(settings.program) if settings.program else None
     start = settings.at or Pose(settings.floor, 0.0, 0.0)

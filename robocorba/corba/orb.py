@@ -45,6 +45,7 @@ from robocorba.corba.guard import Guard, guarded, without_keys
 from robocorba.corba.naming import PROBE_TIMEOUT_S, BoundNames, NamingService, resolve_corbaname
 from robocorba.corba.robot_objects import RobotObjects
 from robocorba.corba.texts import refuse_unreadable_texts
+from robocorba.endpoints import is_free
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.roles import Role
 from robocorba.settings import Address, RoleNaming, omniorb_trace
@@ -131,7 +132,8 @@ class Orb:
     with_kinds: names may have kinds, as Mobility.Unit; otherwise a dot is part of a name, such as a robot's.
     call_timeout_s: timeout of every call through this ORB, unless `resolve` sets another one.
 
-    Raises PortInUse if another process listens on the endpoint, ServiceError if the process already has an ORB.
+    Raises PortInUse if another process listens on the endpoint, ServiceError if that is none of this machine, or if the
+    process already has an ORB.
     """
 
     def __init__(
@@ -422,6 +424,7 @@ class Orb:
         except CORBA.INITIALIZE as error:
             if self.endpoint is None:
                 raise ServiceError(f"cannot listen: {error}") from None
+            is_free(self.endpoint.host, self.endpoint.port)  # raises, where there is another reason
             raise PortInUse(self.endpoint.host, self.endpoint.port, "this server") from None
 
     # ---- names ----

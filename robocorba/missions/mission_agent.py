@@ -23,6 +23,8 @@ from robocorba.missions.transport import Received, Transport
 
 #: Publishing is retried for this time; pause after the channel failed [s].
 RETRY_S = 1.0
+#: Attempts in vain after which the user is told: a channel that starts meanwhile is there before.
+TOLD_AFTER = 3
 #: Missions whose terms are remembered, the latest ones.
 MAX_TERMS = 100
 
@@ -85,6 +87,7 @@ class MissionAgent:
             member.take_over_reservation(step, is_reserved)
 
     def _run(self) -> None:
+        failures = 0
         while not self._closing.is_set():
             try:
                 self._check_leader()
@@ -93,8 +96,11 @@ class MissionAgent:
                 if received := self._transport.receive(timeout_s):
                     self._handle(received)
                 self._publish_state()
+                failures = 0
             except (NotReachable, EventError) as error:
-                _log.info("no event channel, next attempt in %g s: %s", RETRY_S, error)
+                failures += 1
+                level = logging.WARNING if failures == TOLD_AFTER else logging.INFO
+                _log.log(level, "no event channel, next attempt in %g s: %s", RETRY_S, error)
                 self._closing.wait(RETRY_S)
             except Exception:  # one bad message must not end the thread
                 _log.exception("handling a mission message failed")

@@ -14,10 +14,8 @@ The folder and all files are for this user only. What is damaged of them is set 
 from __future__ import annotations
 
 import contextlib
-import errno
 import fcntl
 import os
-import socket
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +25,7 @@ import msgspec
 import psutil
 
 from robocorba.damaged_files import set_aside
+from robocorba.endpoints import is_free
 from robocorba.errors.services import AlreadyRunning, PortInUse, ServiceError
 from robocorba.private_files import claim_state
 from robocorba.settings import Address
@@ -199,22 +198,3 @@ class StateFolder:
             new.replace(file)
         except OSError as error:
             raise ServiceError(f"can't write {file}: {error.strerror}") from None
-
-
-def is_free(host: str, port: int) -> bool:
-    """Whether a server can listen there. Raises ServiceError if `host` is another machine or the port is denied."""
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind, protocol) as probe:
-            # As omniORB does: connections in TIME_WAIT do not block the port.
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-    except socket.gaierror:
-        raise ServiceError(f"unknown host {host}") from None
-    except OSError as error:
-        if error.errno == errno.EADDRINUSE:
-            return False
-        if error.errno == errno.EADDRNOTAVAIL:
-            raise ServiceError(f"{host} is not an address of this machine") from None
-        raise ServiceError(f"can't listen on {host}:{port}: {error.strerror}") from None
-    return True

@@ -24,6 +24,7 @@ from robocorba.corba.connections import ConnectionLimit
 from robocorba.corba.orb import CONTEXT, Orb
 from robocorba.corba.reference_file import write_reference
 from robocorba.corba.servants.supervisor import SupervisorServant
+from robocorba.endpoints import is_free
 from robocorba.errors.services import PortInUse, ServiceError
 from robocorba.names import SUPERVISOR
 from robocorba.processes import RobotOrder
@@ -32,7 +33,7 @@ from robocorba.settings import Address, omniorb_trace
 from robocorba.supervision.access import Access, remove_access
 from robocorba.supervision.child_descriptors import ChildDescriptors
 from robocorba.supervision.console import console_spec
-from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, is_free
+from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
 from robocorba.supervision.hangs import DEFAULT, HangLimit
 from robocorba.supervision.launch import ModuleRun
 from robocorba.supervision.naming_data import mend_naming_data

@@ -68,6 +68,12 @@ def test_a_port_in_use_is_reported_immediately(nowhere: Address) -> None:
     assert (refused.value.host, refused.value.port) == (endpoint.host, endpoint.port)
 
 
+def test_an_endpoint_of_another_machine_is_not_said_to_be_in_use(nowhere: Address) -> None:
+    told = pytest.raises(ServiceError, match=r"192\.0\.2\.1 is not an address of this machine")
+    with told, Orb(nowhere, Address("192.0.2.1", 2830)):
+        pass
+
+
 def test_a_process_can_have_one_orb_after_another_but_not_two(nowhere: Address, endpoint: Address) -> None:
     for _ in range(3):
         with Orb(nowhere, endpoint), pytest.raises(ServiceError, match="has an ORB already"), Orb(nowhere):

@@ -1,7 +1,8 @@
-"""Which robots take part in missions."""
+"""Which robots take part in missions, and what their users are told."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 
 from robocorba.errors.robots import RobotLost
+from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import JOINTS
+from robocorba.missions import mission_agent
 from robocorba.missions.messages import Answer, Assignment, Call, Offer
-from robocorba.missions.mission_agent import MissionAgent
+from robocorba.missions.mission_agent import TOLD_AFTER, MissionAgent
 from robocorba.missions.subplan import Idle, SubPlan
 from robocorba.missions.transport import Transport
 from robocorba.spatial.pose import Pose
@@ -67,3 +70,35 @@ def test_one_without_arms_refuses(leader: Transport) -> None:
     assert isinstance(answer.message, Answer)
     assert (answer.message.accepts, answer.message.reason) == (False, "does not have the joints of a SmartPal")
     assert not any(isinstance(received.message, Offer) for received in leader.received)
+
+
+class Unreachable(BusEnd):
+    """A channel that is not there for its first calls."""
+
+    failures = 0
+
+    def subscribe(self, *arguments: Any) -> None:
+        if self.failures:
+            self.failures -= 1
+            raise NotReachable("EventChannels/hall is not reachable")
+        super().subscribe(*arguments)
+
+
+@pytest.mark.parametrize(("failures", "warnings"), [(TOLD_AFTER - 1, 0), (TOLD_AFTER, 1), (3 * TOLD_AFTER, 1)])
+def test_a_channel_that_stays_away_is_told_once(
+    failures: int, warnings: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(mission_agent, "RETRY_S", 0.001)
+    bus = Bus()
+    leader, end = Transport(BusEnd(bus, "A"), "A"), Unreachable(bus, "B")
+    leader.subscribe([(Offer, "*")])
+    end.failures = failures
+    agent: Any = FreeAgent(has_joints=len(JOINTS))
+    missions = MissionAgent(Transport(end, "B"), agent, lambda thing: None).start()
+    try:
+        while not leader.receive(0.1):  # until it has subscribed at last
+            leader.publish(CALL)
+    finally:
+        missions.close()
+    told = [each for each in caplog.records if each.levelno >= logging.WARNING and "event channel" in each.message]
+    assert len(told) == warnings
