@@ -1,10 +1,10 @@
 """A client that does nothing wrong: it repeats calls, and notes the longest ones and the errors.
 
-    python -m bench.chaos.bystander NAMING CHANNEL ROBOT X,Y X,Y
+    python -m bench.chaos.bystander NAMING CHANNEL ROBOT X,Y X,Y UNTOUCHED
 
 It calls every server: it reads floor L1, asks for paths between the two points of it, and calls the event channel and
-the robot. It prints `null`, then answers lines of JSON on stdin: `longest` returns the longest call of each object
-since the last question [s], and the errors."""
+the robot. UNTOUCHED is the reference of a server that nobody attacks. It prints `null`, then answers lines of JSON on
+stdin: `longest` returns the longest call of each object since the last question [s], and the errors."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from typing import Any
 
 from omniORB import CORBA
 
+from bench.chaos.beside import UNTOUCHED
 from robocorba.corba.calls import error_of
 from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
@@ -69,8 +70,10 @@ class Bystander:
                 self._errors[name] = error
 
 
-def calls_of_every_server(orb: Orb, on_channel: str, of_robot: str, here: str, there: str) -> dict[str, Any]:
-    """A call of each server, of a virtual sensor and of a robot. here, there: points of L1."""
+def calls_of_every_server(
+    orb: Orb, on_channel: str, of_robot: str, here: str, there: str, untouched: str
+) -> dict[str, Any]:
+    """A call of each server, of a virtual sensor, a robot, and a server that nobody attacks. here, there: of L1."""
     start, goal = (RoboCorba.Point("L1", *map(float, each.split(","))) for each in (here, there))
     pose = RoboCorba.Pose("L1", start.x, start.y, 0.0)
     planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
@@ -84,6 +87,7 @@ def calls_of_every_server(orb: Orb, on_channel: str, of_robot: str, here: str, t
         "VirtualSensor": lambda: sensor.scan(pose, NO_MOUNT, CROSS),
         "EventChannel": orb.resolve(f"{CHANNELS}/{on_channel}", RoboCorba.EventChannel)._get_name,
         "RobotAgent": orb.resolve(f"{ROBOTS}/{of_robot}", RoboCorba.RobotAgent)._get_state,
+        UNTOUCHED: orb.reference(untouched, RoboCorba.VirtualSensor)._get_load,
     }
 
 
