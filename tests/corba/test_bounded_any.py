@@ -32,6 +32,16 @@ TREE = bytes.fromhex(
 )
 
 
+#: An any of types without repository ids and names: union switch (enum { ONE, TWO }) { case ONE: double;
+#: case TWO: enum { ONE, TWO }; }, and its value TWO in the case TWO.
+NAMELESS = bytes.fromhex(
+    "0100000010000000980000000100000001000000000000000100000000000000110000002800000001000000010000000000"
+    "0000010000000000000002000000040000004f4e45000400000054574f00ffffffff02000000000000000100000000000000"
+    "0700000001000000010000000000000011000000280000000100000001000000000000000100000000000000020000000400"
+    "00004f4e45000400000054574f000100000001000000"
+)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def orb() -> Iterator[Orb]:
     """omniORB can't read anything without one."""
@@ -84,6 +94,13 @@ def test_anys_are_read_as_before(value: Any) -> None:
         assert type(read) is CORBA.Any
         assert repr(read) == repr(omniORB.cdrUnmarshal(CORBA.TC_any, encoded)) or "Unknown" in repr(read)
         assert len(omniORB.cdrMarshal(CORBA.TC_any, read)) == len(encoded)
+
+
+def test_types_may_have_no_repository_id() -> None:
+    read = omniORB.cdrUnmarshal(TC_ANY, NAMELESS)
+    assert (str(read.value()._d), str(read.value()._v)) == ("TWO", "TWO")
+    again = omniORB.cdrUnmarshal(TC_ANY, omniORB.cdrMarshal(CORBA.TC_any, read))
+    assert str(again.value()._v) == "TWO"
 
 
 @pytest.mark.parametrize(

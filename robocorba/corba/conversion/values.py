@@ -1,8 +1,11 @@
-"""Classes for valuetypes without stubs, made when the first value arrives.
+"""Corrections of how omniORBpy reads values of types that the process has no stubs for.
 
-omniORBpy 4.3 has such a function, but it confuses isinstance with issubclass for a valuetype that derives from another
-unknown one, and tries to make a class that Python refuses. Then an assertion of its core fails, and threads of the
-process hang or spin.
+The class for a valuetype is made when the first value arrives. omniORBpy 4.3 has such a function, but it confuses
+isinstance with issubclass for a valuetype that derives from another unknown one, and tries to make a class that Python
+refuses. Then an assertion of its core fails, and threads of the process hang or spin.
+
+An enumeration may come without a repository id, which CORBA leaves optional in types; Combat, for one, sends none.
+omniORBpy knows the empty id as that of CORBA::Object, and reads a reference in place of the enumerator.
 """
 
 from __future__ import annotations
@@ -20,5 +23,7 @@ def unknown_value(repository_id: str, base: Any) -> type:
 
 
 def patch_omniorb() -> None:
-    """Make the ORB of this process use `unknown_value`."""
+    """Correct the ORB of this process."""
     omniORB.createUnknownValue = unknown_value
+    omniORB.typeMapping.pop("", None)
+    omniORB.tcInternal.typeCodeMapping.pop("", None)
