@@ -1,0 +1,365 @@
+"""A foreign ORB, Combat for Tcl, calls every operation that clients call, and gets what Python gets.
+
+The script tcl_client.tcl checks most answers itself. What it prints is compared here with the same calls in Python."""
+
+from __future__ import annotations
+
+import importlib
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import CosEventChannelAdmin
+import CosEventComm__POA
+import pytest
+from omniORB import EnumItem
+
+from robocorba import __version__
+from robocorba.corba.naming import corbaname
+from robocorba.corba.orb import Orb
+from robocorba.stubs import RoboCorba
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, read_json
+from robocorba.testing.simulation import error_lines
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+IDL = ROOT / "idl"
+NAMING_IDL = HERE / "CosNaming.idl"
+ROBOT = "A"
+#: Time limit of the whole script, which waits for robots that drive [s].
+LIMIT_S = 280.0
+
+#: Why operations are not called, by interface or by operation. Everything else of the IDL is.
+NOT_CALLED = {
+    "CosEventChannelAdmin/EventChannel/destroy": "ends the channel of the system; test_event_conformance.py calls it",
+    "RoboCorba/CallbackRoute": "needs bidirectional GIOP, which Combat has not",
+    "RoboCorba/EventChannel/joinGateway": "channels call it among themselves",
+    "RoboCorba/EventGateway": "channels call it among themselves",
+    "RoboCorba/GatewayFeed": "channels call it among themselves",
+    "RoboCorba/NameRegistry": "servers and robots call it, in a guarded system",
+    "RoboCorba/SensorRegistration": "sensor servers call it",
+    "RoboCorba/SimulationServer/registerSensor": "sensor servers call it",
+    "RoboCorba/SimulationServer/reportScans": "sensor servers of earlier releases call it",
+    "RoboCorba/SimulationServer/reportSensor": "sensor servers of earlier releases call it",
+    **dict.fromkeys(
+        ("ArmUnit", "GripperExtAxes", "GripperUnit", "LumbaExtAxes", "LumbarUnit", "YeRTUnitMobility/mobility"),
+        "the robot SmartPal V serves it, and RoboCorba is its client",
+    ),
+    "RoboCorba/SmartPalFaults": "belongs to the stand-in of the robot",
+}
+
+
+def has_combat() -> bool:
+    """Whether Tcl and Combat are installed."""
+    if not shutil.which("tclsh"):
+        return False
+    script = "exit [catch {package require combat}]"
+    return subprocess.run(["tclsh"], input=script, text=True, capture_output=True, timeout=30).returncode == 0
+
+
+if not has_combat():
+    pytest.skip("needs tclsh with Combat (Debian's tcl-combat)", allow_module_level=True)
+
+
+def of_idl(name: str) -> ModuleType:
+    """A module beside the IDL, which is no part of the package."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(IDL)
+        return importlib.import_module(name)
+
+
+def plain(value: Any) -> Any:
+    """A value of omniORB as the script prints it."""
+    if isinstance(value, EnumItem):
+        return str(value)
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    if hasattr(value, "_d") and hasattr(value, "_v"):
+        return [plain(value._d), plain(value._v)]
+    if hasattr(value, "_NP_RepositoryId"):
+        return {name: plain(member) for name, member in vars(value).items()}
+    return value
+
+
+class PlainConsumer(CosEventComm__POA.PushConsumer):
+    """Keeps what others push."""
+
+    def __init__(self) -> None:
+        self.got: list[Any] = []
+
+    def push(self, value: Any) -> None:
+        self.got.append(plain(value.value()))
+
+    def disconnect_push_consumer(self) -> None:
+        pass
+
+
+class Told(NamedTuple):
+    """What the script has told. failed: the reason, by subject. restarted: processes of the system that do not run any
+    more, or again. pushed: what a consumer in Python has received meanwhile."""
+
+    answers: dict[str, Any]
+    called: set[str]
+    passed: list[str]
+    failed: dict[str, str]
+    restarted: set[int]
+    pushed: list[Any]
+
+
+@pytest.fixture(scope="module")
+def repository(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file with the IDL for Combat."""
+    file = tmp_path_factory.mktemp("tcl") / "robocorba.tcl"
+    files = [*sorted(map(str, IDL.glob("*.idl"))), str(NAMING_IDL)]
+    file.write_text(of_idl("make_stubs").omniidl("-p", str(IDL), "-b", "tcl", *files))
+    return file
+
+
+@pytest.fixture(scope="module")
+def robot(system: Running, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with Launcher(tmp_path_factory.mktemp("robot")) as launch:
+        where = ("--floor", "L1", "--at", "3,5,0", "--channel", "main", "--naming", str(system.naming))
+        process = launch(ROBOCORBA, "robot", ROBOT, *where, "--state", str(launch.folder / "state"))
+        assert process.stdout is not None and process.stderr is not None
+        assert process.stdout.readline() == "ready\n", process.stderr.read()
+        drain(process)
+        yield ROBOT
+
+
+@pytest.fixture(scope="module")
+def told(system: Running, system_orb: Orb, robot: str, repository: Path) -> Told:
+    """The whole script, run once."""
+    consumer = PlainConsumer()
+    channel = system_orb.resolve("EventChannels/main", CosEventChannelAdmin.EventChannel)
+    channel.for_consumers().obtain_push_supplier().connect_push_consumer(system_orb.activate(consumer))
+    before = {process.pid for process in system.record().processes}
+    command = ("tclsh", "-encoding", "utf-8", str(HERE / "tcl_client.tcl"))
+    arguments = (str(repository), str(system.naming), str(system.state), "main", robot)
+    ran = subprocess.run((*command, *arguments), capture_output=True, text=True, encoding="utf-8", timeout=LIMIT_S)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    after = {process.pid for process in system.record().processes}
+    told = Told({}, set(), [], {}, before - after, consumer.got)
+    for kind, subject, *more in map(read_json, ran.stdout.splitlines()):
+        if kind == "answer":
+            told.answers[subject] = more[0]
+        elif kind == "called":
+            told.called.add(subject)
+        elif kind == "failed":
+            told.failed[subject] = more[0]
+        else:
+            told.passed.append(subject)
+    return told
+
+
+SUBJECTS = [
+    line.split()[1] for line in (HERE / "tcl_client.tcl").read_text().splitlines() if line.startswith("subject ")
+]
+
+
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_the_script_finds_what_it_expects(told: Told, subject: str) -> None:
+    assert subject not in told.failed, told.failed[subject]
+    assert subject in told.passed
+
+
+def test_every_operation_that_clients_call_is_called_or_served(told: Told) -> None:
+    contract = of_idl("contract")
+    signatures = contract.signatures([*map(str, IDL.glob("*.idl")), str(NAMING_IDL)])
+    operations = {
+        declaration.removeprefix("IDL:").removeprefix("omg.org/").removesuffix(":1.0")
+        for declaration, signature in signatures.items()
+        if " raises (" in signature or "attribute " in signature
+    }
+    called = {each.removeprefix("IDL:").removeprefix("omg.org/").removesuffix(":1.0") for each in told.called}
+    excepted = {each for each in operations if {each, each.rpartition("/")[0]} & NOT_CALLED.keys()}
+    assert called == operations - excepted
+    assert {each for each in NOT_CALLED if not any(f"{one}/".startswith(f"{each}/") for one in excepted)} == set()
+
+
+def test_the_servers_live_on(told: Told, system: Running) -> None:
+    assert told.restarted == set()
+    assert error_lines(system.state) == []
+
+
+# ---- the same calls in Python ----
+
+
+class Objects(NamedTuple):
+    editor: Any
+    planner: Any
+    database: Any
+    sensor: Any
+    channel: Any
+    agent: Any
+    control: Any
+
+
+@pytest.fixture(scope="module")
+def objects(system_orb: Orb, told: Told) -> Objects:
+    return Objects(
+        system_orb.resolve("MapEditor", RoboCorba.MapEditor),
+        system_orb.resolve("PathPlanner", RoboCorba.PathPlanner),
+        system_orb.resolve("OmniDatabase", RoboCorba.OmniDatabase),
+        system_orb.resolve("VirtualSensors/s1", RoboCorba.VirtualSensor),
+        system_orb.resolve("EventChannels/main", RoboCorba.EventChannel),
+        system_orb.resolve(f"Robots/{ROBOT}", RoboCorba.RobotAgent),
+        system_orb.resolve("MissionControl", RoboCorba.MissionControl),
+    )
+
+
+WEST, TOP = RoboCorba.Point("L1", 3.0, 3.0), RoboCorba.Point("L2", 14.0, 3.1)
+MOUNT = RoboCorba.Mount(0.1, 0.05, 0.2)
+BAD_PROGRAM = '{"name": "x", "icons": [{"icon": "wait", "seconds": -1}]}'
+
+
+def paths(planner: Any) -> Any:
+    request = planner.defaultRequest(WEST, TOP)
+    request.alternatives, request.mode, request.best = 2, RoboCorba.GEOMETRIC, RoboCorba.SHORTEST_TIME
+    corners = [RoboCorba.XY(5.0, 2.0), RoboCorba.XY(6.0, 2.0), RoboCorba.XY(6.0, 4.0)]
+    request.forbiddenAreas = [RoboCorba.ForbiddenArea("L1", corners)]
+    return planner.findPaths(request)
+
+
+def scan(sensor: Any, x: float, spec: Any) -> Any:
+    return sensor.scan(RoboCorba.Pose("L2", x, 5.0, 0.5), MOUNT, spec)
+
+
+def noisy_scans(sensor: Any) -> Any:
+    spec = sensor.laser()
+    spec.noise = RoboCorba.ScanNoise(0.01, 0.02, 0.1, 7)
+    places = [RoboCorba.Pose("L2", 13.0, 5.0, 0.5), RoboCorba.Pose("L2", 14.0, 4.0, 0.0)]
+    return sensor.scanMany(places, MOUNT, spec)
+
+
+def page(editor: Any, start: int) -> Any:
+    part = RoboCorba.MapSelection([RoboCorba.WALL_ELEMENT, RoboCorba.NODE_ELEMENT], "L1")
+    return editor.readElements(start, part, 2)
+
+
+def change_page(editor: Any) -> Any:
+    return editor.readChanges(RoboCorba.ChangePosition(1, 0), RoboCorba.MapSelection([], ""), 3)
+
+
+#: By the name of an answer in the script, the same call.
+SAME_CALLS: dict[str, Callable[[Objects], Any]] = {
+    "path": lambda of: of.planner.getPath(WEST, TOP),
+    "request": lambda of: of.planner.defaultRequest(WEST, TOP),
+    "paths": lambda of: paths(of.planner),
+    "building": lambda of: of.editor._get_buildingName(),
+    "floors": lambda of: of.editor.floors(),
+    "outline": lambda of: of.editor.read(RoboCorba.ElementId(RoboCorba.FLOOR_ELEMENT, "", "L1")),
+    "elements_WALL": lambda of: of.editor.elements(RoboCorba.WALL_ELEMENT, "L1"),
+    "elements_OBJECT": lambda of: of.editor.elements(RoboCorba.OBJECT_ELEMENT, "L1"),
+    "elements_DOOR": lambda of: of.editor.elements(RoboCorba.DOOR_ELEMENT, "L1"),
+    "elements_AREA": lambda of: of.editor.elements(RoboCorba.AREA_ELEMENT, "L1"),
+    "elements_NODE": lambda of: of.editor.elements(RoboCorba.NODE_ELEMENT, "L2"),
+    "elements_EDGE": lambda of: of.editor.elements(RoboCorba.EDGE_ELEMENT, "L1"),
+    "elements_ELEVATOR": lambda of: of.editor.elements(RoboCorba.ELEVATOR_ELEMENT, ""),
+    "changes": lambda of: of.editor.changesSince(1),
+    "edits": lambda of: of.editor.editsSince(1),
+    "check": lambda of: of.editor.check(),
+    "check_floor": lambda of: of.editor.checkFloor("L1", 0.3),
+    "page": lambda of: page(of.editor, 0),
+    "next_page": lambda of: page(of.editor, page(of.editor, 0).next),
+    "change_page": lambda of: change_page(of.editor),
+    "document": lambda of: of.editor.exportMap(),
+    "no_picture": lambda of: of.editor.getUnderlay("L1"),
+    "laser": lambda of: of.sensor.laser(),
+    "proximity": lambda of: of.sensor.proximity(0.3),
+    "scan": lambda of: scan(of.sensor, 13.0, of.sensor.laser()),
+    "noisy_scans": lambda of: noisy_scans(of.sensor),
+    "own_scan": lambda of: scan(of.sensor, 16.4, of.sensor.proximity(0.3)),
+    "database_floors": lambda of: of.database.floors(),
+    "elevators": lambda of: of.database.elevators(),
+    "peers": lambda of: of.channel.peers(),
+    "adaptors": lambda of: of.agent.adaptors(),
+    "check_program": lambda of: of.agent.checkProgram(BAD_PROGRAM),
+    "missions": lambda of: of.control.missionsSince(0),
+    "leaders": lambda of: of.control.leaders(of.control.missionsSince(0)[0].name),
+}
+#: Members that change meanwhile.
+VARIABLE = {"time", "left", "readAt", "changedAt", "mapVersion"}
+#: Lists that grow meanwhile: what came later is left out.
+GROWING = ("changes", "edits", "missions")
+
+
+def without_variable(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: without_variable(member) for name, member in value.items() if name not in VARIABLE}
+    return [without_variable(each) for each in value] if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize("name", SAME_CALLS)
+def test_python_gets_the_same(told: Told, objects: Objects, name: str) -> None:
+    answer, same = told.answers[name], plain(SAME_CALLS[name](objects))
+    if name in GROWING:
+        assert answer
+        same = same[: len(answer)]
+    assert without_variable(answer) == without_variable(same)
+
+
+def test_times_of_a_path_are_the_same(told: Told, objects: Objects) -> None:
+    assert told.answers["path"] == plain(objects.planner.getPath(WEST, TOP))
+
+
+def test_every_server_says_its_release(told: Told) -> None:
+    releases = {name: answer for name, answer in told.answers.items() if name.endswith("release")}
+    assert len(releases) == 9 and set(releases.values()) == {__version__}
+
+
+def test_what_the_script_has_edited_was_as_it_drew_it(told: Told) -> None:
+    wall = {"name": "Küche", "fromPoint": {"x": 2.0, "y": 1.0}, "toPoint": {"x": 4.0, "y": 1.0}, "height": 2.5}
+    edge = {
+        **{"name": "e1", "fromNode": "n1", "toNode": "n2", "directed": True},
+        **{"speedLimit": 0.25, "clearance": 0.0, "graphs": ["g", "h"]},
+    }
+    record, drawn = told.answers["record"], told.answers["edge"]
+    assert (record["onFloor"], record["value"]) == ("L1", ["WALL_ELEMENT", wall])
+    assert (drawn["onFloor"], drawn["value"]) == ("L1", ["EDGE_ELEMENT", edge])
+    (problem,) = told.answers["problems"]
+    assert problem["id"] == {"kind": "EDGE_ELEMENT", "onFloor": "L1", "name": "e1"}
+    assert [edit["author"] for edit in told.answers["edits_of_Ada"]] == ["Ada", "Ada", "Ada"]
+    picture = told.answers["picture"]
+    assert bytes.fromhex(picture["picture"]).startswith(b"\x89PNG") and picture["origin"] == {"x": 1.0, "y": 2.0}
+    assert read_json(told.answers["program"])["name"] == "Küche"
+    assert told.answers["url"] == "corbaname::127.0.0.1:2809#RoboCorba/PathPlanner"
+
+
+def test_python_receives_what_tcl_pushes(told: Told) -> None:
+    """Combat sends types without names and, of enumerations, without repository ids."""
+    point = RoboCorba.PathPoint(RoboCorba.ELEVATOR_ENTRY, "n", RoboCorba.Point("L1", 0.5, -0.25), 1.0, 2.0, 3.0, "")
+    wall = RoboCorba.Element(aWall=RoboCorba.Wall("w", RoboCorba.XY(0.5, 1.0), RoboCorba.XY(2.0, 4.0), 2.5))
+    sent = ["Küche", -7, plain(point), plain(wall)]
+    assert [each for each in told.pushed if each in sent][:4] == sent
+
+
+# ---- the example ----
+
+
+def get_path(repository: Path, uri: str, *where: str) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of the example."""
+    command = ("tclsh", str(ROOT / "clients" / "tcl" / "get_path.tcl"), str(repository), uri, *where)
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    return ran.returncode, ran.stdout, ran.stderr
+
+
+def test_the_example_prints_a_path(system: Running, repository: Path) -> None:
+    uri = corbaname(system.naming, "RoboCorba/PathPlanner")
+    code, out, err = get_path(repository, uri, "L1", "3", "3", "L1", "15", "3")
+    assert (code, err) == (0, "")
+    assert out.splitlines()[0] == "0.0 s  L1:3.0,3.0  "
+    assert out.splitlines()[-1].split()[2] == "L1:15.0,3.0"
+    refused = get_path(repository, uri, "L1", "3", "3", "L1", "10", "2")
+    assert refused == (1, "", "goal is too near to wall w\n")
+    code, out, err = get_path(
+        repository, "corbaname::127.0.0.1:1#RoboCorba/PathPlanner", "L1", "3", "3", "L1", "3", "4"
+    )
+    assert (code, out) == (1, "") and err.startswith("the call failed: IDL:omg.org/CORBA/COMM_FAILURE:1.0")
+    assert get_path(repository, uri)[0] == 2
