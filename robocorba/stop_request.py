@@ -10,6 +10,9 @@ from typing import Any
 
 #: The signals that ask for it.
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+#: Those that catch signals. While the interpreter has its descriptor, none of them may be closed as garbage: the bytes
+#: would go to whatever gets the descriptor next.
+_catching: list[StopRequest] = []
 
 
 class StopRequest:
@@ -23,22 +26,28 @@ class StopRequest:
         self.is_made = False
         self._reading, self._writing = socket.socketpair()
         self._writing.setblocking(False)
-        #: What was there before: handlers of signals, and the descriptor for their bytes.
+        #: The handlers of signals that were there before, and the descriptor for their bytes.
         self._handlers: dict[int, Any] = {}
         self._descriptor = -1
 
     def catch_signals(self) -> None:
         """From now on SIGINT and SIGTERM make the request, instead of ending the process. Main thread only."""
         if not self._handlers:
+            _catching.append(self)
             self._descriptor = signal.set_wakeup_fd(self._writing.fileno(), warn_on_full_buffer=False)
             self._handlers = {number: signal.signal(number, lambda *_: self.make()) for number in SIGNALS}
 
     def release_signals(self) -> None:
         """They do again what they did before `catch_signals`."""
-        if self._handlers:
-            signal.set_wakeup_fd(self._descriptor)
+        if not self._handlers:
+            return
+        try:
+            signal.set_wakeup_fd(self._descriptor, warn_on_full_buffer=False)
+        except OSError:  # whoever had it has closed it
+            signal.set_wakeup_fd(-1)
         while self._handlers:
             signal.signal(*self._handlers.popitem())
+        _catching.remove(self)
 
     def make(self) -> None:
         """Let this process stop; from any thread or signal handler."""

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import signal
+import socket
 import threading
+import weakref
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -59,6 +62,28 @@ def test_signals_do_afterwards_what_they_did_before() -> None:
         stop.catch_signals()
     assert [signal.getsignal(number) for number in SIGNALS] == before
     assert signal.set_wakeup_fd(descriptor) == descriptor
+
+
+def test_a_descriptor_that_was_closed_meanwhile_is_not_restored() -> None:
+    theirs, other = socket.socketpair()
+    theirs.setblocking(False)
+    before = signal.set_wakeup_fd(theirs.fileno())
+    with contextlib.closing(StopRequest()) as stop:
+        stop.catch_signals()
+        theirs.close()
+    assert signal.set_wakeup_fd(before) == -1
+    other.close()
+
+
+def test_one_that_nobody_knows_any_more_still_has_its_socket() -> None:
+    forgotten = StopRequest()
+    forgotten.catch_signals()
+    kept = weakref.ref(forgotten)
+    del forgotten
+    gc.collect()
+    still_there = kept()
+    assert still_there is not None
+    still_there.close()
 
 
 def test_a_request_after_the_end_harms_nobody(stop: StopRequest) -> None:

@@ -196,7 +196,7 @@ def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Runn
     _, err = watcher.communicate(timeout=PATIENCE_S)
     assert (watcher.returncode, err) == (0, "")
     said = done(film)
-    assert pictures(tmp_path / "a.mp4") == int(said.split(" s, ")[1].split()[0]) > 5
+    assert pictures(tmp_path / "a.mp4") == int(said.split(" s, ")[1].split()[0]) > 0
 
     found = Recording(file)
     assert found.is_complete
