@@ -29,6 +29,9 @@ pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 NAME, START = "A", (16.0, 5.0, 0.0)
 WHERE = ("--at", ",".join(map(str, START)), "--channel", "main", "--record", "ticks.csv")
+#: How much farther one of them may drive before the sensor stops it: at 0.1 m/s, an answer of the sensor may be late by
+#: half a second on a busy machine. bench/robots/virtual_and_actual.py measures it without this allowance.
+SENSED_LATE_M = 0.05
 KINDS = ["mhand_posture", "mbase_path", "stop_if_closer", "mbase_by", "gripper", "mhand_pose", "gripper", "mbase_by"]
 
 
@@ -115,7 +118,7 @@ def test_the_same_program_ends_at_the_same_place(virtual: Run, actual: StandIn, 
             assert each.state.at.floor == "L2"
         assert (virtual.state.adaptor, ran.state.adaptor) == ("simulated", "smartpal")
         found = difference(virtual.state, ran.state, SmartPalBody())
-        assert found.base_m <= BASE_M
+        assert found.base_m <= BASE_M + SENSED_LATE_M
         assert found.turned_rad <= TURNED_RAD
         assert max(found.hands_m.values()) <= HAND_M
         # The sensor stopped both before the wall, not the end of their way.
