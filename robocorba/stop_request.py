@@ -16,7 +16,7 @@ _catching: list[StopRequest] = []
 
 
 class StopRequest:
-    """Whether this process shall stop, and a wait for that.
+    """Whether this process has to stop, and a wait for that.
 
     The interpreter's C code writes a byte for each signal into a socket, which the wait reads. A wait for a lock, as in
     a queue's get(), would miss a signal that came just before it began, or in another thread: handlers run in the main
@@ -43,7 +43,7 @@ class StopRequest:
             return
         try:
             signal.set_wakeup_fd(self._descriptor, warn_on_full_buffer=False)
-        except OSError:  # whoever had it has closed it
+        except OSError:  # its owner has closed it meanwhile
             signal.set_wakeup_fd(-1)
         while self._handlers:
             signal.signal(*self._handlers.popitem())
@@ -56,8 +56,8 @@ class StopRequest:
             self._writing.send(b"\0")
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait for the request, without a limit by default; returns whether it was made [s]. In the main thread, if
-        it is to end with a signal."""
+        """Wait for the request at most `timeout_s` [s], None: without a limit; returns whether it was made. Main
+        thread only, if a signal has to end it."""
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         while not self.is_made:
             left_s = None if deadline is None else deadline - time.monotonic()

@@ -23,8 +23,8 @@ from robocorba.missions.transport import Received, Transport
 
 #: Publishing is retried for this time; pause after the channel failed [s].
 RETRY_S = 1.0
-#: Attempts in vain after which the user is told: a channel that starts meanwhile is there before.
-TOLD_AFTER = 3
+#: Failed attempts after which a warning is logged: a channel that starts meanwhile is there before.
+WARN_AFTER = 3
 #: Missions whose terms are remembered, the latest ones.
 MAX_TERMS = 100
 
@@ -99,7 +99,7 @@ class MissionAgent:
                 failures = 0
             except (NotReachable, EventError) as error:
                 failures += 1
-                level = logging.WARNING if failures == TOLD_AFTER else logging.INFO
+                level = logging.WARNING if failures == WARN_AFTER else logging.INFO
                 _log.log(level, "no event channel, next attempt in %g s: %s", RETRY_S, error)
                 self._closing.wait(RETRY_S)
             except Exception:  # one bad message must not end the thread

@@ -8,18 +8,16 @@ import socket
 from collections.abc import Sequence
 
 from robocorba import commands
-from robocorba.commands import up as up_command
 from robocorba.supervision import warm_parent
 from robocorba.supervision.child import bind_to_parent
 from robocorba.supervision.launch import module_command
 from robocorba.supervision.servers import servers
 from robocorba.supervision.starter import Starter
 
-assert up_command  # loaded before the fork
-
 
 def preload() -> None:
-    """Load all servers and their kernels."""
+    """Load the command, and all servers with their kernels."""
+    warm_parent.load("robocorba.commands.up")
     for server in servers(["main"], sensors=1):
         warm_parent.load(server.module)
 

@@ -69,8 +69,8 @@ def test_a_port_in_use_is_reported_immediately(nowhere: Address) -> None:
 
 
 def test_an_endpoint_of_another_machine_is_not_said_to_be_in_use(nowhere: Address) -> None:
-    told = pytest.raises(ServiceError, match=r"192\.0\.2\.1 is not an address of this machine")
-    with told, Orb(nowhere, Address("192.0.2.1", 2830)):
+    refused = pytest.raises(ServiceError, match=r"192\.0\.2\.1 is not an address of this machine")
+    with refused, Orb(nowhere, Address("192.0.2.1", 2830)):
         pass
 
 

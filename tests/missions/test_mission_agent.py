@@ -1,4 +1,4 @@
-"""Which robots take part in missions, and what their users are told."""
+"""Which robots take part in missions, and what is logged."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.missions import mission_agent
 from robocorba.missions.messages import Answer, Assignment, Call, Offer
-from robocorba.missions.mission_agent import TOLD_AFTER, MissionAgent
+from robocorba.missions.mission_agent import WARN_AFTER, MissionAgent
 from robocorba.missions.subplan import Idle, SubPlan
 from robocorba.missions.transport import Transport
 from robocorba.spatial.pose import Pose
@@ -84,8 +84,8 @@ class Unreachable(BusEnd):
         super().subscribe(*arguments)
 
 
-@pytest.mark.parametrize(("failures", "warnings"), [(TOLD_AFTER - 1, 0), (TOLD_AFTER, 1), (3 * TOLD_AFTER, 1)])
-def test_a_channel_that_stays_away_is_told_once(
+@pytest.mark.parametrize(("failures", "warnings"), [(WARN_AFTER - 1, 0), (WARN_AFTER, 1), (3 * WARN_AFTER, 1)])
+def test_a_channel_that_stays_away_is_logged_once_as_a_warning(
     failures: int, warnings: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(mission_agent, "RETRY_S", 0.001)
@@ -100,5 +100,5 @@ def test_a_channel_that_stays_away_is_told_once(
             leader.publish(CALL)
     finally:
         missions.close()
-    told = [each for each in caplog.records if each.levelno >= logging.WARNING and "event channel" in each.message]
-    assert len(told) == warnings
+    logged = [each for each in caplog.records if each.levelno >= logging.WARNING and "event channel" in each.message]
+    assert len(logged) == warnings

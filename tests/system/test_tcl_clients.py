@@ -101,8 +101,8 @@ class PlainConsumer(CosEventComm__POA.PushConsumer):
         pass
 
 
-class Told(NamedTuple):
-    """What the script has told. failed: the reason, by subject. restarted: processes of the system that do not run any
+class Output(NamedTuple):
+    """What the script has printed. failed: the reason, by subject. restarted: processes of the system that do not run any
     more, or again. pushed: what a consumer in Python has received meanwhile."""
 
     answers: dict[str, Any]
@@ -134,7 +134,7 @@ def robot(system: Running, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 @pytest.fixture(scope="module")
-def told(system: Running, system_orb: Orb, robot: str, repository: Path) -> Told:
+def output(system: Running, system_orb: Orb, robot: str, repository: Path) -> Output:
     """The whole script, run once."""
     consumer = PlainConsumer()
     channel = system_orb.resolve("EventChannels/main", CosEventChannelAdmin.EventChannel)
@@ -145,17 +145,17 @@ def told(system: Running, system_orb: Orb, robot: str, repository: Path) -> Told
     ran = subprocess.run((*command, *arguments), capture_output=True, text=True, encoding="utf-8", timeout=LIMIT_S)
     assert (ran.returncode, ran.stderr) == (0, "")
     after = {process.pid for process in system.record().processes}
-    told = Told({}, set(), [], {}, before - after, consumer.got)
+    output = Output({}, set(), [], {}, before - after, consumer.got)
     for kind, subject, *more in map(read_json, ran.stdout.splitlines()):
         if kind == "answer":
-            told.answers[subject] = more[0]
+            output.answers[subject] = more[0]
         elif kind == "called":
-            told.called.add(subject)
+            output.called.add(subject)
         elif kind == "failed":
-            told.failed[subject] = more[0]
+            output.failed[subject] = more[0]
         else:
-            told.passed.append(subject)
-    return told
+            output.passed.append(subject)
+    return output
 
 
 SUBJECTS = [
@@ -164,12 +164,12 @@ SUBJECTS = [
 
 
 @pytest.mark.parametrize("subject", SUBJECTS)
-def test_the_script_finds_what_it_expects(told: Told, subject: str) -> None:
-    assert subject not in told.failed, told.failed[subject]
-    assert subject in told.passed
+def test_the_script_finds_what_it_expects(output: Output, subject: str) -> None:
+    assert subject not in output.failed, output.failed[subject]
+    assert subject in output.passed
 
 
-def test_every_operation_that_clients_call_is_called_or_served(told: Told) -> None:
+def test_every_operation_that_clients_call_is_called_or_served(output: Output) -> None:
     contract = of_idl("contract")
     signatures = contract.signatures([*map(str, IDL.glob("*.idl")), str(NAMING_IDL)])
     operations = {
@@ -177,14 +177,14 @@ def test_every_operation_that_clients_call_is_called_or_served(told: Told) -> No
         for declaration, signature in signatures.items()
         if " raises (" in signature or "attribute " in signature
     }
-    called = {each.removeprefix("IDL:").removeprefix("omg.org/").removesuffix(":1.0") for each in told.called}
+    called = {each.removeprefix("IDL:").removeprefix("omg.org/").removesuffix(":1.0") for each in output.called}
     excepted = {each for each in operations if {each, each.rpartition("/")[0]} & NOT_CALLED.keys()}
     assert called == operations - excepted
     assert {each for each in NOT_CALLED if not any(f"{one}/".startswith(f"{each}/") for one in excepted)} == set()
 
 
-def test_the_servers_live_on(told: Told, system: Running) -> None:
-    assert told.restarted == set()
+def test_the_servers_live_on(output: Output, system: Running) -> None:
+    assert output.restarted == set()
     assert error_lines(system.state) == []
 
 
@@ -202,7 +202,7 @@ class Objects(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def objects(system_orb: Orb, told: Told) -> Objects:
+def objects(system_orb: Orb, output: Output) -> Objects:
     return Objects(
         system_orb.resolve("MapEditor", RoboCorba.MapEditor),
         system_orb.resolve("PathPlanner", RoboCorba.PathPlanner),
@@ -297,47 +297,47 @@ def without_variable(value: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", SAME_CALLS)
-def test_python_gets_the_same(told: Told, objects: Objects, name: str) -> None:
-    answer, same = told.answers[name], plain(SAME_CALLS[name](objects))
+def test_python_gets_the_same(output: Output, objects: Objects, name: str) -> None:
+    answer, same = output.answers[name], plain(SAME_CALLS[name](objects))
     if name in GROWING:
         assert answer
         same = same[: len(answer)]
     assert without_variable(answer) == without_variable(same)
 
 
-def test_times_of_a_path_are_the_same(told: Told, objects: Objects) -> None:
-    assert told.answers["path"] == plain(objects.planner.getPath(WEST, TOP))
+def test_times_of_a_path_are_the_same(output: Output, objects: Objects) -> None:
+    assert output.answers["path"] == plain(objects.planner.getPath(WEST, TOP))
 
 
-def test_every_server_says_its_release(told: Told) -> None:
-    releases = {name: answer for name, answer in told.answers.items() if name.endswith("release")}
+def test_every_server_says_its_release(output: Output) -> None:
+    releases = {name: answer for name, answer in output.answers.items() if name.endswith("release")}
     assert len(releases) == 9 and set(releases.values()) == {__version__}
 
 
-def test_what_the_script_has_edited_was_as_it_drew_it(told: Told) -> None:
+def test_what_the_script_has_edited_was_as_it_drew_it(output: Output) -> None:
     wall = {"name": "Küche", "fromPoint": {"x": 2.0, "y": 1.0}, "toPoint": {"x": 4.0, "y": 1.0}, "height": 2.5}
     edge = {
         **{"name": "e1", "fromNode": "n1", "toNode": "n2", "directed": True},
         **{"speedLimit": 0.25, "clearance": 0.0, "graphs": ["g", "h"]},
     }
-    record, drawn = told.answers["record"], told.answers["edge"]
+    record, drawn = output.answers["record"], output.answers["edge"]
     assert (record["onFloor"], record["value"]) == ("L1", ["WALL_ELEMENT", wall])
     assert (drawn["onFloor"], drawn["value"]) == ("L1", ["EDGE_ELEMENT", edge])
-    (problem,) = told.answers["problems"]
+    (problem,) = output.answers["problems"]
     assert problem["id"] == {"kind": "EDGE_ELEMENT", "onFloor": "L1", "name": "e1"}
-    assert [edit["author"] for edit in told.answers["edits_of_Ada"]] == ["Ada", "Ada", "Ada"]
-    picture = told.answers["picture"]
+    assert [edit["author"] for edit in output.answers["edits_of_Ada"]] == ["Ada", "Ada", "Ada"]
+    picture = output.answers["picture"]
     assert bytes.fromhex(picture["picture"]).startswith(b"\x89PNG") and picture["origin"] == {"x": 1.0, "y": 2.0}
-    assert read_json(told.answers["program"])["name"] == "Küche"
-    assert told.answers["url"] == "corbaname::127.0.0.1:2809#RoboCorba/PathPlanner"
+    assert read_json(output.answers["program"])["name"] == "Küche"
+    assert output.answers["url"] == "corbaname::127.0.0.1:2809#RoboCorba/PathPlanner"
 
 
-def test_python_receives_what_tcl_pushes(told: Told) -> None:
+def test_python_receives_what_tcl_pushes(output: Output) -> None:
     """Combat sends types without names and, of enumerations, without repository ids."""
     point = RoboCorba.PathPoint(RoboCorba.ELEVATOR_ENTRY, "n", RoboCorba.Point("L1", 0.5, -0.25), 1.0, 2.0, 3.0, "")
     wall = RoboCorba.Element(aWall=RoboCorba.Wall("w", RoboCorba.XY(0.5, 1.0), RoboCorba.XY(2.0, 4.0), 2.5))
     sent = ["Küche", -7, plain(point), plain(wall)]
-    assert [each for each in told.pushed if each in sent][:4] == sent
+    assert [each for each in output.pushed if each in sent][:4] == sent
 
 
 # ---- the example ----
