@@ -102,8 +102,8 @@ class PlainConsumer(CosEventComm__POA.PushConsumer):
 
 
 class Output(NamedTuple):
-    """What the script has printed. failed: the reason, by subject. restarted: processes of the system that do not run any
-    more, or again. pushed: what a consumer in Python has received meanwhile."""
+    """What the script has printed. failed: the reason, by subject. restarted: processes of the system that do not run
+    any more, or again. pushed: what a consumer in Python has received meanwhile."""
 
     answers: dict[str, Any]
     called: set[str]
