@@ -36,7 +36,7 @@ SERVERS: Roles = frozenset({Role.SERVER})
 BY_REFERENCE = frozenset(
     {
         *("DataPool", "EditSession", "Transaction", "RobotSession", "SimulationAdministrator", "Supervisor"),
-        *("CallbackRoute", "EventConsumer", "EventGateway", "GatewayFeed", "NameRegistry"),
+        *("CallbackRoute", "EventConsumer", "EventGateway", "GatewayFeed", "IdempotentEventConsumer", "NameRegistry"),
         *("EventProxyPullSupplier", "EventProxyPushConsumer", "EventProxyPushSupplier"),
         *("SensorRegistration", "StopTarget"),
         *("SmartPalFaults",),  # of the stand-in, in the robot's own naming service

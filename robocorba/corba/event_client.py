@@ -13,7 +13,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections import deque
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import msgpack
@@ -39,6 +40,8 @@ RETRY_S = 10.0
 #: Interval at which a client behind NAT renews the route of the channel's calls [s]; short enough for any NAT, and for
 #: a restarted channel to find its consumers before it disconnects them.
 ROUTE_INTERVAL_S = 5.0
+#: How many of the channel's last calls a consumer recognises when they are repeated.
+REMEMBERED_CALLS = 1000
 #: Pauses between the attempts of a push.
 BACKOFF = Backoff(0.02, 0.25)
 #: Pauses between checks whether a peer forwards the events of a subscription.
@@ -287,12 +290,15 @@ def _translated(error: CORBA.Exception) -> Exception:
     return domain_error(error) or NotReachable(f"the channel does not answer ({describe(error)})")
 
 
-class _EventConsumerServant(RoboCorba__POA.EventConsumer):
+class _EventConsumerServant(RoboCorba__POA.IdempotentEventConsumer):
     """The servant that the channel calls. An exception of the receiver is logged, and affects no other event."""
 
     def __init__(self, receive: Callable[[Event], None], receive_together: Callable[[int, list[Event]], None]) -> None:
         self._receive, self._receive_together = receive, receive_together
         self._lock = threading.Lock()  # one call after another, also if an earlier call of the channel timed out
+        #: What identifies the last calls: a repeated one is ignored.
+        self._recent: deque[Hashable] = deque()
+        self._known: set[Hashable] = set()
 
     def push(self, value: Any) -> None:
         batch = events.batch_of_any(value)
@@ -302,6 +308,12 @@ class _EventConsumerServant(RoboCorba__POA.EventConsumer):
 
     def pushRuns(self, runs: Any) -> None:
         with self._lock:
+            if not runs:
+                return
+            first, last = runs[0], runs[-1].first
+            call = (first.first.origin, first.first.number, *first.times[:1], last.origin, last.number, len(runs))
+            if self._is_repeated(call):
+                return
             for run in runs:
                 header = run.first
                 for place, payload in enumerate(run.payloads):
@@ -310,7 +322,18 @@ class _EventConsumerServant(RoboCorba__POA.EventConsumer):
     def pushTogether(self, which: int, found: Any) -> None:
         together = [_event(one.header, one.payload, one.header.time, one.header.number) for one in found]
         with self._lock:
-            self._guard(self._receive_together, which, together)
+            if not self._is_repeated((which, *((event.origin, event.number, event.time) for event in together))):
+                self._guard(self._receive_together, which, together)
+
+    def _is_repeated(self, call: Hashable) -> bool:
+        """Whether the channel has made this call before; remembers it otherwise."""
+        if call in self._known:
+            return True
+        self._known.add(call)
+        self._recent.append(call)
+        if len(self._recent) > REMEMBERED_CALLS:
+            self._known.remove(self._recent.popleft())
+        return False
 
     def disconnect_push_consumer(self) -> None:
         _log.info("the channel has disconnected a consumer")

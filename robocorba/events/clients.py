@@ -25,6 +25,8 @@ class ConsumerPort(ClientPort, Protocol):
     """A consumer that the channel calls."""
 
     takes_batches: bool
+    #: Whether it ignores a call that it has had before.
+    is_idempotent: bool
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         """Deliver one event; to a consumer that takes batches also one conjunction, or any number of batches.

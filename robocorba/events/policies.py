@@ -19,7 +19,8 @@ class DeliveryPolicy:
     backoff: Backoff = field(default=Backoff(0.05, 1.0))
     #: A consumer is disconnected after this many failures in a row; with the backoff, a dead one after 17 s.
     max_failures: int = 20
-    #: Pause after a stall [s]: the call that timed out ends, so that the next event cannot overtake it.
+    #: Pause after a stall of a consumer that is not idempotent [s]: in general the call that timed out ends in this
+    #: time, so that the next event does not overtake it.
     settle_s: float = 0.1
     #: Events are a flood when they follow each other within this multiple of the mean call duration ...
     flood_gap: float = 1.5

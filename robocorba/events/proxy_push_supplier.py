@@ -10,6 +10,10 @@ takes one event per call.
 
 A consumer that does not answer is stalled: the proxy probes it with exponential backoff. When it answers, delivery
 continues where it stopped. After too many failures in a row it is disconnected.
+
+A call without an answer may have been executed, or still wait in the consumer, where a later one could overtake it. To
+an idempotent consumer, which recognises a repeated call, the proxy repeats it before it goes on, so that each event
+arrives once and in order. For any other its events count as delivered, but unconfirmed.
 """
 
 from __future__ import annotations
@@ -45,6 +49,8 @@ CONCURRENT_CALLS = 4
 SLOT_LIMIT_S = 0.05
 #: Maximum number of calls that a thread makes in one slot.
 CALLS_PER_SLOT = 16
+#: A call to an idempotent consumer that gets no answer is repeated this many times: its events could be the cause.
+MAX_REPEATS = 3
 
 _call_limiter = CallLimiter(CONCURRENT_CALLS, SLOT_LIMIT_S)
 _log = logging.getLogger(__name__)
@@ -80,14 +86,20 @@ class ProxyPushSupplier(ProxySupplier):
         #: Events that arrive before this time are a flood [s, time.perf_counter].
         self._flood_until = 0.0
         self._thread: threading.Thread | None = None
+        #: The items of a call without an answer, which is to be repeated; they are in flight meanwhile.
+        self._unanswered: Sequence[QueueItem] = ()
+        #: How many times the current call has been, or is to be, repeated.
+        self._repeats = 0
 
     def connect(self, client: ConsumerPort) -> None:
+        self._give_up_repeating()
         super().connect(client)
         self.failures, self._mean_s, self._inline = 0, 0.0, 0
         self._wake()
 
     def leave(self) -> None:
         """The consumer of a durable subscription has left; events wait for the next consumer."""
+        self._give_up_repeating()
         self.client, self.condition, self._inline = None, ProxyCondition.WAITING, 0
         self._room.notify_all()  # suppliers no longer wait for it
 
@@ -102,6 +114,7 @@ class ProxyPushSupplier(ProxySupplier):
             self._wake()
 
     def end(self) -> None:
+        self._give_up_repeating()
         super().end()
         self._inline = 0
 
@@ -129,7 +142,8 @@ class ProxyPushSupplier(ProxySupplier):
         if self._busy or self.is_ended:
             return
         is_stalled = self.condition is ProxyCondition.STALLED
-        if not is_stalled and not (self.condition is ProxyCondition.CONNECTED and self._queue.length):
+        has_work = self._queue.length or self._unanswered
+        if not is_stalled and not (self.condition is ProxyCondition.CONNECTED and has_work):
             return
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name=f"to {self.id}", daemon=True)
@@ -160,7 +174,8 @@ class ProxyPushSupplier(ProxySupplier):
             while not self.is_ended:
                 if self.condition is ProxyCondition.STALLED and self._pause() and self.client:
                     return self.client, []
-                if self.condition is ProxyCondition.CONNECTED and self.client and self._queue and not self._busy:
+                has_work = self._queue.length or self._unanswered
+                if self.condition is ProxyCondition.CONNECTED and self.client and has_work and not self._busy:
                     items = self._claim_next(self.client)
                     if items:
                         return self.client, items
@@ -182,7 +197,10 @@ class ProxyPushSupplier(ProxySupplier):
 
     def _claim_next(self, client: ConsumerPort) -> list[QueueItem]:
         """Items to deliver in one call; empty if all waiting events have expired."""
-        items: list[QueueItem] = []
+        if self._unanswered:
+            items, self._unanswered, self._busy = [*self._unanswered], (), True
+            return items
+        items = []
         if client.takes_batches:
             items = self._take(CALL_EVENTS, CALL_BYTES)
             batches = [item for item in items if isinstance(item, EventBatch)]
@@ -214,7 +232,7 @@ class ProxyPushSupplier(ProxySupplier):
         with self._lock:
             self.account.delivered += self._in_flight
             self._busy, self._in_flight = False, 0
-            self.failures = 0
+            self.failures = self._repeats = 0
             self._mean_s = 0.9 * self._mean_s + 0.1 * took if self._mean_s else took
             self._flood_until = time.perf_counter() + min(delivery.flood_gap * self._mean_s, delivery.max_flood_gap_s)
             if (
@@ -231,15 +249,19 @@ class ProxyPushSupplier(ProxySupplier):
 
     def _note_failure(self, failure: EventError, client: ConsumerPort | None, items: Sequence[QueueItem]) -> None:
         with self._lock:
-            count = self._in_flight
-            self._busy, self._in_flight = False, 0
+            self._busy = False
             if isinstance(failure, Refused):  # the client is alive
-                self.account.discarded += count
+                self.account.discarded += self._in_flight
+                self._in_flight = self._repeats = 0
                 _log.info("%s refused an event (%s)", self.id, failure)
-            elif isinstance(failure, Unconfirmed):
-                self.account.delivered += count
-                self.account.unconfirmed += count
+            elif isinstance(failure, Unconfirmed) or self._repeats:
+                self._unanswered = items
+                self._repeats += isinstance(failure, Unconfirmed)
+                is_gone = client is not self.client or isinstance(failure, ClientGone) or self.is_ended
+                if is_gone or not (client and client.is_idempotent and self._repeats <= MAX_REPEATS):
+                    self._give_up_repeating()
             else:
+                self._in_flight = 0
                 self._requeue(items)
             if client is not None and client is self.client and not isinstance(failure, Refused):
                 self.failures += 1
@@ -255,6 +277,13 @@ class ProxyPushSupplier(ProxySupplier):
         if is_lost:
             self._on_client_lost(self, str(failure))
 
+    def _give_up_repeating(self) -> None:
+        """Count the events of a call without an answer as delivered; the client may have them."""
+        if self._unanswered:
+            self.account.delivered += self._in_flight
+            self.account.unconfirmed += self._in_flight
+            self._unanswered, self._in_flight, self._repeats = (), 0, 0
+
     def _requeue(self, items: Sequence[QueueItem]) -> None:
         if self.is_ended:
             self.account.discarded += sum(map(len, items))
@@ -268,7 +297,7 @@ class ProxyPushSupplier(ProxySupplier):
             is_alive = client.answers(self._delivery.probe_timeout_s)
         except ClientGone as error:
             is_alive, reason = False, str(error)
-        if is_alive:
+        if is_alive and not client.is_idempotent:
             time.sleep(self._delivery.settle_s)
         with self._lock:
             if client is not self.client or self.condition is not ProxyCondition.STALLED:

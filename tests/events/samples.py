@@ -55,6 +55,7 @@ class Consumer:
 
     def __init__(self, takes_batches: bool = True, answer: Callable[[Sequence[QueueItem]], None] | None = None) -> None:
         self.takes_batches = takes_batches
+        self.is_idempotent = False
         self.reference = self.address = f"consumer {next(_references)}"
         self.answer = answer or (lambda items: None)
         self.is_alive: Callable[[], bool] = lambda: True

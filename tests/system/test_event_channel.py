@@ -11,11 +11,12 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import msgpack
 import omniORB
 import pytest
 from omniORB import CORBA
 
-from robocorba.corba.event_client import Event, EventClient
+from robocorba.corba.event_client import Event, EventClient, _EventConsumerServant
 from robocorba.corba.remote import robot_channel
 from robocorba.errors.events import InvalidEvent, InvalidSubscription
 from robocorba.events.queue import OverflowRule, QueuePolicy
@@ -271,6 +272,32 @@ def test_events_of_each_supplier_keep_their_order(client: Callable[[str], EventC
             assert [e.payload for e in receive.events if e.source == name] == list(range(120))
         eventually(lambda subscription=subscription: is_settled(subscription))
         assert account(subscription).delivered == 360
+
+
+def test_a_late_call_is_not_overtaken(client: Callable[[str], EventClient], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A call times out while its thread waits for the interpreter, and goes on when the next one has ended."""
+    push_runs, is_waiting, others_end = _EventConsumerServant.pushRuns, threading.Event(), threading.Event()
+
+    def delayed(servant: Any, runs: Any) -> None:
+        is_late = not is_waiting.is_set() and any(msgpack.packb(1) in run.payloads for run in runs)
+        if is_late:
+            is_waiting.set()
+            others_end.wait(30)
+        push_runs(servant, runs)
+        if is_waiting.is_set():
+            others_end.set()
+
+    monkeypatch.setattr(_EventConsumerServant, "pushRuns", delayed)
+    robot, got = client("A"), Receiver()
+    subscription = client("").subscribe(got, "t")
+    for number in range(10):
+        robot.push("t", number)
+        time.sleep(0.01)  # so that the supplier's thread makes the call, which has a shorter time limit
+    eventually(others_end.is_set, 60)
+    eventually(lambda: is_settled(subscription), 60)
+    eventually(lambda: len(got.payloads) >= 10)
+    assert got.payloads == list(range(10))
+    assert account(subscription).unconfirmed == 0
 
 
 def test_a_batch_is_taken_in_and_passed_on_in_one_call(place: Place, channel: Any) -> None:

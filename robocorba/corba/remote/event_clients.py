@@ -28,6 +28,8 @@ MAX_ROUTES = 1000
 #: HOST:PORT and object key.
 Identity = tuple[str, bytes]
 _NO_ROUTES: Mapping[Identity, Any] = {}
+_EVENT_CONSUMER = RoboCorba.EventConsumer._NP_RepositoryId
+_IDEMPOTENT_CONSUMER = RoboCorba.IdempotentEventConsumer._NP_RepositoryId
 
 _log = logging.getLogger(__name__)
 #: Errors of an object that does not exist, or has another type.
@@ -82,6 +84,7 @@ class RemotePushConsumer(_RemoteClient):
     """A plain consumer, which takes one `any` a call."""
 
     takes_batches = False
+    is_idempotent = False
 
     def __init__(
         self,
@@ -121,6 +124,7 @@ class RemoteEventConsumer(RemotePushConsumer):
 
     def __init__(self, orb: Orb, uri: str, routes: Mapping[Identity, Any] = _NO_ROUTES) -> None:
         super().__init__(orb, uri, routes, RoboCorba.EventConsumer)
+        self.is_idempotent = _type_id(uri) == _IDEMPOTENT_CONSUMER
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         self._set_limit(limit_s)
@@ -184,7 +188,7 @@ class RemoteClients:
 
     def find(self, kind: str, reference: str) -> Any:
         if kind == ProxyKind.PUSH_SUPPLIER.value:
-            takes_batches = _type_id(reference) == RoboCorba.EventConsumer._NP_RepositoryId
+            takes_batches = _type_id(reference) in (_EVENT_CONSUMER, _IDEMPOTENT_CONSUMER)
             return (RemoteEventConsumer if takes_batches else RemotePushConsumer)(self._orb, reference, self._routes)
         makers = {
             ProxyKind.PUSH_CONSUMER.value: RemotePushSupplier,

@@ -601,7 +601,7 @@ class FuzzedSystem:
 
 
 #: Interfaces that clients implement, not servers of this system; RobotAdaptor is for agents in other processes.
-OF_CLIENTS = (RoboCorba.EventConsumer, RoboCorba.RobotAdaptor)
+OF_CLIENTS = (RoboCorba.EventConsumer, RoboCorba.IdempotentEventConsumer, RoboCorba.RobotAdaptor)
 #: Those whose references servers keep for themselves, and those that need --guarded or clients behind NAT.
 OUT_OF_REACH = (RoboCorba.StopTarget, RoboCorba.NameRegistry, RoboCorba.CallbackRoute)
 _PROXIES = ("push_supplier", "pull_supplier", "push_consumer", "pull_consumer")
