@@ -12,6 +12,7 @@ from functools import partial
 from typing import NamedTuple
 
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import (
@@ -179,6 +180,8 @@ class SimulatedBuilding:
         self._steps = self._numbers = 0
         self._last_cabins: dict[str, tuple[str, Doors]] = {}
         self._shafts: dict[str, shapely.Polygon] = {}
+        #: Lines of closed doors, by elevator and floor.
+        self._landings: dict[tuple[str, str], BaseGeometry] = {}
         self._idle: set[str] = set()
         #: The building for which obstacles have been changed already, and the physics of its new floors.
         self._prepared: tuple[Building | None, dict[str, FloorPhysics]] = (None, {})
@@ -251,10 +254,12 @@ class SimulatedBuilding:
         self._shafts[name] = shaft_polygon(cabin.elevator)
         self._last_cabins[name] = (cabin.floor, Doors.CLOSED)
         for floor in cabin.heights:
+            self._landings[name, floor] = landing_doors(self.building, name, floor)
             self._close_landing(name, floor)
 
     def _remove_cabin(self, name: str, elevator: Elevator) -> None:
         for floor in elevator.floors():
+            self._landings.pop((name, floor), None)
             if floor in self.floors:
                 self.floors[floor].open_door(f"landing/{name}")
         del self.cabins[name], self._last_cabins[name], self._shafts[name]
@@ -421,6 +426,8 @@ class SimulatedBuilding:
         for name, cabin in self.cabins.items():
             if cabin.sessions:
                 self._detect_entry_and_exit(name, cabin)
+            if cabin.doors is Doors.OPEN:
+                cabin.is_doorway_blocked = self._is_doorway_blocked(name, cabin.floor)
             cabin.advance(STEP_S)
             self._apply_cabin_state(name, cabin)
             for rider, reason in cabin.ended:
@@ -541,8 +548,12 @@ class SimulatedBuilding:
             if held_body in poses:
                 after.grip(body, held_body, at, MAX_GRIP_FORCE_N, PAYLOAD_KG)
 
+    def _is_doorway_blocked(self, elevator: str, floor: str) -> bool:
+        """Whether a body is between an elevator's doors on a floor."""
+        return self.floors[floor].is_crossed(self._landings[elevator, floor])
+
     def _close_landing(self, elevator: str, floor: str) -> None:
-        self.floors[floor].close_door(f"landing/{elevator}", landing_doors(self.building, elevator, floor))
+        self.floors[floor].close_door(f"landing/{elevator}", self._landings[elevator, floor])
 
     # ---- bodies ----
 
@@ -632,6 +643,7 @@ class SimulatedBuilding:
                 for session in cabin.sessions.values():
                     session.longest_wait_s = self.time - session.called_at + longest_wait_s(cabin, session.robot)
                 self._last_cabins[name] = (cabin.floor, Doors.CLOSED)
+                self._apply_cabin_state(name, cabin)
             else:
                 cabin.now = self.time
         self.reservations.restore(world.reservations, self.time, world.robots.keys() & self.robots.keys())

@@ -1,7 +1,8 @@
 """An elevator: robots call it, board, ride and alight; one session for each ride.
 
 The cabin serves the oldest call, then the next one. En route it also stops for rides in the same direction that still
-fit in. A robot that does not board or alight in time loses its session, and the doors close. So every wait is bounded.
+fit in. A robot that does not board or alight in time loses its session, and the doors close. So every wait is bounded,
+unless something stands between the doors: they never close on it.
 
 Robots that ride together call as a party, and ride without others. All members board at the turn of its first call;
 `queue` and `ahead` count single calls. The other members may call while the doors are open for the party; the doors
@@ -89,6 +90,8 @@ class Cabin:
         self.elevator, self.heights = elevator, heights
         self.now = now
         self.doors = Doors.CLOSED
+        #: Whether something is between the doors, which stay open then. The owner of the cabin sets it.
+        self.is_doorway_blocked = False
         self.floor = min(heights, key=lambda name: heights[name])
         #: Floor that the cabin travels to; empty while it is stopped.
         self._target = ""
@@ -195,12 +198,13 @@ class Cabin:
             )
             for s in self.sessions.values()
         ]
-        return CabinRecord(self.floor, rides)
+        return CabinRecord(self.floor, rides, self.doors is Doors.OPEN)
 
     def restore(self, record: CabinRecord, now: float, robots: Container[str]) -> None:
-        """Restore a record with the rides of these robots. The cabin is stopped with closed doors.
+        """Restore a record with the rides of these robots. The cabin is stopped; doors that were not fully open are
+        closed.
 
-        The doors start opening immediately for a party of which some members are still outside."""
+        They start opening immediately for a party of which some members are still outside."""
         self.floor, self.now, self._since = record.floor, now, now
         for ride in record.rides:
             if ride.robot in robots and {ride.origin, ride.destination} <= self.heights.keys():
@@ -211,6 +215,9 @@ class Cabin:
             self._set_doors(Doors.OPENING)
             self._party_since = now + self.elevator.door_time
             self._party_limit_s = max(each.limit_s for each in waiting)
+        if record.is_open:
+            self._set_doors(Doors.OPEN)
+            self._start_alighting_and_boarding()
 
     # ---- time ----
 
@@ -283,6 +290,8 @@ class Cabin:
                     direction = "in" if session.phase is RidePhase.BOARDING else "out"
                     self.cancel(session.robot, f"did not drive {direction} within {session.limit_s:g} s")
             if not self._start_alighting_and_boarding():
+                if self.is_doorway_blocked:
+                    return False
                 self._set_doors(Doors.CLOSING)
         elif self.doors is Doors.CLOSING:
             self._set_doors(Doors.CLOSED)

@@ -155,6 +155,15 @@ class FloorPhysics:
         self.is_still = False
         self._space.remove(*self._doors.pop(name, ()))
 
+    def is_crossed(self, line: BaseGeometry) -> bool:
+        """Whether a body lies across a line, such as that of an open door."""
+        found = (
+            info.shape
+            for segment in self._segments(np.array([line], object))
+            for info in self._space.shape_query(segment)
+        )
+        return any(map(self._owner_of, found))
+
     def _segments(self, lines: NDArray[np.object_]) -> list[pymunk.Shape]:
         """Static segments along lines."""
         return [self._segment(row) for row in segments_of(lines)[0].tolist()]

@@ -33,10 +33,12 @@ class RideRecord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class CabinRecord(msgspec.Struct, frozen=True, array_like=True):
-    """An elevator. floor: where the cabin is, or its last stop. rides: first call first."""
+    """An elevator. floor: where the cabin is, or its last stop. rides: first call first. is_open: whether its doors are
+    open."""
 
     floor: str
     rides: list[RideRecord]
+    is_open: bool = False
 
 
 class ReservationRecord(msgspec.Struct, frozen=True, array_like=True):

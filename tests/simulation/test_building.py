@@ -223,6 +223,44 @@ def test_a_robot_that_was_removed_blocks_no_elevator(world: SimulatedBuilding) -
         pytest.fail("B was never let in")
 
 
+def between_the_doors(world: SimulatedBuilding) -> None:
+    """Robot A stops where the doors of E1 on L1 close."""
+    enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
+    world.call_elevator("A", "E1", "L2")
+    into_the_cabin(world, "A", 4.05)
+    run(world, 1.0)
+    assert world.pose("A").y == pytest.approx(4.0, abs=0.2)
+
+
+def test_doors_never_close_on_a_robot(world: SimulatedBuilding) -> None:
+    between_the_doors(world)
+    enter(world, "B", "L2", 5.0, 3.0, math.pi / 2)
+    world.call_elevator("B", "E1", "L1")
+    events = run(world, 60.0)
+    assert [(event.kind, event.who) for event in events] == [("ride lost", ("A",))]
+    assert world.cabins["E1"].doors is Doors.OPEN
+    assert world.robots["A"].collisions == 0
+    while world.pose("A").y > 3.0:
+        world.robots["A"].command(-0.5, 0.0, 0.0, 0.2)
+        world.step()
+    assert "boarding" in [event.kind for event in run(world, 20.0)]
+
+
+def test_doors_that_a_restart_finds_a_robot_between_are_open(world: SimulatedBuilding) -> None:
+    between_the_doors(world)
+    again = SimulatedBuilding(tower())
+    again.restore(world.record(), [about.description for about in world.robots.values()])
+    before = again.pose("A")
+    assert again.cabins["E1"].doors is Doors.OPEN
+    assert [event.kind for event in run(again, 1.0)] == ["boarding"]
+    assert again.pose("A") == pytest.approx(before, abs=1e-9)
+    assert again.rides["A"].phase is RidePhase.BOARDING
+    into_the_cabin(again, "A", 5.0)
+    while again.pose("A").floor == "L1":
+        again.step()
+    assert again.robots["A"].collisions == 0
+
+
 def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPatch) -> None:
     building = tower()
     table = MapObject("T2", BoxShape((0.4, 0.4)), (5.0, 5.5), movable=True)
