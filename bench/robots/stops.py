@@ -220,8 +220,9 @@ class Stage:
         wait = partial(time.sleep, HANG_S)
         yield Case("emergency stop, adaptor hangs", self.stop_while_it_hangs, wait)
         yield Case("adaptor hangs", self.hang_adaptor, wait)
-        yield Case("simulation server is killed", lambda: os.kill(self._system.pid("simulation"), signal.SIGKILL))
         if self._actual:
+            server = self._system.pid
+            yield Case("simulation server is killed", lambda: os.kill(server("simulation"), signal.SIGKILL))
             faults = self._actual.faults
             yield Case("a unit is lost", lambda: faults.lost("MnpR", True), faults.none)
             yield Case(

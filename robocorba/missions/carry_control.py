@@ -25,6 +25,8 @@ MAX_TICKS = 20_000
 #: Without orders from the leader the body slows down from this time on [s] and stands after the other one [s]: orders
 #: are due every 0.1 s, so it stands 0.3 s after the first missing one. From 0.25 m/s that takes the base's 1 m/s^2.
 SLOWS_DOWN_AFTER_S, STANDS_AFTER_S = 0.15, 0.4
+#: A carrier whose state has been unknown for this time counts as standing where it was [s].
+UNKNOWN_AFTER_S = 0.2
 
 
 class CarryProgress:
@@ -101,10 +103,23 @@ class CarryMotion:
     ) -> None:
         self._trajectory, self.place, self._progress, self._clock = trajectory, place, progress, clock
         self._slip_m = slip_m
-        self.error_m = 0.0
+        #: Position [m] in the last control cycle, its time by the leader's clock [s], infinite without one and at the
+        #: end, and the position error then [m].
+        self._last = ((0.0, 0.0), math.inf, 0.0)
         self.max_slip_m = 0.0
         #: Leader's time and trajectory time [s] of each control cycle.
         self.ticks: deque[tuple[float, float]] = deque(maxlen=MAX_TICKS)
+
+    @property
+    def error_m(self) -> float:
+        """Distance of the base from its setpoint [m]. While no state arrives the base stands and the setpoint moves on,
+        until the leader has seen it."""
+        at, then, error_m = self._last
+        now = self._clock.now()
+        if now - then <= UNKNOWN_AFTER_S:
+            return error_m
+        (x, y, _), _ = self._trajectory.carrier(self._progress.at(now)[0], self.place)
+        return math.dist(at, (x, y))
 
     def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         now = self._clock.now()
@@ -113,11 +128,13 @@ class CarryMotion:
         (x, y, heading), (vx, vy, turn) = self._trajectory.carrier(trajectory_s, self.place)
         dx, dy = x - state.x, y - state.y
         heading_error = math.remainder(heading - state.heading, math.tau)
-        self.error_m = math.hypot(dx, dy)
+        error_m = math.hypot(dx, dy)
+        self._last = ((state.x, state.y), now, error_m)
         self.max_slip_m = max(self.max_slip_m, self._slip_m())
-        if trajectory_s >= self._trajectory.duration and self.error_m <= GOAL_M and abs(heading_error) <= GOAL_RAD:
+        if trajectory_s >= self._trajectory.duration and error_m <= GOAL_M and abs(heading_error) <= GOAL_RAD:
+            self._last = ((state.x, state.y), math.inf, error_m)
             return None
-        if self.error_m > MAX_ERROR_M:
-            raise MotionFailed(f"{self.error_m:.2f} m off its place beside the object; the limit is {MAX_ERROR_M} m")
+        if error_m > MAX_ERROR_M:
+            raise MotionFailed(f"{error_m:.2f} m off its place beside the object; the limit is {MAX_ERROR_M} m")
         vx, vy = vx * rate + POSITION_GAIN * dx, vy * rate + POSITION_GAIN * dy
         return MotionCommand((*turned(vx, vy, -state.heading), turn * rate + POSITION_GAIN * heading_error))

@@ -18,6 +18,8 @@ class Server:
 
     def __init__(self) -> None:
         self.registered, self.has_sensor, self.heartbeats = 0, True, 0
+        #: Calls that fail because the server is away, and all calls by their names.
+        self.failing, self.calls = 0, list[str]()
 
     def resolve(self, *arguments: Any) -> Server:
         return self
@@ -44,6 +46,18 @@ class Server:
         self.heartbeats += 1
         if not self.registered:
             raise CORBA.OBJECT_NOT_EXIST()
+
+    def brake(self) -> None:
+        self._answer("brake")
+
+    def callElevator(self, elevator: str, destination: str) -> None:
+        self._answer("callElevator")
+
+    def _answer(self, operation: str) -> None:
+        self.calls.append(operation)
+        if self.failing:
+            self.failing -= 1
+            raise CORBA.COMM_FAILURE(0, CORBA.COMPLETED_MAYBE)
 
 
 @pytest.fixture
@@ -102,3 +116,29 @@ def test_a_heartbeat_right_after_another_call_is_left_out(
     now += module.RENEWED_S + 0.1
     session.heartbeat()
     assert server.heartbeats == 2
+
+
+def test_a_restart_of_the_server_is_waited_for(session: RemoteSession, server: Server) -> None:
+    session.log_on()
+    server.failing = 3
+    session.brake()
+    assert server.calls == ["brake"] * 4
+
+
+def test_a_server_that_stays_away_is_waited_for_in_vain(
+    session: RemoteSession, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "RETRY_S", 0.1)
+    session.log_on()
+    server.failing = 1000
+    with pytest.raises(RobotLost, match="does not answer"):
+        session.brake()
+    assert 1 < len(server.calls) < 20
+
+
+def test_what_could_be_done_twice_is_not_repeated(session: RemoteSession, server: Server) -> None:
+    session.log_on()
+    server.failing = 1
+    with pytest.raises(RobotLost, match="does not answer"):
+        session.call_elevator("E1", "L2")
+    assert server.calls == ["callElevator"]

@@ -5,8 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robocorba.missions.carry_control import SLOWS_DOWN_AFTER_S, STANDS_AFTER_S, CarryProgress
-from robocorba.missions.trajectory import SPEED_M_S
+from robocorba.missions.carry_control import (
+    SLOWS_DOWN_AFTER_S,
+    STANDS_AFTER_S,
+    UNKNOWN_AFTER_S,
+    CarryMotion,
+    CarryProgress,
+)
+from robocorba.missions.clock import LeaderClock
+from robocorba.missions.leader_policy import LeaderPolicy
+from robocorba.missions.trajectory import SPEED_M_S, Trajectory
+from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.pose import Limits
 
 #: Trajectory time for which a body moves on at the full rate after the last order [s].
@@ -69,3 +78,37 @@ def test_it_stands_until_the_orders_of_another_leader(progress: CarryProgress) -
     progress.follow(since=21.0, trajectory_s=stood_s, rate=1.0, sent=20.9)
     assert progress.at(20.95) == (pytest.approx(stood_s), 0.0)
     assert progress.at(21.05) == (pytest.approx(stood_s + 0.05), pytest.approx(1.0))
+
+
+class Clock(LeaderClock):
+    """The leader's clock, which the test sets [s]."""
+
+    time = 100.0
+
+    def now(self) -> float:
+        return self.time
+
+
+def test_a_carrier_whose_state_is_unknown_falls_behind() -> None:
+    """So the leader stops the carry before the carrier is too far from its place to go on."""
+    clock, progress = Clock(), CarryProgress()
+    trajectory = Trajectory([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0)], [(-1.0, 0.0, 0.0)])
+    motion = CarryMotion(trajectory, (-1.0, 0.0, 0.0), progress, clock, lambda: 0.0)
+
+    def wait(seconds: float) -> None:
+        clock.time += seconds
+        progress.follow(since=100.0, trajectory_s=1.0, rate=1.0, sent=clock.time)
+
+    assert motion.error_m == 0.0
+    wait(0.0)
+    (x, y, heading), _ = trajectory.carrier(1.0, (-1.0, 0.0, 0.0))
+    assert motion.command(RobotState(0.0, x, y, heading), 0.0)
+    wait(UNKNOWN_AFTER_S / 2)
+    assert motion.error_m == pytest.approx(0.0, abs=1e-9)
+    wait(1.0)
+    assert motion.error_m > LeaderPolicy().stop_error_m
+    (x, y, heading), _ = trajectory.carrier(trajectory.duration, (-1.0, 0.0, 0.0))
+    wait(trajectory.duration)
+    assert motion.command(RobotState(0.0, x, y, heading), 0.0) is None
+    wait(10.0)
+    assert motion.error_m == pytest.approx(0.0, abs=1e-9)  # it has arrived

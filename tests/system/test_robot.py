@@ -66,10 +66,12 @@ def run(agent: RemoteAgent, program: Program) -> AgentState:
     return ended(agent)
 
 
+def has_ended(agent: RemoteAgent) -> bool:
+    return agent.state().program.result is not ProgramResult.NO_RESULT
+
+
 def ended(agent: RemoteAgent) -> AgentState:
-    eventually(
-        lambda: agent.state().program.result is not ProgramResult.NO_RESULT, PATIENCE_S, "the end of the program"
-    )
+    eventually(lambda: has_ended(agent), PATIENCE_S, "the end of the program")
     return agent.state()
 
 
@@ -159,16 +161,40 @@ def test_a_robot_whose_process_hangs_or_dies_stands(start: Start, system_orb: Or
     eventually(lambda: all(client.name != "F" for client in server.clients()), 5.0, "its lease")
 
 
-def test_the_simulation_server_is_killed(start: Start, system: Running, system_orb: Orb) -> None:
-    start("G", "--floor", "L1", "--at", "3,5,0")
+def test_a_program_goes_on_when_the_simulation_server_was_killed(
+    start: Start, system: Running, system_orb: Orb
+) -> None:
+    start("K", "--floor", "L1", "--at", "3,5,0")
+    agent = RemoteAgent(system_orb, "K")
+    for _ in range(5):  # on a busy machine a restart may take longer than robots wait
+        agent.load(dumps(LONG))
+        agent.run()
+        moving(agent)
+        killed = system.pid("simulation")
+        os.kill(killed, signal.SIGKILL)
+        eventually(lambda killed=killed: system.pid("simulation") != killed, PATIENCE_S, "the restart")
+        x = agent.state().at.x
+        eventually(lambda x=x: agent.state().at.x > x + 0.2 or has_ended(agent), PATIENCE_S, "driving on")
+        if not has_ended(agent):
+            agent.abort()
+            assert ended(agent).program.result is ProgramResult.ABORTED
+            return
+        eventually(lambda: agent.state().condition is AgentCondition.IDLE, PATIENCE_S, "back")
+    pytest.fail("it never drove on")
+
+
+def test_the_simulation_server_hangs(start: Start, system: Running, system_orb: Orb) -> None:
+    start("G", "--floor", "L1", "--at", "3,3,0")
     agent = RemoteAgent(system_orb, "G")
     agent.load(dumps(LONG))
     agent.run()
     moving(agent)
-    os.kill(system.pid("simulation"), signal.SIGKILL)
+    hung = system.pid("simulation")
+    hang(hung)
     state = ended(agent)
     assert state.program.result is ProgramResult.FAILED
     assert "simulation server" in state.program.reason
+    os.kill(hung, signal.SIGCONT)
     eventually(lambda: agent.state().condition is AgentCondition.IDLE, PATIENCE_S, "back")
     x = agent.state().at.x
     assert x > 3.0

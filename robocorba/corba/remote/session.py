@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from omniORB import CORBA
 
+from robocorba.backoff import Backoff
 from robocorba.control.session import SessionState
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import scans, simulation
@@ -33,6 +34,10 @@ from robocorba.stubs import RoboCorba
 
 #: Timeout of calls in the control loop [s]; the robot stops earlier, when its last command expires.
 CALL_TIMEOUT_S = 1.0
+#: While the server is away, calls that may be repeated are, for this time [s]: it restarts within it, and restores
+#: sessions whose lease has not expired.
+RETRY_S = 1.5
+_RETRIES = Backoff(0.02, 0.1)
 #: Timeout of calls that the server stores on disk before it answers [s].
 CHANGE_TIMEOUT_S = 3.0
 #: A heartbeat is left out this long after any other call, which renews the lease too [s]. The lease is 2 s.
@@ -50,6 +55,10 @@ class _References(NamedTuple):
     session: Any
     slow_session: Any
     sensor: Any
+
+
+class _Away(RobotLost):
+    """The server's process is not there."""
 
 
 class RemoteSession:
@@ -95,7 +104,7 @@ class RemoteSession:
                     references.slow_session.deregister()
 
     def state(self) -> SessionState:
-        self._latest = found = simulation.session_state_of(self._call(lambda to: to.session.state()))
+        self._latest = found = simulation.session_state_of(self._repeat(lambda to: to.session.state()))
         return found
 
     def heartbeat(self) -> None:
@@ -105,7 +114,7 @@ class RemoteSession:
 
     def command(self, velocity: Velocity, valid_s: float) -> None:
         try:
-            self._call(lambda to: to.session.command(RoboCorba.Velocity(*velocity), valid_s))
+            self._repeat(lambda to: to.session.command(RoboCorba.Velocity(*velocity), valid_s))
         except InvalidCommand as error:
             if error.field == STOPPED:
                 raise RobotHeld(error.reason) from None
@@ -119,7 +128,7 @@ class RemoteSession:
         self._call(lambda to: _known(to.slow_session.resetStop))
 
     def brake(self) -> None:
-        self._call(lambda to: to.session.brake())
+        self._repeat(lambda to: to.session.brake())
 
     def report_posture(self, joints: Floats) -> None:
         """Publish the robot's joint angles (n,), at most 64 [rad]. Raises RobotLost, InvalidCommand."""
@@ -133,7 +142,7 @@ class RemoteSession:
         self._call(lambda to: to.slow_session.grip(what, RoboCorba.XY(x, y)))
 
     def release(self) -> None:
-        self._call(lambda to: to.slow_session.release())
+        self._repeat(lambda to: to.slow_session.release())
 
     def call_elevator(
         self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
@@ -144,7 +153,7 @@ class RemoteSession:
             self._call(lambda to: to.slow_session.callElevator(elevator, destination))
 
     def longest_elevator_wait_s(self) -> float:
-        return float(self._call(lambda to: to.session.longestElevatorWait()))
+        return float(self._repeat(lambda to: to.session.longestElevatorWait()))
 
     def cancel_elevator(self) -> None:
         self._call(lambda to: to.slow_session.giveUpElevator())
@@ -164,7 +173,7 @@ class RemoteSession:
         self._call(lambda to: to.slow_session.takeOverAreas(former))
 
     def reservation(self) -> Reservation | None:
-        return simulation.reservation_of(self._call(lambda to: to.session.reservation()))
+        return simulation.reservation_of(self._repeat(lambda to: to.session.reservation()))
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
         self._call(lambda to: to.slow_session.keepAreas(simulation.areas(areas)))
@@ -221,6 +230,11 @@ class RemoteSession:
             set_call_timeout(sensor, CHANGE_TIMEOUT_S)  # the first call may wait for the sensor server
         self._references = _References(session, slow_session, sensor)
 
+    def _repeat(self, operation: Callable[[_References], Answer]) -> Answer:
+        """The answer to a call that may be repeated; a virtual robot waits for a restart of the server, and an actual
+        one must not move without its body. Raises RobotLost and domain errors."""
+        return _RETRIES.call(lambda: self._call(operation), RETRY_S if self._is_body else 0.0, _Away)
+
     def _call(self, operation: Callable[[_References], Answer], renews: bool = True) -> Answer:
         """The answer to a call; renews: whether the call renews the lease. Raises RobotLost and domain errors."""
         references = self._references
@@ -246,4 +260,5 @@ def _known(operation: Callable[[], None]) -> None:
 def _lost(error: CORBA.SystemException) -> RobotLost:
     if isinstance(error, CORBA.OBJECT_NOT_EXIST):
         return RobotLost("the simulation server has logged the robot off")
-    return RobotLost(f"the simulation server does not answer ({describe(error)})")
+    is_away = isinstance(error, (CORBA.COMM_FAILURE, CORBA.TRANSIENT))  # it has ended, or is about to start
+    return (_Away if is_away else RobotLost)(f"the simulation server does not answer ({describe(error)})")
