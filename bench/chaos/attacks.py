@@ -7,7 +7,8 @@ carry tables to and fro again and again, and four clients call all servers, send
 the other, and resolve names. Meanwhile `at-once` clients attack, each in one of the ways of bench.chaos.attackers for 5
 to 20 s; then they are killed and others begin. Attackers have a lower priority of the CPU, as if they were on other
 machines. Afterwards everybody must have got what they asked for, and each server must need as much memory, and as many
-threads and descriptors, as before."""
+threads and descriptors, as before, once the nodes are removed that attackers added to the map: ten thousand for each
+that was killed between two commits."""
 
 from __future__ import annotations
 
@@ -20,17 +21,18 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from random import Random
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import psutil
 
-from bench.chaos.attackers import HERE, KINDS, ROBOT, THERE, Attacker
+from bench.chaos.attackers import EMPTY_FLOOR, HERE, KINDS, ROBOT, THERE, Attacker
 from bench.chaos.beside import MAX_CALL_S, Beside, Complaints, beside
 from bench.chaos.crowd import CARRYING, EXPIRED, Carrier, Drivers, Names, Stream, places, two_floors
 from bench.common.harness import run
 from bench.missions.many import Room, rooms, started
 from robocorba.events.blocking_budget import BUDGET_S
 from robocorba.maps import native
+from robocorba.stubs import RoboCorba
 from robocorba.testing.json_process import Process, checkout_command
 from robocorba.testing.missions import MissionSystem
 from robocorba.testing.missions import missions as mission_system
@@ -47,6 +49,8 @@ SHORTEST_S, LONGEST_S = 5.0, 20.0
 SETTLE_S = 45.0
 #: Time after the last attack [s]: a forgotten `pull` ends after 300 s.
 QUIET_S = 320.0
+#: Timeout of the edits that remove what attackers left on the map [s].
+EDIT_TIMEOUT_S = 60.0
 #: Longest time for which a name leads to somebody else [s]. Its owner looks after it every two seconds.
 MAX_STOLEN_S = 2.0
 #: Private memory that a server may have gained [MB], beside a share of what it had: allocators keep freed memory.
@@ -240,6 +244,14 @@ def attack_for(seconds: float, attacks: Attacks, bystander: Beside) -> list[floa
     return loads
 
 
+def remove_nodes(editor: Any) -> None:
+    """Remove the nodes that attackers left on their floor."""
+    removal = editor.begin()
+    for each in editor.elements(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR):
+        removal.remove(RoboCorba.ElementId(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR, each.value.aNode.name), each.changedAt)
+    removal.commit()
+
+
 def main(
     minutes: float = 30.0,
     drivers: int = 20,
@@ -262,6 +274,7 @@ def main(
 
         def attack() -> None:
             loads.extend(attack_for(60 * minutes, attacks, bystander))
+            remove_nodes(place.orb.resolve("MapEditor", RoboCorba.MapEditor, 10.0, EDIT_TIMEOUT_S))
 
         outcome = measure(place, of, drivers, complain, attack, settle, quiet, attacks.hold_up_suppliers)
     print(*outcome.logged[:30], *(f"the lease of {name} expired" for name in outcome.expired[:10]), sep="\n")
