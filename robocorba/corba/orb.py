@@ -207,8 +207,6 @@ class Orb:
             self._robot_objects.close()
         self._bound_names.close()
         self._connections.close()
-        if self._trimming:
-            self._trimming.close()
         self._shut_down()
 
     def _shut_down(self) -> None:
@@ -216,6 +214,8 @@ class Orb:
         self._active_keys.clear()
         for adapter in ("_root_adapter", "_object_adapter", "_named_adapter", "_secret_adapter"):
             self.__dict__.pop(adapter, None)
+        if self._trimming:
+            self._trimming.close()
         self._door.open()
         try:
             if orb:

@@ -50,6 +50,9 @@ class Server:
     def brake(self) -> None:
         self._answer("brake")
 
+    def command(self, velocity: Any, valid_s: float) -> None:
+        self._answer("command")
+
     def callElevator(self, elevator: str, destination: str) -> None:
         self._answer("callElevator")
 
@@ -134,6 +137,24 @@ def test_a_server_that_stays_away_is_waited_for_in_vain(
     with pytest.raises(RobotLost, match="does not answer"):
         session.brake()
     assert 1 < len(server.calls) < 20
+
+
+def test_a_command_is_not_sent_after_a_restart(session: RemoteSession, server: Server) -> None:
+    """An emergency stop may have come meanwhile."""
+    session.log_on()
+    server.failing = 1
+    session.command((0.3, 0.0, 0.0), 0.1)
+    assert (server.calls, server.heartbeats) == (["command"], 1)
+
+
+def test_an_actual_robot_does_not_wait_for_a_restart(session: RemoteSession, server: Server) -> None:
+    session.log_on()
+    session.announce_body(False)
+    server.failing = 2
+    for call in (session.brake, lambda: session.command((0.3, 0.0, 0.0), 0.1)):
+        with pytest.raises(RobotLost, match="does not answer"):
+            call()
+    assert server.calls == ["brake", "command"]
 
 
 def test_what_could_be_done_twice_is_not_repeated(session: RemoteSession, server: Server) -> None:

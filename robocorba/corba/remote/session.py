@@ -114,7 +114,11 @@ class RemoteSession:
 
     def command(self, velocity: Velocity, valid_s: float) -> None:
         try:
-            self._repeat(lambda to: to.session.command(RoboCorba.Velocity(*velocity), valid_s))
+            self._call(lambda to: to.session.command(RoboCorba.Velocity(*velocity), valid_s))
+        except _Away:  # once it is back another command, or none, may be right: it is not sent again
+            if not self._is_body:
+                raise
+            self._repeat(lambda to: to.session.heartbeat())
         except InvalidCommand as error:
             if error.field == STOPPED:
                 raise RobotHeld(error.reason) from None
