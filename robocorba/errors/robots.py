@@ -131,3 +131,7 @@ class RobotHeld(AdaptorFailed):
 
 class RobotLost(AdaptorFailed):
     """The robot does not answer any more; it can be restarted once it does."""
+
+
+class ServerAway(RobotLost):
+    """The process of the simulation server is not there; the session goes on if it comes back within the lease."""

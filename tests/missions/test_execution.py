@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from functools import partial
+from unittest.mock import DEFAULT, Mock
 
 import pytest
 
 from robocorba.control.robot import Robot
+from robocorba.errors.robots import ServerAway
 from robocorba.maps.model import BoxShape, MapObject
 from robocorba.missions.carry_control import CarryProgress
 from robocorba.missions.clock import LeaderClock
-from robocorba.missions.execution import StepExecutor
+from robocorba.missions.execution import ABORT_BACK_M, StepExecutor
 from robocorba.missions.subplan import BackOff, Carry, Reserve, Ride, TakeHold
 from robocorba.missions.trajectory import Trajectory
 from tests.collision_avoidance.crowd import Crowd
@@ -37,6 +39,22 @@ def test_losing_the_grip_ends_the_step(step: Carry | Ride) -> None:
         executor.execute(step)
 
     assert crowd.run(60.0, A=carry) == {"A": "lost its hold of box"}
+
+
+def test_a_robot_lets_go_after_an_abort_once_the_server_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    crowd = Crowd(room(6.0, 2.0, BOX), {"A": (1.08, 1.0, 0.0)})
+
+    def abort(robot: Robot) -> None:
+        executor = executor_of(robot)
+        executor.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
+        for name in ("release", "cancel_elevator"):
+            call = Mock(wraps=getattr(robot.session, name), side_effect=[ServerAway("away")] * 2 + [DEFAULT] * 1000)
+            monkeypatch.setattr(robot.session, name, call)
+        executor.end_safely()
+
+    assert crowd.run(60.0, A=abort) == {}
+    assert crowd.robots["A"].session.latest.holding == ""
+    assert crowd.at("A")[0] == pytest.approx(1.08 - ABORT_BACK_M, abs=0.01)
 
 
 def test_overlapping_reservations_are_granted_one_after_the_other() -> None:

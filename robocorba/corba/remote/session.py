@@ -20,7 +20,7 @@ from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import translated
-from robocorba.errors.robots import RobotHeld, RobotLost
+from robocorba.errors.robots import RobotHeld, RobotLost, ServerAway
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import InvalidCommand, PlaceTaken
 from robocorba.maps.polygons import FloorArea
@@ -55,10 +55,6 @@ class _References(NamedTuple):
     session: Any
     slow_session: Any
     sensor: Any
-
-
-class _Away(RobotLost):
-    """The server's process is not there."""
 
 
 class RemoteSession:
@@ -115,7 +111,7 @@ class RemoteSession:
     def command(self, velocity: Velocity, valid_s: float) -> None:
         try:
             self._call(lambda to: to.session.command(RoboCorba.Velocity(*velocity), valid_s))
-        except _Away:  # once it is back another command, or none, may be right: it is not sent again
+        except ServerAway:  # once it is back another command, or none, may be right: it is not sent again
             if not self._is_body:
                 raise
             self._repeat(lambda to: to.session.heartbeat())
@@ -237,7 +233,7 @@ class RemoteSession:
     def _repeat(self, operation: Callable[[_References], Answer]) -> Answer:
         """The answer to a call that may be repeated; a virtual robot waits for a restart of the server, and an actual
         one must not move without its body. Raises RobotLost and domain errors."""
-        return _RETRIES.call(lambda: self._call(operation), RETRY_S if self._is_body else 0.0, _Away)
+        return _RETRIES.call(lambda: self._call(operation), RETRY_S if self._is_body else 0.0, ServerAway)
 
     def _call(self, operation: Callable[[_References], Answer], renews: bool = True) -> Answer:
         """The answer to a call; renews: whether the call renews the lease. Raises RobotLost and domain errors."""
@@ -265,4 +261,4 @@ def _lost(error: CORBA.SystemException) -> RobotLost:
     if isinstance(error, CORBA.OBJECT_NOT_EXIST):
         return RobotLost("the simulation server has logged the robot off")
     is_away = isinstance(error, (CORBA.COMM_FAILURE, CORBA.TRANSIENT))  # it has ended, or is about to start
-    return (_Away if is_away else RobotLost)(f"the simulation server does not answer ({describe(error)})")
+    return (ServerAway if is_away else RobotLost)(f"the simulation server does not answer ({describe(error)})")
