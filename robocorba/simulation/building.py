@@ -237,7 +237,8 @@ class SimulatedBuilding:
         for name, elevator in building.elevators.items():
             heights = {floor: building.floors[floor].floor.elevation for floor in elevator.floors()}
             if name not in self.cabins or self.cabins[name].heights != heights:
-                self._add_cabin(name, Cabin(elevator, heights, self.time))
+                is_blocked = partial(self._is_doorway_blocked, name)
+                self._add_cabin(name, Cabin(elevator, heights, self.time, is_blocked))
         self.refresh()
         return removed
 
@@ -426,8 +427,6 @@ class SimulatedBuilding:
         for name, cabin in self.cabins.items():
             if cabin.sessions:
                 self._detect_entry_and_exit(name, cabin)
-            if cabin.doors is Doors.OPEN:
-                cabin.is_doorway_blocked = self._is_doorway_blocked(name, cabin.floor)
             cabin.advance(STEP_S)
             self._apply_cabin_state(name, cabin)
             for rider, reason in cabin.ended:
@@ -548,8 +547,9 @@ class SimulatedBuilding:
             if held_body in poses:
                 after.grip(body, held_body, at, MAX_GRIP_FORCE_N, PAYLOAD_KG)
 
-    def _is_doorway_blocked(self, elevator: str, floor: str) -> bool:
-        """Whether a body is between an elevator's doors on a floor."""
+    def _is_doorway_blocked(self, elevator: str) -> bool:
+        """Whether a body is between the open doors of an elevator."""
+        floor = self.cabins[elevator].floor
         return self.floors[floor].is_crossed(self._landings[elevator, floor])
 
     def _close_landing(self, elevator: str, floor: str) -> None:

@@ -12,7 +12,7 @@ stay open until all are inside or the limit expires.
 from __future__ import annotations
 
 import math
-from collections.abc import Container
+from collections.abc import Callable, Container
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -84,14 +84,20 @@ class RideStatus(NamedTuple):
 
 
 class Cabin:
-    """Simulated cabin; it starts at the lowest floor with closed doors. heights: of the served floors [m]."""
+    """Simulated cabin; it starts at the lowest floor with closed doors. heights: of the served floors [m].
+    is_doorway_blocked: whether something is between the open doors; asked when they are about to close."""
 
-    def __init__(self, elevator: Elevator, heights: dict[str, float], now: float = 0.0) -> None:
+    def __init__(
+        self,
+        elevator: Elevator,
+        heights: dict[str, float],
+        now: float = 0.0,
+        is_doorway_blocked: Callable[[], bool] = lambda: False,
+    ) -> None:
         self.elevator, self.heights = elevator, heights
+        self._is_doorway_blocked = is_doorway_blocked
         self.now = now
         self.doors = Doors.CLOSED
-        #: Whether something is between the doors, which stay open then. The owner of the cabin sets it.
-        self.is_doorway_blocked = False
         self.floor = min(heights, key=lambda name: heights[name])
         #: Floor that the cabin travels to; empty while it is stopped.
         self._target = ""
@@ -290,7 +296,7 @@ class Cabin:
                     direction = "in" if session.phase is RidePhase.BOARDING else "out"
                     self.cancel(session.robot, f"did not drive {direction} within {session.limit_s:g} s")
             if not self._start_alighting_and_boarding():
-                if self.is_doorway_blocked:
+                if self._is_doorway_blocked():
                     return False
                 self._set_doors(Doors.CLOSING)
         elif self.doors is Doors.CLOSING:
