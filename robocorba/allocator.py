@@ -31,5 +31,5 @@ def return_freed_memory() -> bool:
 
 def trim() -> None:
     """Return the free pages of all heaps, also those in the middle, for example of thousands of connections that have
-    ended: 17 of 30 MB in a channel. It takes about a millisecond. Only where `return_freed_memory` is True."""
+    ended: 17 of 30 MB in a channel. It takes up to 10 ms. Only where `return_freed_memory` is True."""
     ctypes.CDLL(None).malloc_trim(0)

@@ -22,18 +22,16 @@ from robocorba.corba.orb import Orb
 from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.maps.geometry import landing_line
 from robocorba.maps.model import Elevator
-from robocorba.repeating import Repeating
 from robocorba.spatial.pose import XY
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
+from robocorba.testing.heartbeats import heartbeats
 from robocorba.testing.processes import Launcher, Running, eventually, running_system
 
 #: Time within which a dead robot's name, place and slot are free again [s].
 RELEASE_LIMIT_S = 3.0
 #: Time before a kill whose poses may be lost [s].
 LOST_S = 0.2
-#: Interval between heartbeats of test robots [s].
-HEARTBEAT_INTERVAL_S = 0.4
 #: Exceptions of a call whose server died or is restarting.
 GONE = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT)
 STAND = RoboCorba.Velocity(0.0, 0.0, 0.0)
@@ -84,7 +82,7 @@ class Place:
             (running.state / "administrator.ior").read_text(), RoboCorba.SimulationAdministrator
         )
         self._sessions: list[Any] = []
-        self._heartbeats = Repeating("beats", self._heartbeat, HEARTBEAT_INTERVAL_S).start()
+        self._heartbeats = heartbeats(lambda: self._sessions)
 
     def close(self) -> None:
         self._heartbeats.close()
@@ -102,11 +100,6 @@ class Place:
         while self._sessions:
             with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):
                 self._sessions.pop().deregister()
-
-    def _heartbeat(self) -> None:
-        for session in self._sessions[:]:
-            with contextlib.suppress(CORBA.SystemException):  # tests check sessions themselves
-                session.heartbeat()
 
     @property
     def names(self) -> set[str]:

@@ -21,10 +21,10 @@ from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.spatial import floor_format
 from robocorba.spatial.floor_update import MOTION
 from robocorba.stubs import RoboCorba
+from robocorba.testing.heartbeats import HEARTBEAT_INTERVAL_S
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import (
     CROSS,
-    HEARTBEAT_INTERVAL_S,
     NO_MOUNT,
     RADIUS_M,
     RELEASE_LIMIT_S,

@@ -17,19 +17,18 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import RobotLost
 from robocorba.errors.simulation import InvalidReservation, InvalidRide
 from robocorba.maps.polygons import FloorArea
-from robocorba.repeating import Repeating
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservation
 from robocorba.spatial.pose import Pose
 from robocorba.stubs import RoboCorba
+from robocorba.testing.heartbeats import heartbeats
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import (
     BACK_LIMIT_S,
     CHAIR,
     CLIENT,
     GONE,
-    HEARTBEAT_INTERVAL_S,
     RADIUS_M,
     RELEASE_LIMIT_S,
     Place,
@@ -218,7 +217,7 @@ def test_a_robots_own_process_reserves_and_rides_with_others(place: Place) -> No
     with pytest.raises(RobotLost):
         one.reserve([WEST], 5.0)
     one.log_on()
-    with contextlib.closing(Repeating("beats", one.heartbeat, HEARTBEAT_INTERVAL_S).start()):
+    with contextlib.closing(heartbeats(lambda: [one])):
         assert one.reservation() is None
         with pytest.raises(InvalidReservation) as refused:
             one.reserve([WEST], -1.0)

@@ -19,7 +19,6 @@ from robocorba.maps import native
 from robocorba.missions.messages import KINDS
 from robocorba.missions.subplan import VERSION
 from robocorba.names import CHANNELS, ROBOTS, SENSOR_TOKEN, SENSORS
-from robocorba.repeating import Repeating
 from robocorba.simulation.sensor_admission import proof_of
 from robocorba.stubs import RoboCorba, RoboCorba__POA, YeRTUnitMobility, _GlobalIDL
 from robocorba.testing.actual_robot import StandIn, running_stand_in
@@ -27,8 +26,9 @@ from robocorba.testing.buildings import two_floors
 from robocorba.testing.fuzzing.calls import Target
 from robocorba.testing.fuzzing.operations import operations
 from robocorba.testing.fuzzing.values import Seen
+from robocorba.testing.heartbeats import heartbeats
 from robocorba.testing.processes import Running, eventually, running_system
-from robocorba.testing.simulation import CROSS, HEARTBEAT_INTERVAL_S, NO_MOUNT, about
+from robocorba.testing.simulation import CROSS, NO_MOUNT, about
 
 #: Time limit for the start of a robot [s].
 START_LIMIT_S = 180.0
@@ -163,11 +163,11 @@ class FuzzedSystem:
         self.seen = Seen(TEXTS, references)
         self._numbers = itertools.count()
         self._session: Any = None
-        self._heartbeat = Repeating("beats", self._beat, HEARTBEAT_INTERVAL_S).start()
+        self._heartbeats = heartbeats(lambda: filter(None, [self._session]))
         self.before = self.processes()
 
     def close(self) -> None:
-        self._heartbeat.close()
+        self._heartbeats.close()
 
     def processes(self) -> dict[str, tuple[int, int]]:
         """Process id and number of restarts of each process of the system."""
@@ -182,11 +182,6 @@ class FuzzedSystem:
     def _are_ready(self) -> bool:
         robots = [one for one in self.supervisor.processes() if one.name.startswith("robot_")]
         return len(robots) == 2 and all(one.phase == RoboCorba.PROCESS_READY for one in robots)
-
-    def _beat(self) -> None:
-        with contextlib.suppress(CORBA.Exception):
-            if session := self._session:
-                session.heartbeat()
 
     # ---- references ----
 

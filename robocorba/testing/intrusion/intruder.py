@@ -21,12 +21,12 @@ from robocorba.corba.calls import set_call_timeout
 from robocorba.corba.guard import Guard
 from robocorba.corba.orb import CONTEXT, Orb
 from robocorba.names import CHANNELS, ROBOTS, SENSORS
-from robocorba.repeating import Repeating
 from robocorba.roles import EVERYBODY, NAMED, PUBLISHERS, SERVERS, Role, Roles, may_call
 from robocorba.roles import ROBOTS as ROBOT_ROLES
 from robocorba.stubs import RoboCorba
 from robocorba.testing.fuzzing.operations import Operation, interfaces, operations
 from robocorba.testing.fuzzing.values import kind_of, resolved
+from robocorba.testing.heartbeats import heartbeats
 from robocorba.testing.simulation import about
 
 #: Objects with a name in the system that is attacked, and their interfaces.
@@ -196,25 +196,6 @@ HIDDEN = ("SimulationAdministrator", "Supervisor", "StopTarget", "EventGateway")
 #: Called last, since they end the object.
 _ENDS = ("disconnect_", "deregister", "close", "commit", "rollBack", "destroy")
 
-#: Interval at which the lease of a robot's session is renewed [s].
-RENEW_S = 0.5
-
-
-@contextlib.contextmanager
-def _renewed(session: Any) -> Iterator[None]:
-    """Keep a robot's session, if there is one, for as long as the attack takes, which may be longer than its lease."""
-
-    def renew() -> None:
-        with contextlib.suppress(CORBA.Exception):
-            session.heartbeat()
-
-    renewing = Repeating("lease", renew, RENEW_S).start() if session is not None else None
-    try:
-        yield
-    finally:
-        if renewing:
-            renewing.close()
-
 
 class Intruder:
     """Someone with a role. root: the naming context of the role. consumer: an event consumer of theirs. examples:
@@ -276,7 +257,8 @@ class Intruder:
             if not may:
                 self.findings.more.append(f"got hold of a {way.title}")
             found[way.title] = self._cast(reference, way.interface)
-        with _renewed(found.get("RobotSession")):
+        own = [found["RobotSession"]] if "RobotSession" in found else []
+        with contextlib.closing(heartbeats(lambda: own)):  # the attack may take longer than the lease
             self._attack_found(found)
 
     def _attack_found(self, found: Mapping[str, Any]) -> None:
