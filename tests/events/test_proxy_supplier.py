@@ -1,93 +1,30 @@
-"""Outlets: what a consumer gets, when, and its account, with real threads and consumers that fail."""
+"""What a consumer gets that is called, when, and its account, with real threads and consumers that fail."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robocorba.backoff import Backoff
-from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
-from robocorba.events.account import Account, Totals
+from robocorba.errors.events import ClientGone, EventError, NotDelivered, Refused, Unconfirmed
+from robocorba.events.account import Totals
 from robocorba.events.blocking_budget import BUDGET_S, STEADY_S, BlockingBudget
 from robocorba.events.channel import MAX_WAIT_S, Channel
-from robocorba.events.event import CorrelatedEvents, EventBatch
+from robocorba.events.event import CorrelatedEvents
 from robocorba.events.policies import DeliveryPolicy
 from robocorba.events.proxy import ProxyCondition
-from robocorba.events.proxy_push_supplier import MAX_REPEATS, ProxyPushSupplier
-from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
+from robocorba.events.proxy_push_supplier import ProxyPushSupplier
+from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.queue import OverflowRule, QueueItem, QueuePolicy
-from robocorba.events.subscription import ALL, Clause, Pattern, Subscription
+from robocorba.events.subscription import ALL
 from robocorba.testing.processes import eventually
-from tests.events.samples import Consumer, add, failing, is_balanced, open_channel, supplied, wanting
-
-BOTH: Subscription = (Clause((Pattern("a"), Pattern("b"))),)
-
-
-@pytest.fixture
-def channel(tmp_path: Path) -> Iterator[Channel]:
-    with open_channel(tmp_path) as channel:
-        yield channel
-        with channel.lock:
-            for proxy in channel.proxy_suppliers.values():
-                proxy.end()
-
-
-#: A consumer that does not answer is probed sooner, and disconnected after fewer failures, than by default.
-IMPATIENT = DeliveryPolicy(backoff=Backoff(0.001, 0.002), settle_s=0.0, max_failures=4)
-
-
-class LostClients:
-    """The reasons why clients were lost."""
-
-    def __init__(self) -> None:
-        self.reasons: list[str] = []
-
-    def __call__(self, proxy: ProxyPushSupplier, reason: str) -> None:
-        self.reasons.append(reason)
-        with proxy._lock:
-            proxy.end()
-
-
-def push_supplier_of(
-    channel: Channel,
-    consumer: Consumer,
-    policy: QueuePolicy | None = None,
-    wanted: Subscription = ALL,
-    name: str = "",
-    on_client_lost: Callable[[ProxyPushSupplier, str], None] | None = None,
-    delivery: DeliveryPolicy = IMPATIENT,
-) -> ProxyPushSupplier:
-    id, lost = f"{len(channel.proxy_suppliers) + 1}", on_client_lost or LostClients()
-    proxy = ProxyPushSupplier(channel.lock, id, wanted, policy or QueuePolicy(), delivery, lost, name)
-    add(channel, proxy, consumer)
-    return proxy
-
-
-def publish(channel: Channel, *payloads: int, type: str = "t", priority: int = 0, expiry: float = 0.0) -> None:
-    channel.publish(supplied(type, *(str(n).encode() for n in payloads), priority=priority, expiry=expiry), Account())
-
-
-def received(consumer: Consumer) -> list[int]:
-    return [int(str(payload, "ascii")) for payload in consumer.payloads if isinstance(payload, bytes)]
-
-
-def totals(proxy: ProxySupplier) -> Totals:
-    with proxy._lock:
-        return proxy.totals()
-
-
-def is_settled(proxy: ProxySupplier) -> bool:
-    return totals(proxy).queued == 0
-
-
-# ---- push ----
+from tests.events.outlets import BOTH, IMPATIENT, LostClients, is_settled, publish, push_supplier_of, received, totals
+from tests.events.samples import Consumer, failing, is_balanced, wanting
 
 
 @pytest.mark.parametrize("takes_batches", [False, True])
@@ -512,170 +449,3 @@ def test_accounts_are_exact_whatever_fails(
     assert final.received == 2 * number  # each fits as such, and one of the patterns
     assert final.delivered - final.unconfirmed == sum(map(len, consumer.items))
     assert consumer.overlaps == 0
-
-
-# ---- calls without an answer to an idempotent consumer ----
-
-
-class IdempotentConsumer(Consumer):
-    """Ignores calls that it has had. `outcomes` of its next calls: "answered"; "unanswered", executed at once; "late",
-    executed after the next one; "lost" and "refused", not executed, the latter known to the caller."""
-
-    def __init__(self, outcomes: Sequence[str]) -> None:
-        super().__init__(answer=self._answer)
-        self.is_idempotent = True
-        self.calls: list[list[int]] = []
-        self.executed: list[int] = []
-        self._outcomes = list(outcomes)
-        self._late: list[list[int]] = []
-
-    def _answer(self, items: Sequence[QueueItem]) -> None:
-        call = [
-            int(str(payload, "ascii")) for batch in items if isinstance(batch, EventBatch) for payload in batch.payloads
-        ]
-        outcome = self._outcomes.pop(0) if self._outcomes else "answered"
-        if outcome == "refused":
-            raise NotDelivered("not reachable")
-        if outcome in ("answered", "unanswered"):
-            self._execute(call)
-        late, self._late = self._late, [call] if outcome == "late" else []
-        for one in late:
-            self._execute(one)
-        if outcome != "answered":
-            raise Unconfirmed("no answer")
-
-    def _execute(self, call: list[int]) -> None:
-        if call not in self.calls:
-            self.calls.append(call)
-            self.executed += call
-
-
-@given(
-    st.lists(st.sampled_from(["answered", "unanswered", "late", "lost", "refused"]), max_size=20),
-    st.lists(st.integers(1, 4), min_size=1, max_size=15),
-)
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
-)
-def test_an_idempotent_consumer_gets_all_once_and_in_order(
-    channel: Channel, outcomes: list[str], published: list[int]
-) -> None:
-    bounded: list[str] = []
-    for outcome in outcomes:
-        bounded += ["answered", outcome] if len(bounded) % 4 == MAX_REPEATS else [outcome]
-    consumer = IdempotentConsumer(bounded)
-    proxy = push_supplier_of(channel, consumer, name="durable")
-    number = 0
-    for count in published:
-        publish(channel, *range(number, number + count))
-        number += count
-        assert is_balanced(totals(proxy))
-    eventually(lambda: is_settled(proxy))
-    assert consumer.executed == list(range(number))
-    assert totals(proxy) == Totals(received=number, delivered=number)
-    with channel.lock:
-        proxy.end()
-
-
-def test_a_call_that_is_never_answered_is_given_up(channel: Channel) -> None:
-    """Its events could be the cause; the others must not wait for ever."""
-    consumer = IdempotentConsumer(["lost"] * (1 + MAX_REPEATS))
-    proxy = push_supplier_of(channel, consumer, name="durable")
-    publish(channel, 0)
-    eventually(lambda: is_settled(proxy))
-    publish(channel, 1)
-    eventually(lambda: is_settled(proxy))
-    assert consumer.executed == [1]
-    assert totals(proxy) == Totals(received=2, delivered=2, unconfirmed=1)
-
-
-def test_a_successor_does_not_get_what_its_predecessor_may_have(channel: Channel) -> None:
-    consumer = IdempotentConsumer(["unanswered"])
-    consumer.is_alive = lambda: False
-    proxy = push_supplier_of(channel, consumer, name="durable")
-    publish(channel, 0)
-    eventually(lambda: proxy.condition is ProxyCondition.STALLED)
-    publish(channel, 1)
-    assert totals(proxy) == Totals(received=2, queued=2)
-    successor = Consumer()
-    with channel.lock:
-        proxy.leave()
-        proxy.connect(successor)
-    eventually(lambda: is_settled(proxy))
-    assert received(successor) == [1]
-    assert totals(proxy) == Totals(received=2, delivered=2, unconfirmed=1)
-
-
-# ---- pull ----
-
-
-def pull_supplier_of(
-    channel: Channel, policy: QueuePolicy | None = None, wanted: Subscription = ALL
-) -> ProxyPullSupplier:
-    proxy = ProxyPullSupplier(channel.lock, "pull", wanted, policy or QueuePolicy())
-    add(channel, proxy)
-    return proxy
-
-
-def test_pull_returns_one_event_at_a_time_and_then_none(channel: Channel) -> None:
-    proxy = pull_supplier_of(channel, wanted=(*ALL, *BOTH))
-    publish(channel, 1, 2, type="a")
-    publish(channel, 3, type="b")
-    pulled = []
-    while batch := proxy.pull(0.0):
-        assert len(batch) == 1
-        pulled.append(int(batch.payloads[0]))
-        assert is_balanced(totals(proxy))
-    assert pulled == [1, 2, 1, 3, 3]  # the conjunction of 1 and 3 came true before 3 came as such
-    assert totals(proxy) == Totals(received=6, delivered=5, queued=1)  # 2 waits for another b
-
-
-def test_concurrent_pulls_get_one_event_each(channel: Channel) -> None:
-    proxy = pull_supplier_of(channel)
-    pulled: list[int] = []
-
-    def pull() -> None:
-        batch = proxy.pull(10.0)
-        assert batch is not None
-        pulled.append(int(batch.payloads[0]))
-
-    threads = [threading.Thread(target=pull) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    time.sleep(0.05)
-    publish(channel, 1, 2, 3, 4)
-    for thread in threads:
-        thread.join(5)
-    assert sorted(pulled) == [1, 2, 3, 4]
-
-
-def test_the_end_of_a_proxy_wakes_waiting_pulls(channel: Channel) -> None:
-    proxy = pull_supplier_of(channel)
-    woken: list[type[BaseException] | None] = []
-
-    def pull() -> None:
-        try:
-            proxy.pull(30.0)
-        except ProxyGone as error:
-            woken.append(type(error))
-
-    thread = threading.Thread(target=pull)
-    thread.start()
-    time.sleep(0.05)
-    with channel.lock:
-        proxy.end()
-    thread.join(5)
-    assert woken == [ProxyGone]
-
-
-def test_pull_before_connect_is_refused(channel: Channel) -> None:
-    with pytest.raises(Disconnected):
-        ProxyPullSupplier(channel.lock, "pull", ALL, QueuePolicy()).pull(0.0)
-
-
-def test_pull_does_not_return_expired_events(channel: Channel) -> None:
-    proxy = pull_supplier_of(channel)
-    publish(channel, 1, expiry=0.01)
-    time.sleep(0.02)
-    assert proxy.pull(0.0) is None
-    assert totals(proxy) == Totals(received=1, expired=1)

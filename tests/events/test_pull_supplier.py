@@ -1,0 +1,89 @@
+"""What consumers get that pull, when, and their accounts."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from robocorba.errors.events import Disconnected, ProxyGone
+from robocorba.events.account import Totals
+from robocorba.events.channel import Channel
+from robocorba.events.proxy_supplier import ProxyPullSupplier
+from robocorba.events.queue import QueuePolicy
+from robocorba.events.subscription import ALL, Subscription
+from tests.events.outlets import BOTH, publish, totals
+from tests.events.samples import add, is_balanced
+
+
+def pull_supplier_of(
+    channel: Channel, policy: QueuePolicy | None = None, wanted: Subscription = ALL
+) -> ProxyPullSupplier:
+    proxy = ProxyPullSupplier(channel.lock, "pull", wanted, policy or QueuePolicy())
+    add(channel, proxy)
+    return proxy
+
+
+def test_pull_returns_one_event_at_a_time_and_then_none(channel: Channel) -> None:
+    proxy = pull_supplier_of(channel, wanted=(*ALL, *BOTH))
+    publish(channel, 1, 2, type="a")
+    publish(channel, 3, type="b")
+    pulled = []
+    while batch := proxy.pull(0.0):
+        assert len(batch) == 1
+        pulled.append(int(batch.payloads[0]))
+        assert is_balanced(totals(proxy))
+    assert pulled == [1, 2, 1, 3, 3]  # the conjunction of 1 and 3 came true before 3 came as such
+    assert totals(proxy) == Totals(received=6, delivered=5, queued=1)  # 2 waits for another b
+
+
+def test_concurrent_pulls_get_one_event_each(channel: Channel) -> None:
+    proxy = pull_supplier_of(channel)
+    pulled: list[int] = []
+
+    def pull() -> None:
+        batch = proxy.pull(10.0)
+        assert batch is not None
+        pulled.append(int(batch.payloads[0]))
+
+    threads = [threading.Thread(target=pull) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    time.sleep(0.05)
+    publish(channel, 1, 2, 3, 4)
+    for thread in threads:
+        thread.join(5)
+    assert sorted(pulled) == [1, 2, 3, 4]
+
+
+def test_the_end_of_a_proxy_wakes_waiting_pulls(channel: Channel) -> None:
+    proxy = pull_supplier_of(channel)
+    woken: list[type[BaseException] | None] = []
+
+    def pull() -> None:
+        try:
+            proxy.pull(30.0)
+        except ProxyGone as error:
+            woken.append(type(error))
+
+    thread = threading.Thread(target=pull)
+    thread.start()
+    time.sleep(0.05)
+    with channel.lock:
+        proxy.end()
+    thread.join(5)
+    assert woken == [ProxyGone]
+
+
+def test_pull_before_connect_is_refused(channel: Channel) -> None:
+    with pytest.raises(Disconnected):
+        ProxyPullSupplier(channel.lock, "pull", ALL, QueuePolicy()).pull(0.0)
+
+
+def test_pull_does_not_return_expired_events(channel: Channel) -> None:
+    proxy = pull_supplier_of(channel)
+    publish(channel, 1, expiry=0.01)
+    time.sleep(0.02)
+    assert proxy.pull(0.0) is None
+    assert totals(proxy) == Totals(received=1, expired=1)
