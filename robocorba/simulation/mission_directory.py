@@ -30,7 +30,7 @@ class MissionDirectory:
         self._lock = threading.RLock()
         # Clients of an earlier process hold smaller versions, and so get all missions.
         self._version = time.time_ns() // 1000
-        #: Oldest change first, without plans and reports.
+        #: Without plans and reports.
         self._states: dict[str, MissionState] = {}
         for mission in sorted(store.missions(), key=_last_time):
             self._note(mission)
@@ -88,7 +88,8 @@ class MissionDirectory:
         with self._lock:
             if version > self._version:
                 version = 0
-            return [state for state in self._states.values() if state.version > version]
+            changed = [state for state in self._states.values() if state.version > version]
+        return sorted(changed, key=lambda state: state.version)
 
     def mission(self, name: str) -> MissionState:
         """Raises UnknownMission."""
@@ -147,10 +148,13 @@ class MissionDirectory:
     # ---- implementation; the lock is held ----
 
     def _note(self, mission: Mission) -> None:
-        self._states.pop(mission.name, None)
-        if content := decoded(mission.document):
-            self._version += 1
-            self._states[mission.name] = MissionState(mission.name, self._version, content.summary)
+        content = decoded(mission.document)
+        if content is None:
+            self._states.pop(mission.name, None)
+            return
+        self._version += 1
+        # In one step: `mission` reads without the lock, which is held while the disk is written.
+        self._states[mission.name] = MissionState(mission.name, self._version, content.summary)
 
     def _forget_oldest(self, except_for: str) -> bool:
         """Remove the mission that ended first; whether there was one."""

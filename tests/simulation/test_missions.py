@@ -13,10 +13,11 @@ import pytest
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import InvalidMission, NoLeader, StaleMission, UnknownMission
+from robocorba.simulation import mission_directory
 from robocorba.simulation import store as store_module
 from robocorba.simulation.mission_control import GONE_LIMIT_S, HAND_OVER_S, SILENT_LIMIT_S, LeaderWatch, MissionControl
 from robocorba.simulation.mission_directory import KEPT_S, MissionDirectory
-from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord
+from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord, decoded
 from robocorba.simulation.store import MAX_DOCUMENT, Mission, SimulationStore
 
 ICON = json.dumps({"icon": "move_table", "table": "desk", "to": {"floor": "L1", "x": 1, "y": 2}})
@@ -93,6 +94,20 @@ def test_changes_are_listed_since_a_version(missions: MissionDirectory) -> None:
     assert (changed.name, changed.content.result) == ("one", MissionResult.DONE)
     assert [state.name for state in missions.since(0)] == ["two", "one"]
     assert missions.since(changed.version + 10**6) == missions.since(0), "a version of another server"
+
+
+def test_a_mission_is_there_while_it_is_stored(missions: MissionDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    put(missions, "one", RUNNING)
+    seen = []
+
+    def look(document: bytes) -> MissionContent | None:
+        seen.append(missions.mission("one").content)
+        return decoded(document)
+
+    monkeypatch.setattr(mission_directory, "decoded", look)
+    put(missions, "one", ended(200.0), 1)
+    assert seen == [RUNNING]
+    assert missions.mission("one").content == ended(200.0)
 
 
 def test_a_client_of_the_server_before_gets_all_missions(store: SimulationStore) -> None:
