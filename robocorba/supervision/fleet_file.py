@@ -18,6 +18,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
+from robocorba.control import model_switcher
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.robots import InvalidProgram
 from robocorba.errors.services import ServiceError
@@ -159,6 +160,7 @@ def orders_of(
     known: dict[str, int] = {}
     orders: list[RobotOrder] = []
     programs: dict[Path, str] = {}
+    adaptors = model_switcher.installed()  # it looks at every package in the environment
     for index, entry in enumerate(fleet.robots):
         try:
             for order in _orders(entry, fleet.defaults, folder):
@@ -174,7 +176,7 @@ def orders_of(
                     programs[order.program] = _problem_of(order.program)
                 if order.program and (problem := programs[order.program]):
                     raise InvalidFleet("program", problem)
-                check_order(order)
+                check_order(order, adaptors)
                 orders.append(order if floors is None else checked_places(order, floors, channels or ()))
         except InvalidFleet as error:
             raise complain(index, error.key, error.reason) from None

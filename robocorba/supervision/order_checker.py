@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from robocorba.control import model_switcher
@@ -29,19 +29,19 @@ class OrderChecker:
 
     def __call__(self, order: RobotOrder) -> RobotOrder:
         """The order; a placed robot gets its floor by name. Raises InvalidChoice, NotReachable."""
-        check_order(order)
+        check_order(order, model_switcher.installed())
         channels = self._orb.names(CHANNELS, ASK_TIMEOUT_S) if order.channel else []
         return checked_places(order, self._database.floors() if order.floor or order.at else [], channels)
 
 
-def check_order(order: RobotOrder) -> None:
-    """Check what needs no system. Raises InvalidChoice."""
+def check_order(order: RobotOrder, adaptors: Collection[str]) -> None:
+    """Check what needs no system. adaptors: those that are installed. Raises InvalidChoice."""
     try:
         Description(order.name, Pose(order.floor, *(order.at or (0.0, 0.0, 0.0))))
     except FieldError as error:
         raise InvalidChoice(error.field, error.reason) from None
-    if order.adaptor not in (known := model_switcher.installed()):
-        raise InvalidChoice("adaptor", f"{order.adaptor[:80]!r} is not installed; there are {', '.join(known)}")
+    if order.adaptor not in adaptors:
+        raise InvalidChoice("adaptor", f"{order.adaptor[:80]!r} is not installed; there are {', '.join(adaptors)}")
     arguments = order.adaptor_arguments
     if len(arguments) > MAX_ARGUMENTS or sum(map(len, arguments)) > MAX_ARGUMENTS_LENGTH:
         limits = f"{MAX_ARGUMENTS} with {MAX_ARGUMENTS_LENGTH} characters"
