@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import networkx as nx
@@ -68,10 +69,10 @@ ENVIRONMENT_IN = ("robocorba/settings.py", "robocorba/kernel_store.py", "robocor
 def faults(path: str, text: str) -> list[str]:
     """The rules that a source of robocorba/ breaks; `path` is relative to the repository, with slashes."""
     tree = ast.parse(text)
-    used = set(imports(path, tree))
-    names = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-    names |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)} | {name.split(".")[-1] for name in used}
-    words = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    used, nodes = set(imports(path, tree)), list(ast.walk(tree))
+    names = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+    names |= {node.id for node in nodes if isinstance(node, ast.Name)} | {name.split(".")[-1] for name in used}
+    words = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
 
     found = [f"imports the program {name}" for name in within(used, PROGRAMS)]
     package = path.split("/")[1]
@@ -108,13 +109,27 @@ def prints(text: str) -> list[str]:
 def imports(path: str, tree: ast.Module) -> Iterator[str]:
     """Absolute names of what a module imports, wherever in it: `from a import b` gives a.b, which may be a module."""
     package = path.split("/")[:-1]
-    for node in ast.walk(tree):
+    for node in statements(tree.body):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
             start = ".".join([*base, *filter(None, [node.module])])
             yield from (f"{start}.{alias.name}" for alias in node.names)
+
+
+def statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
+    """Statements, and those inside them; much fewer than all nodes."""
+    for node in body:
+        yield node
+        for inner in ("body", "orelse", "finalbody", "handlers", "cases"):
+            yield from statements(getattr(node, inner, ()))
+
+
+@functools.cache
+def imports_of(file: Path) -> tuple[str, ...]:
+    """The same of a file of the repository."""
+    return tuple(imports(file.relative_to(ROOT).as_posix(), ast.parse(file.read_text())))
 
 
 def within(used: set[str], packages: set[str]) -> list[str]:
@@ -138,7 +153,7 @@ def arrows(modules: Mapping[str, Path]) -> nx.DiGraph:
     """Which module imports which other one of these."""
     graph = nx.DiGraph()
     for name, file in modules.items():
-        for used in imports(file.relative_to(ROOT).as_posix(), ast.parse(file.read_text())):
+        for used in imports_of(file):
             module = used if used in modules else used.rpartition(".")[0]
             if module in modules and module != name:
                 graph.add_edge(name, module)
