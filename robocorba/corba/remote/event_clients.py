@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import struct
 import threading
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -177,7 +178,7 @@ class RemoteClients:
         self._orb = orb
         self._lock = threading.Lock()
         #: By their identity. A reference leads over the connection by which it came; one made from its URI does not.
-        self._routes: dict[Identity, Any] = {}
+        self._routes: OrderedDict[Identity, Any] = OrderedDict()
 
     def of(self, kind: ProxyKind, reference: Any) -> Any:
         """The client of a proxy of this kind; None for nil. Raises OwnProxy."""
@@ -201,8 +202,8 @@ class RemoteClients:
         """Call this consumer over the connection by which its reference came."""
         identity = identity_of(self._orb.uri(reference))
         with self._lock:
-            self._routes.pop(identity, None)
             self._routes[identity] = reference
+            self._routes.move_to_end(identity)  # never without it: calls look it up without the lock
             for oldest in list(self._routes)[: max(0, len(self._routes) - MAX_ROUTES)]:
                 del self._routes[oldest]
 
