@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 import shapely
 from matplotlib.font_manager import findfont
 from PIL import Image, ImageDraw, ImageFont
 
 from robocorba.kinematics.body import SmartPalBody
+from robocorba.kinematics.mujoco_headless import mujoco
 from robocorba.kinematics.pose import HandPose
 from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.arrays import Floats

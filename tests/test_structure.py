@@ -62,8 +62,13 @@ PROGRAMS = {"servers", "clients", "robocorba.servers", "robocorba.clients", "ben
 #: without RoboCorba.
 PRINTERS = ("robocorba/commands/", "clients/")
 PRINTING_NOTHING_FOREIGN = ("clients/robot.py", "clients/new_robot.py", "clients/plain_events.py")
-#: Where the environment is read: our variables, and numba's own. Processes of tests inherit theirs.
-ENVIRONMENT_IN = ("robocorba/settings.py", "robocorba/kernel_store.py", "robocorba/testing/")
+#: Where the environment is read: our variables, numba's and MuJoCo's. Processes of tests inherit theirs.
+ENVIRONMENT_IN = (
+    "robocorba/settings.py",
+    "robocorba/kernel_store.py",
+    "robocorba/kinematics/mujoco_headless.py",
+    "robocorba/testing/",
+)
 
 
 def faults(path: str, text: str) -> list[str]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
 from robocorba.kinematics.model import specification
+from robocorba.kinematics.mujoco_headless import mujoco
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINTS, Side
 from robocorba.spatial.arrays import Floats

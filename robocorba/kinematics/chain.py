@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from robocorba.kernels import kernel
+from robocorba.kinematics.mujoco_headless import mujoco
 from robocorba.kinematics.smartpal import ARM, JOINTS, LUMBAR, Side
 from robocorba.spatial.arrays import Floats, Longs
 

@@ -26,8 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import mujoco
-
+from robocorba.kinematics.mujoco_headless import mujoco
 from robocorba.kinematics.smartpal import HEIGHT_M, JOINT_LOWER, JOINT_UPPER, JOINTS, Side
 
 #: Position of the left shoulder, and distances from there to elbow, wrist, end of the arm and control point [m].

@@ -12,12 +12,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-import mujoco
 import numpy as np
 
 from robocorba.kinematics.appearance import PAINTS, Part, Shape, Vector, parts
 from robocorba.kinematics.link_tree import Link, LinkJoint, links
 from robocorba.kinematics.model import specification
+from robocorba.kinematics.mujoco_headless import mujoco
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import JOINT_ACCELERATION, JOINT_SPEED
 from robocorba.spatial.arrays import Floats

@@ -7,10 +7,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from robocorba.kinematics.model import specification
+from robocorba.kinematics.mujoco_headless import mujoco
 from robocorba.kinematics.smartpal import ARM, JOINTS, MASS_KG, Side
 from robocorba.spatial.arrays import Floats
 
