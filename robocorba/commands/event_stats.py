@@ -55,7 +55,7 @@ def show(states: dict[str, StateOrProblem]) -> None:
         elif isinstance(state, str):
             line(name, "problem", state)
         else:
-            for kind, _, rows in _tables(state):
+            for kind, _, rows in _tables(state, _link):
                 for row in rows:
                     line(name, kind, *row)
 
@@ -78,7 +78,7 @@ def _show(console: Console, name: str, state: StateOrProblem) -> None:
     console.print(
         f"federation: {', '.join(map(escape, state.federation))};  disconnected after failures: {state.evicted}"
     )
-    for kind, header, rows in _tables(state):
+    for kind, header, rows in _tables(state, _brief_link):
         if rows:
             table = Table(caption=PROXY_NOTE if kind == "proxy" else None)
             for column in header:
@@ -86,14 +86,17 @@ def _show(console: Console, name: str, state: StateOrProblem) -> None:
             for row in rows:
                 table.add_row(*map(escape, row))
             console.print(table)
+        for link in state.links if kind == "link" else ():
+            if link.problem:  # it would make the table's columns narrow
+                console.print(f"{escape(_end(link))}: {escape(link.problem)}")
     console.print()
 
 
-def _tables(state: Any) -> list[tuple[str, tuple[str, ...], Rows]]:
-    """Kind of row, header and rows of each table of a ChannelState."""
+def _tables(state: Any, of_link: Callable[[Any], tuple[str, ...]]) -> list[tuple[str, tuple[str, ...], Rows]]:
+    """Kind of row, header and rows of each table of a ChannelState. of_link: the row of a link."""
     return [
         ("proxy", (*PROXY, *ACCOUNT), [_proxy(proxy) for proxy in state.proxies]),
-        ("link", (*LINK, *ACCOUNT), [_link(link) for link in state.links]),
+        ("link", (*LINK, *ACCOUNT), [of_link(link) for link in state.links]),
         ("total", ("of all", *ACCOUNT), _totals(state)),
     ]
 
@@ -105,16 +108,18 @@ def _proxy(proxy: Any) -> tuple[str, ...]:
 
 
 def _link(link: Any) -> tuple[str, ...]:
-    direction = "from" if link.direction == RoboCorba.INCOMING else "to"
-    condition = _lower_name(link.condition) + (f" ({link.problem})" if link.problem else "")
+    end, condition, *others = _brief_link(link)
+    return (end, condition + (f" ({link.problem})" if link.problem else ""), *others)
+
+
+def _brief_link(link: Any) -> tuple[str, ...]:
     counts = (link.batches, link.bytes, link.repeated, link.unseen)
-    return (
-        f"{direction} {link.peer}",
-        condition,
-        f"{link.lag * 1000:.1f} ms",
-        *map(str, counts),
-        *_account([link.events]),
-    )
+    lag = f"{link.lag * 1000:.1f} ms"
+    return (_end(link), _lower_name(link.condition), lag, *map(str, counts), *_account([link.events]))
+
+
+def _end(link: Any) -> str:
+    return f"{'from' if link.direction == RoboCorba.INCOMING else 'to'} {link.peer}"
 
 
 def _totals(state: Any) -> Rows:
