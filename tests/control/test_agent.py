@@ -21,6 +21,8 @@ from robocorba.programs.program import Program
 from robocorba.programs.report import CheckReport
 from tests.control.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
+pytestmark = pytest.mark.slow
+
 SHORT = ProgramBuilder("short").mbase_by(ahead=0.05).program()
 LONG = ProgramBuilder("long").mbase_velocity(0.1, 0.0, 0.0, 60.0).program()
 WRONG = ProgramBuilder("wrong").wait(1).program()

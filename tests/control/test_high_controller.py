@@ -23,6 +23,8 @@ from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.simulation.registry import Pose
 from tests.control.places import controller, documented_adaptor, eventually
 
+pytestmark = pytest.mark.slow
+
 HERE = SimpleNamespace(session=SimpleNamespace(latest=SimpleNamespace(at=Pose("L1", 0.0, 0.0))))
 
 

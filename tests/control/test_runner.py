@@ -19,6 +19,8 @@ from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.simulation.registry import Pose
 from tests.control.places import Channel, InProcessSession, Place, eventually, robot
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:

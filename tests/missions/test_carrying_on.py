@@ -28,6 +28,8 @@ from robocorba.testing.processes import eventually
 from tests.control.places import Place
 from tests.missions.places import Crew, Given
 
+pytestmark = pytest.mark.slow
+
 #: A and B stand at two sides of the box.
 BOX = MapObject("box", BoxShape((0.6, 0.4)), (7.0, 3.0), height=0.8, movable=True)
 ROBOTS = {"A": Pose("L1", 7.0, 2.18, math.pi / 2), "B": Pose("L1", 7.0, 3.82, -math.pi / 2)}

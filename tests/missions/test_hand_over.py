@@ -30,6 +30,8 @@ from tests.control.places import Place
 from tests.missions.places import Crew
 from tests.missions.worlds import MapWorld
 
+pytestmark = pytest.mark.slow
+
 ROBOTS = {"A": Spot("L1", 2.0, 1.5), "B": Spot("L1", 2.0, 5.5), "C": Spot("L2", 2.0, 5.5)}
 
 

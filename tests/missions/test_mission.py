@@ -33,6 +33,8 @@ from robocorba.spatial.pose import Pose
 from tests.control.places import Place, eventually
 from tests.missions.places import Crew, Given
 
+pytestmark = pytest.mark.slow
+
 ROBOTS = {"A": Pose("L1", 7.0, 2.0), "B": Pose("L1", 7.0, 4.0), "C": Pose("L1", 1.0, 8.0)}
 FAR = Approach(x=9.0, y=2.0, heading=0.0)
 #: Shorter than usual, as the tests wait for them.
