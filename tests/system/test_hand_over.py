@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import functools
 import math
 import os
 import threading
@@ -230,6 +231,9 @@ def check_joints(file: Path) -> None:
     assert math.dist(giver.hand(), taker.hand()) > HAND_DISTANCE_M + 2 * BASE_RETREAT_M
 
 
+body = functools.cache(SmartPalBody)
+
+
 class Arm:
     """Of one robot, in a row of the file."""
 
@@ -242,7 +246,7 @@ class Arm:
 
     def hand(self) -> tuple[float, float, float]:
         """In the building's frame, m."""
-        hand, (x, y, heading) = SmartPalBody().hand(self._side, self._joints), self._at
+        hand, (x, y, heading) = body().hand(self._side, self._joints), self._at
         c, s = math.cos(heading), math.sin(heading)
         return x + c * hand.x - s * hand.y, y + s * hand.x + c * hand.y, hand.z
 
