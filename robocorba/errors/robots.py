@@ -134,4 +134,4 @@ class RobotLost(AdaptorFailed):
 
 
 class ServerAway(RobotLost):
-    """The process of the simulation server is not there; the session goes on if it comes back within the lease."""
+    """The process of the simulation server is not there; the session goes on when it is back."""

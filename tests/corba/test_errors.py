@@ -18,7 +18,7 @@ from robocorba.errors.base import FieldError, RoboCorbaError
 from robocorba.errors.events import UnknownPeer
 from robocorba.errors.maps import InvalidElement, MapFileError, StaleEdit
 from robocorba.errors.paths import Blocker, InvalidRequest, NoPath, UnknownFloor
-from robocorba.errors.robots import RobotLost
+from robocorba.errors.robots import RobotLost, ServerAway
 from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import NoRoom, PlaceTaken, ServerFull
 from robocorba.stubs import RoboCorba
@@ -29,7 +29,7 @@ LOCAL = {
     *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide", "GridTooLarge"),
     *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed"),
     *("GoalReached", "InTheWay", "MissionTakenOver"),
-    *("NotDelivered", "Unconfirmed", "Refused", "ClientGone", "RobotHeld", "ServerAway"),
+    *("NotDelivered", "Unconfirmed", "Refused", "ClientGone", "RobotHeld"),
 }
 
 
@@ -71,6 +71,8 @@ def test_an_error_means_the_same_to_the_caller(error: RoboCorbaError) -> None:
 def test_several_errors_share_an_exception() -> None:
     with pytest.raises(RoboCorba.AdaptorFailed):
         raise_idl(RobotLost("no answer"))
+    with pytest.raises(RoboCorba.AdaptorFailed):
+        raise_idl(ServerAway("no answer"))
     with pytest.raises(RoboCorba.InvalidMission):
         raise_idl(NoRoom("name", "1000 missions are stored already; remove one"))
 

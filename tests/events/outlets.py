@@ -16,7 +16,6 @@ from tests.events.samples import Consumer, add, supplied
 
 BOTH: Subscription = (Clause((Pattern("a"), Pattern("b"))),)
 
-
 #: A consumer that does not answer is probed sooner, and disconnected after fewer failures, than by default.
 IMPATIENT = DeliveryPolicy(backoff=Backoff(0.001, 0.002), settle_s=0.0, max_failures=4)
 

@@ -112,5 +112,5 @@ def begun_of(struct: Any) -> IconBegun:
 
 register(errors.UnknownAdaptor, RoboCorba.UnknownAdaptor, "name", "known")
 register(errors.AdaptorFailed, RoboCorba.AdaptorFailed, "cause")
-for _kind in (errors.UnitFailed, errors.RobotLost):
+for _kind in (errors.UnitFailed, errors.RobotLost, errors.ServerAway):
     register_with(_kind, RoboCorba.AdaptorFailed, lambda e: RoboCorba.AdaptorFailed(e.cause))
