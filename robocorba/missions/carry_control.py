@@ -9,10 +9,11 @@ from collections.abc import Callable
 
 from robocorba.errors.robots import MotionFailed
 from robocorba.missions.clock import LeaderClock
-from robocorba.missions.trajectory import Trajectory
+from robocorba.missions.trajectory import ON_PATH, Trajectory
 from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import RobotState
-from robocorba.spatial.frames import turned
+from robocorba.spatial.frames import into, out_of, turned
+from robocorba.spatial.pose import Pose2D
 
 #: Proportional gain of the position controller [1/s].
 POSITION_GAIN = 4.0
@@ -20,6 +21,9 @@ POSITION_GAIN = 4.0
 GOAL_M, GOAL_RAD = 0.01, math.radians(1.0)
 #: The carry fails if the position error exceeds this [m].
 MAX_ERROR_M = 0.25
+#: A body that was moved off its path, since a carrier was lost, returns at this speed of its carriers [m/s]; the carry
+#: fails if it is farther off [m].
+RETURN_SPEED_M_S, MAX_MOVED_M = 0.1, 0.8
 #: Control cycles recorded.
 MAX_TICKS = 20_000
 #: Without orders from the leader the body slows down from this time on [s] and stands after the other one [s]: orders
@@ -88,21 +92,26 @@ def _coasting(silent_s: float) -> tuple[float, float]:
 
 
 class CarryMotion:
-    """Keeps the base at `place`, its pose in the frame of the carried body, which may be replaced at any time. slip_m:
-    returns the present distance of the grip point from the hand; raises MotionFailed if the hold is lost.
+    """Keeps the base at `place`, its pose in the frame of the carried body. slip_m: returns the present distance of the
+    grip point from the hand; raises MotionFailed if the hold is lost.
 
-    Its measurements may be read by any thread."""
+    Any thread may replace `place`: then the body is brought back to its path from where the base holds it. Any thread
+    may read the measurements."""
 
     def __init__(
         self,
         trajectory: Trajectory,
-        place: tuple[float, float, float],
+        place: Pose2D,
         progress: CarryProgress,
         clock: LeaderClock,
         slip_m: Callable[[], float],
     ) -> None:
         self._trajectory, self.place, self._progress, self._clock = trajectory, place, progress, clock
         self._slip_m = slip_m
+        #: The place at which the body's deviation was measured last; that deviation [m, m, rad]; and, by the leader's
+        #: clock, when the body begins to return and for how long [s].
+        self._measured_at, self._deviation = place, ON_PATH
+        self._returns_from, self._returns_for_s = 0.0, 0.0
         #: Position [m] in the last control cycle, its time by the leader's clock [s], infinite without one and at the
         #: end, and the position error then [m].
         self._last = ((0.0, 0.0), math.inf, 0.0)
@@ -112,8 +121,8 @@ class CarryMotion:
 
     @property
     def error_m(self) -> float:
-        """Distance of the base from its setpoint [m]. While no state arrives the base stands and the setpoint moves on,
-        until the leader has seen it."""
+        """Distance of the base from its place beside a body on its path [m]. While no state arrives the base stands and
+        the body moves on, until the leader has seen it."""
         at, then, error_m = self._last
         now = self._clock.now()
         if now - then <= UNKNOWN_AFTER_S:
@@ -125,16 +134,42 @@ class CarryMotion:
         now = self._clock.now()
         trajectory_s, rate = self._progress.at(now)
         self.ticks.append((now, trajectory_s))
-        (x, y, heading), (vx, vy, turn) = self._trajectory.carrier(trajectory_s, self.place)
-        dx, dy = x - state.x, y - state.y
-        heading_error = math.remainder(heading - state.heading, math.tau)
-        error_m = math.hypot(dx, dy)
+        place = self.place
+        (x, y, heading), _ = self._trajectory.carrier(trajectory_s, place)
+        error_m = math.dist((x, y), (state.x, state.y))
         self._last = ((state.x, state.y), now, error_m)
         self.max_slip_m = max(self.max_slip_m, self._slip_m())
-        if trajectory_s >= self._trajectory.duration and error_m <= GOAL_M and abs(heading_error) <= GOAL_RAD:
+        is_turned = abs(math.remainder(heading - state.heading, math.tau)) > GOAL_RAD
+        if trajectory_s >= self._trajectory.duration and error_m <= GOAL_M and not is_turned:
             self._last = ((state.x, state.y), math.inf, error_m)
             return None
-        if error_m > MAX_ERROR_M:
-            raise MotionFailed(f"{error_m:.2f} m off its place beside the object; the limit is {MAX_ERROR_M} m")
+        if place is not self._measured_at:
+            self._measure(place, state, trajectory_s, now)
+        (x, y, heading), (vx, vy, turn) = self._trajectory.carrier(trajectory_s, place, self._off_path(now))
+        dx, dy = x - state.x, y - state.y
+        off_m = math.hypot(dx, dy)
+        if off_m > MAX_ERROR_M:
+            raise MotionFailed(f"{off_m:.2f} m off its place beside the object; the limit is {MAX_ERROR_M} m")
         vx, vy = vx * rate + POSITION_GAIN * dx, vy * rate + POSITION_GAIN * dy
-        return MotionCommand((*turned(vx, vy, -state.heading), turn * rate + POSITION_GAIN * heading_error))
+        turn = turn * rate + POSITION_GAIN * math.remainder(heading - state.heading, math.tau)
+        return MotionCommand((*turned(vx, vy, -state.heading), turn))
+
+    def _measure(self, place: Pose2D, base: RobotState, trajectory_s: float, now: float) -> None:
+        """Find how far the body that is held at `place` is off its path. Raises MotionFailed."""
+        facing = base.heading - place[2]
+        x, y = out_of(*into(0.0, 0.0, place), (base.x, base.y, base.heading))
+        (at_x, at_y, heading), _ = self._trajectory.at(trajectory_s)
+        moved_m, turned_rad = math.dist((x, y), (at_x, at_y)), math.remainder(facing - heading, math.tau)
+        if moved_m > MAX_MOVED_M:
+            raise MotionFailed(f"the object is {moved_m:.2f} m off its path; the limit is {MAX_MOVED_M} m")
+        self._measured_at, self._deviation = place, (x - at_x, y - at_y, turned_rad)
+        self._returns_from = now
+        self._returns_for_s = (moved_m + abs(turned_rad) * math.hypot(*place[:2])) / RETURN_SPEED_M_S
+
+    def _off_path(self, now: float) -> Pose2D:
+        """The deviation of the body from its path that is wanted at `now`."""
+        if now >= self._returns_from + self._returns_for_s:
+            return ON_PATH
+        left = 1.0 - max(0.0, now - self._returns_from) / self._returns_for_s
+        x, y, turned_rad = self._deviation
+        return left * x, left * y, left * turned_rad

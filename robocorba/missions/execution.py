@@ -121,7 +121,9 @@ class StepExecutor:
     @execute.register
     def _(self, step: subplan.Carry) -> None:
         trajectory = Trajectory.from_rows(step.rows)
-        self.carry = CarryMotion(trajectory, self._place or step.place, self._progress, self._clock, self._slip_m)
+        self.carry = CarryMotion(trajectory, step.place, self._progress, self._clock, self._slip_m)
+        if self._place:
+            self.carry.place = self._place
         self._robot.move(self.carry)
 
     @execute.register

@@ -23,6 +23,8 @@ SPEED_M_S, TURN_SPEED_RAD_S, ACCELERATION_M_S2 = 0.25, 0.3, 0.4
 MAX_POSES = 2000
 #: Shorter segments [m] and turns [rad] are skipped.
 NEGLIGIBLE = 1e-9
+#: The deviation of a body that is on its path [m, m, rad].
+ON_PATH: Pose2D = (0.0, 0.0, 0.0)
 #: Maximum slope of a smooth step, relative to a linear one.
 _SMOOTH_STEP_SLOPE = 1.5
 
@@ -107,9 +109,10 @@ class Trajectory:
         dx, dy, dh = bx - ax, by - ay, bh - ah
         return (ax + done * dx, ay + done * dy, ah + done * dh), (rate * dx, rate * dy, rate * dh)
 
-    def carrier(self, t: float, place: Pose2D) -> tuple[Pose2D, Pose2D]:
-        """The same for a carrier's base at `place` in the body's frame."""
+    def carrier(self, t: float, place: Pose2D, off: Pose2D = ON_PATH) -> tuple[Pose2D, Pose2D]:
+        """The same for a carrier's base at `place` in the body's frame. off: deviation of the body from its path."""
         (x, y, heading), (vx, vy, turn) = self.at(t)
+        x, y, heading = x + off[0], y + off[1], heading + off[2]
         cos, sin = math.cos(heading), math.sin(heading)
         ahead, left = cos * place[0] - sin * place[1], sin * place[0] + cos * place[1]
         return (x + ahead, y + left, heading + place[2]), (vx - turn * left, vy + turn * ahead, turn)
