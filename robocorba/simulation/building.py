@@ -255,8 +255,12 @@ class SimulatedBuilding:
         self._shafts[name] = shaft_polygon(cabin.elevator)
         self._last_cabins[name] = (cabin.floor, Doors.CLOSED)
         for floor in cabin.heights:
-            self._landings[name, floor] = landing_doors(self.building, name, floor)
-            self._close_landing(name, floor)
+            landing = self._landings[name, floor] = landing_doors(self.building, name, floor)
+            if self.floors[floor].is_crossed(landing) and cabin.doors is not Doors.OPEN:
+                cabin.start_open(floor)
+                self._last_cabins[name] = (floor, Doors.OPEN)
+            else:
+                self._close_landing(name, floor)
 
     def _remove_cabin(self, name: str, elevator: Elevator) -> None:
         for floor in elevator.floors():
@@ -642,6 +646,8 @@ class SimulatedBuilding:
                 cabin.restore(world.cabins[name], self.time, self.robots.keys())
                 for session in cabin.sessions.values():
                     session.longest_wait_s = self.time - session.called_at + longest_wait_s(cabin, session.robot)
+                for floor in cabin.heights:
+                    self._close_landing(name, floor)
                 self._last_cabins[name] = (cabin.floor, Doors.CLOSED)
                 self._apply_cabin_state(name, cabin)
             else:

@@ -2,7 +2,8 @@
 
 The cabin serves the oldest call, then the next one. En route it also stops for rides in the same direction that still
 fit in. A robot that does not board or alight in time loses its session, and the doors close. So every wait is bounded,
-unless something stands between the doors: they never close on it.
+unless something is between the doors: they never close on it. Those who wait on that floor board meanwhile, also if
+others have called before, since one of them may carry it away.
 
 Robots that ride together call as a party, and ride without others. All members board at the turn of its first call;
 `queue` and `ahead` count single calls. The other members may call while the doors are open for the party; the doors
@@ -29,6 +30,8 @@ BOARDING_LIMIT_S = 15.0
 BOARDING_MARGIN_S, MAX_BOARDING_S = 5.0, 60.0
 #: No robot starts boarding after the doors have been open for this time [s], since robots wait on other floors.
 OPEN_LIMIT_S = 2 * BOARDING_LIMIT_S
+#: Doors that have been kept from closing for this time count as just opened [s].
+BLOCKED_S = 10.0
 #: Maximum number of simultaneous sessions of an elevator, and of members of a party.
 MAX_SESSIONS = 200
 #: Maximum length of a party's name [characters].
@@ -104,11 +107,18 @@ class Cabin:
         self._since = now
         #: Time at which a party began to board, and its limit [s].
         self._party_since, self._party_limit_s = now, BOARDING_LIMIT_S
+        #: Time since which something keeps the doors from closing; infinite if nothing does.
+        self._blocked_since = math.inf
         self.sessions: dict[str, RideSession] = {}
         #: Sessions whose robots may board since this list was cleared last.
         self.boarding: list[RideSession] = []
         #: Robot and reason of each session that the elevator ended, since the robot was too late.
         self.ended: list[tuple[str, str]] = []
+
+    def start_open(self, floor: str) -> None:
+        """Start at a floor with open doors, since something is between them."""
+        self.floor = floor
+        self._set_doors(Doors.OPEN)
 
     # ---- calls of robots ----
 
@@ -211,7 +221,8 @@ class Cabin:
         closed.
 
         They start opening immediately for a party of which some members are still outside."""
-        self.floor, self.now, self._since = record.floor, now, now
+        self.floor, self.now = record.floor, now
+        self._set_doors(Doors.CLOSED)
         for ride in record.rides:
             if ride.robot in robots and {ride.origin, ride.destination} <= self.heights.keys():
                 trip = (ride.robot, ride.origin, ride.destination, ride.radius_m, ride.called_at)
@@ -297,6 +308,7 @@ class Cabin:
                     self.cancel(session.robot, f"did not drive {direction} within {session.limit_s:g} s")
             if not self._start_alighting_and_boarding():
                 if self._is_doorway_blocked():
+                    self._stay_open()
                     return False
                 self._set_doors(Doors.CLOSING)
         elif self.doors is Doors.CLOSING:
@@ -312,29 +324,40 @@ class Cabin:
         return True
 
     def _set_doors(self, doors: Doors) -> None:
-        self.doors, self._since = doors, self.now
+        self.doors, self._since, self._blocked_since = doors, self.now, math.inf
+
+    def _stay_open(self) -> None:
+        """Something keeps the doors from closing: after BLOCKED_S robots on this floor may board as at an arrival."""
+        self._blocked_since = min(self._blocked_since, self.now)
+        if self.now >= self._blocked_since + BLOCKED_S:
+            self._set_doors(Doors.OPEN)
+            self._start_alighting_and_boarding(is_held_open=True)
 
     def _moving_through_doors(self) -> list[RideSession]:
         return [s for s in self.sessions.values() if s.phase in (RidePhase.BOARDING, RidePhase.ALIGHTING)]
 
-    def _start_alighting_and_boarding(self) -> bool:
-        """Start alighting, and boarding once all have alighted; return whether the doors have to stay open."""
+    def _start_alighting_and_boarding(self, is_held_open: bool = False) -> bool:
+        """Start alighting, and boarding once all have alighted; return whether the doors have to stay open.
+        is_held_open: whether they could not close, so that calls on other floors wait."""
         for session in self.sessions.values():
             if session.phase is RidePhase.RIDING and session.destination == self.floor:
                 session.enter_phase(RidePhase.ALIGHTING, self.now)
         is_any_alighting = any(s.phase is RidePhase.ALIGHTING for s in self.sessions.values())
         if not is_any_alighting and self.now < self._since + OPEN_LIMIT_S:
-            for session in self._next_to_board():
+            for session in self._next_to_board(is_held_open):
                 if session.party and not self._riders_after_stop():
                     self._party_since, self._party_limit_s = self.now, session.limit_s
                 session.enter_phase(RidePhase.BOARDING, self._party_since if session.party else self.now)
                 self.boarding.append(session)
-        return bool(self._moving_through_doors()) or self._is_waiting_for_party()
+        has_to_stay_open = bool(self._moving_through_doors()) or self._is_waiting_for_party()
+        if has_to_stay_open:
+            self._blocked_since = math.inf
+        return has_to_stay_open
 
-    def _next_to_board(self) -> list[RideSession]:
+    def _next_to_board(self, is_held_open: bool) -> list[RideSession]:
         """Sessions that wait on this floor, suit the cabin's trip and fit in, oldest call first."""
         riders = self._riders_after_stop()
-        leading = self._leading()
+        leading = self._leading(is_held_open)
         chosen: list[RideSession] = []
         for session in self.sessions.values():
             if session.phase is not RidePhase.WAITING or session.origin != self.floor:
@@ -378,10 +401,12 @@ class Cabin:
         """Whether the doors stay open for members of a party that are still outside."""
         return self._is_party_in_time() and any(map(self._waits_for_party_members, self.sessions.values()))
 
-    def _leading(self) -> RideSession | None:
-        """The session that determines the next stop: the oldest call of robots at the cabin, else of those waiting."""
+    def _leading(self, is_held_open: bool = False) -> RideSession | None:
+        """The session that determines the next stop: the oldest call of robots at the cabin, else of those waiting, on
+        this floor if the doors cannot close."""
         at_cabin = [s for s in self.sessions.values() if s.phase is not RidePhase.WAITING]
-        return min(at_cabin or self.sessions.values(), key=lambda s: s.called_at, default=None)
+        waiting = [s for s in self.sessions.values() if not is_held_open or s.origin == self.floor]
+        return min(at_cabin or waiting, key=lambda s: s.called_at, default=None)
 
     def _lies_within(self, session: RideSession, leading: RideSession) -> bool:
         """Whether a ride from this floor lies within the rest of the leading one, in its direction."""

@@ -20,6 +20,7 @@ import numpy as np
 import pymunk
 import shapely
 from numpy.typing import NDArray
+from shapely import LineString
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.kernels import kernel
@@ -85,6 +86,12 @@ class _Grip:
     joint: pymunk.PivotJoint
     payload_kg: float
     heading: pymunk.GearJoint | None = None
+
+    @property
+    def arm(self) -> LineString:
+        """From the robot's centre to its hand."""
+        robot = self.joint.a
+        return LineString([robot.position, robot.local_to_world(self.joint.anchor_a)])
 
 
 class FloorPhysics:
@@ -156,13 +163,14 @@ class FloorPhysics:
         self._space.remove(*self._doors.pop(name, ()))
 
     def is_crossed(self, line: BaseGeometry) -> bool:
-        """Whether a body lies across a line, such as that of an open door."""
+        """Whether a body lies across a line, such as that of an open door, or a robot reaches across it for what it
+        holds."""
         found = (
             info.shape
             for segment in self._segments(np.array([line], object))
             for info in self._space.shape_query(segment)
         )
-        return any(map(self._owner_of, found))
+        return any(map(self._owner_of, found)) or any(line.intersects(grip.arm) for grip in self._grips.values())
 
     def _segments(self, lines: NDArray[np.object_]) -> list[pymunk.Shape]:
         """Static segments along lines."""

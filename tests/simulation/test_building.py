@@ -246,6 +246,58 @@ def test_doors_never_close_on_a_robot(world: SimulatedBuilding) -> None:
     assert "boarding" in [event.kind for event in run(world, 20.0)]
 
 
+def with_a_box(at: tuple[float, float]) -> SimulatedBuilding:
+    """The tower with a movable box of 0.6 m by 0.4 m on L2; the doors of E1 close at y = 4."""
+    return SimulatedBuilding(tower().with_element("L2", MapObject("box", BoxShape((0.6, 0.4)), at, movable=True)))
+
+
+def test_doors_with_something_between_them_on_the_map_begin_open() -> None:
+    world = with_a_box((5.0, 4.0))
+    run(world, 5.0)
+    assert (world.cabins["E1"].floor, world.cabins["E1"].doors) == ("L2", Doors.OPEN)
+    assert world.floors["L2"].pose("object/box") == pytest.approx((5.0, 4.0, 0.0), abs=1e-9)
+    enter(world, "A", "L1", 5.0, 2.5, math.pi / 2)
+    world.robots["A"].command(0.5, 0.0, 0.0, 5.0)
+    run(world, 6.0)
+    assert world.pose("A").y == pytest.approx(3.6, abs=0.02)  # closed on the other floor
+
+
+def test_a_restart_leaves_doors_open_that_are_recorded_as_open_only() -> None:
+    """What was between them on the map may have been carried away."""
+    world = with_a_box((5.0, 4.0))
+    world.place("box", Pose("L2", 5.0, 2.0, 0.0))
+    run(world, 10.0)
+    assert world.cabins["E1"].doors is Doors.CLOSED
+    again = with_a_box((5.0, 4.0))
+    again.restore(world.record(), [])
+    assert (again.cabins["E1"].floor, again.cabins["E1"].doors) == ("L2", Doors.CLOSED)
+    enter(again, "A", "L2", 7.0, 2.5, 3.0 * math.pi / 4)
+    again.place("box", Pose("L2", 2.0, 8.0, 0.0))
+    again.place("A", Pose("L2", 5.0, 2.5, math.pi / 2))
+    again.robots["A"].command(0.5, 0.0, 0.0, 5.0)
+    run(again, 6.0)
+    assert again.pose("A").y == pytest.approx(3.6, abs=0.02)
+
+
+def test_doors_never_close_on_arms_that_hold_something() -> None:
+    """The robot stands before the doors, the box behind them; nothing but its arms is between them."""
+    world = with_a_box((5.0, 2.5))
+    enter(world, "A", "L2", 5.0, 1.8, math.pi / 2)
+    world.place("box", Pose("L2", 5.0, 2.7, 0.0))
+    world.grip("A", "box", (5.0, 2.5))
+    world.call_elevator("A", "E1", "L1")
+    into_the_cabin(world, "A", 3.45)
+    run(world, 0.5)
+    gap = (world.pose("A").y + world.robots["A"].description.radius_m, world.floors["L2"].pose("object/box")[1] - 0.2)
+    assert gap[0] < 4.0 < gap[1]
+    run(world, 30.0)
+    assert world.cabins["E1"].doors is Doors.OPEN
+    assert (world.robots["A"].holding, world.robots["A"].collisions) == ("box", 0)
+    world.release("A")
+    run(world, 5.0)
+    assert world.cabins["E1"].doors is Doors.CLOSED
+
+
 def test_doors_that_a_restart_finds_a_robot_between_are_open(world: SimulatedBuilding) -> None:
     between_the_doors(world)
     again = SimulatedBuilding(tower())

@@ -12,7 +12,15 @@ from hypothesis import strategies as st
 from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
 from robocorba.maps.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
 from robocorba.planning.elevators import ride, travel_time, travelled
-from robocorba.simulation.elevator import BOARDING_LIMIT_S, MAX_SESSIONS, Cabin, RidePhase, fits
+from robocorba.simulation.elevator import (
+    BLOCKED_S,
+    BOARDING_LIMIT_S,
+    MAX_SESSIONS,
+    OPEN_LIMIT_S,
+    Cabin,
+    RidePhase,
+    fits,
+)
 from robocorba.simulation.elevator_wait import longest_wait_s
 from robocorba.spatial.elevator_state import Doors
 
@@ -294,6 +302,76 @@ def test_invalid_calls_of_a_party_name_the_field() -> None:
             lift.call(*call)
         assert refused.value.field == field, call
     assert list(lift.sessions) == ["A"]
+
+
+# ---- something between the doors ----
+
+
+class Doorway:
+    """A lift that has opened on L1 for X, which does not board, while something stands between its doors."""
+
+    def __init__(self) -> None:
+        self.is_blocked = True
+        self.lift = Cabin(LIFT, dict(HEIGHTS), is_doorway_blocked=lambda: self.is_blocked)
+        self.lift.call("X", "L1", "L2", 0.4)
+        until(self.lift, "X", RidePhase.BOARDING)
+        self.lift.cancel("X")
+
+    def others_call(self) -> None:
+        """One on another floor, then a party of two on L1."""
+        self.lift.call("Y", "L3", "L2", 0.4)
+        for name in "AB":
+            self.lift.call(name, "L1", "L2", 0.4, "table", 2)
+
+
+def test_what_keeps_the_doors_open_can_be_carried_away() -> None:
+    """A party boards, although Y has called before and the doors have been open for longer than OPEN_LIMIT_S."""
+    doorway = Doorway()
+    pass_time(doorway.lift, 2 * OPEN_LIMIT_S)
+    doorway.others_call()
+    assert until(doorway.lift, "A", RidePhase.BOARDING) < BLOCKED_S + 2 * STEP_S
+    assert phases(doorway.lift, "YAB") == [RidePhase.WAITING, RidePhase.BOARDING, RidePhase.BOARDING]
+    for name in "AB":
+        doorway.lift.enter(name)
+    doorway.is_blocked = False
+    until(doorway.lift, "B", RidePhase.ALIGHTING)
+    for name in "AB":
+        doorway.lift.leave(name)
+    until(doorway.lift, "Y", RidePhase.BOARDING)
+
+
+def test_what_just_passes_the_doors_lets_nobody_board_out_of_turn() -> None:
+    """Neither at first nor after others have boarded."""
+    doorway = Doorway()
+    doorway.others_call()
+    pass_time(doorway.lift, BLOCKED_S - 1.0)
+    doorway.lift.call("Z", "L1", "L5", 0.4)
+    doorway.is_blocked = False
+    until(doorway.lift, "Y", RidePhase.BOARDING)
+    assert phases(doorway.lift, "ABZ") == [RidePhase.WAITING] * 3
+
+
+def test_time_in_which_robots_board_is_none_in_which_doors_are_blocked() -> None:
+    doorway = Doorway()
+    pass_time(doorway.lift, BLOCKED_S - 1.0)
+    doorway.lift.call("Z", "L1", "L2", 0.4)
+    until(doorway.lift, "Z", RidePhase.BOARDING)
+    doorway.others_call()
+    pass_time(doorway.lift, 5.0)
+    doorway.lift.cancel("Z")  # and stays between the doors
+    pass_time(doorway.lift, BLOCKED_S - 1.0)
+    assert phases(doorway.lift, "YAB") == [RidePhase.WAITING] * 3
+    pass_time(doorway.lift, 2.0)
+    assert phases(doorway.lift, "YAB") == [RidePhase.WAITING, RidePhase.BOARDING, RidePhase.BOARDING]
+
+
+def test_a_record_of_closed_doors_closes_doors_that_began_open() -> None:
+    lift = cabin()
+    lift.start_open("L2")
+    assert (lift.floor, lift.doors) == ("L2", Doors.OPEN)
+    record = cabin().record()
+    lift.restore(record, 5.0, ())
+    assert (lift.floor, lift.doors) == ("L1", Doors.CLOSED)
 
 
 # ---- any behaviour of robots ----
