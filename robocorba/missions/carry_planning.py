@@ -39,6 +39,9 @@ from robocorba.spatial.pose import Pose
 
 #: Clearance that shortened paths keep if there is room [m].
 PREFERRED_MARGIN_M = 0.15
+#: Segments of a quarter circle around a carrier's base, and the radius of the polygon that contains the circle [m].
+_QUARTER_SEGMENTS = 16
+_OUTER_RADIUS_M = RADIUS_M / math.cos(math.pi / (4 * _QUARTER_SEGMENTS))
 #: Maximum number of elevator rides of a carry.
 MAX_RIDES = 2
 
@@ -78,7 +81,8 @@ def plan_carries(
     plan, then others with the same formation and as many rides, by other elevators.
 
     carried: name of a movable object (see `maps.movable.movables`), or an outline in its own frame. start: None for the
-    pose of the map. blocked: additional obstacles; see BuildingObstacles. Carriers have room to approach their places
+    pose of the map. blocked: additional obstacles; see BuildingObstacles. Elevator doors are open for the carriers that
+    ride, and where the object is between them at the start. Carriers have room to approach their places
     at the start, and to back off at the goal, on straight lines of BACK_OFF_M, or shorter ones if no formation has so
     much room. Raises InvalidCarry, ImpossibleCarry."""
     name = carried if isinstance(carried, str) else ""
@@ -92,6 +96,7 @@ def plan_carries(
         if not all(map(math.isfinite, pose[1:])) or max(abs(pose.x), abs(pose.y)) > MAX_COORDINATE_M:
             raise InvalidCarry(field, f"{pose[1:]} is not finite or beyond {MAX_COORDINATE_M:g} m")
     obstacles = BuildingObstacles(building, name, blocked or {})
+    held_open = obstacles.held_open(start.floor, placed(outline, start[1:]))
     routes = list(_elevator_routes(building, start, goal))
     if not routes:
         raise ImpossibleCarry(f"no elevator leads from {start.floor} to {goal.floor}")
@@ -101,13 +106,13 @@ def plan_carries(
     bodies = [_FormationBody(formation, outline) for formation in formations(outline, count)]
     for back_off_m in (BACK_OFF_M, *SHORT_BACK_OFFS_M):
         for body in bodies:
-            if collision := _collision_at_ends(obstacles, body, start, goal, back_off_m):
+            if collision := _collision_at_ends(obstacles, body, start, goal, held_open, back_off_m):
                 collisions.append(collision)
                 continue
             found_rides: int | None = None
             for route in routes:
                 if found_rides in (None, len(route)) and (
-                    legs := _plan_legs(obstacles, body, route, start, goal, attempts)
+                    legs := _plan_legs(obstacles, body, route, start, goal, held_open, attempts)
                 ):
                     found_rides = len(route)
                     yield CarryPlan(body.formation, tuple(legs), outline, back_off_m)
@@ -147,7 +152,10 @@ class _FormationBody:
     def approach_areas(self, back_off_m: float) -> list[BaseGeometry]:
         """Where the carriers approach and back off."""
         lines = zip(self.formation.carrier_poses(), self.formation.carrier_poses(back_off_m), strict=True)
-        return [LineString([here[:2], back[:2]]).buffer(RADIUS_M, quad_segs=16) for here, back in lines]
+        return [
+            LineString([here[:2], back[:2]]).buffer(_OUTER_RADIUS_M, quad_segs=_QUARTER_SEGMENTS)
+            for here, back in lines
+        ]
 
 
 def _outline_and_pose(building: Building, carried: str | Polygon) -> tuple[Polygon, Pose | None]:
@@ -161,13 +169,20 @@ def _outline_and_pose(building: Building, carried: str | Polygon) -> tuple[Polyg
 
 
 def _collision_at_ends(
-    obstacles: BuildingObstacles, body: _FormationBody, start: Pose, goal: Pose, back_off_m: float
+    obstacles: BuildingObstacles,
+    body: _FormationBody,
+    start: Pose,
+    goal: Pose,
+    held_open: frozenset[str],
+    back_off_m: float,
 ) -> ImpossibleCarry | None:
-    """The error if the object or a carrier collides at the start or at the goal, else None."""
+    """The error if the object or a carrier collides at the start or at the goal, else None. held_open: elevators whose
+    doors are open at the start."""
     parts = [("the object", body.outline, MARGIN_M), ("its carriers", body.footprint, MARGIN_M)]
     parts += [("an approaching or leaving carrier", area, 0.0) for area in body.approach_areas(back_off_m)]
-    for (which, pose), (part, shape, margin_m) in product((("start", start), ("goal", goal)), parts):
-        if near := obstacles.on_floor(pose.floor).nearest(placed(shape, pose[1:]), margin_m):
+    ends = (("start", start, held_open), ("goal", goal, frozenset[str]()))
+    for (which, pose, open_elevators), (part, shape, margin_m) in product(ends, parts):
+        if near := obstacles.on_floor(pose.floor, open_elevators).nearest(placed(shape, pose[1:]), margin_m):
             return why_not_free(which, pose, part, near, margin_m)
     return None
 
@@ -200,13 +215,17 @@ def _plan_legs(
     rides: Sequence[tuple[str, str]],
     start: Pose,
     goal: Pose,
+    held_open: frozenset[str],
     attempts: list[Attempt],
 ) -> list[CarryLeg] | None:
-    """The legs of a carry with these rides; None if there is no path: then the failure is appended to `attempts`."""
+    """The legs of a carry with these rides; None if there is no path: then the failure is appended to `attempts`.
+    held_open: elevators whose doors are open at the start."""
     elevators = [obstacles.building.elevators[name] for name, _ in rides]
+    ridden = [frozenset(elevator.name for elevator in elevators[max(i - 1, 0) : i + 1]) for i in range(len(rides) + 1)]
+    ridden[0] |= held_open
     floors = [
-        obstacles.on_floor(floor, frozenset(elevator.name for elevator in elevators[max(i - 1, 0) : i + 1]))
-        for i, floor in enumerate([start.floor, *(floor for _, floor in rides)])
+        obstacles.on_floor(floor, open_elevators)
+        for floor, open_elevators in zip([start.floor, *(floor for _, floor in rides)], ridden, strict=True)
     ]
     sources = np.array([[*start[1:], 0.0]])
     routes: list[list[LatticeRoute]] = []

@@ -101,6 +101,14 @@ class BuildingObstacles:
             self._floors[key] = FloorObstacles(floor, found, Polygon(outline) if outline else None)
         return self._floors[key]
 
+    def held_open(self, floor: str, shape: BaseGeometry) -> frozenset[str]:
+        """The elevators whose doors on a floor cannot close, since a body of this shape is between them."""
+        return frozenset(
+            name
+            for name, elevator in self.building.elevators.items()
+            if floor in elevator.floors() and landing_doors(self.building, name, floor).intersects(shape)
+        )
+
 
 def placed(shape: BaseGeometry, pose: Pose2D) -> BaseGeometry:
     """A shape from the frame of a body at `pose` to the floor's frame."""

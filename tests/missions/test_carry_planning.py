@@ -28,7 +28,7 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.maps.samples import load_sample
-from robocorba.missions.carry_planning import CarryPlan, plan_carries, warm_up
+from robocorba.missions.carry_planning import CarryPlan, _FormationBody, plan_carries, warm_up
 from robocorba.missions.formation import BACK_OFF_M, MARGIN_M
 from robocorba.missions.obstacles import placed
 from robocorba.missions.trajectory import Trajectory
@@ -239,6 +239,25 @@ def test_closed_elevator_doors_are_obstacles() -> None:
     building = floor("L1", 14.0, 4.0).with_element("", Elevator(name="E1", at=(7.0, 2.0), size=(4.0, 4.0), doors=doors))
     with pytest.raises(ImpossibleCarry):
         best_plan(building, BOX, ("L1", 2.5, 2.0, 0.0), ("L1", 11.5, 2.0, 0.0), 2)
+
+
+@pytest.mark.parametrize("goal", [("L1", 2.5, 2.5, 1.0), ("L2", 9.0, 2.5, -2.0)], ids=["out of it", "up"])
+def test_an_object_between_elevator_doors_keeps_them_open(goal: tuple[str, float, float, float]) -> None:
+    """As after the death of a carrier there."""
+    building = two_floors(3.0, 2.0)
+    plan = best_plan(building, BOX, ("L1", 6.0, 4.5, 0.0), goal, 2)
+    assert reached(plan.legs[-1].poses[-1], goal[1:])
+    check(building, plan)
+    with pytest.raises(ImpossibleCarry, match="E1"):
+        best_plan(building, BOX, ("L1", 2.5, 2.5, 0.0), ("L1", 6.0, 4.5, 0.0), 2)  # nothing keeps them open for that
+
+
+def test_carriers_reach_and_leave_their_places_as_getpath_wants() -> None:
+    """With all of their circles, not only with polygons in them."""
+    formation = best_plan(floor("L1", 9.0, 7.0), TABLE, ("L1", 3.0, 3.0, 0.0), ("L1", 6.0, 3.0, 0.0), 2).formation
+    body = _FormationBody(formation, TABLE)
+    for (x, y, _), area in zip(formation.carrier_poses(BACK_OFF_M), body.approach_areas(BACK_OFF_M), strict=True):
+        assert area.boundary.distance(shapely.Point(x, y)) >= RADIUS_M - 1e-12
 
 
 def test_an_error_names_what_occupies_start_or_goal() -> None:
