@@ -62,7 +62,7 @@ def test_two_that_write_at_once_both_keep_their_signature(tmp_path: Path, monkey
     with monkeypatch.context() as patch:
         patch.setattr(IndexDataCacheFile, "_load_index", load_while_the_other_writes)
         first.save_overload(whole.signature.args, whole)
-    writing.join(20.0)
+    writing.join(60.0)
     loaded = compiled(tmp_path)
     assert (loaded(2), loaded(2.5)) == (4, 5.0)
     assert hits(loaded) == 2

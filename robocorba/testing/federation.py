@@ -104,12 +104,12 @@ class Channels:
 
     def kill(self, name: str) -> None:
         self.processes[name].send_signal(signal.SIGKILL)
-        self.processes[name].wait(10)
+        self.processes[name].wait(60.0)
 
     def kill_naming(self) -> None:
         assert self.naming
         self.naming.send_signal(signal.SIGKILL)
-        self.naming.wait(10)
+        self.naming.wait(60.0)
 
     def forget(self, name: str) -> None:
         """Delete the state folder of a channel that does not run."""

@@ -49,7 +49,7 @@ from robocorba.testing.processes import (
 
 FLOOR = "L1"
 #: Time limits for the start of a robot and for a mission [s].
-START_LIMIT_S, MISSION_LIMIT_S = 120.0, 120.0
+START_LIMIT_S, MISSION_LIMIT_S = 120.0, 240.0
 
 
 def three_rooms() -> Building:
@@ -146,7 +146,7 @@ class MissionSystem:
         process = self.robots.pop(name)
         process.kill()
         process.communicate()
-        eventually(lambda: name not in self.names(), 15.0, f"{name} is logged off")
+        eventually(lambda: name not in self.names(), 30.0, f"{name} is logged off")
 
     def end(self) -> None:
         """End all robots with SIGTERM; fails if one does not end."""
@@ -155,7 +155,7 @@ class MissionSystem:
             process.send_signal(signal.SIGTERM)
         for name, process in self.robots.items():
             try:
-                process.wait(20.0)
+                process.wait(60.0)
             except subprocess.TimeoutExpired:
                 raise AssertionError(f"{name} hangs") from None
         self.robots.clear()

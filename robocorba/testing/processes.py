@@ -28,7 +28,7 @@ ROBOCORBA = str(Path(sys.executable).with_name("robocorba"))
 POLLING = Backoff(0.02, 0.02)
 
 
-def eventually(condition: Callable[[], Any], timeout_s: float = 10.0, what: str = "") -> Any:
+def eventually(condition: Callable[[], Any], timeout_s: float = 30.0, what: str = "") -> Any:
     """The first truthy answer of `condition`; fails the test after `timeout_s`."""
     answer = POLLING.poll(condition, timeout_s)
     assert answer, f"not within {timeout_s:g} s: {what or condition}"
@@ -150,7 +150,7 @@ def drain(process: Popen[str]) -> None:
     threading.Thread(target=deque, args=(process.stderr, 0), daemon=True).start()
 
 
-def refusal(process: Popen[str], timeout_s: float = 20.0) -> str:
+def refusal(process: Popen[str], timeout_s: float = 60.0) -> str:
     """The error line of a process that must fail with exit code 1, an empty stdout and no traceback."""
     out, err = process.communicate(timeout=timeout_s)
     assert process.returncode == 1

@@ -202,7 +202,7 @@ CLIENT_SPEED = 0.5
 #: Time within which robots of a dead client stop [s]; their commands are valid for 0.5 s.
 STOP_S = 1.5
 #: Timeout for a killed process to be back [s].
-BACK_LIMIT_S = 20.0
+BACK_LIMIT_S = 60.0
 #: Tolerance of a robot's place after a restart [m].
 SLACK_M = 0.03
 CHAIR = "room-101-chair-1"

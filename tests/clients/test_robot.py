@@ -17,7 +17,7 @@ from robocorba.programs.icons import Icon, MbasePath, Say
 from robocorba.programs.program import Program
 from robocorba.spatial.pose import Pose
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 STATE = cast(Any, SimpleNamespace(at=Pose("L1", 1.0, 1.0, 0.0), actor=SimpleNamespace(joints=np.zeros(len(JOINTS)))))
 
 

@@ -186,11 +186,11 @@ def test_a_signal_ends_a_wait(stop: StopSignal, number: signal.Signals) -> None:
 
 def test_ticks_come_in_time_up_to_a_limit(stop: StopSignal) -> None:
     began = time.monotonic()
-    times = list(stop.ticks(0.02, 0.2))
-    assert 0.2 <= time.monotonic() - began < 2.0
+    times = list(stop.ticks(0.02, 1.0))
+    assert time.monotonic() - began >= 1.0
     assert times[0] == 0.0
-    assert 1 < len(times) <= 10
-    assert times == sorted(times) and times[-1] < 0.2
+    assert 1 < len(times) <= 50
+    assert times == sorted(times) and times[-1] < 1.0
     assert all(later - earlier > 0.0 for earlier, later in itertools.pairwise(times))
 
 

@@ -43,7 +43,7 @@ from robocorba.testing.buildings import with_all
 from tests.simulation.places import tower
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 def documented_adaptor() -> Callable[[AdaptorContext], RobotAdaptor]:

@@ -56,7 +56,7 @@ class Watched(RobotAdaptor):
     def write(self, command: ActorCommand) -> bool:
         self.commands.append(command)
         if self.hangs.is_set():
-            self.goes_on.wait(5.0)
+            self.goes_on.wait(60.0)
             if self.failure:
                 raise self.failure
         return self.disc.write(command)
@@ -140,7 +140,7 @@ def test_one_motion_at_a_time(high: HighController) -> None:
     with pytest.raises(IllegalOrder, match="is moving"):
         high.move(DriveAt((0.1, 0.0, 0.0), 1.0))
     high.cancel(MotionFailed("enough"))
-    thread.join(5.0)
+    thread.join(60.0)
     assert [str(error) for error in raised] == ["enough"]
     eventually(lambda: high.state.velocity[0] == 0.0, "standing")
 
@@ -153,7 +153,7 @@ def test_a_pause_takes_no_time_of_the_motion(high: HighController) -> None:
     time.sleep(1.2)
     assert thread.is_alive()
     high.is_paused = False
-    thread.join(5.0)
+    thread.join(60.0)
     assert not thread.is_alive() and raised == []
 
 
@@ -165,7 +165,7 @@ def test_an_emergency_stop_works_while_the_adaptor_hangs(high: HighController, a
     high.emergency_stop("button")
     assert adaptor.stops == stops + 1
     assert high.stopped == "button"
-    thread.join(5.0)
+    thread.join(60.0)
     assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
     adaptor.hangs.clear()
     adaptor.goes_on.set()
@@ -181,7 +181,7 @@ def test_a_robot_that_fails_is_stopped_until_somebody_lets_it_go(high: HighContr
     thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     adaptor.failure = AdaptorFailed("the arm smokes")
-    thread.join(5.0)
+    thread.join(60.0)
     assert "the arm smokes" in str(raised[0])
     adaptor.failure = None
     time.sleep(0.7)
@@ -194,7 +194,7 @@ def test_a_robot_that_was_lost_is_found_again(high: HighController, adaptor: Wat
     thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     adaptor.failure = RobotLost("nobody answers")
-    thread.join(5.0)
+    thread.join(60.0)
     assert isinstance(raised[0], RobotLost)
     assert high.stopped == "nobody answers"
     adaptor.failure = None
@@ -221,7 +221,7 @@ def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, a
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     adaptor.hangs.set()
     eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
-    thread.join(5.0)
+    thread.join(60.0)
     assert isinstance(raised[0], RobotLost) and "adaptor or process hung for 1." in str(raised[0])
     with pytest.raises(RobotLost, match="hung"):
         high.check()
@@ -253,7 +253,7 @@ def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, a
     time.sleep(0.5)
     adaptor.hangs.clear()
     adaptor.goes_on.set()
-    thread.join(5.0)
+    thread.join(60.0)
     assert max(np.diff(watching.elapsed)) <= VALID_S + 1e-6
 
 
@@ -295,7 +295,7 @@ def test_the_end_ends_a_motion(adaptor: Watched) -> None:
     thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), math.inf))
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     high.close()
-    thread.join(5.0)
+    thread.join(60.0)
     assert [str(error) for error in raised] == ["can't continue: the robot is switched off"]
     time.sleep(1.1)  # longer than hang_limit_s
     high.check_alive()

@@ -134,7 +134,7 @@ def test_events_are_used_up_one_by_one(smartpal: Robot) -> None:
     eventually(lambda: channel.patterns == [("table.*", "B")], "listening")
     channel.receive(ReceivedEvent("table.up", "C", None))
     channel.receive(ReceivedEvent("table.up", "B", None))
-    thread.join(20.0)
+    thread.join(60.0)
     assert channel.said == [("once", None)]
 
 
@@ -163,7 +163,7 @@ def test_pause_step_resume_and_abort(smartpal: Robot) -> None:
     execution.resume()
     eventually(lambda: smartpal.controller.state.velocity[1] > 0.1, "moving again")
     execution.abort()
-    thread.join(10.0)
+    thread.join(60.0)
     assert (runner.report.result, runner.report.reason) == (ProgramResult.ABORTED, "it was aborted")
     eventually(lambda: np.hypot(*smartpal.controller.state.velocity[:2]) < 0.01, "standing")
     execution.reset(False)

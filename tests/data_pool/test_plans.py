@@ -126,5 +126,5 @@ def test_one_of_several_concurrent_writers_wins() -> None:
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(10.0)
+        thread.join(60.0)
     assert sorted(won) == list(range(plans.get("p").version))

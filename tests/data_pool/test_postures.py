@@ -77,14 +77,14 @@ def test_nobody_waits_for_another_reader(source: Source) -> None:
 
     def hang(floor: str, time_s: float) -> list[Posture]:
         asked.set()
-        answers.wait(20.0)
+        answers.wait(60.0)
         return answer(floor, time_s)
 
     source.pool._source = hang
     reader = threading.Thread(target=source.names)
     reader.start()
-    assert asked.wait(20.0)
+    assert asked.wait(60.0)
     assert source.names() == ["A", "B"]
     answers.set()
-    reader.join(20.0)
+    reader.join(60.0)
     assert not reader.is_alive()

@@ -27,7 +27,7 @@ def test_no_more_slots_are_taken_than_allowed() -> None:
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(20)
+        thread.join(60.0)
         assert not thread.is_alive()
     assert most == 3
 
@@ -37,7 +37,7 @@ def test_calls_that_hang_delay_others_no_longer_than_the_limit() -> None:
 
     def hang() -> None:
         with limiter.slot():
-            released.wait(20)
+            released.wait(60.0)
 
     hanging = [threading.Thread(target=hang) for _ in range(2)]
     for thread in hanging:
@@ -51,7 +51,7 @@ def test_calls_that_hang_delay_others_no_longer_than_the_limit() -> None:
     assert len(limiter._running) < 2
     released.set()
     for thread in hanging:
-        thread.join(20)
+        thread.join(60.0)
     with limiter.slot(), limiter.slot():  # late ones have not taken a slot
         assert len(limiter._running) == 2
 

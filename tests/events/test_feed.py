@@ -38,7 +38,7 @@ class Gateway:
         self.may_take.set()
 
     def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
-        assert self.may_take.wait(10)
+        assert self.may_take.wait(60.0)
         if self.is_dead:
             raise NotDelivered("it is dead")
         unsendable = [batch for batch in batches if self.refused.intersection(batch.payloads)]
@@ -143,7 +143,7 @@ def test_packets_grow_under_load(at: Setting) -> None:
     for _ in range(500):
         at.publish()
     at.gateway.may_take.set()
-    sender.join(10)
+    sender.join(60.0)
     eventually(lambda: len(at.gateway.payloads()) == 501, what="all events")
     assert at.gateway.payloads() == list(range(1, 502))
     assert len(at.gateway.got) == 2
@@ -372,7 +372,7 @@ def test_the_end_discards_all_that_waits_and_ends_the_thread(at: Setting) -> Non
     at.feed.deliver(claimed)
     assert at.check_account() == (3, 0, 0, 3, 0, 0)
     assert thread is not None
-    thread.join(5)
+    thread.join(60.0)
     assert not thread.is_alive()
 
 

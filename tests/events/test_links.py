@@ -156,12 +156,12 @@ def test_a_channel_that_ends_does_not_remove_itself_from_its_peers() -> None:
 
         def slow(*arguments: object) -> tuple[str, int]:
             held.set()
-            assert let_go.wait(10)
+            assert let_go.wait(60.0)
             return join(*arguments)  # type: ignore[arg-type]
 
         b.links.join = slow  # type: ignore[method-assign]
         network.link("AB")
-        assert held.wait(10)
+        assert held.wait(60.0)
         a.links.close()
         let_go.set()
         eventually(lambda: b.links.snapshots(), what="the join")
@@ -214,7 +214,7 @@ class Alone:
 
     def __exit__(self, *_: object) -> None:
         self.gateway.end()
-        self.gateway._thread.join(10)
+        self.gateway._thread.join(60.0)
         assert not self.gateway._thread.is_alive()
 
     def forward(self, position: int, *numbers: int, session: str = "s1") -> None:

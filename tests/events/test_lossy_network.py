@@ -167,7 +167,7 @@ def test_a_change_of_subscription_loses_no_event_that_both_match() -> None:
         for number in range(100):
             consumer.change("kept", f"x{number}")
         stop.set()
-        speaker.join(10)
+        speaker.join(60.0)
         eventually(lambda: len(consumer.read()) >= len(supplied), what="all events")
         assert consumer.read() == supplied
 

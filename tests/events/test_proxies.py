@@ -257,7 +257,7 @@ def test_close_ends_waiting_pulls(lab: Lab) -> None:
     thread.start()
     time.sleep(0.05)
     lab.proxies.close()
-    thread.join(5)
+    thread.join(60.0)
     assert answers == [None]
 
 

@@ -59,12 +59,12 @@ def test_in_a_flood_suppliers_continue_and_calls_grow(channel: Channel) -> None:
     def take(items: Sequence[QueueItem]) -> None:
         calls.append(sum(map(len, items)))
         is_called.set()
-        assert may_end.wait(20)
+        assert may_end.wait(60.0)
 
     consumer = Consumer(answer=take)
     proxy = push_supplier_of(channel, consumer, delivery=DeliveryPolicy(coalesce_s=0.3))
     publish(channel, 0)
-    assert is_called.wait(20)
+    assert is_called.wait(60.0)
     for number in range(1, 4):
         publish(channel, number)  # while the first one is still being delivered
     may_end.set()
@@ -97,7 +97,7 @@ def test_concurrent_suppliers_call_a_consumer_one_after_another(channel: Channel
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(20)
+        thread.join(60.0)
     eventually(lambda: is_settled(proxy))
     got = received(consumer)
     assert consumer.overlaps == 0
@@ -256,7 +256,7 @@ def test_a_blocked_supplier_loses_no_event(channel: Channel) -> None:
     assert supplier.is_alive()
     with channel.lock:
         proxy.resume()
-    supplier.join(10)
+    supplier.join(60.0)
     assert not supplier.is_alive()
     eventually(lambda: is_settled(proxy))
     assert received(consumer) == list(range(12))

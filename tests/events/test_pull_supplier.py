@@ -53,7 +53,7 @@ def test_concurrent_pulls_get_one_event_each(channel: Channel) -> None:
     time.sleep(0.05)
     publish(channel, 1, 2, 3, 4)
     for thread in threads:
-        thread.join(5)
+        thread.join(60.0)
     assert sorted(pulled) == [1, 2, 3, 4]
 
 
@@ -72,7 +72,7 @@ def test_the_end_of_a_proxy_wakes_waiting_pulls(channel: Channel) -> None:
     time.sleep(0.05)
     with channel.lock:
         proxy.end()
-    thread.join(5)
+    thread.join(60.0)
     assert woken == [ProxyGone]
 
 

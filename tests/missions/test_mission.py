@@ -494,7 +494,7 @@ def test_robots_that_cannot_step_aside_are_planned_around(crew: Crew) -> None:
 
 def test_a_robot_that_is_busy_stays(crew: Crew) -> None:
     builder = ProgramBuilder("long")
-    builder.wait(20.0)
+    builder.wait(60.0)
     crew.agents["C"].load(builder.program())
     crew.agents["C"].run()
     planner = InTheirWay(("L1", 1.6, 7.5))

@@ -52,7 +52,7 @@ class Database:
 
     def put_mission(self, mission: Mission) -> int:
         self.calls += 1
-        self.gate.wait(10.0)
+        self.gate.wait(60.0)
         if self.is_away:
             raise NotReachable("the Omni database does not answer")
         if mission.name == "invalid":

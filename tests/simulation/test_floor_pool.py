@@ -188,7 +188,7 @@ def test_an_idle_thread_ends_and_another_one_starts(monkeypatch: pytest.MonkeyPa
         meet = meeting()
         pool.step([FakeFloor("A", wait=meet), FakeFloor("B", wait=meet)])
         for thread in floor_threads() - before:
-            thread.join(20.0)
+            thread.join(60.0)
         assert floor_threads() <= before
 
 

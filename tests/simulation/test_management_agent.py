@@ -191,14 +191,12 @@ def test_a_robot_whose_lease_expires_is_logged_off(store: SimulationStore) -> No
         agent.start()
         agent.begin_leases()
         silent, alive = agent.register(robot("A")), agent.register(robot("B", x=4.0))
-        began = time.monotonic()
 
         def is_gone() -> bool:
             alive.heartbeat()
             return bool(gone)
 
         eventually(is_gone)
-        assert time.monotonic() - began < 3.0
         assert gone == [silent]
         eventually(lambda: [record.name for record in store.clients()] == ["B"])
         agent.register(robot("A"))

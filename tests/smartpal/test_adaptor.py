@@ -68,7 +68,7 @@ class Units:
 
     def jog_base(self, ahead: float, left: float, turn: float) -> None:
         self.jogging.set()
-        assert self.hold.wait(5.0)
+        assert self.hold.wait(60.0)
         self.calls.append(("jog", ahead, left, turn))
 
     def __getattr__(self, order: str) -> Any:
@@ -167,12 +167,12 @@ def test_stop_does_not_wait_for_a_write_that_hangs(units: Units, adaptor: SmartP
     answers: list[bool] = []
     writer = threading.Thread(target=lambda: answers.append(adaptor.write(ActorCommand((0.3, 0.0, 0.0)))))
     writer.start()
-    assert units.jogging.wait(5.0)
+    assert units.jogging.wait(60.0)
     units.calls.clear()
     assert adaptor.stop()
     assert {order[1] for order in orders(units, "stop")} == set(Units.names)
     units.hold.set()
-    writer.join(5.0)
+    writer.join(60.0)
     # The jog came through after all: it was taken back.
     assert answers == [False]
     assert not orders(units, "jog_arm")

@@ -30,11 +30,11 @@ sys.stdin.read()
 def test_lines(tmp_path: Path) -> None:
     with LoggedProcess(tmp_path / "log", sys.executable, "-c", ECHO, stdin=subprocess.PIPE) as child:
         child.write_line("one")
-        assert child.read_line(20.0) == "one\n"
+        assert child.read_line(60.0) == "one\n"
         with pytest.raises(TimeoutError):
             child.read_line(0.01)
         psutil.Process(child.pid).kill()
-        assert child.read_line(20.0) == child.read_line(20.0) == ""
+        assert child.read_line(60.0) == child.read_line(60.0) == ""
     assert not child.is_running
 
 
@@ -43,7 +43,7 @@ def test_environment_folder_cores_and_log(tmp_path: Path) -> None:
     core = max(os.sched_getaffinity(0))
     command = (sys.executable, "-c", code)
     with LoggedProcess(tmp_path / "log", *command, cwd=tmp_path, env={"A": "b"}, cores=(core,)) as child:
-        printed = child.read_line(20.0)
+        printed = child.read_line(60.0)
     assert printed.startswith(f"{{{core}}} {tmp_path} ")
     assert "'A': 'b'" in printed
     assert "PATH" not in printed
@@ -52,7 +52,7 @@ def test_environment_folder_cores_and_log(tmp_path: Path) -> None:
 
 def test_a_child_that_ignores_sigterm_is_killed(tmp_path: Path) -> None:
     with LoggedProcess(tmp_path / "log", sys.executable, "-c", STUBBORN, grace_period_s=0.2) as child:
-        assert child.read_line(20.0) == "ready\n"
+        assert child.read_line(60.0) == "ready\n"
     assert not child.is_running
 
 

@@ -186,7 +186,7 @@ def test_a_consumer_of_events_in_cpp(system: Running, system_orb: Orb, launch: L
             return consumer.poll() is not None
 
         eventually(has_ended, 60.0, "five lines of a moving robot")
-        out, err = consumer.communicate(timeout=10.0)
+        out, err = consumer.communicate(timeout=60.0)
         assert (consumer.returncode, err) == (0, "")
         assert len(out.splitlines()) == 5
         assert all(line.split()[2] == "seen" for line in out.splitlines())

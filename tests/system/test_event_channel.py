@@ -334,7 +334,7 @@ def test_a_supplier_is_blocked_until_there_is_room(client: Callable[[str], Event
     eventually(lambda: account(subscription).queued == 4)
     assert pushing.is_alive()
     subscription.proxy.resume()
-    pushing.join(10)
+    pushing.join(60.0)
     assert not pushing.is_alive()
     eventually(lambda: receive.payloads == list(range(10)))
     eventually(lambda: account(subscription).delivered == 10)
@@ -391,7 +391,7 @@ def test_accounts_are_exact_at_every_moment(place: Place, channel: Any, client: 
         place.balanced_states("lab")
     stop.set()
     for thread in threads:
-        thread.join(10)
+        thread.join(60.0)
     states = [state for state in place.balanced_states("lab") if state.kind == RoboCorba.PUSH_SUPPLIER]
     assert sum(state.events.discarded for state in states) > 0
     assert sum(state.events.delivered for state in states) > 0

@@ -440,7 +440,7 @@ def test_a_consumer_that_stalls_or_dies_delays_nobody_and_is_evicted_in_the_end(
     # Its failures are counted, not yet too many.
     assert lab.place.evicted("lab") == before
     assert len(lab.place.balanced_states("lab")) == count
-    eventually(lambda: lab.place.evicted("lab") == before + 1, 20, "eviction")
+    eventually(lambda: lab.place.evicted("lab") == before + 1, 60.0, "eviction")
     assert len(lab.place.balanced_states("lab")) == count - 1
     supplier.push(text("after"))
     eventually(lambda: healthy.got == ["first", *map(str, range(50)), "after"])

@@ -159,7 +159,7 @@ def test_a_foreign_channel_that_was_killed_is_joined_again(place: Place) -> None
         lab.say(f"away {round_}")
     eventually(lambda: any(link.condition != RoboCorba.UP for link in place.links("lab")), what="the end of the link")
     place.start_omnievents()
-    eventually(place.is_linked, 20, what="the link again")
+    eventually(place.is_linked, 60.0, what="the link again")
 
     def is_all_accounted_for() -> bool:
         events = place.links("lab")[1].events

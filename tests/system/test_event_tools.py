@@ -80,7 +80,7 @@ def test_events_records_and_plays_back(place: Place) -> None:
             eventually(lambda: all(state.events.queued == 0 for state in place.balanced_states("lab")))
         finally:
             recorder.send_signal(signal.SIGINT)
-            recorder.wait(10)
+            recorder.wait(60.0)
     consumer = consumer_of(place, channel)
     with (
         tape.open("rb") as file,

@@ -53,7 +53,7 @@ def test_a_consumer_behind_nat_receives_events_before_and_after_a_restart_of_the
         events.push("t", 1)
         assert json.loads(consumer.stdout.readline())["payload"] == 1
         channel.kill()
-        channel.wait(10)
+        channel.wait(60.0)
         place.start("lab", SERVER, "--bidirectional")
         eventually(lambda: is_pushed(events), 30.0, "pushed")  # connections of before may still fail
         received = json.loads(consumer.stdout.readline())  # the client finds its way back within some seconds

@@ -65,7 +65,7 @@ def is_wanted(events: Events, pattern: dict[str, str], at: str) -> bool:
 
 
 def test_stats_tell_of_all_channels(events: Events) -> None:
-    eventually(lambda: is_linked(events, "lab"), 20, "the link")
+    eventually(lambda: is_linked(events, "lab"), 60.0, "the link")
     rows = [line.split("\t") for line in done(events("stats")).splitlines()]
     assert {row[0] for row in rows} == {"lab", "hall"}
     assert ["link", "from hall", "up"] in [row[1:4] for row in rows if row[0] == "lab"]
@@ -74,7 +74,7 @@ def test_stats_tell_of_all_channels(events: Events) -> None:
 
 def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> None:
     listener = events("tail", "hall", "--type", "robot.*", "--source", "A", "--count", "2")
-    eventually(lambda: is_wanted(events, {"type": "robot.*", "source": "A"}, "lab"), 20, "the interest of hall")
+    eventually(lambda: is_wanted(events, {"type": "robot.*", "source": "A"}, "lab"), 60.0, "the interest of hall")
     (proxy,) = consumers(events, "hall")
     assert proxy["condition"] == "CONNECTED" and proxy["client"]
 
@@ -96,7 +96,7 @@ def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> No
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_tail_ends_by_a_signal_and_leaves_nothing(events: Events, number: signal.Signals) -> None:
     listener = events("tail", "lab", "--json")
-    eventually(lambda: len(consumers(events, "lab")) == 1, 20, "the consumer")
+    eventually(lambda: len(consumers(events, "lab")) == 1, 60.0, "the consumer")
     done(events("push", "lab", "x", "[1, 2]"))
     assert listener.stdout is not None
     said = json.loads(listener.stdout.readline())
@@ -108,11 +108,11 @@ def test_tail_ends_by_a_signal_and_leaves_nothing(events: Events, number: signal
 
 def test_tail_that_nobody_reads_any_more_ends(events: Events) -> None:
     listener = events("tail", "lab")
-    eventually(lambda: len(consumers(events, "lab")) == 1, 20, "the consumer")
+    eventually(lambda: len(consumers(events, "lab")) == 1, 60.0, "the consumer")
     assert listener.stdout is not None
     listener.stdout.close()
     done(events("push", "lab", "x", "1"))
-    listener.wait(20)
+    listener.wait(60.0)
     assert listener.stderr is not None and listener.stderr.read() == ""
     assert consumers(events, "lab") == []
 
@@ -120,12 +120,12 @@ def test_tail_that_nobody_reads_any_more_ends(events: Events) -> None:
 def test_links_end_and_begin(events: Events) -> None:
     done(events("peer", "remove", "lab", "hall"))
     assert state(events, "lab")["links"] == []
-    eventually(lambda: state(events, "hall")["links"] == [], 20, "the end of the link at hall")
+    eventually(lambda: state(events, "hall")["links"] == [], 60.0, "the end of the link at hall")
     done(events("peer", "add", "hall", "lab"))
     # lab has removed hall, and takes it back only when it is told so itself.
-    eventually(lambda: "removed" in state(events, "hall")["links"][0]["problem"], 20, "the refusal")
+    eventually(lambda: "removed" in state(events, "hall")["links"][0]["problem"], 60.0, "the refusal")
     done(events("peer", "add", "lab", "hall"))
-    eventually(lambda: is_linked(events, "lab") and is_linked(events, "hall"), 20, "the link again")
+    eventually(lambda: is_linked(events, "lab") and is_linked(events, "hall"), 60.0, "the link again")
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_the_example_clients(launch: Launch, federation: Running, events: Events
     consumer = launch(*program, "consume", "hall", *more, **environment)
     assert consumer.stdout is not None
     assert consumer.stdout.readline() == "waiting\n"
-    eventually(lambda: is_wanted(events, interest, "lab"), 20, "the interest of hall")
+    eventually(lambda: is_wanted(events, interest, "lab"), 60.0, "the interest of hall")
     done(launch(*program, "publish", "lab", *more, **environment))
     lines = done(consumer).splitlines()
     assert len(lines) == 3

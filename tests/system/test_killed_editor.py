@@ -100,7 +100,7 @@ def test_accepted_edits_and_references_survive(
                 os.kill(pid, signal.SIGKILL)
                 killed = time.monotonic()
             # The same Python objects as from the beginning.
-            eventually(lambda: answers(planner), 20.0, "the old references work")
+            eventually(lambda: answers(planner), 60.0, "the old references work")
             assert editor._get_currentVersion() == planner._get_mapVersion()
             back_s.append(time.monotonic() - killed)
             check(editor, editors, before)

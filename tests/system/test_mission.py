@@ -24,7 +24,7 @@ from robocorba.testing.missions import (
 )
 from robocorba.testing.processes import eventually
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 #: Largest distance of what was carried from its goal [m].
 NEAR_M = 0.05

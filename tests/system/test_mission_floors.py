@@ -33,7 +33,7 @@ from robocorba.testing.processes import ROBOCORBA, Launcher, drain, eventually, 
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
-PATIENCE_S = 170.0
+PATIENCE_S = 250.0
 START, GOAL = Pose("L1", 5.4, 3.5, -0.785), Pose("L2", 6.4, 3.5, -0.785)
 #: The box at its goal, m and rad; its grips from the hands, m; how far from start and goal it is certainly carried, m.
 NEAR_M, NEAR_RAD, SLIPPED_M, AWAY_M = 0.05, math.radians(3.0), 0.02, 0.1

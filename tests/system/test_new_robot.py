@@ -52,7 +52,7 @@ def test_it_drives_until_something_is_near(system: Running, launch: Launcher, sy
 
     uri = corbaname(system.naming, "RoboCorba/SimulationServer")
     process = launch(*module_command("robocorba.clients.new_robot"), uri, PYTHONPATH=str(ROOT))
-    eventually(lambda: robots().get("new", 0.0) > X + 1.0, 20.0, "it drives")
+    eventually(lambda: robots().get("new", 0.0) > X + 1.0, 60.0, "it drives")
     out, err = process.communicate(timeout=60.0)
     assert (process.returncode, err) == (0, "")
     found = re.fullmatch(r"something is near .*RoboCorba\.Pose\(floor='L1', x=(.*), y=(.*), heading=(.*)\)\n", out)

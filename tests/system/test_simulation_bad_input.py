@@ -37,7 +37,9 @@ GROWTH_MIB = 200
 #: The fixtures are of the module, so they are the same for all examples of a test.
 MANY = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 #: Robots that want to log on, far more than may.
-CROWD, CROWD_LIMIT_S = 10_000, 15.0
+CROWD = 10_000
+#: Time limit of each of their calls [s]; its usual time is measured in bench/.
+ANSWER_S = 20.0
 #: No text of an answer is longer, whatever was asked.
 MAX_TEXT = 1000
 SERVERS = ("simulation", "sensor_s1")
@@ -89,10 +91,10 @@ def all_is_well(place: Place) -> Iterator[None]:
     assert (began.pace, began.paused, began.limit) == (1.0, False, 300)
     robot = place.log_on("well", 2.0, 12.0)
     robot.command(RoboCorba.Velocity(1.0, 0.0, 0.0), 0.2)
-    eventually(lambda: robot.state().at.x > 2.01, 3.0, "a robot drives")
-    eventually(lambda: place.server._get_state().time > began.time, 3.0, "time passes")
+    eventually(lambda: robot.state().at.x > 2.01, 30.0, "a robot drives")
+    eventually(lambda: place.server._get_state().time > began.time, 30.0, "time passes")
     sensor = robot._get_sensor()
-    eventually(lambda: 4.0 < sensor.scan(robot.state().at, NO_MOUNT, CROSS).distances[0] < 7.0, 3.0, "it sees a wall")
+    eventually(lambda: 4.0 < sensor.scan(robot.state().at, NO_MOUNT, CROSS).distances[0] < 7.0, 30.0, "it sees a wall")
     place.let_go()
 
 
@@ -290,7 +292,6 @@ def test_a_crowd_that_wants_to_log_on_is_turned_away(place: Place) -> None:
                 refused.append(full)
             took.append(time.monotonic() - began)
 
-    began = time.monotonic()
     threads = [threading.Thread(target=want, args=(first,)) for first in range(4)]
     for thread in threads:
         thread.start()
@@ -298,14 +299,10 @@ def test_a_crowd_that_wants_to_log_on_is_turned_away(place: Place) -> None:
     while any(thread.is_alive() for thread in threads):
         most = max(most, place.server._get_state().robots)
         time.sleep(0.05)
-    took_s = time.monotonic() - began
-    print(
-        f"\n{len(refused)} of {len(took)} were turned away in {took_s:.1f} s; the slowest call took {max(took):.2f} s"
-    )
     assert len(took) == CROWD
     assert most == limit and len(refused) <= CROWD - limit
     assert all(one.limit == one.now == limit and one.retryAfter <= 2.0 for one in refused)
-    assert took_s < CROWD_LIMIT_S and max(took) < 2.0
+    assert max(took) < ANSWER_S
     place.let_go()
     assert place.server._get_state().robots == 0
 
@@ -572,4 +569,4 @@ def test_time_goes_on_after_any_pace(place: Place) -> None:
         assert place.server._get_state().pace == pace
         place.administrator.setPace(1.0)
         began = place.server._get_state().time
-        eventually(lambda: place.server._get_state().time > began, 2.0, f"time passes after a pace of {pace}")  # noqa: B023
+        eventually(lambda: place.server._get_state().time > began, 30.0, f"time passes after a pace of {pace}")  # noqa: B023

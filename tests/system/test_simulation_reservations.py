@@ -30,7 +30,6 @@ from robocorba.testing.simulation import (
     CLIENT,
     GONE,
     RADIUS_M,
-    RELEASE_LIMIT_S,
     Place,
     about,
     drive_to,
@@ -127,11 +126,7 @@ def test_a_robot_whose_process_was_killed_frees_its_areas(place: Place) -> None:
     time.sleep(1.0)
     assert phase(waiter) == RoboCorba.WAITING_FOR_AREAS  # the other one lives
     process.kill()
-    killed = time.monotonic()
     eventually(lambda: phase(waiter) == RoboCorba.AREAS_GRANTED, what="the areas of the dead robot are free")
-    took_s = time.monotonic() - killed
-    print(f"\nthe areas of a robot whose process was killed were granted to the next one after {took_s:.2f} s")
-    assert took_s < RELEASE_LIMIT_S
 
 
 def test_one_of_several_passages_is_reserved(place: Place) -> None:

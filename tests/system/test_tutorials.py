@@ -11,7 +11,7 @@ from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.namespaces import Namespace
 from tests.system.tutorial import follow
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 TUTORIALS = Path(__file__).resolve().parents[2] / "docs" / "tutorials"
 #: Those on one machine.

@@ -56,7 +56,7 @@ def test_a_signal_stops_everything(echo_up: Start, number: signal.Signals) -> No
 def test_kill_9_of_the_supervisor_ends_its_children(echo_up: Start) -> None:
     running = echo_up().wait_ready()
     running.stop(signal.SIGKILL)
-    eventually(lambda: not running.left_behind(), 2.0, "all children ended")
+    eventually(lambda: not running.left_behind(), 30.0, "all children ended")
     assert len(running.descendants) == 3  # with the warm parent
     again = echo_up().wait_ready()  # same folder, same ports
     assert again.stop() == 0
@@ -75,7 +75,7 @@ def test_what_a_server_started_ends_with_it(echo_up: Start) -> None:
     assert len(running.descendants) == 4
     first, orphans = running.pid("echo"), psutil.Process(running.pid("echo")).children()
     os.kill(first, signal.SIGKILL)
-    eventually(lambda: not any(map(is_running, orphans)), 3.0, "the killed server's child ended")
+    eventually(lambda: not any(map(is_running, orphans)), 30.0, "the killed server's child ended")
     eventually(lambda: running.pid("echo") not in (0, first), what="started again")
     running.note_descendants()
     assert running.stop() == 0
@@ -96,7 +96,7 @@ def test_a_reference_survives_kill_9_of_its_server(echo_up: Start, client: Orb) 
     for restarts in (1, 2, 3):
         before = planner._get_mapVersion()
         os.kill(before, signal.SIGKILL)
-        eventually(lambda: answers(planner) not in (0, before), 3.0, "answers again")  # noqa: B023
+        eventually(lambda: answers(planner) not in (0, before), 30.0, "answers again")  # noqa: B023
         eventually(lambda: running.record().processes[1].state == "running", what="seen as running")
         assert running.record().processes[1].restarts == restarts
     assert running.stop() == 0
@@ -194,7 +194,7 @@ def test_a_server_that_never_serves_is_named(echo_up: Start) -> None:
 
 def status(launch: Launch, running: Running, *options: str) -> tuple[int, str]:
     process = launch(sys.executable, "-c", STATUS, "--state", str(running.state), *options)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=60)
     assert err == ""
     return process.returncode, out
 
@@ -249,7 +249,7 @@ def test_the_real_servers(robocorba_up: Start, launch: Launch, client: Orb) -> N
     running = robocorba_up().wait_ready()
     assert client.resolve("MapEditor", RoboCorba.MapEditor)._get_currentVersion() >= 0
     planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
-    assert launch(ROBOCORBA, "status", "--state", str(running.state)).wait(20) == 0
+    assert launch(ROBOCORBA, "status", "--state", str(running.state)).wait(60.0) == 0
     os.kill(running.pid("map_editor"), signal.SIGKILL)
     eventually(lambda: answers(planner) > 0, 60.0, "answers again")
     assert running.stop() == 0

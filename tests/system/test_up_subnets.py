@@ -53,7 +53,7 @@ def test_the_channels_are_a_federation(robocorba_up: Start, launch: Launcher, cl
         assert channel(client, name)._get_name() == name
     assert client.names(CHANNELS) == names
     assert client.names("nothing/like/it") == []
-    eventually(lambda: are_linked(client, names), 20, "all links")
+    eventually(lambda: are_linked(client, names), 60.0, "all links")
 
     status = launch(ROBOCORBA, "status", "--state", str(running.state), "--json")
     out, err = status.communicate(timeout=30)
@@ -71,7 +71,7 @@ def test_the_channels_are_a_federation(robocorba_up: Start, launch: Launcher, cl
 
 def test_a_killed_channel_comes_back_with_its_links_and_clients(robocorba_up: Start, client: Orb) -> None:
     running = robocorba_up("--subnets", "lab,hall").wait_ready()
-    eventually(lambda: are_linked(client, ["lab", "hall"]), 20, "the link")
+    eventually(lambda: are_linked(client, ["lab", "hall"]), 60.0, "the link")
     got: list[int] = []
     with EventClient(client, "hall") as listener, EventClient(client, "lab", "A") as speaker:
         everything = listener.subscribe(lambda event: got.append(event.payload))
@@ -95,7 +95,7 @@ def test_subnets_go_and_come_back(robocorba_up: Start, client: Orb) -> None:
         return robocorba_up("--subnets", subnets).wait_ready()
 
     running = up("lab,hall,yard")
-    eventually(lambda: are_linked(client, ["lab", "hall", "yard"]), 20, "all links")
+    eventually(lambda: are_linked(client, ["lab", "hall", "yard"]), 60.0, "all links")
     endpoints = {process.name: process.endpoint for process in running.record().processes}
     channel(client, "lab").addPeer(RoboCorba.PeerAddress("elsewhere", "127.0.0.1:9", False))
     assert running.stop() == 0
@@ -115,7 +115,7 @@ def test_subnets_go_and_come_back(robocorba_up: Start, client: Orb) -> None:
 
     # hall last ran with yard, and must not look for it now.
     running = up("hall,lab,roof")
-    eventually(lambda: are_linked(client, ["hall", "lab", "roof"]), 20, "the links of those that are here now")
+    eventually(lambda: are_linked(client, ["hall", "lab", "roof"]), 60.0, "the links of those that are here now")
     hall = next(process for process in running.record().processes if process.name == "events_hall")
     assert hall.endpoint == endpoints["events_hall"]
     kept = {process.name: process.endpoint for process in running.record().processes if process.name in endpoints}
@@ -135,7 +135,7 @@ def test_a_long_list_of_names_comes_whole(echo_up: Start, client: Orb) -> None:
     echo_up().wait_ready()
     names = [f"n{number:04}" for number in range(1200)]
     client.serve({f"many/{name}": RoboCorba__POA.PathPlanner() for name in names})
-    eventually(lambda: len(client.names("many")) == len(names), 20, "all names bound")
+    eventually(lambda: len(client.names("many")) == len(names), 60.0, "all names bound")
     assert client.names("many") == names
 
 

@@ -124,7 +124,7 @@ def test_the_same_program_ends_at_the_same_place(virtual: Run, actual: StandIn, 
         # The sensor stopped both before the wall, not the end of their way.
         assert 15.5 < ran.state.at.x < 15.9
         # Its body in the building has gone with it.
-        eventually(lambda: math.dist((body_at(orb).x, body_at(orb).y), ran.state.at[1:3]) < 0.005, 3.0, "the body")
+        eventually(lambda: math.dist((body_at(orb).x, body_at(orb).y), ran.state.at[1:3]) < 0.005, 30.0, "the body")
         robot.robocorba("switch", NAME, "simulated")
         assert robot.agent.state().at[1:] == pytest.approx(ran.state.at[1:], abs=0.005)
     check_ticks(virtual, "simulated")

@@ -22,7 +22,7 @@ Start = Callable[..., int]
 #: Size of the payload of every event.
 PAYLOAD_BYTES = 100
 #: Timeout for a broker to listen, and for a client to connect [s].
-START_LIMIT_S = 20.0
+START_LIMIT_S = 60.0
 #: Debian installs servers in folders that are not in the PATH of ordinary users.
 _SERVER_FOLDERS = "/usr/sbin:/usr/local/sbin"
 _claims = contextlib.ExitStack()
