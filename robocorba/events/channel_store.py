@@ -20,8 +20,11 @@ from robocorba.record_file import RecordFile
 #: "RoCe", the application id in the header of the SQLite file.
 APPLICATION_ID = 0x526F4365
 SCHEMA_VERSION = 1
-#: Proxy ids begin with the creation time of the file [s], shifted left by this many bits.
+#: The first proxy id is the creation time of the file, in 2**-ID_BITS s; the others count on from there.
 ID_BITS = 10
+#: Least time between the starts of two processes by their event numbers, also if the clock was set back [s]: room for
+#: 1e9 events.
+APART_S = 0.25
 
 _TABLES = ("CREATE TABLE starts (second INTEGER NOT NULL)", "CREATE TABLE ids (next INTEGER NOT NULL)")
 
@@ -57,7 +60,7 @@ class ChannelStore(RecordFile):
 
     def __init__(self, file: Path) -> None:
         # If an older file was lost, its ids must not be reused: clients still hold them.
-        first_id = start_second(time.time()) << ID_BITS
+        first_id = int(start_second(time.time()) * (1 << ID_BITS))
         super().__init__(file, APPLICATION_ID, SCHEMA_VERSION, (*_TABLES, f"INSERT INTO ids VALUES ({first_id})"))
         with self._writing():  # nor those given after the file was copied, if it was restored since
             self._db.execute("UPDATE ids SET next = max(next, ?)", (first_id,))
@@ -66,7 +69,7 @@ class ChannelStore(RecordFile):
         """The number of the first event after this start: higher than all earlier ones, even if this file was lost."""
         with self._writing():
             last = self._db.execute("SELECT max(second) FROM starts").fetchone()[0]
-            second = max(start_second(time.time()), (last or 0) + 1)
+            second = max(start_second(time.time()), (last or 0.0) + APART_S)
             self._db.execute("DELETE FROM starts")
             self._db.execute("INSERT INTO starts VALUES (?)", (second,))
         return first_number_of(second)

@@ -1,10 +1,12 @@
-"""Event numbers: the upper bits are the start time of the channel's process, the lower bits count its events."""
+"""Event numbers: the first one of a channel's process is its start time, in 2**-COUNT_BITS s; the others count on from
+there. No channel says so many events a second that a later process, which has lost all files, could give a number
+again."""
 
 from __future__ import annotations
 
-#: 2020-01-01 [s since 1970]. The upper bits are the start time of the process since then [s].
+#: 2020-01-01 [s since 1970], from which times are counted.
 FIRST_SECOND = 1_577_836_800
-#: The lower bits, which count the events of a process.
+#: The bits below the seconds.
 COUNT_BITS = 32
 #: How far the clock of another machine may be ahead [s].
 MAX_CLOCK_LEAD_S = 600
@@ -12,18 +14,18 @@ MAX_CLOCK_LEAD_S = 600
 MAX_CLOCK_ERROR_S = 10 * 365 * 86400
 
 
-def start_second(now_s: float) -> int:
-    """The upper bits for a process that starts at `now_s` [s since 1970]."""
-    return int(now_s) - FIRST_SECOND
+def start_second(now_s: float) -> float:
+    """The start time of a process that starts at `now_s` [s since 1970], since FIRST_SECOND [s]."""
+    return now_s - FIRST_SECOND
 
 
-def first_number_of(second: int) -> int:
-    """The number of the first event of a process that started in `second`."""
-    return (second << COUNT_BITS) + 1
+def first_number_of(second: float) -> int:
+    """The number of the first event of a process that started at `second`, to the microsecond."""
+    return int(second * (1 << COUNT_BITS)) + 1
 
 
 def start_of(number: int) -> int:
-    """When the process of the channel started that gave this number [s since 1970]."""
+    """When the process of the channel started that gave this number, or before [s since 1970]."""
     return (number >> COUNT_BITS) + FIRST_SECOND
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Iterator
@@ -328,6 +329,29 @@ def test_a_cleared_store_keeps_only_its_numbers(tmp_path: Path) -> None:
     with ChannelStore(tmp_path / "s") as store:
         assert store.first_number() > first
         assert store.next_id() > id
+
+
+def test_a_lost_store_repeats_no_numbers(tmp_path: Path) -> None:
+    """However soon after the start of the process before: peers would take its events for those that they have had."""
+    numbers, ids = [], []
+    for _ in range(20):
+        with ChannelStore(tmp_path / "s") as store:
+            numbers.append(store.first_number())
+            ids.append(store.next_id())
+        for file in tmp_path.iterdir():
+            file.unlink()
+        time.sleep(0.002)
+    for values in (numbers, ids):
+        assert all(after > before for before, after in itertools.pairwise(values))
+
+
+def test_numbers_rise_although_the_clock_was_set_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    numbers = []
+    for now_s in (2e9, 1.9e9, 2e9 - 0.01, 2e9 + 0.5, 2e9 + 10.0):
+        monkeypatch.setattr(time, "time", lambda now_s=now_s: now_s)
+        with ChannelStore(tmp_path / "s") as store:
+            numbers.append(store.first_number())
+    assert all(after - before > 1e9 for before, after in itertools.pairwise(numbers))
 
 
 def test_threads_do_not_disturb_each_other(tmp_path: Path) -> None:
