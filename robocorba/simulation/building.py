@@ -27,7 +27,7 @@ from robocorba.errors.simulation import (
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building, Elevator, MapObject
 from robocorba.maps.movable import fixed_obstacles, landing_doors, movables, object_outline
-from robocorba.simulation.elevator import Cabin, RidePhase, RideStatus
+from robocorba.simulation.elevator import Cabin, Doorway, RidePhase, RideStatus
 from robocorba.simulation.elevator_wait import longest_wait_s
 from robocorba.simulation.floor_pool import FloorPool
 from robocorba.simulation.physics import STEP_S, FloorPhysics
@@ -237,8 +237,7 @@ class SimulatedBuilding:
         for name, elevator in building.elevators.items():
             heights = {floor: building.floors[floor].floor.elevation for floor in elevator.floors()}
             if name not in self.cabins or self.cabins[name].heights != heights:
-                is_blocked = partial(self._is_doorway_blocked, name)
-                self._add_cabin(name, Cabin(elevator, heights, self.time, is_blocked))
+                self._add_cabin(name, Cabin(elevator, heights, self.time, partial(self._doorway, name)))
         self.refresh()
         return removed
 
@@ -551,10 +550,13 @@ class SimulatedBuilding:
             if held_body in poses:
                 after.grip(body, held_body, at, MAX_GRIP_FORCE_N, PAYLOAD_KG)
 
-    def _is_doorway_blocked(self, elevator: str) -> bool:
-        """Whether a body is between the open doors of an elevator."""
+    def _doorway(self, elevator: str) -> Doorway:
+        """What is between the open doors of an elevator."""
         floor = self.cabins[elevator].floor
-        return self.floors[floor].is_crossed(self._landings[elevator, floor])
+        physics, landing = self.floors[floor], self._landings[elevator, floor]
+        if physics.is_obstructed(landing):
+            return Doorway.OBSTRUCTED
+        return Doorway.IN_USE if physics.is_crossed(landing) else Doorway.FREE
 
     def _close_landing(self, elevator: str, floor: str) -> None:
         self.floors[floor].close_door(f"landing/{elevator}", self._landings[elevator, floor])

@@ -3,7 +3,8 @@
 The cabin serves the oldest call, then the next one. En route it also stops for rides in the same direction that still
 fit in. A robot that does not board or alight in time loses its session, and the doors close. So every wait is bounded,
 unless something is between the doors: they never close on it. Those who wait on that floor board meanwhile, also if
-others have called before, since one of them may carry it away.
+others have called before. While an object obstructs the doors only parties do: they may carry it away, and a lone robot
+in the cabin would keep them out.
 
 Robots that ride together call as a party, and ride without others. All members board at the turn of its first call;
 `queue` and `ahead` count single calls. The other members may call while the doors are open for the party; the doors
@@ -13,7 +14,7 @@ stay open until all are inside or the limit expires.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container
+from collections.abc import Callable, Collection, Container
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -52,6 +53,14 @@ class RidePhase(Enum):
 _INSIDE = (RidePhase.RIDING, RidePhase.ALIGHTING)
 
 
+class Doorway(Enum):
+    """What is between open doors: nothing, a robot or what robots hold, or an object that nobody holds."""
+
+    FREE = 0
+    IN_USE = 1
+    OBSTRUCTED = 2
+
+
 @dataclass(eq=False)
 class RideSession:
     """Session of one robot, from call to alighting.
@@ -88,17 +97,17 @@ class RideStatus(NamedTuple):
 
 class Cabin:
     """Simulated cabin; it starts at the lowest floor with closed doors. heights: of the served floors [m].
-    is_doorway_blocked: whether something is between the open doors; asked when they are about to close."""
+    doorway: what is between the open doors."""
 
     def __init__(
         self,
         elevator: Elevator,
         heights: dict[str, float],
         now: float = 0.0,
-        is_doorway_blocked: Callable[[], bool] = lambda: False,
+        doorway: Callable[[], Doorway] = lambda: Doorway.FREE,
     ) -> None:
         self.elevator, self.heights = elevator, heights
-        self._is_doorway_blocked = is_doorway_blocked
+        self._doorway = doorway
         self.now = now
         self.doors = Doors.CLOSED
         self.floor = min(heights, key=lambda name: heights[name])
@@ -307,7 +316,7 @@ class Cabin:
                     direction = "in" if session.phase is RidePhase.BOARDING else "out"
                     self.cancel(session.robot, f"did not drive {direction} within {session.limit_s:g} s")
             if not self._start_alighting_and_boarding():
-                if self._is_doorway_blocked():
+                if self._doorway() is not Doorway.FREE:
                     self._stay_open()
                     return False
                 self._set_doors(Doors.CLOSING)
@@ -327,7 +336,7 @@ class Cabin:
         self.doors, self._since, self._blocked_since = doors, self.now, math.inf
 
     def _stay_open(self) -> None:
-        """Something keeps the doors from closing: after BLOCKED_S robots on this floor may board as at an arrival."""
+        """Something keeps the doors from closing: after BLOCKED_S those on this floor may board, as at an arrival."""
         self._blocked_since = min(self._blocked_since, self.now)
         if self.now >= self._blocked_since + BLOCKED_S:
             self._set_doors(Doors.OPEN)
@@ -355,13 +364,15 @@ class Cabin:
         return has_to_stay_open
 
     def _next_to_board(self, is_held_open: bool) -> list[RideSession]:
-        """Sessions that wait on this floor, suit the cabin's trip and fit in, oldest call first."""
+        """Sessions that wait on this floor, suit the cabin's trip and fit in, oldest call first; only those of parties
+        while an object obstructs the doors."""
+        waiting = [s for s in self.sessions.values() if s.phase is RidePhase.WAITING and s.origin == self.floor]
+        if waiting and self._doorway() is Doorway.OBSTRUCTED:
+            waiting = [session for session in waiting if session.party]
         riders = self._riders_after_stop()
-        leading = self._leading(is_held_open)
+        leading = self._leading(waiting if is_held_open else self.sessions.values())
         chosen: list[RideSession] = []
-        for session in self.sessions.values():
-            if session.phase is not RidePhase.WAITING or session.origin != self.floor:
-                continue
+        for session in waiting:
             suits_trip = leading is None or session is leading or self._lies_within(session, leading)
             if suits_trip and self._has_room(session, riders):
                 riders.append(session)
@@ -401,12 +412,10 @@ class Cabin:
         """Whether the doors stay open for members of a party that are still outside."""
         return self._is_party_in_time() and any(map(self._waits_for_party_members, self.sessions.values()))
 
-    def _leading(self, is_held_open: bool = False) -> RideSession | None:
-        """The session that determines the next stop: the oldest call of robots at the cabin, else of those waiting, on
-        this floor if the doors cannot close."""
+    def _leading(self, calls: Collection[RideSession]) -> RideSession | None:
+        """The session that determines the next stop: the oldest call of robots at the cabin, else of `calls`."""
         at_cabin = [s for s in self.sessions.values() if s.phase is not RidePhase.WAITING]
-        waiting = [s for s in self.sessions.values() if not is_held_open or s.origin == self.floor]
-        return min(at_cabin or waiting, key=lambda s: s.called_at, default=None)
+        return min(at_cabin or calls, key=lambda s: s.called_at, default=None)
 
     def _lies_within(self, session: RideSession, leading: RideSession) -> bool:
         """Whether a ride from this floor lies within the rest of the leading one, in its direction."""
@@ -418,7 +427,7 @@ class Cabin:
 
     def _next_stop(self) -> str | None:
         """Next floor to stop at; the current floor if a robot boards here; None without sessions."""
-        leading = self._leading()
+        leading = self._leading(self.sessions.values())
         if leading is None:
             return None
         goal = leading.origin if leading.phase is RidePhase.WAITING else leading.destination

@@ -165,12 +165,17 @@ class FloorPhysics:
     def is_crossed(self, line: BaseGeometry) -> bool:
         """Whether a body lies across a line, such as that of an open door, or a robot reaches across it for what it
         holds."""
-        found = (
-            info.shape
-            for segment in self._segments(np.array([line], object))
-            for info in self._space.shape_query(segment)
-        )
-        return any(map(self._owner_of, found)) or any(line.intersects(grip.arm) for grip in self._grips.values())
+        return bool(self._across(line)) or any(line.intersects(grip.arm) for grip in self._grips.values())
+
+    def is_obstructed(self, line: BaseGeometry) -> bool:
+        """Whether an object that no robot holds lies across a line."""
+        return not self._across(line) <= self._robots.keys() | {grip.held for grip in self._grips.values()}
+
+    def _across(self, line: BaseGeometry) -> set[str]:
+        """Names of the bodies across a line."""
+        segments = self._segments(np.array([line], object))
+        found = {self._owner_of(info.shape) for segment in segments for info in self._space.shape_query(segment)}
+        return found - {""}
 
     def _segments(self, lines: NDArray[np.object_]) -> list[pymunk.Shape]:
         """Static segments along lines."""

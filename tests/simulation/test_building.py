@@ -262,6 +262,18 @@ def test_doors_with_something_between_them_on_the_map_begin_open() -> None:
     assert world.pose("A").y == pytest.approx(3.6, abs=0.02)  # closed on the other floor
 
 
+def test_a_lone_robot_does_not_board_past_an_object_between_the_doors() -> None:
+    world = with_a_box((5.0, 4.0))
+    enter(world, "A", "L2", 2.0, 2.0)
+    enter(world, "B", "L2", 5.0, 3.2)
+    world.call_elevator("A", "E1", "L1")
+    run(world, 15.0)
+    assert world.rides["A"].phase is RidePhase.WAITING
+    world.grip("B", "box", (5.0, 3.8))  # it will not stay there
+    run(world, 15.0)
+    assert world.rides["A"].phase is RidePhase.BOARDING
+
+
 def test_a_restart_leaves_doors_open_that_are_recorded_as_open_only() -> None:
     """What was between them on the map may have been carried away."""
     world = with_a_box((5.0, 4.0))

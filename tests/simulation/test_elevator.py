@@ -18,6 +18,7 @@ from robocorba.simulation.elevator import (
     MAX_SESSIONS,
     OPEN_LIMIT_S,
     Cabin,
+    Doorway,
     RidePhase,
     fits,
 )
@@ -307,12 +308,12 @@ def test_invalid_calls_of_a_party_name_the_field() -> None:
 # ---- something between the doors ----
 
 
-class Doorway:
-    """A lift that has opened on L1 for X, which does not board, while something stands between its doors."""
+class BlockedLift:
+    """A lift that has opened on L1 for X, which does not board, and stands between its doors."""
 
     def __init__(self) -> None:
-        self.is_blocked = True
-        self.lift = Cabin(LIFT, dict(HEIGHTS), is_doorway_blocked=lambda: self.is_blocked)
+        self.has = Doorway.IN_USE
+        self.lift = Cabin(LIFT, dict(HEIGHTS), doorway=lambda: self.has)
         self.lift.call("X", "L1", "L2", 0.4)
         until(self.lift, "X", RidePhase.BOARDING)
         self.lift.cancel("X")
@@ -326,43 +327,65 @@ class Doorway:
 
 def test_what_keeps_the_doors_open_can_be_carried_away() -> None:
     """A party boards, although Y has called before and the doors have been open for longer than OPEN_LIMIT_S."""
-    doorway = Doorway()
-    pass_time(doorway.lift, 2 * OPEN_LIMIT_S)
-    doorway.others_call()
-    assert until(doorway.lift, "A", RidePhase.BOARDING) < BLOCKED_S + 2 * STEP_S
-    assert phases(doorway.lift, "YAB") == [RidePhase.WAITING, RidePhase.BOARDING, RidePhase.BOARDING]
+    blocked = BlockedLift()
+    pass_time(blocked.lift, 2 * OPEN_LIMIT_S)
+    blocked.others_call()
+    assert until(blocked.lift, "A", RidePhase.BOARDING) < BLOCKED_S + 2 * STEP_S
+    assert phases(blocked.lift, "YAB") == [RidePhase.WAITING, RidePhase.BOARDING, RidePhase.BOARDING]
     for name in "AB":
-        doorway.lift.enter(name)
-    doorway.is_blocked = False
-    until(doorway.lift, "B", RidePhase.ALIGHTING)
+        blocked.lift.enter(name)
+    blocked.has = Doorway.FREE
+    until(blocked.lift, "B", RidePhase.ALIGHTING)
     for name in "AB":
-        doorway.lift.leave(name)
-    until(doorway.lift, "Y", RidePhase.BOARDING)
+        blocked.lift.leave(name)
+    until(blocked.lift, "Y", RidePhase.BOARDING)
 
 
 def test_what_just_passes_the_doors_lets_nobody_board_out_of_turn() -> None:
     """Neither at first nor after others have boarded."""
-    doorway = Doorway()
-    doorway.others_call()
-    pass_time(doorway.lift, BLOCKED_S - 1.0)
-    doorway.lift.call("Z", "L1", "L5", 0.4)
-    doorway.is_blocked = False
-    until(doorway.lift, "Y", RidePhase.BOARDING)
-    assert phases(doorway.lift, "ABZ") == [RidePhase.WAITING] * 3
+    blocked = BlockedLift()
+    blocked.others_call()
+    pass_time(blocked.lift, BLOCKED_S - 1.0)
+    blocked.lift.call("Z", "L1", "L5", 0.4)
+    blocked.has = Doorway.FREE
+    until(blocked.lift, "Y", RidePhase.BOARDING)
+    assert phases(blocked.lift, "ABZ") == [RidePhase.WAITING] * 3
 
 
 def test_time_in_which_robots_board_is_none_in_which_doors_are_blocked() -> None:
-    doorway = Doorway()
-    pass_time(doorway.lift, BLOCKED_S - 1.0)
-    doorway.lift.call("Z", "L1", "L2", 0.4)
-    until(doorway.lift, "Z", RidePhase.BOARDING)
-    doorway.others_call()
-    pass_time(doorway.lift, 5.0)
-    doorway.lift.cancel("Z")  # and stays between the doors
-    pass_time(doorway.lift, BLOCKED_S - 1.0)
-    assert phases(doorway.lift, "YAB") == [RidePhase.WAITING] * 3
-    pass_time(doorway.lift, 2.0)
-    assert phases(doorway.lift, "YAB") == [RidePhase.WAITING, RidePhase.BOARDING, RidePhase.BOARDING]
+    blocked = BlockedLift()
+    pass_time(blocked.lift, BLOCKED_S - 1.0)
+    blocked.lift.call("Z", "L1", "L2", 0.4)
+    until(blocked.lift, "Z", RidePhase.BOARDING)
+    blocked.others_call()
+    pass_time(blocked.lift, 5.0)
+    blocked.lift.cancel("Z")  # and stays between the doors
+    pass_time(blocked.lift, BLOCKED_S - 1.0)
+    assert phases(blocked.lift, "YAB") == [RidePhase.WAITING] * 3
+    pass_time(blocked.lift, 2.0)
+    assert phases(blocked.lift, "YAB") == [RidePhase.WAITING, RidePhase.BOARDING, RidePhase.BOARDING]
+
+
+def test_lone_robots_keep_nobody_from_carrying_away_what_obstructs_the_doors() -> None:
+    """They would not leave the cabin, since it can't travel, and a party boards no cabin with others."""
+    blocked = BlockedLift()
+    blocked.has = Doorway.OBSTRUCTED
+    lift = blocked.lift
+    lift.call("Z", "L1", "L2", 0.4)
+    pass_time(lift, 2 * OPEN_LIMIT_S)
+    assert phases(lift, "Z") == [RidePhase.WAITING]
+    for name in "AB":
+        lift.call(name, "L1", "L2", 0.4, "table", 2)
+    assert until(lift, "A", RidePhase.BOARDING) < BLOCKED_S + 2 * STEP_S
+    assert phases(lift, "ZB") == [RidePhase.WAITING, RidePhase.BOARDING]
+    blocked.has = Doorway.IN_USE
+    for name in "AB":
+        lift.enter(name)
+    blocked.has = Doorway.FREE
+    until(lift, "B", RidePhase.ALIGHTING)
+    for name in "AB":
+        lift.leave(name)
+    until(lift, "Z", RidePhase.BOARDING)
 
 
 def test_a_record_of_closed_doors_closes_doors_that_began_open() -> None:
