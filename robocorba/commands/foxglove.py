@@ -50,7 +50,7 @@ def foxglove(
         stop = StopSignal()
         steering = administrator(orb, Settings.read(state=state)) if steer else None
         system = live_system(orb, with_scans=scans)
-        changes = system.follow(OUTAGE_LIMIT_S)
+        changes = system.begin(OUTAGE_LIMIT_S)
         time_s, served = max((update.time for update in changes.updates), default=0.0), ServedMap(orb, changes)
         with contextlib.closing(LiveServer(host, port, served.building, steer, time_s)) as server:
             server.publisher.publish(changes)

@@ -57,7 +57,7 @@ def openrtm(
             raise ServiceError("a guarded naming service binds no components: give --to")
         stop = StopSignal()
         system = live_system(orb, with_scans=scan_rate > 0.0)
-        changes = system.follow(OUTAGE_LIMIT_S)
+        changes = system.begin(OUTAGE_LIMIT_S)
         served = ServedMap(orb, changes)
         with contextlib.ExitStack() as closing:
             names = closing.enter_context(contextlib.closing(orb.names_elsewhere(tools or orb.naming)))

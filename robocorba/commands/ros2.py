@@ -59,7 +59,7 @@ def ros2(
 
         stop = StopSignal()
         system = live_system(orb, with_scans=scan_rate > 0.0)
-        changes = system.follow(OUTAGE_LIMIT_S)
+        changes = system.begin(OUTAGE_LIMIT_S)
         served, frames = ServedMap(orb, changes), Frames(namespaced_tf)
         if floor and floor not in served.building.floors:
             raise UnknownFloor("map", floor, list(served.building.floors))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -71,3 +72,12 @@ def test_floors_come_whole_after_updates_that_nobody_has_seen(system: tuple[Syst
         live.follow(0.0)
     world.is_away = False
     assert live.follow(0.0).updates[0].since == WHOLE
+
+
+def test_a_server_that_restarts_is_waited_for_at_the_beginning(system: tuple[System, LiveSystem]) -> None:
+    world, live = system
+    world.is_away = True
+    with pytest.raises(NotReachable):
+        live.begin(0.3)
+    threading.Timer(0.3, lambda: setattr(world, "is_away", False)).start()
+    assert live.begin(60.0).updates[0].since == WHOLE

@@ -241,6 +241,7 @@ def test_it_is_live_in_foxglove(robocorba: Robocorba, system: Running, system_or
     server = robocorba("foxglove", "--port", "0", "--steer", "--state", str(system.state))
     assert server.stdout is not None
     url = server.stdout.readline().strip()
+    assert url, server.communicate(timeout=PATIENCE_S)[1]
     with client_module.FoxgloveClient(url) as client:
         topics = {
             "/scene",

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Sequence
 
+from robocorba.backoff import Backoff
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.mission_control import RemoteMissionControl
 from robocorba.corba.remote.omni_database import RemoteDatabase, RemoteFloors
@@ -24,6 +25,7 @@ SENSORS_S, MISSIONS_S = 0.1, 0.5
 OVERLAP_S = 0.2
 #: Times of postures, and of scans, that are remembered: as many robots as the simulation takes.
 MAX_KEPT = 10_000
+_BEGINNING = Backoff(0.1, 0.5)
 
 
 def live_system(orb: Orb, floors: Sequence[str] = (), with_scans: bool = True) -> LiveSystem:
@@ -45,6 +47,10 @@ class LiveSystem:
         #: Simulated times of the last posture of each robot, and of the last scan of each of its sensors.
         self._posture_times: dict[tuple[object, ...], float] = {}
         self._scan_times: dict[tuple[object, ...], float] = {}
+
+    def begin(self, limit_s: float) -> SystemChanges:
+        """All that there is. For `limit_s` servers that are restarting are waited for; raises as `follow` then."""
+        return _BEGINNING.call(lambda: self.follow(limit_s), limit_s, NotReachable)
 
     def follow(self, resolve_timeout_s: float) -> SystemChanges:
         """What has changed since the last call. After a failure the next one has whole floors.
