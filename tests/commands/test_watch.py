@@ -196,10 +196,10 @@ def test_ticks_come_in_time_up_to_a_limit(stop: StopSignal) -> None:
 
 def test_slow_ticks_are_missed_not_made_up_for(stop: StopSignal) -> None:
     slow = []
-    for passed_s in stop.ticks(0.01, 0.3):
+    for passed_s in stop.ticks(0.01, 1.0):
         slow.append(passed_s)
         time.sleep(0.05)
-    assert 2 <= len(slow) <= 6
+    assert 2 <= len(slow) <= 20
 
 
 def test_ticks_end_by_a_signal(stop: StopSignal) -> None:

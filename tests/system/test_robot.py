@@ -128,14 +128,17 @@ def test_an_emergency_stop_by_the_command(start: Start, system_orb: Orb, robocor
         "emergency stop",
         ProgramResult.ABORTED,
     )
-    time.sleep(0.1)
-    before = session_state(system_orb, "E")
-    time.sleep(0.5)
-    assert session_state(system_orb, "E") == pytest.approx(before, abs=1e-3)
+    eventually(lambda: stands(system_orb, "E"))
     assert refusal(robocorba("stop", "nobody")).startswith("nobody\tRoboCorba/Robots/nobody is not reachable")
     process = robocorba("stop", "E", "--reset")
     assert process.communicate(timeout=PATIENCE_S)[0] == "E\tmay move again\n"
     assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.1).program()).program.result is ProgramResult.DONE
+
+
+def stands(orb: Orb, name: str) -> bool:
+    """Whether the simulation server has a robot at the same place for half a second."""
+    before, _ = session_state(orb, name), time.sleep(0.5)
+    return session_state(orb, name) == pytest.approx(before, abs=1e-3)
 
 
 def session_state(orb: Orb, name: str) -> tuple[float, float]:
@@ -152,10 +155,9 @@ def test_a_robot_whose_process_hangs_or_dies_stands(start: Start, system_orb: Or
     agent.run()
     moving(agent)
     hang(process.pid)
-    time.sleep(0.5)  # the command ends after 0.1 s, and a robot at 0.2 m/s needs 0.2 s to stand
-    before = session_state(system_orb, "F")
-    time.sleep(0.3)
-    assert session_state(system_orb, "F") == pytest.approx(before, abs=1e-3)
+    at = session_state(system_orb, "F")
+    eventually(lambda: stands(system_orb, "F"))  # the command ends after 0.1 s
+    assert math.dist(session_state(system_orb, "F"), at) < 0.3
     os.kill(process.pid, signal.SIGKILL)
     server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     eventually(lambda: all(client.name != "F" for client in server.clients()), 30.0, "its lease")

@@ -139,8 +139,7 @@ def test_an_actual_robot_that_fails(
     with pytest.raises(IllegalOrder, match="is stopped"):
         robot.agent.run()
     place.faults.none()
-    time.sleep(0.2)
-    assert robot.stands()
+    eventually(robot.stands)
     robot.agent.reset_stop()
     assert robot.works()
 
@@ -150,8 +149,7 @@ def test_an_emergency_stop_of_an_actual_robot(robot: Robot) -> None:
     robot.agent.stop()
     state = robot.stopped()
     assert (state.reason, state.program.result) == ("emergency stop", ProgramResult.ABORTED)
-    time.sleep(0.2)
-    assert robot.stands()
+    eventually(robot.stands)
     x, y = state.at.x, state.at.y
     robot.agent.reset_stop()
     at = robot.agent.state().at
@@ -165,22 +163,20 @@ def test_an_actual_robot_stands_without_its_body_in_the_building(robot: Robot, s
     state = robot.failed()
     assert state.program.result is ProgramResult.FAILED
     assert "the simulation server does not answer" in state.program.reason
-    time.sleep(0.2)
-    assert robot.stands()
+    eventually(robot.stands)
     assert robot.works()
 
 
 def test_a_robot_process_that_hung_does_not_go_on_as_if_it_had_not(robot: Robot) -> None:
     robot.set_off()
     hang(robot.pid)
-    time.sleep(0.5)  # the command ends after 0.1 s
-    assert robot.stands()
+    eventually(robot.stands)  # its last command ends after 0.1 s
     time.sleep(3.0)  # longer than its lease
     os.kill(robot.pid, signal.SIGCONT)
     state = robot.failed()
     assert state.program.result is ProgramResult.FAILED
     assert "hung for" in state.program.reason or "logged the robot off" in state.program.reason
-    assert robot.stands()
+    eventually(robot.stands)
     assert robot.works()
 
 

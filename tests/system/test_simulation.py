@@ -349,8 +349,7 @@ def test_a_robot_whose_sensor_process_dies_goes_on_sensing(place: Place) -> None
     eventually(all_scan, 60.0, "the sensor server is back")
     place.log_on("late", 1.5, 12.0)._get_sensor().scan(crowd[0].state().at, NO_MOUNT, CROSS)
     assert all_scan()
-    print(f"\nthe longest of {len(took)} scans took {max(took):.2f} s")
-    assert max(took) < 5.0
+    assert max(took) < 20.0, "none waited until the sensor server was back"
 
 
 def test_a_command_that_is_not_renewed_ends_by_itself(place: Place) -> None:
