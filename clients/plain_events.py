@@ -5,6 +5,8 @@ python -m robocorba.clients.plain_events publish|consume CHANNEL [COUNT [NAMING_
 COUNT is 10 and the naming service 127.0.0.1:2809 by default."""
 
 import sys
+import threading
+import time
 from queue import SimpleQueue
 from typing import Any
 
@@ -57,6 +59,8 @@ def main(arguments: list[str]) -> None:
     else:
         consume(channel, int(count), orb)
     orb.destroy()
+    while threading.active_count() > 1:  # omniORB's threads that called the consumer are still ending
+        time.sleep(0.05)
 
 
 if __name__ == "__main__":
