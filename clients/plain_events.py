@@ -59,7 +59,9 @@ def main(arguments: list[str]) -> None:
     else:
         consume(channel, int(count), orb)
     orb.destroy()
-    while threading.active_count() > 1:  # omniORB's threads that called the consumer are still ending
+    for _ in range(100):  # at most 5 s, until omniORB's threads that called the consumer have ended
+        if threading.active_count() == 1:
+            break
         time.sleep(0.05)
 
 

@@ -1,6 +1,6 @@
 """Event numbers: the first one of a channel's process is its start time, in 2**-COUNT_BITS s; the others count on from
-there. No channel says so many events a second that a later process, which has lost all files, could give a number
-again."""
+there. A channel publishes fewer than 2**COUNT_BITS events a second, so that a later process gives none of these numbers
+again, even without any of its files."""
 
 from __future__ import annotations
 

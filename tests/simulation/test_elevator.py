@@ -342,7 +342,6 @@ def test_what_keeps_the_doors_open_can_be_carried_away() -> None:
 
 
 def test_what_just_passes_the_doors_lets_nobody_board_out_of_turn() -> None:
-    """Neither at first nor after others have boarded."""
     blocked = BlockedLift()
     blocked.others_call()
     pass_time(blocked.lift, BLOCKED_S - 1.0)
