@@ -82,7 +82,7 @@ def plan_carries(
 
     carried: name of a movable object (see `maps.movable.movables`), or an outline in its own frame. start: None for the
     pose of the map. blocked: additional obstacles; see BuildingObstacles. Elevator doors are open for the carriers that
-    ride, and where the object is between them at the start. Carriers have room to approach their places
+    ride, and where the object is between them or in the cabin at the start. Carriers have room to approach their places
     at the start, and to back off at the goal, on straight lines of BACK_OFF_M, or shorter ones if no formation has so
     much room. Raises InvalidCarry, ImpossibleCarry."""
     name = carried if isinstance(carried, str) else ""
@@ -96,7 +96,7 @@ def plan_carries(
         if not all(map(math.isfinite, pose[1:])) or max(abs(pose.x), abs(pose.y)) > MAX_COORDINATE_M:
             raise InvalidCarry(field, f"{pose[1:]} is not finite or beyond {MAX_COORDINATE_M:g} m")
     obstacles = BuildingObstacles(building, name, blocked or {})
-    held_open = obstacles.held_open(start.floor, placed(outline, start[1:]))
+    held_open = obstacles.held_open(start.floor, outline, start[1:])
     routes = list(_elevator_routes(building, start, goal))
     if not routes:
         raise ImpossibleCarry(f"no elevator leads from {start.floor} to {goal.floor}")

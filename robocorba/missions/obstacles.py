@@ -13,7 +13,7 @@ import shapely.affinity
 from shapely import Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps.geometry import Obstacle, obstacles
+from robocorba.maps.geometry import Obstacle, obstacles, shaft_polygon
 from robocorba.maps.model import Building
 from robocorba.maps.movable import landing_doors, movables
 from robocorba.spatial.grids import Grid, build_grid, segments_of
@@ -101,12 +101,17 @@ class BuildingObstacles:
             self._floors[key] = FloorObstacles(floor, found, Polygon(outline) if outline else None)
         return self._floors[key]
 
-    def held_open(self, floor: str, shape: BaseGeometry) -> frozenset[str]:
-        """The elevators whose doors on a floor cannot close, since a body of this shape is between them."""
+    def held_open(self, floor: str, outline: BaseGeometry, pose: Pose2D) -> frozenset[str]:
+        """The elevators whose doors on a floor cannot close, since an object with this outline in its own frame stands
+        between them, or in the cabin."""
+        shape, origin = placed(outline, pose), shapely.Point(pose[:2])
         return frozenset(
             name
             for name, elevator in self.building.elevators.items()
-            if floor in elevator.floors() and landing_doors(self.building, name, floor).intersects(shape)
+            if floor in elevator.floors()
+            and (
+                shaft_polygon(elevator).contains(origin) or landing_doors(self.building, name, floor).intersects(shape)
+            )
         )
 
 

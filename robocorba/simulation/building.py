@@ -255,7 +255,8 @@ class SimulatedBuilding:
         self._last_cabins[name] = (cabin.floor, Doors.CLOSED)
         for floor in cabin.heights:
             landing = self._landings[name, floor] = landing_doors(self.building, name, floor)
-            if self.floors[floor].is_crossed(landing) and cabin.doors is not Doors.OPEN:
+            is_kept_open = self.floors[floor].is_crossed(landing) or self._is_anything_left(name, floor)
+            if is_kept_open and cabin.doors is not Doors.OPEN:
                 cabin.start_open(floor)
                 self._last_cabins[name] = (floor, Doors.OPEN)
             else:
@@ -336,7 +337,7 @@ class SimulatedBuilding:
             assert map_object
             self.floors[self.objects[name][1]].remove(body)
             self._place_object(name, map_object, floor, pose[1:])
-        self.refresh()
+        self._look_into_cabins()
         return [*events, SimulationEvent(self.time, floor, "placed", (name,))]
 
     def grip(self, name: str, object_name: str, at: tuple[float, float]) -> None:
@@ -456,6 +457,11 @@ class SimulatedBuilding:
             floor.refresh()
         self._update_elevator_states()
 
+    def _look_into_cabins(self) -> None:
+        """As `refresh`, after bodies were placed: an idle cabin opens if an object is in it."""
+        self._idle = set()
+        self.refresh()
+
     def elevator_states_on(self, floor: str) -> dict[str, ElevatorState]:
         """State of the elevators that serve a floor, by name. Thread-safe."""
         served = self.building.elevators
@@ -470,6 +476,10 @@ class SimulatedBuilding:
         idle = {name for name, cabin in self.cabins.items() if cabin.is_idle}
         if len(self.elevator_states) == len(self.cabins) == len(idle) and idle == self._idle:
             return
+        for name in idle - self._idle:
+            if self._is_anything_left(name, self.cabins[name].floor):
+                self.cabins[name].open()
+                idle.remove(name)
         self._idle = idle
         self.elevator_states = {name: cabin.state() for name, cabin in self.cabins.items()}
         self.rides = {robot: ride for cabin in self.cabins.values() for robot, ride in cabin.rides().items()}
@@ -554,9 +564,16 @@ class SimulatedBuilding:
         """What is between the open doors of an elevator."""
         floor = self.cabins[elevator].floor
         physics, landing = self.floors[floor], self._landings[elevator, floor]
-        if physics.is_obstructed(landing):
+        if physics.is_obstructed(landing) or self._is_anything_left(elevator, floor):
             return Doorway.OBSTRUCTED
         return Doorway.IN_USE if physics.is_crossed(landing) else Doorway.FREE
+
+    def _is_anything_left(self, elevator: str, floor: str) -> bool:
+        """Whether an object is within an elevator's shaft on a floor that no robot with a ride there holds."""
+        objects = self.floors[floor].objects_within(self._shafts[elevator])
+        riders = map(_robot_body, self.cabins[elevator].riders()) if objects else ()
+        held = {grip[0] for rider in riders if (grip := self.floors[floor].held(rider))}
+        return not held.issuperset(objects)
 
     def _close_landing(self, elevator: str, floor: str) -> None:
         self.floors[floor].close_door(f"landing/{elevator}", self._landings[elevator, floor])
@@ -655,7 +672,7 @@ class SimulatedBuilding:
             else:
                 cabin.now = self.time
         self.reservations.restore(world.reservations, self.time, world.robots.keys() & self.robots.keys())
-        self.refresh()
+        self._look_into_cabins()
 
 
 #: Prefix of the names of robots' bodies.

@@ -129,6 +129,10 @@ class Cabin:
         self.floor = floor
         self._set_doors(Doors.OPEN)
 
+    def open(self) -> None:
+        """Open the doors of an idle cabin, since something is in it that no robot rides with."""
+        self._set_doors(Doors.OPENING)
+
     # ---- calls of robots ----
 
     def call(
@@ -275,9 +279,12 @@ class Cabin:
         if share is None:
             share = min(1.0, passed / self.elevator.door_time) if self.elevator.door_time else 1.0
             share = share if self.doors is Doors.OPENING else 1.0 - share
-        inside = tuple(s.robot for s in self.sessions.values() if s.phase in _INSIDE)
         queue = tuple(s.robot for s in self.sessions.values() if s.phase is RidePhase.WAITING)
-        return ElevatorState(height, "" if self._target else self.floor, self.doors, share, inside, queue)
+        return ElevatorState(height, "" if self._target else self.floor, self.doors, share, self.riders(), queue)
+
+    def riders(self) -> tuple[str, ...]:
+        """Names of the robots inside, from when they have boarded until they have alighted."""
+        return tuple(s.robot for s in self.sessions.values() if s.phase in _INSIDE)
 
     def rides(self) -> dict[str, RideStatus]:
         """Status of all rides, by robot."""

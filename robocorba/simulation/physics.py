@@ -171,6 +171,12 @@ class FloorPhysics:
         """Whether an object that no robot holds lies across a line."""
         return not self._across(line) <= self._robots.keys() | {grip.held for grip in self._grips.values()}
 
+    def objects_within(self, area: shapely.Polygon) -> list[str]:
+        """Names of the objects whose origins are within an area."""
+        near = self._space.bb_query(pymunk.BB(*area.bounds), pymunk.ShapeFilter())
+        found = {self._owner_of(shape) for shape in near} - self._robots.keys() - {""}
+        return [name for name in sorted(found) if area.contains(shapely.Point(self._bodies[name].position))]
+
     def _across(self, line: BaseGeometry) -> set[str]:
         """Names of the bodies across a line."""
         segments = self._segments(np.array([line], object))

@@ -305,8 +305,58 @@ def test_doors_never_close_on_arms_that_hold_something() -> None:
     assert world.cabins["E1"].doors is Doors.OPEN
     assert (world.robots["A"].holding, world.robots["A"].collisions) == ("box", 0)
     world.release("A")
+    world.place("box", Pose("L2", 2.0, 2.0, 0.0))
     run(world, 5.0)
     assert world.cabins["E1"].doors is Doors.CLOSED
+
+
+def test_an_object_that_is_left_in_the_cabin_keeps_its_doors_open() -> None:
+    """As after carriers have put it down there."""
+    world = with_a_box((2.0, 2.0))
+    enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
+    world.call_elevator("A", "E1", "L2", "party", 1)
+    into_the_cabin(world, "A", 4.75)
+    while world.rides["A"].phase is not RidePhase.RIDING:
+        world.step()
+    world.place("box", Pose("L1", 5.0, 5.5, 0.0))
+    world.grip("A", "box", (5.0, 5.3))
+    while world.elevator_states["E1"].floor:
+        world.step()
+    enter(world, "B", "L1", 5.0, 2.0)
+    world.call_elevator("B", "E1", "L2")
+    world.release("A")
+    world.cancel_elevator("A")
+    run(world, 60.0)
+    assert (world.cabins["E1"].floor, world.cabins["E1"].doors) == ("L2", Doors.OPEN)
+    world.grip("A", "box", (5.0, 5.3))  # and may be carried out
+    run(world, 30.0)
+    assert (world.cabins["E1"].floor, world.cabins["E1"].doors) == ("L2", Doors.OPEN)
+    while world.pose("A").y > 2.5:
+        assert world.cabins["E1"].doors is Doors.OPEN or world.pose("A").y < 3.1
+        world.robots["A"].command(-0.3, 0.0, 0.0, 0.2)
+        world.step()
+    assert "boarding" in [event.kind for event in run(world, 40.0)]
+    assert world.robots["A"].holding == "box"
+
+
+def test_a_cabin_that_has_closed_over_an_object_opens_again() -> None:
+    """For robots that ride with it, this waits until they have arrived or have given up."""
+    world = with_a_box((2.0, 2.0))
+    run(world, 1.0)
+    world.place("box", Pose(world.cabins["E1"].floor, 5.0, 5.5, 0.0))
+    record = world.record()
+    run(world, 5.0)
+    assert world.cabins["E1"].doors is Doors.OPEN
+    again = with_a_box((2.0, 2.0))
+    again.restore(record, [])
+    run(again, 5.0)
+    assert again.cabins["E1"].doors is Doors.OPEN
+
+
+def test_an_object_in_the_cabin_on_the_map_begins_with_open_doors() -> None:
+    world = with_a_box((5.0, 5.5))
+    run(world, 5.0)
+    assert (world.cabins["E1"].floor, world.cabins["E1"].doors) == ("L2", Doors.OPEN)
 
 
 def test_doors_that_a_restart_finds_a_robot_between_are_open(world: SimulatedBuilding) -> None:
@@ -326,13 +376,14 @@ def test_doors_that_a_restart_finds_a_robot_between_are_open(world: SimulatedBui
 
 def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPatch) -> None:
     building = tower()
-    table = MapObject("T2", BoxShape((0.4, 0.4)), (5.0, 5.5), movable=True)
+    table = MapObject("T2", BoxShape((0.4, 0.4)), (2.0, 2.0), movable=True)
     world = SimulatedBuilding(building.with_element("L1", table))
     enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
     world.call_elevator("A", "E1", "L2")
     while world.rides["A"].phase is not RidePhase.RIDING:
         world.robots["A"].command(max(0.0, min(0.5, 4.75 - world.pose("A").y)), 0.0, 0.0, 0.2)
         world.step()
+    world.place("T2", Pose("L1", 5.0, 5.5, 0.0))
     world.grip("A", "T2", (5.0, 5.3))
     seen = []
 
@@ -356,13 +407,14 @@ def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_robot_has_left_the_cabin_once_what_it_holds_has() -> None:
-    table = MapObject("T2", BoxShape((0.4, 0.4)), (5.0, 5.5), movable=True)
+    table = MapObject("T2", BoxShape((0.4, 0.4)), (2.0, 2.0), movable=True)
     world = SimulatedBuilding(tower().with_element("L1", table))
     enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
     world.call_elevator("A", "E1", "L2")
     while world.rides["A"].phase is not RidePhase.RIDING:
         world.robots["A"].command(max(0.0, min(0.5, 4.75 - world.pose("A").y)), 0.0, 0.0, 0.2)
         world.step()
+    world.place("T2", Pose("L1", 5.0, 5.5, 0.0))
     world.grip("A", "T2", (5.0, 5.3))
     while world.rides["A"].phase is not RidePhase.ALIGHTING:
         world.step()
