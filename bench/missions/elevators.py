@@ -153,6 +153,7 @@ class Observer:
         with contextlib.ExitStack() as stack:
             events = stack.enter_context(EventClient(self._place.orb, SUBNETS[0]))
             events.subscribe(self._on_boarding, "simulation.boarding")
+            events.subscribe(self._on_collision, "simulation.collision")
             stack.enter_context(contextlib.closing(Repeating("reservations", self._look, LOOK_S).start()))
             self._stack = stack.pop_all()
         return self
@@ -163,6 +164,10 @@ class Observer:
     def _on_boarding(self, event: Event) -> None:
         (robot,), found = event.payload["who"], event.payload
         self.waits.append(Announced("cabin", robot, found["waited_s"], found["longest_wait_s"]))
+
+    def _on_collision(self, event: Event) -> None:
+        poses = {name: pose for name, pose in self._place.poses().items() if name in event.payload["who"]}
+        print(f"collision: {event.payload}, {poses}", flush=True)
 
     def _look(self) -> None:
         try:

@@ -7,8 +7,9 @@ import logging
 import math
 import random
 from collections.abc import Callable, Sequence
-from itertools import product
+from itertools import accumulate, pairwise, product
 
+import shapely
 from shapely import LineString, Point, Polygon
 
 from robocorba.collision_avoidance.giving_way import Blocked, GiveWay
@@ -155,20 +156,20 @@ class BaseMovements(Movements):
             self.path = ()
 
     def _drive_legs(self, points: Sequence[PathPoint], heading: float | None, limit: float) -> None:
-        state = self.controller.state
-        leg: list[tuple[float, float]] = []
+        leg: list[XY] = []
         speeds: list[float] = []
         for before, point, after in zip([points[0], *points], points, [*points[1:], None], strict=False):
+            if point.kind is PointKind.ELEVATOR_EXIT:
+                continue
+            leg.append((point.x, point.y))
+            speeds.append(_speed_between(before, point))
             if point.kind is PointKind.ELEVATOR_ENTRY and after:
-                came_from = leg[-1] if leg else (state.x, state.y)
+                state = self.controller.state
                 shaft = self._nearby.shaft(point.elevator) if self._nearby else None
-                leg.append(call_point(came_from, (point.x, point.y), shaft))
-                self._drive(leg, None, limit, [*speeds, _speed_between(before, point)])
-                self._ride(point, after, _speed_between(before, point))
+                outside, inside = split_at_doors([(state.x, state.y), *leg], shaft)
+                self._drive(outside, None, limit, speeds[: len(outside)])
+                self._ride(point.elevator, after.floor, inside, limit, speeds[-len(inside) :])
                 leg, speeds = [], []
-            elif point.kind is not PointKind.ELEVATOR_EXIT:
-                leg.append((point.x, point.y))
-                speeds.append(_speed_between(before, point))
         self._drive(leg, heading, limit, speeds)
 
     # ---- on this floor ----
@@ -235,11 +236,14 @@ class BaseMovements(Movements):
         limit_s = ELEVATOR_LIMIT_S + self.session.longest_elevator_wait_s()
         self.wait_for_ride(RidePhase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}", limit_s)
 
-    def _ride(self, entry: PathPoint, exit: PathPoint, speed: float) -> None:
+    def _ride(
+        self, elevator: str, destination: str, inside: Sequence[XY], limit: float, speeds: Sequence[float]
+    ) -> None:
+        """Ride to another floor. inside: the way into the cabin."""
         try:
-            self.call_elevator(entry.elevator, exit.floor)
-            self._drive([(entry.x, entry.y)], None, speed)
-            self.wait_for_ride(RidePhase.ALIGHTING, f"{entry.elevator} did not arrive at {exit.floor}")
+            self.call_elevator(elevator, destination)
+            self._drive(inside, None, limit, speeds)
+            self.wait_for_ride(RidePhase.ALIGHTING, f"{elevator} did not arrive at {destination}")
         except RoboCorbaError:
             with contextlib.suppress(RobotLost):
                 self.session.cancel_elevator()
@@ -272,13 +276,17 @@ def _speed_between(one: PathPoint, other: PathPoint) -> float:
     return (other.distance - one.distance) / seconds if seconds > 0.0 else math.inf
 
 
-def call_point(start: XY, middle: XY, shaft: Polygon | None) -> XY:
-    """Where a robot from `start` waits for a cabin with this middle: on the line to it, clear of its doors, at least
-    ELEVATOR_CALL_DISTANCE_M away; `start` if that is nearer."""
-    line = LineString([middle, start])
-    away_m = ELEVATOR_CALL_DISTANCE_M
+def split_at_doors(path: Sequence[XY], shaft: Polygon | None) -> tuple[list[XY], list[XY]]:
+    """A robot's path to the middle of a cabin, from where it is, split where it waits for the cabin: on all of the
+    first part it is clear of the doors, and at least ELEVATOR_CALL_DISTANCE_M from the middle; it stays where it is if
+    that is nearer. Both parts are without their start."""
+    line = LineString(path)
+    until_m = line.length - ELEVATOR_CALL_DISTANCE_M
     if shaft is not None:
-        outside = line.difference(shaft.buffer(RADIUS_M + DOOR_GAP_M))
-        away_m = line.length if outside.is_empty else max(away_m, float(outside.distance(Point(middle))))
-    point = line.interpolate(away_m)  # ends at `start`
-    return point.x, point.y
+        clear = shapely.get_coordinates(line.difference(shaft.buffer(RADIUS_M + DOOR_GAP_M)))
+        until_m = min(until_m, max((line.project(Point(end)) for end in clear), default=0.0))
+    until_m = max(0.0, until_m)
+    lengths = accumulate(math.dist(*ends) for ends in pairwise(path))
+    beyond = next((number for number, length in enumerate(lengths, 1) if length > until_m), len(path) - 1)
+    at = line.interpolate(until_m)
+    return [*path[1:beyond], (at.x, at.y)], list(path[beyond:])
