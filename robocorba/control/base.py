@@ -11,6 +11,7 @@ from itertools import accumulate, pairwise, product
 
 import shapely
 from shapely import LineString, Point, Polygon
+from shapely.ops import substring
 
 from robocorba.collision_avoidance.giving_way import Blocked, GiveWay
 from robocorba.collision_avoidance.neighbours import Nearby, OtherRobot
@@ -281,11 +282,10 @@ def split_at_doors(path: Sequence[XY], shaft: Polygon | None) -> tuple[list[XY],
     first part it is clear of the doors, and at least ELEVATOR_CALL_DISTANCE_M from the middle; it stays where it is if
     that is nearer. Both parts are without their start."""
     line = LineString(path)
-    until_m = line.length - ELEVATOR_CALL_DISTANCE_M
+    until_m = max(0.0, line.length - ELEVATOR_CALL_DISTANCE_M)
     if shaft is not None:
-        clear = shapely.get_coordinates(line.difference(shaft.buffer(RADIUS_M + DOOR_GAP_M)))
-        until_m = min(until_m, max((line.project(Point(end)) for end in clear), default=0.0))
-    until_m = max(0.0, until_m)
+        clear = substring(line, 0.0, until_m).difference(shaft.buffer(RADIUS_M + DOOR_GAP_M))
+        until_m = max((line.project(Point(end)) for end in shapely.get_coordinates(clear)), default=0.0)
     lengths = accumulate(math.dist(*ends) for ends in pairwise(path))
     beyond = next((number for number, length in enumerate(lengths, 1) if length > until_m), len(path) - 1)
     at = line.interpolate(until_m)
