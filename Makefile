@@ -51,7 +51,7 @@ demo: stubs
 
 test: stubs
 	@$(BIN)/python -m tests.prepare
-	@$(BIN)/python -m pytest --numprocesses 5 --dist loadfile --no-loadscope-reorder
+	@$(BIN)/python -m pytest --numprocesses 7 --dist loadfile --no-loadscope-reorder
 
 lint: stubs
 	@$(BIN)/ruff format --check .
