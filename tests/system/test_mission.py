@@ -16,6 +16,7 @@ import pytest
 
 from robocorba.simulation.mission_record import MissionContent, MissionResult
 from robocorba.testing.missions import (
+    MISSION_LIMIT_S,
     MissionSystem,
     RobotStart,
     Watch,
@@ -26,6 +27,8 @@ from robocorba.testing.processes import eventually
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
+#: The phases of a mission from when hands grip.
+TAKEN_HOLD = ("gripping", "carrying", "putting down", "backing off")
 #: Largest distance of what was carried from its goal [m].
 NEAR_M = 0.05
 #: A table for three and a desk for two, and where either may stand.
@@ -135,6 +138,7 @@ class Stories(NamedTuple):
 
     place: MissionSystem
     begun: Future[subprocess.Popen[str]]
+    replaced: Future[frozenset[str]]
     killed_helper: Future[KilledHelper]
     carried: Future[Carried]
     killed_channel: Future[KilledHelper]
@@ -155,7 +159,8 @@ def stories(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stories]:
         yield Stories(
             place,
             begun := first.submit(begin, table),
-            first.submit(kill_helper, table, begun),
+            first.submit(kill_helper, table),
+            first.submit(end, table, begun),
             first.submit(carry, table),
             second.submit(kill_channel, desk),
             second.submit(abort, desk),
@@ -170,10 +175,21 @@ def begin(crew: Crew) -> subprocess.Popen[str]:
     return user
 
 
-def kill_helper(crew: Crew, begun: Future[subprocess.Popen[str]]) -> KilledHelper:
-    user, goal = begun.result(), crew.far
+def kill_helper(crew: Crew) -> frozenset[str]:
+    """Who takes hold then, where the table was put down."""
     crew.kill("C")
-    return KilledHelper(crew.end(user), crew.place.report("A"), crew.off_m(goal))
+
+    def holding() -> frozenset[str]:
+        kept = crew.place.kept("A")
+        robots = frozenset(part.robot for part in kept.plan.subplans) if kept else frozenset[str]()
+        return robots if kept and "C" not in robots and kept.phase in TAKEN_HOLD else frozenset()
+
+    return eventually(holding, MISSION_LIMIT_S, "they take hold again")
+
+
+def end(crew: Crew, begun: Future[subprocess.Popen[str]]) -> KilledHelper:
+    goal = crew.far
+    return KilledHelper(crew.end(begun.result()), crew.place.report("A"), crew.off_m(goal))
 
 
 def carry(crew: Crew) -> Carried:
@@ -219,8 +235,12 @@ def test_three_robots_begin_to_carry(stories: Stories) -> None:
     stories.begun.result()
 
 
+def test_another_robot_takes_the_place_of_a_killed_one(stories: Stories) -> None:
+    assert stories.replaced.result() == {"A", "B", "D"}
+
+
 def test_a_helper_is_killed_while_it_carries(stories: Stories) -> None:
-    """D takes its place, from where the table was put down."""
+    """D carries from where the table was put down."""
     story = stories.killed_helper.result()
     assert (story.ended.code, story.report["reason"]) == (0, ""), story.ended
     assert story.report["faults"] == ["carrying: C is silent"]

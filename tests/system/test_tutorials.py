@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -9,7 +12,7 @@ import pytest
 from robocorba.claimed_ports import claimed_ports
 from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.namespaces import Namespace
-from tests.system.tutorial import follow
+from tests.system.tutorial import Reader, sections
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -20,10 +23,26 @@ ON_ONE_MACHINE = ("first-hour", "your-own-map", "your-own-robot")
 OPTIONS = {"--console ": "--console --console-port 0 "}
 
 
-@pytest.mark.parametrize("name", ON_ONE_MACHINE)
-def test_the_reader_gets_to_the_end(name: str, tmp_path: Path) -> None:
-    with claimed_ports() as port:
-        follow(TUTORIALS / f"{name}.md", tmp_path, {"ROBOCORBA_NAMING": f"127.0.0.1:{port}"}, options=OPTIONS)
+@pytest.fixture(scope="module")
+def readers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Reader]]:
+    """The reader of each tutorial, who begins with its first test."""
+    with contextlib.ExitStack() as stack:
+
+        @functools.cache
+        def reader(name: str) -> Reader:
+            environment = {"ROBOCORBA_NAMING": f"127.0.0.1:{stack.enter_context(claimed_ports())}"}
+            folder = tmp_path_factory.mktemp(name)
+            return stack.enter_context(Reader(TUTORIALS / f"{name}.md", folder, environment, options=OPTIONS))
+
+        yield reader
+
+
+@pytest.mark.parametrize(
+    ("name", "section"),
+    [(name, section) for name in ON_ONE_MACHINE for section in sections(TUTORIALS / f"{name}.md")],
+)
+def test_the_reader_gets_to_the_end(readers: Callable[[str], Reader], name: str, section: str) -> None:
+    readers(name).follow(section)
 
 
 def test_your_own_cooperative_icon(tmp_path: Path) -> None:
@@ -32,7 +51,8 @@ def test_your_own_cooperative_icon(tmp_path: Path) -> None:
     options = {"--quiet .": f"--quiet --disable-pip-version-check --no-build-isolation --no-deps --target {plugins} ."}
     with claimed_ports() as port:
         environment = {"ROBOCORBA_NAMING": f"127.0.0.1:{port}", "PYTHONPATH": plugins}
-        follow(TUTORIALS / "your-own-cooperative-icon.md", tmp_path, environment, options=options)
+        with Reader(TUTORIALS / "your-own-cooperative-icon.md", tmp_path, environment, options=options) as reader:
+            reader.follow()
 
 
 def test_two_machines(tmp_path: Path) -> None:
@@ -46,7 +66,8 @@ def test_two_machines(tmp_path: Path) -> None:
             machine.ip("address", "add", f"10.60.0.{number}/24", "dev", "eth0")
             machine.ip("link", "set", "eth0", "up")
         terminals = {"one": one.command(), "listener": one.command(), "two": two.command()}
-        follow(TUTORIALS / "two-machines.md", tmp_path, {}, terminals)
+        with Reader(TUTORIALS / "two-machines.md", tmp_path, {}, terminals) as reader:
+            reader.follow()
 
 
 def test_a_real_smartpal(tmp_path: Path) -> None:
@@ -55,7 +76,9 @@ def test_a_real_smartpal(tmp_path: Path) -> None:
         options = {"192.168.4.211:5005": str(robot.naming)}
         (tmp_path / "reader").mkdir()
         environment = {"ROBOCORBA_NAMING": f"127.0.0.1:{port}"}
-        follow(TUTORIALS.parent / "real-smartpal.md", tmp_path / "reader", environment, options=options)
+        page = TUTORIALS.parent / "real-smartpal.md"
+        with Reader(page, tmp_path / "reader", environment, options=options) as reader:
+            reader.follow()
 
 
 def test_every_tutorial_is_followed() -> None:

@@ -32,6 +32,7 @@ FIRST = "first"
 PROMPT = re.compile(r"tutorial-(\d+)> ")
 #: What terminals make of output.
 _CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
+_TITLE = re.compile(r"^## ([^\n]+)$", re.MULTILINE)
 _BLOCK = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -54,45 +55,75 @@ class Block(NamedTuple):
         return [re.sub(r"\s+# .*", "", line).strip() for line in joined.splitlines() if line.strip()]
 
 
-def blocks(page: str) -> list[Block]:
-    """The blocks of a page."""
-    found = []
-    for match in _BLOCK.finditer(page):
+def sections(page: Path) -> dict[str, list[Block]]:
+    """The blocks of each section of a page, by its title; what is before the first one has none."""
+    text = page.read_text()
+    found: dict[str, list[Block]] = {}
+    titles = [(match.start(), match[1]) for match in _TITLE.finditer(text)]
+    for match in _BLOCK.finditer(text):
+        _, title = max(((start, title) for start, title in titles if start < match.start()), default=(0, ""))
         words = dict(word.partition("=")[::2] for word in match[2].split())
-        found.append(Block(match[1], words, match[3], page.count("\n", 0, match.start()) + 2))
+        line = text.count("\n", 0, match.start()) + 2
+        found.setdefault(title, []).append(Block(match[1], words, match[3], line))
     return found
 
 
-def follow(
-    page: Path,
-    folder: Path,
-    environment: Mapping[str, str],
-    elsewhere: Mapping[str, Sequence[str]] = MappingProxyType({}),
-    options: Mapping[str, str] = MappingProxyType({}),
-) -> None:
-    """Follow a tutorial in an empty folder.
+class Reader:
+    """Follows a page in an empty folder. Use it in a `with`.
 
     environment: of the terminals. elsewhere: prefixes that run the shell of a terminal on another machine, by the name
     of the terminal. options: what the reader types in place of some options, such as for a port that is not free."""
-    with contextlib.ExitStack() as stack:
-        terminals: dict[str, Terminal] = {}
+
+    def __init__(
+        self,
+        page: Path,
+        folder: Path,
+        environment: Mapping[str, str],
+        elsewhere: Mapping[str, Sequence[str]] = MappingProxyType({}),
+        options: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        self._page, self._folder, self._environment = page, folder, environment
+        self._elsewhere, self._options = elsewhere, options
+        self._left = sections(page)
+        self._is_lost = False
+        self._terminals: dict[str, Terminal] = {}
+        self._stack = contextlib.ExitStack()
+
+    def __enter__(self) -> Reader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def follow(self, until: str = "") -> None:
+        """Follow all sections up to one, or to the last, that were not followed yet."""
+        assert not self._is_lost, "a section before failed"
+        self._is_lost = True
+        for title in list(self._left):
+            self._follow(self._left.pop(title))
+            if title == until:
+                break
+        self._is_lost = False
+
+    def _follow(self, section: Sequence[Block]) -> None:
         last: Terminal | None = None
-        for block in blocks(page.read_text()):
-            where = f"{page.name}:{block.line}"
+        for block in section:
+            where = f"{self._page.name}:{block.line}"
             if block.language == "sh" and "elsewhere" in block.words:
                 last = None
             elif block.language == "sh":
-                for option, own in options.items():
+                for option, own in self._options.items():
                     block = block._replace(content=block.content.replace(option, own))
-                if block.terminal not in terminals:
-                    prefix = elsewhere.get(block.terminal, ())
-                    terminals[block.terminal] = stack.enter_context(terminal(folder, environment, prefix))
-                last = terminals[block.terminal]
+                if block.terminal not in self._terminals:
+                    prefix = self._elsewhere.get(block.terminal, ())
+                    opened = self._stack.enter_context(terminal(self._folder, self._environment, prefix))
+                    self._terminals[block.terminal] = opened
+                last = self._terminals[block.terminal]
                 last.type(block, where)
-            elif block.language == "text" and (printing := terminals.get(block.words.get("terminal", ""), last)):
+            elif block.language == "text" and (printing := self._terminals.get(block.words.get("terminal", ""), last)):
                 printing.expect(block.content, where)
             elif "file" in block.words:
-                file = folder / block.words["file"]
+                file = self._folder / block.words["file"]
                 file.parent.mkdir(parents=True, exist_ok=True)
                 file.write_text(block.content)
 
