@@ -23,8 +23,10 @@ class System:
         self.time_s, self.version = 10.0, 0
         self.reported: list[Posture] = []
         self.is_away = False
+        self.timeouts_s: list[float] = []
 
     def follow(self, resolve_timeout_s: float) -> list[FloorUpdate]:
+        self.timeouts_s.append(resolve_timeout_s)
         view = self.views.setdefault("L1", FloorView("L1"))
         self.version += 1
         update = FloorUpdate("L1", view.version or WHOLE, self.version, self.time_s, 1, [], [], np.empty(0, MOTION), {})
@@ -79,5 +81,7 @@ def test_a_server_that_restarts_is_waited_for_at_the_beginning(system: tuple[Sys
     world.is_away = True
     with pytest.raises(NotReachable):
         live.begin(0.3)
+    assert len(world.timeouts_s) > 1
+    assert world.timeouts_s[-1] < world.timeouts_s[0] <= 0.3  # no attempt goes on for longer than the rest of the limit
     threading.Timer(0.3, lambda: setattr(world, "is_away", False)).start()
     assert live.begin(60.0).updates[0].since == WHOLE

@@ -50,7 +50,8 @@ class LiveSystem:
 
     def begin(self, limit_s: float) -> SystemChanges:
         """All that there is. For `limit_s` servers that are restarting are waited for; raises as `follow` then."""
-        return _BEGINNING.call(lambda: self.follow(limit_s), limit_s, NotReachable)
+        until = time.monotonic() + limit_s
+        return _BEGINNING.call(lambda: self.follow(max(0.0, until - time.monotonic())), limit_s, NotReachable)
 
     def follow(self, resolve_timeout_s: float) -> SystemChanges:
         """What has changed since the last call. After a failure the next one has whole floors.
