@@ -6,7 +6,7 @@ import os
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -135,16 +135,25 @@ OMNIIDL = shutil.which("omniidl", path="/usr/local/bin:/usr/bin:/bin")
 CLEAN = {"PATH": "/usr/local/bin:/usr/bin:/bin"}
 
 
+#: Makes the program of a client.
+CppCompiler = Callable[[str], Path]
+
+
 @pytest.fixture(scope="module")
-def cpp(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the clients in C++."""
+def cpp(tmp_path_factory: pytest.TempPathFactory) -> CppCompiler:
+    """Compiles a client in C++, and the stubs before the first one."""
     if not has_cpp():
         pytest.skip("needs make, g++, libomniorb4-dev and omniidl with its back-end for C++")
     folder = tmp_path_factory.mktemp("cpp")
     make = ("make", "-j2", "-C", str(ROOT / "clients" / "cpp"), f"OUT={folder}", f"OMNIIDL={OMNIIDL}", "OPTIMIZE=-O0")
-    made = subprocess.run(make, capture_output=True, text=True, env=CLEAN, timeout=250)
-    assert made.returncode == 0, made.stderr
-    return folder
+
+    def compiled(name: str) -> Path:
+        program = folder / name
+        made = subprocess.run((*make, str(program)), capture_output=True, text=True, env=CLEAN, timeout=250)
+        assert made.returncode == 0, made.stderr
+        return program
+
+    return compiled
 
 
 def run_cpp(program: Path, *arguments: str, timeout_s: float = 60.0) -> tuple[int, str, str]:
@@ -153,8 +162,8 @@ def run_cpp(program: Path, *arguments: str, timeout_s: float = 60.0) -> tuple[in
     return ran.returncode, ran.stdout, ran.stderr
 
 
-def test_a_client_in_cpp(system: Running, cpp: Path) -> None:
-    client = (cpp / "get_path", corbaname(system.naming, "RoboCorba/PathPlanner"))
+def test_a_client_in_cpp(system: Running, cpp: CppCompiler) -> None:
+    client = (cpp("get_path"), corbaname(system.naming, "RoboCorba/PathPlanner"))
     code, out, err = run_cpp(*client, *WEST, *EAST)
     assert (code, err) == (0, "")
     lines = out.splitlines()
@@ -163,8 +172,8 @@ def test_a_client_in_cpp(system: Running, cpp: Path) -> None:
     assert run_cpp(*client, *WEST, *WALLED) == (1, "", "goal is too near to wall w\n")
 
 
-def test_a_robot_in_cpp(system: Running, cpp: Path) -> None:
-    client = (cpp / "new_robot", corbaname(system.naming, "RoboCorba/SimulationServer"))
+def test_a_robot_in_cpp(system: Running, cpp: CppCompiler) -> None:
+    client = (cpp("new_robot"), corbaname(system.naming, "RoboCorba/SimulationServer"))
     code, out, err = run_cpp(*client, *WEST)
     assert (code, err) == (0, "")
     assert out.startswith("something is near L1:")
@@ -173,9 +182,9 @@ def test_a_robot_in_cpp(system: Running, cpp: Path) -> None:
     assert (code, out) == (1, "") and err.startswith("the place is taken by")
 
 
-def test_a_consumer_of_events_in_cpp(system: Running, system_orb: Orb, launch: Launcher, cpp: Path) -> None:
+def test_a_consumer_of_events_in_cpp(system: Running, system_orb: Orb, launch: Launcher, cpp: CppCompiler) -> None:
     channel = corbaname(system.naming, "RoboCorba/EventChannels/main")
-    client = (str(cpp / "floor_events"), corbaname(system.naming, "RoboCorba/OmniDatabase"), channel)
+    client = (str(cpp("floor_events")), corbaname(system.naming, "RoboCorba/OmniDatabase"), channel)
     consumer = launch(*client, "L1", "5")
     server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     robot = server.registerRobot(about("seen", 3.0, 3.0, floor="L1"))
@@ -195,9 +204,11 @@ def test_a_consumer_of_events_in_cpp(system: Running, system_orb: Orb, launch: L
     assert run_cpp(Path(client[0]), *client[1:], "L9") == (1, "", "there is no floor L9\n")
 
 
-def test_an_adaptor_in_cpp(system: Running, system_orb: Orb, launch: Launcher, cpp: Path, tmp_path: Path) -> None:
+def test_an_adaptor_in_cpp(
+    system: Running, system_orb: Orb, launch: Launcher, cpp: CppCompiler, tmp_path: Path
+) -> None:
     """A robot without arms drives; what needs arms is refused."""
-    adaptor = launch(str(cpp / "disc_adaptor"), f"corbaloc::{system.naming}/NameService", "disc")
+    adaptor = launch(str(cpp("disc_adaptor")), f"corbaloc::{system.naming}/NameService", "disc")
     assert adaptor.stdout is not None and adaptor.stdout.readline() == "ready\n"
     where = ("--floor", "L1", "--at", "3,3,0", "--naming", str(system.naming), "--state", str(tmp_path / "disc"))
     robot = launch(ROBOCORBA, "robot", "disc", *where, "--adaptor", "corba", "--", "3", "3", "0")
@@ -216,7 +227,7 @@ def test_an_adaptor_in_cpp(system: Running, system_orb: Orb, launch: Launcher, c
     assert agent.state().at[1:3] == pytest.approx((4.0, 3.0), abs=0.02)
     server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     eventually(lambda: abs(next(c for c in server.clients() if c.name == "disc").at.x - 4.0) < 0.05)  # its body follows
-    nobody = run_cpp(cpp / "disc_adaptor", "corbaloc::127.0.0.1:1/NameService", "disc")
+    nobody = run_cpp(cpp("disc_adaptor"), "corbaloc::127.0.0.1:1/NameService", "disc")
     assert nobody == (1, "", "the call failed: TRANSIENT\n")
 
 
