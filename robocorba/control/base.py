@@ -278,9 +278,10 @@ def _speed_between(one: PathPoint, other: PathPoint) -> float:
 
 
 def split_at_doors(path: Sequence[XY], shaft: Polygon | None) -> tuple[list[XY], list[XY]]:
-    """A robot's path to the middle of a cabin, from where it is, split where it waits for the cabin: on all of the
-    first part it is clear of the doors, and at least ELEVATOR_CALL_DISTANCE_M from the middle; it stays where it is if
-    that is nearer. Both parts are without their start."""
+    """A robot's path to the middle of a cabin, from where it is, split where it waits for it.
+
+    That is clear of the doors, and at least ELEVATOR_CALL_DISTANCE_M before the middle; if no place of the path is, the
+    robot stays where it is. Both parts are without their start."""
     line = LineString(path)
     until_m = max(0.0, line.length - ELEVATOR_CALL_DISTANCE_M)
     if shaft is not None:
