@@ -15,9 +15,9 @@ from robocorba.missions.messages import KINDS
 from robocorba.missions.subplan import VERSION, StoredPlan
 from robocorba.names import STOP_EVENT
 from robocorba.programs import program
-from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.emergency_stops import StopEvent
 from robocorba.simulation.mission_record import MissionContent
+from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.spatial.floor_format import FloorUpdateMap
 
 FOLDER = Path(__file__).resolve().parent / "schemas"

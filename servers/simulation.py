@@ -36,7 +36,6 @@ from robocorba.private_files import claim_state
 from robocorba.repeating import Repeating
 from robocorba.settings import SimulationSettings
 from robocorba.simulation import omni_database, physics
-from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.emergency_stops import EmergencyStops
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.mission_control import LeaderWatch, MissionControl
@@ -45,6 +44,7 @@ from robocorba.simulation.monitor import Monitor
 from robocorba.simulation.registry import RobotClient, digest_of
 from robocorba.simulation.sensor_admission import SensorAdmission, system_token
 from robocorba.simulation.session import Session
+from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.store import SimulationStore
 
 #: Interval between requests for map edits [s].

@@ -15,8 +15,8 @@ import pytest
 
 from robocorba.corba.remote.announcer import payload_of
 from robocorba.missions import messages, subplan
-from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.mission_record import MissionContent, PhaseRecord
+from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.spatial import floor_format
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate

@@ -52,7 +52,9 @@ def lap(world: SimulatedBuilding) -> Lap:
 
 def command(world: SimulatedBuilding, chance: np.random.Generator) -> None:
     """Let all robots drive along new bends."""
-    for robot, turn in zip(world.robots.values(), chance.uniform(-1.0, 1.0, len(world.robots)).tolist(), strict=True):
+    for robot, turn in zip(
+        world.occupants.robots.values(), chance.uniform(-1.0, 1.0, len(world.occupants.robots)).tolist(), strict=True
+    ):
         robot.command(0.8, 0.0, turn, 5.0)
 
 

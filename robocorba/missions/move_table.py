@@ -38,8 +38,8 @@ from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import StandingRobot, World
 from robocorba.planning.request import Place
 from robocorba.programs.icons import Destination
-from robocorba.simulation.building import PAYLOAD_KG
 from robocorba.simulation.elevator import BOARDING_LIMIT_S, BOARDING_MARGIN_S, MAX_BOARDING_S
+from robocorba.simulation.occupants import PAYLOAD_KG
 from robocorba.simulation.reservations import MAX_ALTERNATIVES, MAX_LIMIT_S
 from robocorba.spatial.frames import out_of
 from robocorba.spatial.pose import Pose, Pose2D

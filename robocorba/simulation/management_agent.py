@@ -15,13 +15,14 @@ from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import InvalidChoice, SessionExpired, SimulationError, UnknownRobot
 from robocorba.maps.model import Building
 from robocorba.simulation import omni_database, physics
-from robocorba.simulation.building import SimulatedBuilding, SimulationEvent
+from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.load_balance import LoadBalance
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.registry import Description, Registry, RobotClient
 from robocorba.simulation.robot_scans import LastScan, RobotScan
 from robocorba.simulation.server_state import ServerState
 from robocorba.simulation.session import Session
+from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.simulation_loop import SimulationLoop, check_pace
 from robocorba.simulation.state_writer import StateWriter
 from robocorba.simulation.store import AdministratorSettings, ClientRecord, SimulationStore
@@ -253,7 +254,7 @@ class ManagementAgent:
         world = msgspec.structs.replace(world, robots=robots)
         self.simulated.restore(world, [record.description for record in clients.values()])
         for record in records:
-            is_restored = record.name in self.simulated.robots  # else its floor was removed from the map
+            is_restored = record.name in self.simulated.occupants.robots  # else its floor was removed from the map
             if is_restored and clients[record.name] is record:
                 self._open_session(self.registry.restore(record.description, record.key, record.since))
             else:
@@ -297,7 +298,7 @@ class ManagementAgent:
         return self._open_session(self.registry.register(description))
 
     def _open_session(self, client: RobotClient) -> Session:
-        robot = self.simulated.robots[client.name]
+        robot = self.simulated.occupants.robots[client.name]
         self.load_balance.assign(client.name)
         session = Session(client, robot, self.simulated, self._do_durably, self._log_off_durably)
         self.sessions[client.key] = session

@@ -42,7 +42,7 @@ class OmniDatabase:
 
     @property
     def floors(self) -> list[str]:
-        return list(self._building.floors)
+        return list(self._building.occupants.floors)
 
     def floor(self, name: str) -> FloorUpdate:
         """The whole floor. Raises UnknownFloor."""
@@ -51,17 +51,17 @@ class OmniDatabase:
     def changes(self, name: str, since: int) -> FloorUpdate:
         """Changes since a version; the whole floor if that version is not remembered. Raises UnknownFloor."""
         with self._lock:
-            physics = self._building.floors.get(name)
+            physics = self._building.occupants.floors.get(name)
             if physics is None:
                 self._floors.pop(name, None)
                 raise UnknownFloor("floorName", name, self.floors)
             floor = self._floors.setdefault(name, _FloorVersions(self._first_version))
-            floor.update(physics.snapshot, self._building.bodies, self._building.elevator_states_on(name))
+            floor.update(physics.snapshot, self._building.occupants.published, self._building.elevators.states_on(name))
             return floor.changes(name, since, self.map_version)
 
     def elevators(self) -> dict[str, ElevatorState]:
         """State of all elevators, by name."""
-        return dict(self._building.elevator_states)
+        return dict(self._building.elevators.states)
 
     # ---- scans ----
 
@@ -88,7 +88,7 @@ class OmniDatabase:
     def postures(self, floor: str, time_s: float) -> list[Posture]:
         """Postures that robots on a floor reported after a simulated time [s]. Raises UnknownFloor."""
         self.check(floor)
-        robots = list(self._building.robots.values())
+        robots = list(self._building.occupants.robots.values())
         postures = [robot.posture for robot in robots if robot.floor == floor]
         return [posture for posture in postures if posture and posture.time > time_s]
 
@@ -98,7 +98,7 @@ class OmniDatabase:
 
     def check(self, floor: str) -> None:
         """Raises UnknownFloor if there is no such floor."""
-        if floor not in self._building.floors:
+        if floor not in self._building.occupants.floors:
             raise UnknownFloor("floorName", floor, self.floors)
 
 

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 
 from robocorba.errors.simulation import InvalidReservation, InvalidRide, SessionExpired
 from robocorba.maps.polygons import FloorArea
-from robocorba.simulation.building import Held, SimulatedBuilding, SimulatedRobot
+from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.elevator import RideStatus
+from robocorba.simulation.occupants import Held
 from robocorba.simulation.registry import RobotClient
 from robocorba.simulation.reservations import (
     MAX_LIMIT_S,
@@ -18,6 +19,7 @@ from robocorba.simulation.reservations import (
     area_requests,
     canonical_areas,
 )
+from robocorba.simulation.simulated_robot import SimulatedRobot
 from robocorba.spatial.pose import RobotMotion
 
 
@@ -73,23 +75,23 @@ class Session:
     @property
     def ride(self) -> RideStatus | None:
         """Status of the robot's ride; None without a ride."""
-        return self._building.rides.get(self.name)
+        return self._building.elevators.rides.get(self.name)
 
     def grip(self, object_name: str, at: tuple[float, float]) -> None:
         """Grip an object at the point `at` [m]. Raises CannotGrip, SimulationBusy, ServiceError."""
-        building = self._building
+        occupants = self._building.occupants
         before: Held | None = None
 
         def grip() -> None:
             nonlocal before
-            before = building.held_by(self.name)
-            building.grip(self.name, object_name, at)
+            before = occupants.held_by(self.name)
+            occupants.grip(self.name, object_name, at)
 
-        self._do(grip, lambda: building.hold_again(self.name, before))
+        self._do(grip, lambda: occupants.hold_again(self.name, before))
 
     def release(self) -> None:
         """Release the held object, if any. Raises SimulationBusy, ServiceError."""
-        self._do(lambda: self._building.release(self.name))
+        self._do(lambda: self._building.occupants.release(self.name))
 
     def call_elevator(
         self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
@@ -99,8 +101,8 @@ class Session:
 
         Raises InvalidRide, ElevatorFull, SimulationBusy, ServiceError."""
         self._do(
-            lambda: self._building.call_elevator(self.name, elevator, destination, party, size, boarding_s),
-            lambda: self._building.cancel_elevator(self.name),
+            lambda: self._building.elevators.call(self.name, elevator, destination, party, size, boarding_s),
+            lambda: self._building.elevators.cancel(self.name),
         )
 
     def call_elevator_together(
@@ -114,11 +116,11 @@ class Session:
     def longest_elevator_wait_s(self) -> float:
         """Upper bound of the simulated time until the doors open for the robot's ride [s]; 0 without one."""
         self.client.renew_lease(time.monotonic())
-        return self._building.longest_elevator_wait_s(self.name)
+        return self._building.elevators.longest_wait_s(self.name)
 
     def cancel_elevator(self) -> None:
         """Cancel the ride, if any. Raises SimulationBusy, ServiceError."""
-        self._do(lambda: self._building.cancel_elevator(self.name))
+        self._do(lambda: self._building.elevators.cancel(self.name))
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
         """Request areas; the grant lasts `limit_s` of simulated time.

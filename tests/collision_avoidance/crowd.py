@@ -73,13 +73,12 @@ class Crowd:
         return self.world.time
 
     def at(self, name: str) -> Pose2D:
-        return self.world.pose(name)[1:]
+        return self.world.occupants.pose(name)[1:]
 
     def carried(self, thing: str, to: tuple[float, float]) -> None:
         """Move an object to another place."""
-        before, floor = self.world.objects[thing]
-        self.world._remove_object(thing)
-        self.world._add_object(thing, msgspec.structs.replace(before, at=to), floor)
+        before, floor = self.world.occupants.objects[thing]
+        self.world.occupants.move_object(thing, Pose(floor, *to, before.heading))
         for _ in range(FOLLOW_STEPS):
             self._step()
 
@@ -140,7 +139,7 @@ class InStep:
     """A BuildingSession of a robot in a building that the test steps."""
 
     def __init__(self, world: Any, name: str) -> None:
-        self._world, self._robot = world, world.robots[name]
+        self._world, self._robot = world, world.occupants.robots[name]
         self.latest: SessionState
 
     def log_on(self, at: Pose | None = None) -> None:
@@ -175,10 +174,10 @@ class InStep:
         raise NotImplementedError
 
     def grip(self, what: str, x: float, y: float) -> None:
-        self._world.grip(self._robot.name, what, (x, y))
+        self._world.occupants.grip(self._robot.name, what, (x, y))
 
     def release(self) -> None:
-        self._world.release(self._robot.name)
+        self._world.occupants.release(self._robot.name)
 
     def longest_elevator_wait_s(self) -> float:
         return 0.0
@@ -189,15 +188,15 @@ class InStep:
         raise NotImplementedError
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
-        self._world.reserve(self._robot.name, [area_request(areas, limit_s, self._world.floors)])
+        self._world.reserve(self._robot.name, [area_request(areas, limit_s, self._world.occupants.floors)])
 
     def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
         return self._world.reserve(
-            self._robot.name, [area_request(areas, limit_s, self._world.floors) for areas in alternatives]
+            self._robot.name, [area_request(areas, limit_s, self._world.occupants.floors) for areas in alternatives]
         )
 
     def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
-        request = area_request(areas, least_s, self._world.floors)
+        request = area_request(areas, least_s, self._world.occupants.floors)
         return self._world.reservations.exchange(self._robot.name, request, least_s)
 
     def take_over_areas(self, former: str) -> None:

@@ -16,7 +16,7 @@ def test_positions_are_extrapolated() -> None:
     place = Place()
     for name, y in (("A", 1.0), ("B", 3.0), ("far", 9.0)):
         place.world.add(robot(name, y=y))
-    place.world.robots["B"].command(0.5, 0.0, 0.0, 5.0)
+    place.world.occupants.robots["B"].command(0.5, 0.0, 0.0, 5.0)
     place.run(1.0)
     pool = place.pool(own_name="A")
     nearby = PoolNearby(pool, "A")

@@ -29,7 +29,7 @@ def seen_by_a(*others_y: float) -> FloorSnapshot:
     for number, y in enumerate(others_y):
         place.world.add(robot(f"B{number}", y=y))
     place.world.add(robot("C", y=9.0))
-    place.world.robots["C"].command(1.0, 0.0, 0.0, 5.0)
+    place.world.occupants.robots["C"].command(1.0, 0.0, 0.0, 5.0)
     place.run(1.0)
     pool = place.pool(own_name="A")
     pool.follow()

@@ -33,10 +33,10 @@ from robocorba.planning.planner import PathPlanner
 from robocorba.programs.icons import Icon
 from robocorba.sensing.scan import Mount, ScanSpec
 from robocorba.sensing.virtual_sensor import VirtualSensor
-from robocorba.simulation.building import STOPPED
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.registry import Description, Pose
 from robocorba.simulation.reservations import Reservation
+from robocorba.simulation.simulated_robot import STOPPED
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.arrays import Floats
 from robocorba.testing.buildings import with_all

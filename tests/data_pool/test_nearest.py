@@ -34,16 +34,16 @@ def crowd(floor: str = "L2") -> Place:
 
 def all_obstacles(place: Place, floor: str) -> dict[str, list[BaseGeometry]]:
     """Shapes of all obstacles except robots, by name."""
-    building, physics = place.world.building, place.world.floors[floor]
-    movable = {item.name for item, _ in place.world.objects.values()}
+    building, physics = place.world.building, place.world.occupants.floors[floor]
+    movable = {item.name for item, _ in place.world.occupants.objects.values()}
     found: dict[str, list[BaseGeometry]] = {}
     for item in obstacles(building, floor):
         if item.kind != "object" or item.name not in movable:
             found.setdefault(item.name, []).append(item.geometry)
-    for name, state in place.world.elevator_states_on(floor).items():
+    for name, state in place.world.elevators.states_on(floor).items():
         if state.floor != floor or state.doors is not Doors.OPEN:
             found.setdefault(name, []).append(landing_doors(building, name, floor))
-    for name, (item, object_floor) in place.world.objects.items():
+    for name, (item, object_floor) in place.world.occupants.objects.items():
         if object_floor == floor:
             x, y, heading = physics.pose(f"object/{name}")
             turned = shapely.affinity.rotate(object_outline(item), heading, (0, 0), use_radians=True)
@@ -80,13 +80,13 @@ def _scenes() -> list[Place]:
     scenes = [crowd() for _ in range(4)]
     for number, place in enumerate(scenes[1:3], 1):
         place.world.add(Description("pusher", Pose("L2", 0.9, 4.0, 0.0), 0.2))
-        for one in place.world.robots.values():
+        for one in place.world.occupants.robots.values():
             one.command(0.3, 0.1 * number, 0.3, 5.0)
         place.run(2.0 * number)
-        assert place.world.floors["L2"].pose("object/plate")[0] > 2.1
+        assert place.world.occupants.floors["L2"].pose("object/plate")[0] > 2.1
     scenes[3].world.add(robot("caller", "L2", 5.0, 2.0))
-    scenes[3].world.call_elevator("caller", "E1", "L1")
-    while scenes[3].world.elevator_states["E1"].doors is not Doors.OPEN:
+    scenes[3].world.elevators.call("caller", "E1", "L1")
+    while scenes[3].world.elevators.states["E1"].doors is not Doors.OPEN:
         scenes[3].run(0.1)
     return scenes
 
@@ -97,8 +97,8 @@ SCENES = _scenes()
 def test_open_doors_are_no_obstacle() -> None:
     opening = crowd()
     opening.world.add(robot("caller", "L2", 5.0, 2.0))
-    opening.world.call_elevator("caller", "E1", "L1")
-    while opening.world.elevator_states["E1"].doors is not Doors.OPENING:
+    opening.world.elevators.call("caller", "E1", "L1")
+    while opening.world.elevators.states["E1"].doors is not Doors.OPENING:
         opening.run(0.02)
     for place, floor, is_open in (
         (SCENES[0], "L2", False),
@@ -145,8 +145,8 @@ def test_robots_near(x: float, y: float, range_m: float, own_name: str) -> None:
     pool = place.pool("L2", own_name)
     pool.follow()
     beside = {}
-    for one in place.world.robots.values():
-        at = place.world.pose(one.name)
+    for one in place.world.occupants.robots.values():
+        at = place.world.occupants.pose(one.name)
         if one.name != own_name:
             beside[one.name] = math.dist((x, y), (at.x, at.y)) - one.description.radius_m
     assume(all(abs(away - range_m) > 1e-9 for away in beside.values()))

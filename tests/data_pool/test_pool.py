@@ -39,7 +39,7 @@ def test_a_floor_is_loaded_and_followed() -> None:
     assert same(pool, place)
     first = pool.snapshot()
     assert (first.floor, pool.problem, pool.lag_s) == ("L1", "", 0.0)
-    place.world.robots["A"].command(0.5, 0.0, 0.2, 1.0)
+    place.world.occupants.robots["A"].command(0.5, 0.0, 0.2, 1.0)
     place.run(0.5)
     pool.follow()
     assert same(pool, place)
@@ -82,21 +82,21 @@ def test_a_robot_changes_floors_with_the_elevator() -> None:
     world.add(robot("A", "L2", 5.0, 3.0, math.pi / 2))
     world.add(robot("B", "L1", 8.0, 2.0))
     pool.follow()
-    world.call_elevator("A", "E1", "L1")
-    ride = world.cabins["E1"].sessions["A"]
-    while "A" in world.cabins["E1"].sessions:
+    world.elevators.call("A", "E1", "L1")
+    ride = world.elevators.cabins["E1"].sessions["A"]
+    while "A" in world.elevators.cabins["E1"].sessions:
         if ride.phase is RidePhase.BOARDING:
-            world.robots["A"].command(0.5, 0.0, 0.0, 0.2)
+            world.occupants.robots["A"].command(0.5, 0.0, 0.0, 0.2)
         elif ride.phase is RidePhase.RIDING:
-            world.robots["A"].command(max(0.0, 5.0 - world.pose("A").y), 0.0, 0.0, 0.2)
+            world.occupants.robots["A"].command(max(0.0, 5.0 - world.occupants.pose("A").y), 0.0, 0.0, 0.2)
         elif ride.phase is RidePhase.ALIGHTING:
-            world.robots["A"].command(-0.5, 0.0, 0.0, 0.2)
+            world.occupants.robots["A"].command(-0.5, 0.0, 0.0, 0.2)
         world.step()
         world.refresh()
-        if pool.floor != world.pose("A").floor:
+        if pool.floor != world.occupants.pose("A").floor:
             pool.follow()
             assert pool.snapshot().robot("A") is None
-            assert pool.change_floor(world.pose("A").floor)
+            assert pool.change_floor(world.occupants.pose("A").floor)
         pool.follow()
         assert same(pool, place)
         assert pool.snapshot().robot("A")
@@ -148,7 +148,7 @@ def test_the_lag_grows_while_the_source_does_not_answer() -> None:
     assert pool.lag_s == 0.25
     before = pool.snapshot()
     place.is_away = True
-    world.robots["A"].command(0.5, 0.0, 0.0, 1.0)
+    world.occupants.robots["A"].command(0.5, 0.0, 0.0, 1.0)
     for _ in range(3):
         place.clock.now += 1.0
         place.run(0.2)
@@ -226,7 +226,7 @@ def test_the_floor_is_reloaded_after_an_update_that_does_not_fit() -> None:
         assert pool.snapshot() is before
         assert "begins at" in pool.problem
         place.database = right
-        place.world.robots["A"].command(0.2, 0.0, 0.0, 1.0)
+        place.world.occupants.robots["A"].command(0.2, 0.0, 0.0, 1.0)
         place.run(0.1)
         pool.follow()
         assert pool.problem == ""
@@ -296,7 +296,7 @@ def test_the_memory_is_that_of_one_floor() -> None:
         assert before() is None
         pool.change_floor("L1")
         for number in range(4):
-            place.world.robots[f"L1-{number}"].command(0.2, 0.0, 1.0, 0.5)
+            place.world.occupants.robots[f"L1-{number}"].command(0.2, 0.0, 1.0, 0.5)
         place.run(0.1)
         pool.follow()
         if turn in (0, 19):
@@ -307,7 +307,7 @@ def test_the_memory_is_that_of_one_floor() -> None:
     assert {one.name for one in held if isinstance(one, MapObject)} == {"T1", "S1"}
     fresh = place.pool("L1")
     fresh.follow()
-    place.world.robots["L1-0"].command(0.2, 0.0, 1.0, 0.5)
+    place.world.occupants.robots["L1-0"].command(0.2, 0.0, 1.0, 0.5)
     place.run(0.1)
     fresh.follow()  # the pool remembers an update, too
     assert abs(sizes[-1] - len(reachable(fresh, place))) <= 5
@@ -377,17 +377,17 @@ def test_the_pool_equals_the_database_after_any_events(acts: list[tuple[str, str
         floor = ("L1", "L2")[number % 2]
         world.refresh()
         known = pool.snapshot()
-        if act == "add" and name not in world.robots:
+        if act == "add" and name not in world.occupants.robots:
             with contextlib.suppress(PlaceTaken):
                 world.add(robot(name, floor, 4.0 + 1.0 * "ABCD".index(name), 1.0))
-        elif act == "remove" and name in world.robots:
+        elif act == "remove" and name in world.occupants.robots:
             world.remove(name)
-        elif act == "drive" and name in world.robots:
-            world.robots[name].command(0.2 * number, 0.3 * (number - 1), 0.5, 0.5)
+        elif act == "drive" and name in world.occupants.robots:
+            world.occupants.robots[name].command(0.2 * number, 0.3 * (number - 1), 0.5, 0.5)
         elif act == "run":
             place.run(0.1 * number)
-        elif act == "call" and name in world.robots and name not in world.cabins["E1"].sessions:
-            world.call_elevator(name, "E1", ("L2", "L1")[world.robots[name].floor == "L2"])
+        elif act == "call" and name in world.occupants.robots and name not in world.elevators.cabins["E1"].sessions:
+            world.elevators.call(name, "E1", ("L2", "L1")[world.occupants.robots[name].floor == "L2"])
         elif act == "edit":
             wall = Wall("W5", (9.0, 1.0 + number), (9.5, 4.0))
             world.update(world.building.with_element(floor, wall))
@@ -410,5 +410,5 @@ def test_the_pool_equals_the_database_after_any_events(acts: list[tuple[str, str
     assert same(pool, place)
     assert pool.problem == ""
     assert {item.name for item in pool.snapshot().robots} == {
-        one.name for one in world.robots.values() if one.floor == pool.floor
+        one.name for one in world.occupants.robots.values() if one.floor == pool.floor
     }

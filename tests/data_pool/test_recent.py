@@ -21,7 +21,7 @@ def place_with_robots(*names: str) -> Place:
 
 
 def drive(place: Place, name: str, seconds: float = 0.1) -> None:
-    place.world.robots[name].command(0.3, 0.0, 0.0, 1.0)
+    place.world.occupants.robots[name].command(0.3, 0.0, 0.0, 1.0)
     place.run(seconds)
 
 
@@ -51,7 +51,7 @@ def test_a_reader_follows_by_changes_however_seldom_it_asks() -> None:
         lambda: place.world.place("C", Pose("L2", 2.0, 2.0, 0.0)),
         lambda: place.world.place("C", Pose("L1", 2.0, 6.0, 0.0)),
         lambda: place.world.place("T1", Pose("L1", 1.0, 8.0, 0.0)),
-        lambda: place.world.call_elevator("A", "E1", "L2"),
+        lambda: place.world.elevators.call("A", "E1", "L2"),
         lambda: place.run(1.0),
         lambda: place.world.remove("D"),
     )
@@ -77,7 +77,7 @@ def test_only_what_moved_is_sent() -> None:
     drive(place, "B")
     pool.follow()
     update = pool.snapshot().changes(before.version)
-    assert update.motions["number"].tolist() == [place.world.robots["B"].number]
+    assert update.motions["number"].tolist() == [place.world.occupants.robots["B"].number]
     assert (update.came, update.went, update.elevators) == ([], [], {})
     now = pool.snapshot()
     nothing = now.changes(now.version)
@@ -117,7 +117,7 @@ def test_memory_of_updates_is_bounded() -> None:
     pool.follow()
     first = pool.snapshot().version
     for _ in range(MAX_UPDATES + 10):
-        place.world.robots["A"].command(0.1, 0.0, 0.0, 1.0)
+        place.world.occupants.robots["A"].command(0.1, 0.0, 0.0, 1.0)
         place.run(0.02)
         pool.follow()
     now = pool.snapshot()

@@ -17,7 +17,7 @@ from robocorba.events import event, queue, subscription
 from robocorba.planning import request
 from robocorba.programs import program
 from robocorba.sensing import fan, virtual_sensor
-from robocorba.simulation import building, picture, registry, reservations, simulation_loop, store
+from robocorba.simulation import picture, registry, reservations, simulated_robot, simulation_loop, store
 from robocorba.stubs import RoboCorba
 
 IDL = Path(__file__).resolve().parents[2] / "idl"
@@ -137,8 +137,8 @@ def test_constants_are_the_limits_of_the_servers() -> None:
         "MAX_FORBIDDEN_AREAS": request.MAX_AREAS,
         "MAX_PLANNED_RADIUS": request.MAX_RADIUS_M,
         "MAX_ROBOT_NAME_LENGTH": registry.MAX_NAME,
-        "MAX_COMMAND_VALIDITY": building.MAX_VALID_S,
-        "MAX_JOINTS": building.MAX_JOINTS,
+        "MAX_COMMAND_VALIDITY": simulated_robot.MAX_VALID_S,
+        "MAX_JOINTS": simulated_robot.MAX_JOINTS,
         "MAX_RESERVED_AREAS": reservations.MAX_AREAS,
         "MAX_RESERVED_CORNERS": reservations.MAX_CORNERS,
         "MAX_RESERVED_ALTERNATIVES": reservations.MAX_ALTERNATIVES,

@@ -83,7 +83,7 @@ def test_changed_walls_objects_and_doors_are_seen(place: Following) -> None:
     assert place.ahead(0.5, 2.0, 0.0) == pytest.approx(2.5)
     assert place.ahead(5.0, 3.0, math.pi / 2) == pytest.approx(1.0)  # the elevator's door
     place.world.add(robot("C", "L1", 8.0, 5.0))
-    place.world.call_elevator("C", "E1", "L2")
+    place.world.elevators.call("C", "E1", "L2")
     for _ in range(100):
         place.world.step()
     place.follow()

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from robocorba.errors.simulation import InvalidCommand, UnknownRobot
-from robocorba.simulation.building import STOPPED
 from robocorba.simulation.emergency_stops import EmergencyStops, StopAnswer, read_records
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
+from robocorba.simulation.simulated_robot import STOPPED
 from robocorba.simulation.store import SimulationStore
 from robocorba.testing.processes import eventually
 from tests.simulation.places import robot, tower

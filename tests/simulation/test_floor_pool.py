@@ -49,7 +49,7 @@ class Play:
             for row in range(8):
                 for column, x in enumerate((0.6, 7.4, 8.6)):
                     self._add(f"{floor}-{row}-{column}", floor, x, 0.6 + 1.1 * row, 0.0)
-        self.world.call_elevator("rider", "E1", "L3")
+        self.world.elevators.call("rider", "E1", "L3")
         self.seen: list[object] = []
         self.kinds: set[str] = set()
         self.gripped = 0
@@ -59,13 +59,13 @@ class Play:
             self._command(step)
             events = self.world.step()
             self.kinds.update(event.kind for event in events)
-            self.seen.append((tuple(events), dict(self.world.elevator_states), dict(self.world.rides)))
-            for physics in self.world.floors.values():
+            self.seen.append((tuple(events), dict(self.world.elevators.states), dict(self.world.elevators.rides)))
+            for physics in self.world.occupants.floors.values():
                 state = physics.snapshot
                 self.seen.append((state.floor, state.time, state.names, dict(state.held), state.rows.tobytes()))
 
     def _command(self, step: int) -> None:
-        robots = self.world.robots
+        robots = self.world.occupants.robots
         if step % 10 == 0:
             for robot in robots.values():
                 ahead, left, turn = self._chance.uniform(-1.0, 1.0, 3).tolist()
@@ -74,10 +74,10 @@ class Play:
         if step in (5, 25, 150):
             for name, y in (("left", 2.3), ("right", 1.7)):
                 with contextlib.suppress(CannotGrip):
-                    self.world.grip(name, "T0", (2.0, y))
+                    self.world.occupants.grip(name, "T0", (2.0, y))
                     self.gripped += 1
-        ride = self.world.rides.get("rider")
-        y = self.world.pose("rider").y
+        ride = self.world.elevators.rides.get("rider")
+        y = self.world.occupants.pose("rider").y
         if ride and ride.phase in (RidePhase.WAITING, RidePhase.BOARDING, RidePhase.RIDING):
             wanted = 3.0 if ride.phase is RidePhase.WAITING else 5.0
             robots["rider"].command(max(-1.0, min(1.0, 2 * (wanted - y))), 0.0, 0.0, 0.2)
@@ -93,7 +93,7 @@ def test_any_number_of_threads_simulates_the_same_bit_for_bit(seed: int) -> None
         play.run(500)
         play.world.close()
     alone = plays[0]
-    assert alone.world.pose("rider").floor == "L3"
+    assert alone.world.occupants.pose("rider").floor == "L3"
     assert "collision" in alone.kinds
     assert alone.gripped >= 2
     for play in plays[1:]:

@@ -23,12 +23,12 @@ from robocorba.errors.simulation import (
     UnknownRobot,
 )
 from robocorba.maps.model import ElementKind
-from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.robot_scans import LastScan
 from robocorba.simulation.session import Session
+from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.store import ClientRecord, SimulationStore
 from robocorba.spatial.pose import Pose
 from robocorba.testing.processes import eventually
@@ -136,14 +136,14 @@ def test_a_refused_log_on_leaves_no_record(agent: ManagementAgent, store: Simula
     agent.register(robot("B", x=4.0))
     with pytest.raises(ServerFull):
         agent.register(robot("C", x=5.0))
-    assert set(agent.simulated.robots) == {"A", "B"} == {record.name for record in store.clients()}
+    assert set(agent.simulated.occupants.robots) == {"A", "B"} == {record.name for record in store.clients()}
 
 
 def test_a_log_on_that_cannot_be_stored_is_refused(agent: ManagementAgent, store: SimulationStore) -> None:
     store.__exit__(None, None, None)
     with pytest.raises(ServiceError):
         agent.register(robot("A"))
-    assert agent.simulated.robots == {}
+    assert agent.simulated.occupants.robots == {}
     assert agent.state.robots == 0
 
 
@@ -234,7 +234,7 @@ def test_accepted_changes_survive_a_kill(store: SimulationStore) -> None:
     assert session.state().pose[1:] == pytest.approx((1.0, 2.0, 0.0), abs=0.01)
     ride = again.sessions[waiter.client.key].ride
     assert ride is not None and ride.phase is RidePhase.WAITING
-    assert again.simulated.cabins["E1"].sessions["B"].party == "table"
+    assert again.simulated.elevators.cabins["E1"].sessions["B"].party == "table"
     first, second = session.reservation(), again.sessions[waiter.client.key].reservation()
     assert first is not None and first.granted and 99.0 < first.left_s <= 100.0
     assert second == (False, 1, pytest.approx(first.left_s), 200.0)
@@ -332,8 +332,8 @@ def test_a_placed_body_is_there_after_a_kill(store: SimulationStore) -> None:
     with pytest.raises(PlaceTaken):
         agent.place("A", Pose("L1", 6.0, 2.0, 0.0))
     after = ManagementAgent(tower(), 7, store)  # the first one was not closed
-    assert after.simulated.pose("A") == pytest.approx(Pose("L2", 3.0, 3.0, 1.0))
-    assert after.simulated.floors["L1"].pose("object/T1") == pytest.approx((6.0, 2.0, 1.0))
+    assert after.simulated.occupants.pose("A") == pytest.approx(Pose("L2", 3.0, 3.0, 1.0))
+    assert after.simulated.occupants.floors["L1"].pose("object/T1") == pytest.approx((6.0, 2.0, 1.0))
 
 
 def test_postures_reservations_and_scans_of_a_robot_end_with_its_session(agent: ManagementAgent) -> None:

@@ -26,8 +26,8 @@ def run(world: SimulatedBuilding, seconds: float) -> None:
 
 def same(view: FloorView, world: SimulatedBuilding) -> bool:
     """Whether a copy equals the building."""
-    state = world.floors[view.floor].state()
-    bodies = {world.bodies[name].number: row for name, row in state.items()}
+    state = world.occupants.floors[view.floor].state()
+    bodies = {world.occupants.published[name].number: row for name, row in state.items()}
     assert set(view.bodies) == set(bodies)
     for number, row in bodies.items():
         motion = view.motion(number)
@@ -52,10 +52,10 @@ def test_updates_hold_the_whole_floor_then_changes() -> None:
     run(world, 0.1)
     nothing = database.changes("L1", view.version)
     assert (nothing.version, nothing.came, nothing.went, len(nothing.motions)) == (view.version, [], [], 0)
-    world.robots["A"].command(0.5, 0.2, 0.1, 1.0)
+    world.occupants.robots["A"].command(0.5, 0.2, 0.1, 1.0)
     run(world, 0.5)
     moved = database.changes("L1", view.version)
-    assert moved.motions["number"].tolist() == [world.robots["A"].number]
+    assert moved.motions["number"].tolist() == [world.occupants.robots["A"].number]
     assert len(moved.motions.tobytes()) == 40
     view.apply(moved)
     assert same(view, world)
@@ -94,7 +94,7 @@ def test_updates_hold_changed_elevators() -> None:
     assert view.elevators["E1"].doors is Doors.CLOSED
     run(world, 0.1)
     assert database.changes("L2", view.version).elevators == {}
-    world.call_elevator("A", "E1", "L1")
+    world.elevators.call("A", "E1", "L1")
     run(world, 0.1)
     view.apply(database.changes("L2", view.version))
     assert view.elevators["E1"].queue == ("A",)
@@ -121,12 +121,12 @@ def test_copies_that_follow_equal_the_building(acts: list[tuple[str, str, int]])
     database = OmniDatabase(world)
     often, seldom = FloorView("L1"), FloorView("L1")
     for act, name, number in acts:
-        if act == "add" and name not in world.robots:
+        if act == "add" and name not in world.occupants.robots:
             world.add(robot(name, "L1", 4.0 + 1.0 * "ABCD".index(name), 1.0))
-        elif act == "remove" and name in world.robots:
+        elif act == "remove" and name in world.occupants.robots:
             world.remove(name)
-        elif act == "drive" and name in world.robots:
-            world.robots[name].command(0.0, 0.3 * (number - 1), 0.5, 0.5)
+        elif act == "drive" and name in world.occupants.robots:
+            world.occupants.robots[name].command(0.0, 0.3 * (number - 1), 0.5, 0.5)
         elif act == "run":
             run(world, 0.1 * number)
         elif act == "follow":

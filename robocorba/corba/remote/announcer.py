@@ -22,9 +22,9 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.names import STOP_EVENT
 from robocorba.repeating import Repeating
-from robocorba.simulation.building import SimulationEvent
 from robocorba.simulation.emergency_stops import StopEvent
 from robocorba.simulation.omni_database import OmniDatabase
+from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.spatial.floor_format import as_map
 from robocorba.spatial.floor_update import WHOLE, FloorUpdate
 from robocorba.stubs import RoboCorba

@@ -26,9 +26,9 @@ from robocorba.errors.simulation import InvalidCommand, PlaceTaken
 from robocorba.maps.polygons import FloorArea
 from robocorba.motion.robot_state import Velocity
 from robocorba.sensing.scan import Mount, ScanSpec
-from robocorba.simulation.building import STOPPED
 from robocorba.simulation.registry import LEASE_S, Description, Pose
 from robocorba.simulation.reservations import Reservation
+from robocorba.simulation.simulated_robot import STOPPED
 from robocorba.spatial.arrays import Floats
 from robocorba.stubs import RoboCorba
 
