@@ -19,11 +19,13 @@ from robocorba.maps.model import (
     MapObject,
     Wall,
 )
+from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.recording import Recorder, Recording
 from robocorba.simulation.registry import Description
 from robocorba.simulation.robot_scans import RobotScan
+from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.pose import Pose
 
@@ -88,3 +90,13 @@ def recorded_drive(
             for _ in range(round(0.05 / STEP_S)):
                 agent.step()
     return Recording(folder / "a.mcap")
+
+
+def enter(world: SimulatedBuilding, name: str, floor: str, x: float, y: float, heading: float = 0.0) -> None:
+    """Add a robot."""
+    world.add(Description(name, Pose(floor, x, y, heading)))
+
+
+def run(world: SimulatedBuilding, seconds: float) -> list[SimulationEvent]:
+    """Advance the simulated time [s]; the events."""
+    return [event for _ in range(round(seconds / STEP_S)) for event in world.step()]
