@@ -147,10 +147,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         moments = play(agents, programs())
     found = facts(moments)
     write_moments(folder / f"{name}.csv", moments)
-    wrote = [mcap.name, f"{name}.csv"]
-    if given.film:
-        film(folder / f"{name}.mp4", moments, found.released_s)
-        wrote.append(f"{name}.mp4")
     found_faults = faults(found)
     distance_mm, height_mm = 1000 * found.distance_error_m, 1000 * found.height_error_m
     line(
@@ -159,6 +155,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"Largest errors in between: hands {distance_mm:.1f} mm from the sheet's ends, "
         f"height difference {height_mm:.1f} mm, misalignment {math.degrees(found.angle_error_rad):.2f} deg."
     )
+    wrote = [mcap.name, f"{name}.csv"]
+    if given.film:
+        film(folder / f"{name}.mp4", moments, found.released_s)
+        wrote.append(f"{name}.mp4")
     line(f"wrote {', '.join(wrote)} in {folder}")
     for fault in found_faults:
         line(f"wrong: {fault}")

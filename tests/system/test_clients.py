@@ -139,19 +139,44 @@ CLEAN = {"PATH": "/usr/local/bin:/usr/bin:/bin"}
 CppCompiler = Callable[[str], Path]
 
 
+def make_cpp(folder: Path, target: str) -> subprocess.Popen[str]:
+    """Begin to make a file of clients/cpp in a folder."""
+    options = (f"OUT={folder}", f"OMNIIDL={OMNIIDL}", "OPTIMIZE=-O0")
+    command = ("make", "-C", str(ROOT / "clients" / "cpp"), *options, str(folder / target))
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=CLEAN)
+
+
+def made(making: subprocess.Popen[str]) -> None:
+    """Wait for what `make_cpp` has begun."""
+    output, _ = making.communicate(timeout=250)
+    assert making.returncode == 0, output
+
+
 @pytest.fixture(scope="module")
-def cpp(tmp_path_factory: pytest.TempPathFactory) -> CppCompiler:
-    """Compiles a client in C++, and the stubs before the first one."""
+def cpp_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cpp")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cpp_stubs(cpp_folder: Path) -> Iterator[subprocess.Popen[str] | None]:
+    """Compiles the stubs that all clients in C++ need, while the tests before theirs run; None where C++ is missing."""
     if not has_cpp():
+        yield None
+        return
+    with make_cpp(cpp_folder, "robocorbaSK.o") as making:
+        yield making
+
+
+@pytest.fixture(scope="module")
+def cpp(cpp_folder: Path, cpp_stubs: subprocess.Popen[str] | None) -> CppCompiler:
+    """Compiles a client in C++."""
+    if cpp_stubs is None:
         pytest.skip("needs make, g++, libomniorb4-dev and omniidl with its back-end for C++")
-    folder = tmp_path_factory.mktemp("cpp")
-    make = ("make", "-j2", "-C", str(ROOT / "clients" / "cpp"), f"OUT={folder}", f"OMNIIDL={OMNIIDL}", "OPTIMIZE=-O0")
+    made(cpp_stubs)
 
     def compiled(name: str) -> Path:
-        program = folder / name
-        made = subprocess.run((*make, str(program)), capture_output=True, text=True, env=CLEAN, timeout=250)
-        assert made.returncode == 0, made.stderr
-        return program
+        made(make_cpp(cpp_folder, name))
+        return cpp_folder / name
 
     return compiled
 

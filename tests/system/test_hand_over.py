@@ -199,6 +199,12 @@ def test_actual_robots_in_servers_that_run(actual: Run) -> None:
 @pytest.mark.system
 @pytest.mark.timeout(LIMIT_S + 20)
 def test_actual_robots_hand_the_sheet_over(actual: Run) -> None:
+    actual.read_until("Largest errors")
+
+
+@pytest.mark.system
+@pytest.mark.timeout(LIMIT_S + 20)
+def test_what_is_written_of_actual_robots(actual: Run) -> None:
     actual.check("actual")
     check_film(actual.folder / "hand-over-actual.mp4")
 

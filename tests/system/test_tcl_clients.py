@@ -21,6 +21,7 @@ from robocorba import __version__
 from robocorba.corba.naming import corbaname
 from robocorba.corba.orb import Orb
 from robocorba.stubs import RoboCorba
+from robocorba.supervision.launch import LoggedProcess
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, read_json
 from robocorba.testing.simulation import error_lines
 
@@ -31,7 +32,7 @@ ROOT = HERE.parents[1]
 IDL = ROOT / "idl"
 NAMING_IDL = HERE / "CosNaming.idl"
 ROBOT = "A"
-#: Time limit of the whole script, which waits for robots that drive [s].
+#: Time limit of what the script does between two lines; it waits for robots that drive [s].
 LIMIT_S = 280.0
 
 #: Why operations are not called, by interface or by operation. Everything else of the IDL is.
@@ -101,14 +102,40 @@ class PlainConsumer(CosEventComm__POA.PushConsumer):
         pass
 
 
+class Script:
+    """The script, while it runs. answers: by their names; failed: the reasons, by subject; called: operations."""
+
+    def __init__(self, process: LoggedProcess) -> None:
+        self.process = process
+        self.answers: dict[str, Any] = {}
+        self.called: set[str] = set()
+        self.passed: list[str] = []
+        self.failed: dict[str, str] = {}
+
+    def read_until(self, subject: str = "") -> None:
+        """Read what it prints until it has ended a subject, or all."""
+        while subject not in self.passed and subject not in self.failed:
+            line = self.process.read_line(LIMIT_S)
+            if not line:
+                assert (self.process.wait(LIMIT_S), self.process.log_tail()) == (0, "")
+                break
+            kind, about, *more = read_json(line)
+            if kind == "answer":
+                self.answers[about] = more[0]
+            elif kind == "called":
+                self.called.add(about)
+            elif kind == "failed":
+                self.failed[about] = more[0]
+            else:
+                self.passed.append(about)
+
+
 class Output(NamedTuple):
-    """What the script has printed. failed: the reason, by subject. restarted: processes of the system that do not run
-    any more, or again. pushed: what a consumer in Python has received meanwhile."""
+    """What the script has printed. restarted: processes of the system that do not run any more, or again. pushed: what
+    a consumer in Python has received meanwhile."""
 
     answers: dict[str, Any]
     called: set[str]
-    passed: list[str]
-    failed: dict[str, str]
     restarted: set[int]
     pushed: list[Any]
 
@@ -134,28 +161,42 @@ def robot(system: Running, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 @pytest.fixture(scope="module")
-def output(system: Running, system_orb: Orb, robot: str, repository: Path) -> Output:
-    """The whole script, run once."""
+def consumer(system_orb: Orb) -> PlainConsumer:
+    """It is connected before the script begins."""
     consumer = PlainConsumer()
     channel = system_orb.resolve("EventChannels/main", CosEventChannelAdmin.EventChannel)
     channel.for_consumers().obtain_push_supplier().connect_push_consumer(system_orb.activate(consumer))
-    before = {process.pid for process in system.record().processes}
+    return consumer
+
+
+@pytest.fixture(scope="module")
+def pids(system: Running) -> set[int]:
+    """The processes of the system before the script begins."""
+    return {process.pid for process in system.record().processes}
+
+
+@pytest.fixture(scope="module")
+def script(
+    system: Running,
+    robot: str,
+    repository: Path,
+    consumer: PlainConsumer,
+    pids: set[int],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Script]:
     command = ("tclsh", "-encoding", "utf-8", str(HERE / "tcl_client.tcl"))
     arguments = (str(repository), str(system.naming), str(system.state), "main", robot)
-    ran = subprocess.run((*command, *arguments), capture_output=True, text=True, encoding="utf-8", timeout=LIMIT_S)
-    assert (ran.returncode, ran.stderr) == (0, "")
-    after = {process.pid for process in system.record().processes}
-    output = Output({}, set(), [], {}, before - after, consumer.got)
-    for kind, subject, *more in map(read_json, ran.stdout.splitlines()):
-        if kind == "answer":
-            output.answers[subject] = more[0]
-        elif kind == "called":
-            output.called.add(subject)
-        elif kind == "failed":
-            output.failed[subject] = more[0]
-        else:
-            output.passed.append(subject)
-    return output
+    log = tmp_path_factory.mktemp("script") / "errors"
+    with LoggedProcess(log, *command, *arguments, encoding="utf-8") as process:
+        yield Script(process)
+
+
+@pytest.fixture(scope="module")
+def output(system: Running, script: Script, consumer: PlainConsumer, pids: set[int]) -> Output:
+    """The whole script, run once."""
+    script.read_until()
+    now = {process.pid for process in system.record().processes}
+    return Output(script.answers, script.called, pids - now, consumer.got)
 
 
 SUBJECTS = [
@@ -164,9 +205,10 @@ SUBJECTS = [
 
 
 @pytest.mark.parametrize("subject", SUBJECTS)
-def test_the_script_finds_what_it_expects(output: Output, subject: str) -> None:
-    assert subject not in output.failed, output.failed[subject]
-    assert subject in output.passed
+def test_the_script_finds_what_it_expects(script: Script, subject: str) -> None:
+    script.read_until(subject)
+    assert subject not in script.failed, script.failed[subject]
+    assert subject in script.passed
 
 
 def test_every_operation_that_clients_call_is_called_or_served(output: Output) -> None:

@@ -18,9 +18,11 @@ pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 TUTORIALS = Path(__file__).resolve().parents[2] / "docs" / "tutorials"
 #: Those on one machine.
-ON_ONE_MACHINE = ("first-hour", "your-own-map", "your-own-robot")
+ON_ONE_MACHINE = ("first-hour", "your-own-map", "your-own-robot", "your-own-cooperative-icon")
 #: Another system on this machine has the console's port.
 OPTIONS = {"--console ": "--console --console-port 0 "}
+#: The reader installs a package; here it goes into a folder of the test, not into the suite's environment.
+INSTALLED_ALONE = "--quiet --disable-pip-version-check --no-build-isolation --no-deps"
 
 
 @pytest.fixture(scope="module")
@@ -30,9 +32,11 @@ def readers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str]
 
         @functools.cache
         def reader(name: str) -> Reader:
-            environment = {"ROBOCORBA_NAMING": f"127.0.0.1:{stack.enter_context(claimed_ports())}"}
-            folder = tmp_path_factory.mktemp(name)
-            return stack.enter_context(Reader(TUTORIALS / f"{name}.md", folder, environment, options=OPTIONS))
+            folder, plugins = tmp_path_factory.mktemp(name), str(tmp_path_factory.mktemp("plugins"))
+            naming = f"127.0.0.1:{stack.enter_context(claimed_ports())}"
+            environment = {"ROBOCORBA_NAMING": naming, "PYTHONPATH": plugins}
+            options = {**OPTIONS, "--quiet .": f"{INSTALLED_ALONE} --target {plugins} ."}
+            return stack.enter_context(Reader(TUTORIALS / f"{name}.md", folder, environment, options=options))
 
         yield reader
 
@@ -43,16 +47,6 @@ def readers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str]
 )
 def test_the_reader_gets_to_the_end(readers: Callable[[str], Reader], name: str, section: str) -> None:
     readers(name).follow(section)
-
-
-def test_your_own_cooperative_icon(tmp_path: Path) -> None:
-    """The reader installs a package; here it goes into a folder of the test, not into the suite's environment."""
-    plugins = str(tmp_path / "plugins")
-    options = {"--quiet .": f"--quiet --disable-pip-version-check --no-build-isolation --no-deps --target {plugins} ."}
-    with claimed_ports() as port:
-        environment = {"ROBOCORBA_NAMING": f"127.0.0.1:{port}", "PYTHONPATH": plugins}
-        with Reader(TUTORIALS / "your-own-cooperative-icon.md", tmp_path, environment, options=options) as reader:
-            reader.follow()
 
 
 def test_two_machines(tmp_path: Path) -> None:
@@ -84,6 +78,5 @@ def test_a_real_smartpal(tmp_path: Path) -> None:
 def test_every_tutorial_is_followed() -> None:
     assert {page.stem for page in TUTORIALS.glob("*.md")} == {
         *ON_ONE_MACHINE,
-        "your-own-cooperative-icon",
         "two-machines",
     }
