@@ -105,6 +105,7 @@ def outcome(place: MissionSystem, errand: Errand, report: ProgramReport) -> Outc
         "barrier skew, ms": max((phase["skew_ms"] for phase in phases if phase["skew_ms"] is not None), default=None),
         "tick skew p99, ms": (known.get("tick_skew_ms") or {}).get("p99"),
         "why": report.reason,
+        "faults": "; ".join(known.get("faults", ())),
     }
     print(*row.values(), sep="\t", flush=True)
     return Outcome(row, known)
