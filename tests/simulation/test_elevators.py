@@ -295,10 +295,10 @@ def test_doors_that_a_restart_finds_a_robot_between_are_open(world: SimulatedBui
     assert again.occupants.robots["A"].collisions == 0
 
 
-def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPatch) -> None:
-    building = tower()
+def riding_with_a_table() -> SimulatedBuilding:
+    """A robot A that holds a table T2 rides up."""
     table = MapObject("T2", BoxShape((0.4, 0.4)), (2.0, 2.0), movable=True)
-    world = SimulatedBuilding(building.with_element("L1", table))
+    world = SimulatedBuilding(tower().with_element("L1", table))
     enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
     world.elevators.call("A", "E1", "L2")
     while world.elevators.rides["A"].phase is not RidePhase.RIDING:
@@ -306,6 +306,11 @@ def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPa
         world.step()
     world.place("T2", Pose("L1", 5.0, 5.5, 0.0))
     world.occupants.grip("A", "T2", (5.0, 5.3))
+    return world
+
+
+def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = riding_with_a_table()
     seen = []
 
     def looked_at_before(change: Callable[..., Any]) -> Callable[..., Any]:
@@ -328,15 +333,7 @@ def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_robot_has_left_the_cabin_once_what_it_holds_has() -> None:
-    table = MapObject("T2", BoxShape((0.4, 0.4)), (2.0, 2.0), movable=True)
-    world = SimulatedBuilding(tower().with_element("L1", table))
-    enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
-    world.elevators.call("A", "E1", "L2")
-    while world.elevators.rides["A"].phase is not RidePhase.RIDING:
-        world.occupants.robots["A"].command(max(0.0, min(0.5, 4.75 - world.occupants.pose("A").y)), 0.0, 0.0, 0.2)
-        world.step()
-    world.place("T2", Pose("L1", 5.0, 5.5, 0.0))
-    world.occupants.grip("A", "T2", (5.0, 5.3))
+    world = riding_with_a_table()
     while world.elevators.rides["A"].phase is not RidePhase.ALIGHTING:
         world.step()
     with_object_in_doors = 0

@@ -165,6 +165,7 @@ def cpp_stubs(cpp_folder: Path) -> Iterator[subprocess.Popen[str] | None]:
         return
     with make_cpp(cpp_folder, "robocorbaSK.o") as making:
         yield making
+        making.terminate()  # if no test has waited for it
 
 
 @pytest.fixture(scope="module")
