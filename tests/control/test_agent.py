@@ -289,12 +289,11 @@ def test_a_body_that_was_only_late_does_not_end_a_program(
 
 
 def test_a_body_that_is_lost_is_put_where_its_robot_is(
-    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+    agent: ControlAgent, session: InProcessSession, place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     switch_to_disc(agent, monkeypatch)
     at = session.latest.at
-    session.log_off()
-    session.log_on(at._replace(x=at.x - 1.5))
+    place.agent.place("A", at._replace(x=at.x - 1.5))
     eventually(lambda: "m away" in agent.state.reason, "lost")
     eventually(lambda: agent.state.condition is AgentCondition.IDLE, "back")
     assert session.state().at[1:3] == pytest.approx(at[1:3], abs=0.02)
