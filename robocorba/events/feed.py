@@ -213,7 +213,7 @@ class Feed:
                 self._changed.notify()
                 return True
             transmission = self._next_transmission()
-        return self._send(transmission, INLINE_TIMEOUT_S)
+        return self._send(transmission, INLINE_TIMEOUT_S, is_decisive=False)
 
     def defer(self, batch: EventBatch) -> None:
         """Leave a claimed batch to the feed's thread."""
@@ -237,8 +237,11 @@ class Feed:
         self._busy = True
         return _Transmission(self.session, self._port, packet)
 
-    def _send(self, transmission: _Transmission, limit_s: float) -> bool:
-        """Send one packet. False if the call was slow or failed."""
+    def _send(self, transmission: _Transmission, limit_s: float, is_decisive: bool) -> bool:
+        """Send one packet. False if the call was slow or failed.
+
+        is_decisive: a failure means that the link is down, until the gateway calls. Otherwise the feed's thread tries
+        again with more time: on a busy machine the thread of a supplier may wait for a processor until its limit."""
         session, port, packet = transmission
         began = time.monotonic()
         problem = "" if port else "not joined"
@@ -258,9 +261,12 @@ class Feed:
                 if unsendable:
                     self._discard(unsendable, packet)
                 if problem and packet in self._unacknowledged:
-                    self._problem = problem
                     self._sent = min(self._sent, self._unacknowledged.index(packet))
-                    _log.info("the link to %s is down (%s)", self.peer, problem)
+                    if is_decisive:
+                        self._problem = problem
+                        _log.info("the link to %s is down (%s)", self.peer, problem)
+                    else:
+                        _log.info("a packet to %s is sent again (%s)", self.peer, problem)
             if self._queue.length or self._sent < len(self._unacknowledged):
                 self._changed.notify()
         return not problem and took < FAST_SEND_S
@@ -277,7 +283,7 @@ class Feed:
 
     def _run(self) -> None:
         while (transmission := self._wait_for_transmission()) is not None:
-            self._send(transmission, SEND_TIMEOUT_S)
+            self._send(transmission, SEND_TIMEOUT_S, is_decisive=True)
 
     def _wait_for_transmission(self) -> _Transmission | None:
         """The next packet to send, retransmissions first; None at the end of the feed."""

@@ -11,7 +11,7 @@ import pytest
 from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.events.account import Totals
 from robocorba.events.event import Encoding, EventBatch, EventHeader
-from robocorba.events.feed import INLINE_WINDOW, PACKET_BYTES, PACKET_EVENTS, WINDOW, Feed
+from robocorba.events.feed import INLINE_TIMEOUT_S, INLINE_WINDOW, PACKET_BYTES, PACKET_EVENTS, WINDOW, Feed
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.subscription import SubscriptionMatch
 from robocorba.testing.processes import eventually
@@ -33,6 +33,8 @@ class Gateway:
     def __init__(self) -> None:
         self.got: list[tuple[str, int, list[EventBatch]]] = []
         self.is_dead = False
+        #: Time that a call needs [s].
+        self.shortest_s = 0.0
         self.refused: set[bytes] = set()
         self.may_take = threading.Event()
         self.may_take.set()
@@ -41,6 +43,8 @@ class Gateway:
         assert self.may_take.wait(60.0)
         if self.is_dead:
             raise NotDelivered("it is dead")
+        if limit_s < self.shortest_s:
+            raise NotDelivered("too late")
         unsendable = [batch for batch in batches if self.refused.intersection(batch.payloads)]
         self.got.append((session, position, [batch for batch in batches if batch not in unsendable]))
         return unsendable
@@ -93,6 +97,10 @@ class Setting:
     def acknowledge(self, position: int) -> None:
         with self.lock:
             self.feed.acknowledge(self.session, position)
+
+    def problem(self) -> str:
+        with self.lock:
+            return self.feed.snapshot().problem
 
     def check_account(self) -> Totals:
         with self.lock:
@@ -158,8 +166,9 @@ def test_a_packet_that_is_sent_again_counts_once(at: Setting) -> None:
     batch = at.batch()
     assert at.accept(batch)
     assert not at.feed.deliver(batch)
+    eventually(lambda: at.problem() == "it is dead", what="the link to be down")
     with at.lock:
-        assert (at.feed.snapshot().is_up, at.feed.snapshot().packets) == (False, 0)
+        assert at.feed.snapshot().packets == 0
     at.gateway.is_dead = False
     at.renew(1)
     eventually(lambda: at.gateway.payloads() == [1], what="the event")
@@ -233,11 +242,24 @@ def test_a_packet_that_failed_is_sent_again_after_the_next_renewal(at: Setting) 
     at.renew(1)
     at.gateway.is_dead = True
     at.publish()
-    assert at.feed.snapshot().problem == "it is dead"
+    eventually(lambda: at.problem() == "it is dead", what="the link to be down")
     at.publish()
     at.gateway.is_dead = False
     at.renew(1)
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both, in order")
+
+
+def test_a_packet_that_a_supplier_had_no_time_for_is_sent_again_at_once(at: Setting) -> None:
+    """Without a renewal: the link is not down because a thread waited for a processor."""
+    at.join()
+    at.renew(1)
+    at.gateway.shortest_s = 2 * INLINE_TIMEOUT_S
+    at.publish()
+    at.publish()
+    eventually(lambda: at.gateway.payloads() == [1, 2], what="both, in order")
+    assert at.problem() == ""
+    at.acknowledge(3)
+    assert at.check_account() == (2, 2, 0, 0, 0, 0)
 
 
 @pytest.mark.parametrize("at", [LinkPolicy(retransmit_s=0.0)], indirect=True)
