@@ -24,12 +24,14 @@ from random import Random
 from typing import Any, NamedTuple
 
 import psutil
+from omniORB import CORBA
 
 from bench.chaos.attackers import EMPTY_FLOOR, HERE, KINDS, ROBOT, THERE, Attacker
 from bench.chaos.beside import MAX_CALL_S, Beside, Complaints, beside
 from bench.chaos.crowd import CARRYING, EXPIRED, Carrier, Drivers, Names, Stream, places, two_floors
 from bench.common.harness import run
 from bench.missions.many import Room, rooms, started
+from robocorba.backoff import Backoff
 from robocorba.events.blocking_budget import BUDGET_S
 from robocorba.maps import native
 from robocorba.stubs import RoboCorba
@@ -51,6 +53,8 @@ SETTLE_S = 45.0
 QUIET_S = 320.0
 #: Timeout of the edits that remove what attackers left on the map [s].
 EDIT_TIMEOUT_S = 60.0
+#: Pauses after a call that waited in vain behind those of attackers.
+AGAIN = Backoff(1.0, 1.0)
 #: Longest time for which a name leads to somebody else [s]. Its owner looks after it every two seconds.
 MAX_STOLEN_S = 2.0
 #: Private memory that a server may have gained [MB], beside a share of what it had: allocators keep freed memory.
@@ -245,9 +249,10 @@ def attack_for(seconds: float, attacks: Attacks, bystander: Beside) -> list[floa
 
 
 def remove_nodes(editor: Any) -> None:
-    """Remove the nodes that attackers left on their floor."""
+    """Remove the nodes that attackers left on their floor, once the editor has answered their last calls."""
+    left = AGAIN.call(lambda: editor.elements(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR), EDIT_TIMEOUT_S, CORBA.TRANSIENT)
     removal = editor.begin()
-    for each in editor.elements(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR):
+    for each in left:
         removal.remove(RoboCorba.ElementId(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR, each.value.aNode.name), each.changedAt)
     removal.commit()
 

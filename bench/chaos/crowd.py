@@ -7,24 +7,24 @@ import re
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import CosNaming
 import msgspec
 from omniORB import CORBA
 
 from bench.chaos.attackers import EMPTY_FLOOR, EMPTY_FLOOR_M, HERE, THERE
-from bench.chaos.beside import MAX_CALL_S, Complaints
+from bench.chaos.beside import ANSWER_LIMIT_S, Complaints
 from bench.missions.many import Room, building
 from robocorba.control.agent_state import AgentCondition, ProgramResult
-from robocorba.corba.event_client import Event, EventClient
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.events import Unconfirmed
 from robocorba.maps.model import Building, Floor, FloorMap
 from robocorba.names import CHANNELS, ROBOTS
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
 from robocorba.repeating import Repeating
+from robocorba.testing.json_process import Process, checkout_command
 from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart
 
 #: Rooms in which tables are carried; robots drive in the other ones, each on its own lane.
@@ -39,13 +39,7 @@ LENGTH_M = 1.6
 NEAR_M = 0.05
 #: Time limit for one mission [s].
 MISSION_S = 300.0
-#: Type of the numbered events.
-EVENTS = "chaos.count"
-#: Interval between two numbered events [s].
-EVENT_INTERVAL_S = 0.2
-#: Time limit for the last events to arrive [s].
-LAST_EVENTS_S = 30.0
-#: Interval between two looks at all driving robots [s].
+#: Interval between two looks at all driving robots, and at the events [s].
 LOOK_INTERVAL_S = 2.0
 #: Interval between two looks at all names [s]: a name that is stolen for less is no harm.
 NAME_INTERVAL_S = 0.1
@@ -181,52 +175,34 @@ class Carrier(threading.Thread):
 
 
 class Stream:
-    """Numbered events from one channel to the other. delivered_s: the longest time for one; held_up_s: the same while
-    consumers hold up suppliers (`is_held_up`)."""
+    """A client in a process of its own that sends numbered events from one channel to the other. delivered_s: the
+    longest time for one [s]; held_up_s: the same while consumers hold up suppliers (`is_held_up`)."""
 
     def __init__(self, place: MissionSystem, complain: Complaints, is_held_up: Callable[[], bool]) -> None:
+        command = checkout_command("bench.chaos.stream", str(place.running.naming), HERE, THERE)
+        self._process = Process(command, place.folder / "stream.log")
         self._complain, self._is_held_up = complain, is_held_up
-        self._clients = [EventClient(place.orb, name, "client") for name in (HERE, THERE)]
-        self._next, self._number = 0, 0
         self.delivered_s = self.held_up_s = 0.0
-        self.unconfirmed: set[int] = set()
-        self._subscription = self._clients[1].subscribe(self._receive, (EVENTS, "client"))
-        self._subscription.wait_in_force(HERE, 60.0)
-        self._pushing = Repeating("events", self._push, EVENT_INTERVAL_S).start()
+        self._process.receive(ANSWER_LIMIT_S)
+        self._looking = Repeating("events", partial(self._look, "news"), LOOK_INTERVAL_S).start()
 
     def close(self) -> None:
         """Wait for the last events."""
-        self._pushing.close()
-        deadline = time.monotonic() + LAST_EVENTS_S
-        while self._next < self._number and time.monotonic() < deadline:
-            time.sleep(0.1)
-        if self._next < self._number:
-            self._complain.add(f"events from {self._next} to {self._number} have not arrived")
-        for client in self._clients:
-            client.close()
+        with self._process:
+            self._looking.close()
+            self._look("last")
 
-    def _push(self) -> None:
-        try:
-            self._clients[0].push(EVENTS, [self._number, time.time()])
-        except Unconfirmed as error:
-            self._complain.add(f"event {self._number}: {error}")
-            self.unconfirmed.add(self._number)
-        self._number += 1
-
-    def _receive(self, event: Event) -> None:
-        number, sent = event.payload
-        if missed := set(range(self._next, number)) - self.unconfirmed:
-            self._complain.add(f"events lost: {sorted(missed)[:10]}")
-        if number < self._next:
-            self._complain.add(f"event {number} came again")
-        self._next = max(self._next, number + 1)
-        took_s = time.time() - sent
-        if self._is_held_up():
-            self.held_up_s = max(self.held_up_s, took_s)
+    def _look(self, command: str) -> None:
+        is_held_up = self._is_held_up()
+        longest_s, slow, wrong = self._process.ask({"do": command}, ANSWER_LIMIT_S)
+        for each in wrong:
+            self._complain.add(each)
+        if is_held_up:
+            self.held_up_s = max(self.held_up_s, longest_s)
             return
-        self.delivered_s = max(self.delivered_s, took_s)
-        if took_s > MAX_CALL_S:
-            self._complain.note(f"event {number} took {took_s:.2f} s")
+        self.delivered_s = max(self.delivered_s, longest_s)
+        for each in slow:
+            self._complain.note(each)
 
 
 class Names:

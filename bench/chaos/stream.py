@@ -1,0 +1,99 @@
+"""A client that sends numbered events from one sub-network to the other, and checks that each arrives once.
+
+    python -m bench.chaos.stream NAMING FROM TO
+
+FROM, TO: names of event channels. It prints `null`, then answers lines of JSON on stdin: `news` returns the longest
+time for an event since the last question [s], and what went wrong; `last` waits for the last events."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+
+from bench.chaos.beside import MAX_CALL_S
+from robocorba.corba.event_client import Event, EventClient
+from robocorba.corba.orb import Orb
+from robocorba.errors.events import Unconfirmed
+from robocorba.repeating import Repeating
+from robocorba.settings import Address
+from robocorba.testing.json_process import answer_commands
+
+#: Type and source of the numbered events.
+EVENTS = ("chaos.count", "client")
+#: Interval between two numbered events [s].
+INTERVAL_S = 0.2
+#: Time limits for the subscription to reach the other channel, and for the last events to arrive [s].
+JOIN_LIMIT_S, LAST_EVENTS_S = 60.0, 30.0
+
+
+class Stream:
+    """Numbered events from one channel to the other, until `last`."""
+
+    def __init__(self, sending: EventClient, receiving: EventClient, sender: str) -> None:
+        self._lock = threading.Lock()
+        self._sending = sending
+        self._next, self._number = 0, 0
+        self._longest_s = 0.0
+        self._slow: list[str] = []
+        self._wrong: list[str] = []
+        self._unconfirmed: set[int] = set()
+        self._subscription = receiving.subscribe(self._receive, EVENTS)
+        self._subscription.wait_in_force(sender, JOIN_LIMIT_S)
+        self._pushing = Repeating("events", self._push, INTERVAL_S).start()
+
+    def news(self) -> tuple[float, list[str], list[str]]:
+        """Since the last question: the longest time for an event [s], events that took long, and what went wrong."""
+        with self._lock:
+            found = (self._longest_s, self._slow, self._wrong)
+            self._longest_s, self._slow, self._wrong = 0.0, [], []
+        return found
+
+    def last(self) -> tuple[float, list[str], list[str]]:
+        """Send no more, wait for the last events, and return the last news."""
+        self._pushing.close()
+        deadline = time.monotonic() + LAST_EVENTS_S
+        while self._next < self._number and time.monotonic() < deadline:
+            time.sleep(0.1)
+        if self._next < self._number:
+            self._complain(f"events from {self._next} to {self._number} have not arrived")
+        return self.news()
+
+    def _complain(self, what: str) -> None:
+        with self._lock:
+            self._wrong.append(what)
+
+    def _push(self) -> None:
+        try:
+            self._sending.push(EVENTS[0], [self._number, time.time()])
+        except Unconfirmed as error:
+            self._complain(f"event {self._number}: {error}")
+            self._unconfirmed.add(self._number)
+        self._number += 1
+
+    def _receive(self, event: Event) -> None:
+        number, sent = event.payload
+        took_s = time.time() - sent
+        if missed := set(range(self._next, number)) - self._unconfirmed:
+            self._complain(f"events lost: {sorted(missed)[:10]}")
+        if number < self._next:
+            self._complain(f"event {number} came again")
+        self._next = max(self._next, number + 1)
+        with self._lock:
+            self._longest_s = max(self._longest_s, took_s)
+            if took_s > MAX_CALL_S:
+                self._slow.append(f"event {number} took {took_s:.2f} s")
+
+
+def main(naming: str, here: str, there: str) -> None:
+    with (
+        Orb(Address.parse(naming)) as orb,
+        EventClient(orb, here, EVENTS[1]) as sending,
+        EventClient(orb, there, EVENTS[1]) as receiving,
+    ):
+        stream = Stream(sending, receiving, here)
+        answer_commands(stream.news, stream.last)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
