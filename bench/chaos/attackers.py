@@ -47,7 +47,7 @@ CONNECTIONS = 2_000
 READERS = 30
 #: Threads that ask for pictures, or read the map, without a pause. Each of these calls takes long.
 DRAWERS = 10
-#: Nodes that one transaction creates, and another one removes.
+#: Nodes that one transaction creates, and the next one removes.
 NODES = 10_000
 #: Robots that log on in one attack.
 LOG_ONS = 50
@@ -147,19 +147,16 @@ class Attacker:
             editor.openSession(f"forgetful {number}").begin()
 
     def edits(self) -> None:
-        """A transaction of ten thousand nodes on the empty floor, and one that removes them."""
+        """Edits that replace all nodes of the empty floor by ten thousand others."""
         editor = self._orb.resolve("MapEditor", RoboCorba.MapEditor)
         first = next(self._numbers)
-        creation = editor.begin()
+        transaction = editor.begin()
+        remove_nodes(editor, transaction)
         for number in range(NODES):
             x, y = (EMPTY_FLOOR_M * self._random.uniform(0.01, 0.99) for _ in range(2))
             node = RoboCorba.PathNode(f"n{first}-{number}", RoboCorba.XY(x, y), "")
-            creation.create(EMPTY_FLOOR, RoboCorba.Element(RoboCorba.NODE_ELEMENT, node))
-        version = creation.commit()
-        removal = editor.begin()
-        for number in range(NODES):
-            removal.remove(RoboCorba.ElementId(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR, f"n{first}-{number}"), version)
-        removal.commit()
+            transaction.create(EMPTY_FLOOR, RoboCorba.Element(RoboCorba.NODE_ELEMENT, node))
+        transaction.commit()
 
     def log_ons(self) -> None:
         """Robots with strange names that log on and off, or are forgotten."""
@@ -289,6 +286,13 @@ class _Echo(CosEventComm__POA.PushConsumer):
 
     def disconnect_push_consumer(self) -> None:
         """Ignore the end."""
+
+
+def remove_nodes(editor: Any, transaction: Any) -> None:
+    """Remove all nodes of the empty floor, in a transaction."""
+    for each in editor.elements(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR):
+        name = RoboCorba.ElementId(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR, each.value.aNode.name)
+        transaction.remove(name, each.changedAt)
 
 
 def _forged_header(type: str, source: str) -> Any:
