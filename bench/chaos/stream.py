@@ -35,7 +35,9 @@ class Stream:
         self._sending = sending
         self._next, self._number = 0, 0
         self._longest_s = 0.0
-        self._slow: list[str] = []
+        self._slow: dict[int, float] = {}
+        #: How long the last calls took that pushed an event, by number [s].
+        self._pushed: dict[int, float] = {}
         self._wrong: list[str] = []
         self._unconfirmed: set[int] = set()
         self._subscription = receiving.subscribe(self._receive, EVENTS)
@@ -45,8 +47,13 @@ class Stream:
     def news(self) -> tuple[float, list[str], list[str]]:
         """Since the last question: the longest time for an event [s], events that took long, and what went wrong."""
         with self._lock:
-            found = (self._longest_s, self._slow, self._wrong)
-            self._longest_s, self._slow, self._wrong = 0.0, [], []
+            slow = [
+                f"event {number} took {took_s:.2f} s, {self._pushed.get(number, 0.0):.2f} s of it until it was accepted"
+                for number, took_s in self._slow.items()
+            ]
+            found = (self._longest_s, slow, self._wrong)
+            self._longest_s, self._slow, self._wrong = 0.0, {}, []
+            self._pushed.clear()
         return found
 
     def last(self) -> tuple[float, list[str], list[str]]:
@@ -64,11 +71,14 @@ class Stream:
             self._wrong.append(what)
 
     def _push(self) -> None:
+        began = time.monotonic()
         try:
             self._sending.push(EVENTS[0], [self._number, time.time()])
         except Unconfirmed as error:
             self._complain(f"event {self._number}: {error}")
             self._unconfirmed.add(self._number)
+        with self._lock:
+            self._pushed[self._number] = time.monotonic() - began
         self._number += 1
 
     def _receive(self, event: Event) -> None:
@@ -82,7 +92,7 @@ class Stream:
         with self._lock:
             self._longest_s = max(self._longest_s, took_s)
             if took_s > MAX_CALL_S:
-                self._slow.append(f"event {number} took {took_s:.2f} s")
+                self._slow[number] = took_s
 
 
 def main(naming: str, here: str, there: str) -> None:
