@@ -23,6 +23,8 @@ from robocorba.testing.json_process import answer_commands
 EVENTS = ("chaos.count", "client")
 #: Interval between two numbered events [s].
 INTERVAL_S = 0.2
+#: Number of events of which the time until they were accepted is kept.
+KEPT = 1000
 #: Time limits for the subscription to reach the other channel, and for the last events to arrive [s].
 JOIN_LIMIT_S, LAST_EVENTS_S = 60.0, 30.0
 
@@ -53,7 +55,6 @@ class Stream:
             ]
             found = (self._longest_s, slow, self._wrong)
             self._longest_s, self._slow, self._wrong = 0.0, {}, []
-            self._pushed.clear()
         return found
 
     def last(self) -> tuple[float, list[str], list[str]]:
@@ -79,6 +80,7 @@ class Stream:
             self._unconfirmed.add(self._number)
         with self._lock:
             self._pushed[self._number] = time.monotonic() - began
+            self._pushed.pop(self._number - KEPT, None)
         self._number += 1
 
     def _receive(self, event: Event) -> None:
