@@ -150,8 +150,7 @@ class Attacker:
         """Edits that replace all nodes of the empty floor by ten thousand others."""
         editor = self._orb.resolve("MapEditor", RoboCorba.MapEditor)
         first = next(self._numbers)
-        transaction = editor.begin()
-        remove_nodes(editor, transaction)
+        transaction = removal(editor)
         for number in range(NODES):
             x, y = (EMPTY_FLOOR_M * self._random.uniform(0.01, 0.99) for _ in range(2))
             node = RoboCorba.PathNode(f"n{first}-{number}", RoboCorba.XY(x, y), "")
@@ -288,11 +287,14 @@ class _Echo(CosEventComm__POA.PushConsumer):
         """Ignore the end."""
 
 
-def remove_nodes(editor: Any, transaction: Any) -> None:
-    """Remove all nodes of the empty floor, in a transaction."""
-    for each in editor.elements(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR):
+def removal(editor: Any) -> Any:
+    """A transaction that removes all nodes of the empty floor; it is to be committed."""
+    left = editor.elements(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR)
+    transaction = editor.begin()
+    for each in left:
         name = RoboCorba.ElementId(RoboCorba.NODE_ELEMENT, EMPTY_FLOOR, each.value.aNode.name)
         transaction.remove(name, each.changedAt)
+    return transaction
 
 
 def _forged_header(type: str, source: str) -> Any:

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import psutil
 from omniORB import CORBA
 
-from bench.chaos.attackers import HERE, KINDS, ROBOT, THERE, Attacker, remove_nodes
+from bench.chaos.attackers import HERE, KINDS, ROBOT, THERE, Attacker, removal
 from bench.chaos.beside import MAX_CALL_S, UNTOUCHED, Beside, Complaints, beside
 from bench.chaos.crowd import CARRYING, EXPIRED, Carrier, Drivers, Names, Stream, places, two_floors
 from bench.common.harness import run
@@ -252,13 +252,7 @@ def attack_for(seconds: float, attacks: Attacks, bystander: Beside) -> list[floa
 
 def clear_floor(editor: Any) -> None:
     """Remove the nodes that attackers left on their floor, once the editor has answered their last calls."""
-
-    def clear() -> None:
-        transaction = editor.begin()
-        remove_nodes(editor, transaction)
-        transaction.commit()
-
-    AGAIN.call(clear, EDIT_TIMEOUT_S, CORBA.TRANSIENT)
+    AGAIN.call(lambda: removal(editor), EDIT_TIMEOUT_S, CORBA.TRANSIENT).commit()
 
 
 def main(

@@ -29,7 +29,7 @@ KEPT = 1000
 JOIN_LIMIT_S, LAST_EVENTS_S = 60.0, 30.0
 
 
-class Stream:
+class NumberedEvents:
     """Numbered events from one channel to the other, until `last`."""
 
     def __init__(self, sending: EventClient, receiving: EventClient, sender: str) -> None:
@@ -103,8 +103,8 @@ def main(naming: str, here: str, there: str) -> None:
         EventClient(orb, here, EVENTS[1]) as sending,
         EventClient(orb, there, EVENTS[1]) as receiving,
     ):
-        stream = Stream(sending, receiving, here)
-        answer_commands(stream.news, stream.last)
+        events = NumberedEvents(sending, receiving, here)
+        answer_commands(events.news, events.last)
 
 
 if __name__ == "__main__":

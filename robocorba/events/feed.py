@@ -213,7 +213,7 @@ class Feed:
                 self._changed.notify()
                 return True
             transmission = self._next_transmission()
-        return self._send(transmission, INLINE_TIMEOUT_S, is_decisive=False)
+        return self._send(transmission, is_inline=True)
 
     def defer(self, batch: EventBatch) -> None:
         """Leave a claimed batch to the feed's thread."""
@@ -237,17 +237,19 @@ class Feed:
         self._busy = True
         return _Transmission(self.session, self._port, packet)
 
-    def _send(self, transmission: _Transmission, limit_s: float, is_decisive: bool) -> bool:
+    def _send(self, transmission: _Transmission, is_inline: bool) -> bool:
         """Send one packet. False if the call was slow or failed.
 
-        is_decisive: a failure means that the link is down, until the gateway calls. Otherwise the feed's thread tries
-        again with more time: on a busy machine the thread of a supplier may wait for a processor until its limit."""
+        is_inline: a supplier's thread sends. If it fails, the feed's thread tries again with more time: on a busy
+        machine a thread may wait for a processor until its limit. If that fails, the link is down until the gateway
+        calls."""
         session, port, packet = transmission
         began = time.monotonic()
         problem = "" if port else "not joined"
         unsendable: list[EventBatch] = []
         try:
             if port:
+                limit_s = INLINE_TIMEOUT_S if is_inline else SEND_TIMEOUT_S
                 unsendable = port.forward(session, packet.position, packet.batches, limit_s)
         except NotDelivered as error:
             problem = str(error)
@@ -262,11 +264,11 @@ class Feed:
                     self._discard(unsendable, packet)
                 if problem and packet in self._unacknowledged:
                     self._sent = min(self._sent, self._unacknowledged.index(packet))
-                    if is_decisive:
+                    if is_inline:
+                        _log.info("a packet to %s is sent again (%s)", self.peer, problem)
+                    else:
                         self._problem = problem
                         _log.info("the link to %s is down (%s)", self.peer, problem)
-                    else:
-                        _log.info("a packet to %s is sent again (%s)", self.peer, problem)
             if self._queue.length or self._sent < len(self._unacknowledged):
                 self._changed.notify()
         return not problem and took < FAST_SEND_S
@@ -283,7 +285,7 @@ class Feed:
 
     def _run(self) -> None:
         while (transmission := self._wait_for_transmission()) is not None:
-            self._send(transmission, SEND_TIMEOUT_S, is_decisive=True)
+            self._send(transmission, is_inline=False)
 
     def _wait_for_transmission(self) -> _Transmission | None:
         """The next packet to send, retransmissions first; None at the end of the feed."""
