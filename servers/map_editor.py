@@ -12,6 +12,7 @@ from robocorba.corba.orb import Orb
 from robocorba.corba.servants.map_editor import MapEditorServant
 from robocorba.corba.servants.path_planner import PathPlannerServant
 from robocorba.initial_building import open_store
+from robocorba.maps.edit_session import EditSessions
 from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
@@ -32,10 +33,11 @@ def preload() -> None:
     PathPlanner(Building("none")).warm_up()
 
 
-def keep(editor: BuildingEditor) -> None:
+def keep(sessions: EditSessions) -> None:
     """Write the building's file again if it was removed, and end what clients have forgotten."""
-    editor.keep_stored()
-    if editor.end_idle() > LARGE:
+    sessions.editor.keep_stored()
+    sessions.end_idle()
+    if sessions.editor.end_idle() > LARGE:
         gc.collect()  # also empties Python's lists of free objects, which keep a fourth of the memory
 
 
@@ -45,14 +47,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logs.setup("map_editor", settings.state / "logs")
     with open_store(settings.state / "map.sqlite", settings.building) as store:
         editor = BuildingEditor(store)
+        sessions = EditSessions(editor)
         planner = PathPlanner(*editor.snapshot)
         planner.warm_up()
         editor.subscribe(lambda building, version, changes: planner.update(building, version))
         with Orb(settings.naming, settings.endpoint) as orb:
-            servant = MapEditorServant(editor, orb)
+            servant = MapEditorServant(sessions, orb)
             CallLimit(READING).apply(servant, "elements", "editsSince")
             CallLimit(ANALYSING).apply(servant, "exportMap", "check", "checkFloor")
-            keeping = Repeating("keep", lambda: keep(editor), KEEP_INTERVAL_S).start()
+            keeping = Repeating("keep", lambda: keep(sessions), KEEP_INTERVAL_S).start()
             orb.serve({"MapEditor": servant, "PathPlanner": PathPlannerServant(planner)})
             with closing(keeping):
                 orb.run()

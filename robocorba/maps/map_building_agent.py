@@ -15,10 +15,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, MutableSequence, Sequence
+from collections.abc import Callable, Iterable, MutableSequence, Sequence
 from itertools import islice
-from typing import TypeVar
 
 import msgspec
 
@@ -28,16 +26,12 @@ from robocorba.errors.maps import (
     MapError,
     NothingToRedo,
     NothingToUndo,
-    SessionEnded,
     StaleVersion,
-    TooManyTransactions,
-    TransactionClosed,
     UnknownElement,
 )
 from robocorba.maps.author_history import (
     AuthorHistory,
     OwnEdit,
-    check_author,
     foreign_changes,
     repeating,
 )
@@ -50,6 +44,7 @@ from robocorba.maps.pages import EVERYTHING, MAX_PAGE, ChangePage, ChangePositio
 from robocorba.maps.places import placed
 from robocorba.maps.renaming import rename_changes
 from robocorba.maps.store import DEFAULT_LIMITS, NO_NOTE, CommitKind, EditNote, MapLimits, MapStore, StoredBuilding
+from robocorba.maps.transactions import OpenTransactions, Operation, Transaction
 from robocorba.maps.underlays import Underlay, check_underlay
 from robocorba.maps.validation import change_problems, check_change, problems
 
@@ -62,13 +57,12 @@ _log = logging.getLogger(__name__)
 
 #: Called within each edit with the new building, its version and the changes, in order of versions.
 Listener = Callable[[Building, int, Sequence[Change]], None]
-Used = TypeVar("Used", "Transaction", "EditSession")
 
 
 class BuildingEditor:
     """Edits the building of a store. Safe from any thread.
 
-    `clock` returns the time [s] for the timeouts of transactions and sessions, `wall_clock` the seconds since 1970 for
+    `clock` returns the time [s] for the timeouts of transactions, `wall_clock` the seconds since 1970 for
     the records of edits. `by`: the author of an edit, if it is made in a session. If the store fails, the edit raises
     MapFileError and changes nothing."""
 
@@ -82,8 +76,7 @@ class BuildingEditor:
         self._store, self._limits, self._clock, self._wall_clock = store, limits, clock, wall_clock
         self._lock = threading.Lock()
         self._listeners: list[Listener] = []
-        self._open: set[Transaction] = set()
-        self._sessions: set[EditSession] = set()
+        self._transactions = OpenTransactions(limits, clock)
         self._state = _editor_state(store.load())
 
     @property
@@ -166,32 +159,6 @@ class BuildingEditor:
                 by.add(OwnEdit(version, summary, is_rename=True))
             return version
 
-    def open_session(self, author: str) -> EditSession:
-        """A session for an author. Raises InvalidElement for the name, TooManyTransactions."""
-        check_author(author)
-        with self._lock:
-            self._expire()
-            limits = self._limits
-            if len(self._sessions) >= limits.sessions:
-                self._sessions.discard(self._forgotten(self._sessions, limits.sessions, limits.forgotten_session_s))
-            session = EditSession(self, author, self._clock())
-            self._sessions.add(session)
-            return session
-
-    def use_session(self, session: EditSession) -> None:
-        """A session is called: its timeout starts again. Raises SessionEnded."""
-        with self._lock:
-            self._expire()
-            if session not in self._sessions:
-                raise SessionEnded("the edit session was closed, or was without a call for too long")
-            session._used_at = self._clock()
-
-    def close_session(self, session: EditSession) -> None:
-        """End a session. Raises SessionEnded."""
-        self.use_session(session)
-        with self._lock:
-            self._sessions.discard(session)
-
     def undo_own(self, author: AuthorHistory) -> int:
         """Revert the last edit of an author. Returns the new version.
 
@@ -219,28 +186,44 @@ class BuildingEditor:
             self._store.keep()
 
     def end_idle(self) -> int:
-        """Roll back the transactions and end the sessions that have timed out. Returns the size of what was pending."""
+        """Roll back the transactions that have timed out. Returns the size of what was pending."""
         with self._lock:
-            return self._expire()
+            return self._transactions.end_idle()
 
     def begin(self, by: AuthorHistory | None = None) -> Transaction:
         """Open a transaction, in place of one that its client has forgotten if there are too many.
 
         Raises TooManyTransactions."""
         with self._lock:
-            self._expire()
-            limits = self._limits
-            by_client: defaultdict[AuthorHistory | None, list[Transaction]] = defaultdict(list)
-            for each in self._open:
-                by_client[each._by].append(each)
-            if len(by_client[by]) >= limits.client_transactions:
-                self._drop(self._forgotten(by_client[by], limits.client_transactions, limits.forgotten_s))
-            elif len(self._open) >= limits.transactions:
-                most = max(by_client.values(), key=len)
-                self._drop(self._forgotten(most, limits.transactions, limits.forgotten_s))
-            transaction = Transaction(self, self._clock(), by)
-            self._open.add(transaction)
-            return transaction
+            self._transactions.end_idle()
+            return self._transactions.begin(self, by)
+
+    def add_edit(self, transaction: Transaction, operation: Operation, added: Element | None) -> None:
+        """Edit in a transaction. Raises TransactionClosed, InvalidElement if `added` is too large beside all others."""
+        with self._lock:
+            self._use(transaction)
+            if added and not self._transactions.make_room(transaction, size_of(added)):
+                reason = f"open transactions would hold more than {self._limits.pending_size} elements and points"
+                raise InvalidElement(*key_of("", added).words, reason)
+            operation(transaction.draft, self._state)
+
+    def problems_of(self, transaction: Transaction) -> list[Finding]:
+        """What Transaction.problems returns."""
+        with self._lock:
+            self._use(transaction)
+            state, draft = self._state, transaction.draft
+            found: list[MapError] = list(islice(draft.conflicts(state), MAX_PROBLEMS))
+            changes = [] if found else draft.changes(state, state.version + 1)
+        after = apply(state.building, changes)
+        found += change_problems(after, [change.key for change in changes], state.building, MAX_PROBLEMS)
+        return [placed(problem, after, state.building) for problem in found]
+
+    def end(self, transaction: Transaction, commit: bool) -> int:
+        """Close a transaction, and make its edits if `commit`. Returns the building's version."""
+        with self._lock:
+            self._use(transaction)
+            draft = self._transactions.close(transaction)
+            return self._finish(draft, transaction.by) if commit else self.version
 
     def undo(self, expected: int) -> int:
         """Revert the last edit, transaction or replacement. `expected` is the building's version that the caller
@@ -360,7 +343,7 @@ class BuildingEditor:
             self._listeners.append(listener)
             return self.snapshot
 
-    def _edit(self, operation: Callable[[Draft, EditorState], None], by: AuthorHistory | None) -> int:
+    def _edit(self, operation: Operation, by: AuthorHistory | None) -> int:
         with self._lock:
             draft = Draft()
             operation(draft, self._state)
@@ -405,6 +388,10 @@ class BuildingEditor:
         version = self._commit(changes, self.building.name, check=not edit.is_rename, note=note)
         others.append(edits.pop())
         return version
+
+    def _use(self, transaction: Transaction) -> None:
+        self._transactions.end_idle()
+        self._transactions.use(transaction)
 
     def _check_floor(self, floor: str) -> None:
         if floor not in self.building.floors:
@@ -451,197 +438,8 @@ class BuildingEditor:
             _log.warning("version %d blocks %s", version, named + (f"; and {rest} more" if rest > 0 else ""))
         for listener in self._listeners:
             listener(building, version, changes)
-        self._expire()
+        self._transactions.end_idle()
         return version
-
-    def _expire(self) -> int:
-        """Roll back the transactions and end the sessions that have timed out. Requires the lock. Returns the size of
-        what was pending."""
-        now = self._clock()
-        oldest = now - self._limits.transaction_timeout_s
-        size = sum(self._drop(each).size for each in [each for each in self._open if each._used_at < oldest])
-        oldest = now - self._limits.session_timeout_s
-        self._sessions -= {each for each in self._sessions if each._used_at < oldest}
-        return size
-
-    def _idle_s(self, used: Transaction | EditSession) -> float:
-        return self._clock() - used._used_at
-
-    def _forgotten(self, group: Collection[Used], limit: int, after_s: float) -> Used:
-        """The member of a full group that has been idle for longest. Requires the lock.
-
-        Raises TooManyTransactions if that is shorter than `after_s`."""
-        longest = max(group, key=self._idle_s)
-        if self._idle_s(longest) < after_s:
-            raise TooManyTransactions(limit)
-        return longest
-
-    def _make_room(self, transaction: Transaction, size: int) -> bool:
-        """Roll back forgotten transactions of others, the largest first, until `size` fits. Requires the lock."""
-        while size + sum(other._draft.size for other in self._open) > self._limits.pending_size:
-            forgotten = [
-                other
-                for other in self._open
-                if other is not transaction and other._draft.size and self._idle_s(other) >= self._limits.forgotten_s
-            ]
-            if not forgotten:
-                return False
-            self._drop(max(forgotten, key=lambda other: other._draft.size))
-        return True
-
-    def _drop(self, transaction: Transaction) -> Draft:
-        """Close a transaction and take its draft, since a caller may keep the closed transaction. Requires the lock."""
-        self._open.discard(transaction)
-        draft, transaction._draft = transaction._draft, Draft()
-        return draft
-
-    def _add_edit(
-        self, transaction: Transaction, operation: Callable[[Draft, EditorState], None], added: Element | None
-    ) -> None:
-        with self._lock:
-            self._use(transaction)
-            if added and not self._make_room(transaction, size_of(added)):
-                reason = f"open transactions would hold more than {self._limits.pending_size} elements and points"
-                raise InvalidElement(*key_of("", added).words, reason)
-            operation(transaction._draft, self._state)
-
-    def _use(self, transaction: Transaction) -> None:
-        self._expire()
-        if transaction not in self._open:
-            raise TransactionClosed("the transaction was committed or rolled back, or it has timed out")
-        transaction._used_at = self._clock()
-
-    def _close(self, transaction: Transaction, commit: bool) -> int:
-        with self._lock:
-            self._use(transaction)
-            draft = self._drop(transaction)
-            return self._finish(draft, transaction._by) if commit else self.version
-
-    def _problems(self, transaction: Transaction) -> list[Finding]:
-        with self._lock:
-            self._use(transaction)
-            state, draft = self._state, transaction._draft
-            found: list[MapError] = list(islice(draft.conflicts(state), MAX_PROBLEMS))
-            changes = [] if found else draft.changes(state, state.version + 1)
-        after = apply(state.building, changes)
-        found += change_problems(after, [change.key for change in changes], state.building, MAX_PROBLEMS)
-        return [placed(problem, after, state.building) for problem in found]
-
-
-class Transaction:
-    """Several edits that take effect together or not at all. Nobody else sees them before `commit`.
-
-    The version of an element does not rise within a transaction: a second change of an element
-    expects the same version as the first, and 0 for an element that the transaction created.
-    Each edit checks the rules of its element alone; `commit` checks those between elements.
-    Every operation raises TransactionClosed if the transaction is closed or has timed out."""
-
-    def __init__(self, editor: BuildingEditor, now: float, by: AuthorHistory | None = None) -> None:
-        self._editor, self._used_at, self._by = editor, now, by
-        self._draft = Draft()
-
-    @property
-    def is_open(self) -> bool:
-        """Whether it was neither committed nor rolled back, also not by its timeout."""
-        return self in self._editor._open
-
-    def create(self, floor: str, element: Element) -> None:
-        """As BuildingEditor.create."""
-        self._editor._add_edit(self, lambda draft, state: draft.create(state, floor, element), element)
-
-    def change(self, floor: str, element: Element, expected: int) -> None:
-        """As BuildingEditor.change."""
-        self._editor._add_edit(self, lambda draft, state: draft.change(state, floor, element, expected), element)
-
-    def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> None:
-        """As BuildingEditor.remove."""
-        self._editor._add_edit(self, lambda draft, state: draft.remove(state, kind, floor, name, expected), None)
-
-    def problems(self) -> list[Finding]:
-        """Every rule that `commit` would break now, and every edit of others that it would overwrite, with places.
-
-        Changes nothing. Conflicts are listed alone: the rules depend on their solution."""
-        return self._editor._problems(self)
-
-    def commit(self) -> int:
-        """Make all edits as one, and close the transaction. Returns the building's version, new if anything was edited.
-
-        Raises StaleEdit, DuplicateElement or UnknownElement if another client changed a touched element,
-        InvalidElement if the result breaks a rule. The building is unchanged then."""
-        return self._editor._close(self, commit=True)
-
-    def roll_back(self) -> None:
-        """Discard all edits."""
-        self._editor._close(self, commit=False)
-
-
-class EditSession:
-    """The edits of one author. Every method raises SessionEnded after `close`, or after an hour without a call.
-
-    Edits as in BuildingEditor; they return the building's new version."""
-
-    def __init__(self, editor: BuildingEditor, author: str, now: float) -> None:
-        self._editor, self._used_at = editor, now
-        self._history = AuthorHistory(author)
-
-    @property
-    def author(self) -> str:
-        """The author's name."""
-        return self._history.author
-
-    @property
-    def is_open(self) -> bool:
-        """Whether it was neither closed nor has timed out."""
-        return self in self._editor._sessions
-
-    @property
-    def undoable(self) -> str:
-        """A summary of the edit that `undo` would revert; empty if there is none."""
-        return self._editor.last_summary(self._in_use().done)
-
-    @property
-    def redoable(self) -> str:
-        """A summary of the edit that `redo` would repeat; empty if there is none."""
-        return self._editor.last_summary(self._in_use().undone)
-
-    def create(self, floor: str, element: Element) -> int:
-        """As BuildingEditor.create."""
-        return self._editor.create(floor, element, self._in_use())
-
-    def change(self, floor: str, element: Element, expected: int) -> int:
-        """As BuildingEditor.change."""
-        return self._editor.change(floor, element, expected, self._in_use())
-
-    def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> int:
-        """As BuildingEditor.remove."""
-        return self._editor.remove(kind, floor, name, expected, self._in_use())
-
-    def rename(self, kind: ElementKind, floor: str, name: str, new_name: str, expected: int) -> int:
-        """As BuildingEditor.rename."""
-        return self._editor.rename(kind, floor, name, new_name, expected, self._in_use())
-
-    def begin(self) -> Transaction:
-        """As BuildingEditor.begin; its commit is one edit of this author."""
-        return self._editor.begin(self._in_use())
-
-    def undo(self) -> int:
-        """Revert this author's last edit.
-
-        Raises NothingToUndo, InvalidElement if the result would break a rule, and EditedByOthers if somebody else has
-        changed an element of the edit since. The next undo then takes the author's edit before it."""
-        return self._editor.undo_own(self._in_use())
-
-    def redo(self) -> int:
-        """Repeat the edit that this author undid last. Raises NothingToRedo, InvalidElement, EditedByOthers."""
-        return self._editor.redo_own(self._in_use())
-
-    def close(self) -> None:
-        """End the session. Its edits stay."""
-        self._editor.close_session(self)
-
-    def _in_use(self) -> AuthorHistory:
-        self._editor.use_session(self)
-        return self._history
 
 
 def _editor_state(stored: StoredBuilding) -> EditorState:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from robocorba.errors.maps import SessionEnded
+from robocorba.maps.edit_session import EditSessions
 from robocorba.maps.edits import EditRecord
 from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Building, Element, ElementKind
@@ -33,7 +34,7 @@ class LocalEditor:
         return self.editor.edits_since(version)
 
     def open_session(self, author: str) -> LocalSession:
-        self.sessions.append(LocalSession(self.editor.open_session(author)))
+        self.sessions.append(LocalSession(EditSessions(self.editor).open(author)))
         return self.sessions[-1]
 
 

@@ -17,6 +17,7 @@ from robocorba.corba.servants import map_editor
 from robocorba.corba.servants.map_editor import CLOSED_TRANSACTIONS_KEPT, MapEditorServant
 from robocorba.errors.maps import EditedByOthers, SessionEnded, TransactionClosed
 from robocorba.maps import native
+from robocorba.maps.edit_session import EditSessions
 from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import ElementKind, PathNode, Wall
 from robocorba.maps.store import MapLimits, MapStore
@@ -60,7 +61,8 @@ def orb() -> Iterator[CountingOrb]:
 @pytest.fixture
 def editor(tmp_path: Path, clock: Clock, orb: CountingOrb) -> Iterator[MapEditorServant]:
     with MapStore.create(tmp_path / "map.sqlite", two_floors()) as store:
-        yield MapEditorServant(BuildingEditor(store, MapLimits(transaction_timeout_s=TIMEOUT_S), clock), orb)
+        editor = BuildingEditor(store, MapLimits(transaction_timeout_s=TIMEOUT_S), clock)
+        yield MapEditorServant(EditSessions(editor, clock=clock), orb)
 
 
 def test_abandoned_transactions_time_out(editor: MapEditorServant, clock: Clock, orb: CountingOrb) -> None:
@@ -174,7 +176,7 @@ def test_a_map_that_is_too_large_is_refused_as_a_map(tmp_path: Path, orb: Counti
     for number in range(20):
         larger = larger.with_element("L2", Wall(name=f"w{number}", a=(0.0, number), b=(1.0, number)))
     with MapStore.create(tmp_path / "map.sqlite", two_floors()) as store:
-        editor = MapEditorServant(BuildingEditor(store, MapLimits(building_size=10)), orb)
+        editor = MapEditorServant(EditSessions(BuildingEditor(store, MapLimits(building_size=10))), orb)
         with pytest.raises(RoboCorba.InvalidMap) as refused:
             editor.importMap(native.dumps(larger), 1)
         assert refused.value.reason.endswith("the building would have more than 10 elements and points")

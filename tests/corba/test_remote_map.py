@@ -15,6 +15,7 @@ from robocorba.corba.servants.map_editor import MapEditorServant
 from robocorba.errors.maps import UnknownElement, VersionUnavailable
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
+from robocorba.maps.edit_session import EditSessions
 from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import ElementKind, PathNode, Wall
 from robocorba.maps.pages import ChangePosition
@@ -29,7 +30,7 @@ class Editor:
     after which it does not answer; negative for never."""
 
     def __init__(self, editor: BuildingEditor) -> None:
-        self.editor, self._servant = editor, MapEditorServant(editor, cast(Any, None))
+        self.editor, self._servant = editor, MapEditorServant(EditSessions(editor), cast(Any, None))
         self.meanwhile: Callable[[], object] = int
         self.limit, self.pages, self.fails_after = 2, 0, -1
 

@@ -26,7 +26,8 @@ from robocorba.errors.maps import (
 )
 from robocorba.maps.author_history import OwnEdit
 from robocorba.maps.changes import Change, ElementKey, apply, elements_of, key, key_of
-from robocorba.maps.map_building_agent import BuildingEditor, EditSession
+from robocorba.maps.edit_session import EditSession, EditSessions
+from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import (
     Building,
     Element,
@@ -52,13 +53,18 @@ def editor(store: MapStore) -> BuildingEditor:
 
 
 @pytest.fixture
-def ada(editor: BuildingEditor) -> EditSession:
-    return editor.open_session("Ada")
+def sessions(editor: BuildingEditor) -> EditSessions:
+    return EditSessions(editor)
 
 
 @pytest.fixture
-def bob(editor: BuildingEditor) -> EditSession:
-    return editor.open_session("Bob")
+def ada(sessions: EditSessions) -> EditSession:
+    return sessions.open("Ada")
+
+
+@pytest.fixture
+def bob(sessions: EditSessions) -> EditSession:
+    return sessions.open("Bob")
 
 
 def wall(name: str, x: float = 2.0) -> Wall:
@@ -214,10 +220,10 @@ def test_a_rename_is_undone_though_its_node_is_blocked(editor: BuildingEditor, a
 
 def test_sessions_end(store: MapStore) -> None:
     clock = Clock(0.0)
-    editor = BuildingEditor(store, MapLimits(sessions=2), clock)
-    idle, busy = editor.open_session("Ada"), editor.open_session("Ada")
+    sessions = EditSessions(BuildingEditor(store), MapLimits(sessions=2), clock)
+    idle, busy = sessions.open("Ada"), sessions.open("Ada")
     with pytest.raises(TooManyTransactions):
-        editor.open_session("Bob")
+        sessions.open("Bob")
     clock.now = 3599.0
     assert busy.undoable == ""
     clock.now = 3601.0
@@ -228,28 +234,28 @@ def test_sessions_end(store: MapStore) -> None:
     busy.close()
     with pytest.raises(SessionEnded):
         busy.redo()
-    editor.open_session("Bob")
+    sessions.open("Bob")
 
 
 def test_a_forgotten_session_leaves_its_place(store: MapStore) -> None:
     clock = Clock(0.0)
-    editor = BuildingEditor(store, MapLimits(sessions=2), clock)
-    forgotten, used = editor.open_session("Ada"), editor.open_session("Ada")
+    sessions = EditSessions(BuildingEditor(store), MapLimits(sessions=2), clock)
+    forgotten, used = sessions.open("Ada"), sessions.open("Ada")
     clock.now = 301.0
     assert used.undoable == ""
-    assert editor.open_session("Bob").is_open
+    assert sessions.open("Bob").is_open
     assert (forgotten.is_open, used.is_open) == (False, True)
 
 
 @pytest.mark.parametrize("author", ["", "x" * 61, "a\nb"])
-def test_an_author_has_a_sensible_name(editor: BuildingEditor, author: str) -> None:
+def test_an_author_has_a_sensible_name(sessions: EditSessions, author: str) -> None:
     with pytest.raises(InvalidElement, match="the author's name"):
-        editor.open_session(author)
+        sessions.open(author)
 
 
 def test_an_edit_that_the_journal_dropped_cannot_be_undone(store: MapStore) -> None:
     editor = BuildingEditor(store, MapLimits(commits=3))
-    ada = editor.open_session("Ada")
+    ada = EditSessions(editor).open("Ada")
     ada.create(L1, wall("a"))
     for name in "bcde":
         editor.create(L1, wall(name))
@@ -352,7 +358,7 @@ def test_an_undo_restores_what_its_author_changed_or_says_why_not(seed: int) -> 
     start = two_floors().with_element("", Floor(name="L3", level=3, elevation=8.0))
     with tempfile.TemporaryDirectory() as folder, MapStore.create(Path(folder) / "map.db", start) as store:
         editor = BuildingEditor(store)
-        sessions = [editor.open_session("Ada"), editor.open_session("Bob")]
+        sessions = [EditSessions(editor).open("Ada"), EditSessions(editor).open("Bob")]
         targets: list[Any] = [*sessions, editor]
         done: list[list[tuple[Entry, bool]]] = [[], []]
         undone: list[list[tuple[Entry, bool]]] = [[], []]

@@ -13,6 +13,7 @@ from PIL import Image
 
 from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps import underlay_table
+from robocorba.maps.edit_session import EditSessions
 from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import Building, ElementKind, Floor, Wall
 from robocorba.maps.store import MapLimits, MapStore
@@ -138,7 +139,7 @@ def test_a_store_of_an_earlier_release(file: Path, building: Building) -> None:
     old.close()
     with MapStore(file) as store:
         editor = BuildingEditor(store, wall_clock=lambda: 5.0)
-        editor.open_session("Ada").create("L1", Wall(name="b", a=(2.0, 1.0), b=(2.0, 2.0)))
+        EditSessions(editor).open("Ada").create("L1", Wall(name="b", a=(2.0, 1.0), b=(2.0, 2.0)))
         editor.set_underlay("L1", PLAN)
     with MapStore(file) as store:
         editor = BuildingEditor(store)

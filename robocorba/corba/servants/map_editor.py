@@ -12,10 +12,11 @@ from robocorba.corba.server_release import ServerServant
 from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, VersionUnavailable
 from robocorba.garbage import collections_paused
 from robocorba.maps import native
+from robocorba.maps.edit_session import EditSession, EditSessions
 from robocorba.maps.long_requests import LongRequests
-from robocorba.maps.map_building_agent import BuildingEditor, EditSession, Transaction
 from robocorba.maps.model import ElementKind
 from robocorba.maps.pages import MAX_PAGE
+from robocorba.maps.transactions import Transaction
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 #: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
@@ -153,12 +154,12 @@ class EditSessionServant(RoboCorba__POA.EditSession):
 
 
 class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
-    """RoboCorba::MapEditor for a BuildingEditor."""
+    """RoboCorba::MapEditor for a BuildingEditor and the sessions of its authors."""
 
-    def __init__(self, editor: BuildingEditor, activator: Activator) -> None:
-        self._editor, self._activator = editor, activator
+    def __init__(self, sessions: EditSessions, activator: Activator) -> None:
+        self._editor, self._sessions, self._activator = sessions.editor, sessions, activator
         self._transactions = Transactions(activator)
-        self._sessions: list[EditSessionServant] = []
+        self._session_servants: list[EditSessionServant] = []
         self._opening = threading.Lock()
         self._long_requests = LongRequests()
 
@@ -212,18 +213,18 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def openSession(self, author: str) -> Any:
-        session = self._editor.open_session(author)
+        session = self._sessions.open(author)
         self._deactivate_ended_sessions()
         servant = EditSessionServant(session, self._transactions, self._deactivate_ended_sessions)
         with self._opening:
-            self._sessions.append(servant)
+            self._session_servants.append(servant)
             return self._activator.activate(servant)
 
     def _deactivate_ended_sessions(self) -> None:
         """At most the limit of open sessions have timed out and are still active."""
         with self._opening:
-            for servant in [each for each in self._sessions if not each.is_open]:
-                self._sessions.remove(servant)
+            for servant in [each for each in self._session_servants if not each.is_open]:
+                self._session_servants.remove(servant)
                 self._activator.deactivate(servant)
 
     @translating
