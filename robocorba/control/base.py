@@ -257,15 +257,16 @@ class BaseMovements(Movements):
         limit_s: float = ELEVATOR_LIMIT_S,
         check: Callable[[], None] = lambda: None,
     ) -> None:
-        """Wait until the ride is in this phase. otherwise: text of the MotionFailed if it is not within `limit_s`.
-        check: raises another error that ends the wait."""
+        """Wait until the ride has come to this phase, or beyond: who calls from within the cabin boards at once.
+        otherwise: text of the MotionFailed if it has not within `limit_s`. check: raises another error that ends the
+        wait."""
 
         def is_there() -> bool:
             check()
             ride = self.session.latest.ride
             if ride is None:
                 raise MotionFailed(f"{otherwise}: the ride was lost")
-            return ride.phase is phase
+            return ride.phase.value >= phase.value
 
         if not self.wait(limit_s, is_there):
             raise MotionFailed(otherwise)

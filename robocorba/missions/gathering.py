@@ -128,7 +128,10 @@ def assign_places(
     for column, place in enumerate(places):
         row = found[column]
         if lengths[row][column] is None:
-            raise MissionFailed(f"no robot can reach {place.floor} ({place.x:.2f}, {place.y:.2f}) beside the object")
+            reason = f"no robot can reach {place.floor} ({place.x:.2f}, {place.y:.2f}) beside the object"
+            if elsewhere := [name for name in names if robots[name].floor != place.floor]:
+                reason += f"; on other floors: {', '.join(elsewhere)}"
+            raise MissionFailed(reason)
     return [names[found[column]] for column in range(len(places))]
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs import icons
 from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.registry import Pose
 from tests.control.places import Channel, InProcessSession, Place, eventually, robot
 
@@ -84,6 +87,18 @@ def test_a_drive_over_two_floors(smartpal: Robot, session: InProcessSession) -> 
     there = session.latest.at
     assert there.floor == "L2"
     assert (there.x, there.y, there.heading) == pytest.approx((5.0, 3.2, 1.0), abs=0.004)
+
+
+def test_who_calls_from_within_the_cabin_need_not_see_the_doors_open_for_it(tmp_path: Path) -> None:
+    with contextlib.closing(Place(tmp_path)) as place:
+        session = place.session("A", Pose("L1", 5.0, 5.0))
+        smartpal = robot(place, session)
+        with contextlib.closing(smartpal.controller):
+            session.call_elevator("E1", "L2")
+            eventually(lambda: session.state().ride.phase.value > RidePhase.BOARDING.value, "it does not ride")
+            smartpal.wait_for_ride(RidePhase.BOARDING, "E1 did not come", limit_s=1.0)
+            smartpal.wait_for_ride(RidePhase.ALIGHTING, "E1 did not arrive")
+            assert session.latest.at.floor == "L2"
 
 
 @at(6.5, 8.0, 0.0)

@@ -145,6 +145,14 @@ def test_robots_get_places_that_they_can_reach() -> None:
         assign_places({"A": EAST, "B": EAST}, [MIDDLE, WEST], "A", length_m)
 
 
+def test_robots_that_are_missing_on_other_floors_are_named() -> None:
+    def length_m(start: Place, goal: Place) -> float | None:
+        return None if start.floor != goal.floor else straight(start, goal)
+
+    with pytest.raises(MissionFailed, match=r"no robot can reach L1 .* beside the object; on other floors: B"):
+        assign_places({"A": EAST, "B": Place("L2", 1.0, 1.0)}, [MIDDLE, WEST], "A", length_m)
+
+
 def test_too_few_robots_are_refused() -> None:
     with pytest.raises(MissionFailed, match="2 robots are needed; A are free"):
         assign_places({"A": EAST}, [WEST, MIDDLE], "A", straight)
