@@ -125,8 +125,9 @@ def test_the_same_program_ends_at_the_same_place(virtual: Run, actual: StandIn, 
         assert 15.5 < ran.state.at.x < 15.9
         # Its body in the building has gone with it.
         eventually(lambda: math.dist((body_at(orb).x, body_at(orb).y), ran.state.at[1:3]) < 0.005, 30.0, "the body")
+        left_at = robot.agent.state().at  # it may have rolled out since its program ended
         robot.robocorba("switch", NAME, "simulated")
-        assert robot.agent.state().at[1:] == pytest.approx(ran.state.at[1:], abs=0.005)
+        assert robot.agent.state().at[1:] == pytest.approx(left_at[1:], abs=0.005)
     check_ticks(virtual, "simulated")
     check_ticks(ran, "smartpal")
 
