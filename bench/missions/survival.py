@@ -87,8 +87,12 @@ class Survival:
             leader = self._random.choice(list(self._crew.members))
             user = self.place.mission(leader, self.site.item, f"{goal.floor}:{goal.x},{goal.y},{goal.heading}")
             if kill and self._phase:
-                self.place.at_phase(leader, self._phase, user)
-                time.sleep(self._random.uniform(0.0, 5.0))
+                # A plan need not have this phase, such as one that begins where another mission has left the object.
+                eventually(
+                    lambda: user.poll() is not None or self.place.has_begun(leader, self._phase), LIMIT_S, self._phase
+                )
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    user.wait(self._random.uniform(0.0, 5.0))
             elif kill:
                 # A leader that is gone before it has begun can only be reported.
                 eventually(lambda: self._running()[0] or user.poll() is not None, LIMIT_S, "a mission")

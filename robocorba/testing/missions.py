@@ -249,10 +249,14 @@ class MissionSystem:
 
         def is_there() -> bool:
             assert user.poll() is None, f"it ended before {phase}: {user.communicate()}"
-            kept = self.kept(leader)
-            return (kept is not None and kept.phase == phase) or phase in self._begun(leader)
+            return self.has_begun(leader, phase)
 
         eventually(is_there, MISSION_LIMIT_S, phase)
+
+    def has_begun(self, leader: str, phase: str) -> bool:
+        """Whether the phase has begun in the running mission that a robot leads."""
+        kept = self.kept(leader)
+        return (kept is not None and kept.phase == phase) or phase in self._begun(leader)
 
     def _begun(self, leader: str) -> set[str]:
         """The phases that have begun of the running mission that a robot leads, by its record."""
