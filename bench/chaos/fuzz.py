@@ -19,14 +19,15 @@ from typing import Any
 from bench.chaos.beside import Complaints, beside
 from bench.common.harness import progress, run
 from robocorba.testing.fuzzing.calls import Tally, Target, call_many
+from robocorba.testing.fuzzing.fuzzed_system import FuzzedSystem, fuzzed_system
 from robocorba.testing.fuzzing.operations import Operation, operations
-from robocorba.testing.fuzzing.targets import FuzzedSystem, fuzzed_system
+from robocorba.testing.fuzzing.targets import targets
 from robocorba.testing.report import at_most, bars, summarize
 from robocorba.testing.simulation import error_lines
 
 
 def _calls(system: FuzzedSystem, only: str) -> Iterator[tuple[Target, Operation]]:
-    for target in system.targets():
+    for target in targets(system):
         for operation in operations(target.interface):
             if operation.name not in target.omitted and only in f"{target.name}.{operation.name}":
                 yield target, operation

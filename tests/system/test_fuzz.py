@@ -10,8 +10,9 @@ from omniORB import CORBA
 
 from robocorba.stubs import RoboCorba
 from robocorba.testing.fuzzing.calls import call_many
+from robocorba.testing.fuzzing.fuzzed_system import FuzzedSystem, fuzzed_system
 from robocorba.testing.fuzzing.operations import interfaces, operations
-from robocorba.testing.fuzzing.targets import OF_CLIENTS, OUT_OF_REACH, FuzzedSystem, fuzzed_system
+from robocorba.testing.fuzzing.targets import OF_CLIENTS, OUT_OF_REACH, targets
 from robocorba.testing.fuzzing.wire import OCTETS, UNREADABLE
 from robocorba.testing.simulation import error_lines
 
@@ -37,12 +38,12 @@ def fuzzed(folder: Path) -> Iterator[FuzzedSystem]:
 
 
 def test_every_operation_answers_nonsense_with_an_exception_of_its_own(fuzzed: FuzzedSystem, folder: Path) -> None:
-    targets = fuzzed.targets()
-    called = {target.interface for target in targets}
+    everything = targets(fuzzed)
+    called = {target.interface for target in everything}
     bases = {RoboCorba.Server}  # all that servers have of it is called by their own interfaces
     assert set(interfaces()) - called == {*OF_CLIENTS, *OUT_OF_REACH, *bases}
     faults = {}
-    for target in targets:
+    for target in everything:
         for operation in operations(target.interface):
             if operation.name not in target.omitted | SLOW:
                 tally = call_many(target, operation, INPUTS, 1, fuzzed.seen)

@@ -25,7 +25,10 @@ from robocorba.simulation.mission_record import MissionContent
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.supervision.access import Access
 from robocorba.testing.buildings import two_floors
-from robocorba.testing.fuzzing.targets import OTHER, FuzzedSystem
+from robocorba.testing.fuzzing.examples import OTHER
+from robocorba.testing.fuzzing.fuzzed_system import FuzzedSystem
+from robocorba.testing.fuzzing.simulation_targets import end_missions
+from robocorba.testing.fuzzing.targets import targets
 from robocorba.testing.intrusion.intruder import OBJECTS, OURS, THEIRS, Intruder
 from robocorba.testing.processes import Running, eventually, running_system
 from robocorba.testing.simulation import about
@@ -55,9 +58,9 @@ class GuardedSystem:
         self.running, self.orb, self.fuzzed = running, orb, fuzzed
         address = f"corbaname::127.0.0.1:9/access/server/{FOREIGN_KEY}#{CONTEXT}/EventChannels/{FOREIGN}"
         fuzzed.channel.addPeer(RoboCorba.PeerAddress(FOREIGN, address, False))
-        targets = fuzzed.targets()
-        self.examples = {target.name: target.examples for target in targets}
-        self.examples |= {target.interface.__name__: target.examples for target in targets}
+        everything = targets(fuzzed)
+        self.examples = {target.name: target.examples for target in everything}
+        self.examples |= {target.interface.__name__: target.examples for target in everything}
         self.endpoints = {
             name.removeprefix(f"{CONTEXT}/"): process.endpoint
             for process in running.record().processes
@@ -216,7 +219,7 @@ def forgeries(system: GuardedSystem, who: str) -> Iterator[Forgery]:
     )
     record = RoboCorba.MissionRecord("led by another", 0, theirs)
     yield try_one("store a mission in the name of another leader", can, lambda: database.putMission(record))
-    fuzzed.end_missions("putMission", None)
+    end_missions(fuzzed, "putMission", None)
     version = fuzzed.database.putMission(RoboCorba.MissionRecord("forged", 0, theirs))
     again = RoboCorba.MissionRecord("forged", version, ours)
     yield try_one("replace the record of a mission", can, lambda: database.putMission(again))
