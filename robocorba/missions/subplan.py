@@ -193,7 +193,11 @@ class StoredPlan(Struct, frozen=True):
         """The content for the data pool."""
         return msgspec.msgpack.encode(self)
 
-    @classmethod
-    def decode(cls, content: bytes) -> StoredPlan:
+    @staticmethod
+    def decode(content: bytes) -> StoredPlan:
         """The inverse of `encode`. Raises msgspec.ValidationError for invalid content."""
-        return msgspec.msgpack.decode(content, type=cls)
+        return _decoder.decode(content)
+
+
+#: Made when the module is loaded: a process has crashed in two threads that decoded a type for the first time.
+_decoder = msgspec.msgpack.Decoder(StoredPlan)
