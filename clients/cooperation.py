@@ -25,6 +25,7 @@ from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.corba.remote.robot_channel import RobotChannel
 from robocorba.data_pool.plans import Plans
 from robocorba.data_pool.pool import DataPool
+from robocorba.decoding import convert
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
@@ -175,7 +176,7 @@ class Cooperation:
         if not self.is_holding_for(mission) or self._missions is None or content.plan is None:
             return None
         try:
-            plan = msgspec.convert(content.plan, CooperativePlan)
+            plan = convert(content.plan, CooperativePlan)
             body = RemainingCarry(self._world, plan)
             self._missions.take_over_reservation(reservation(plan), has_areas)
         except (msgspec.ValidationError, RoboCorbaError) as error:

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import msgspec
 
+from robocorba.decoding import decode_json
+
 #: What the name of a file that was set aside ends with.
 SUFFIX = ".damaged"
 #: File in the state folder that names the last backup.
@@ -42,7 +44,7 @@ def restore_advice(file: Path) -> str:
     """What to do about a damaged file, in a state folder or a folder in it: how to restore the last backup, if any."""
     for state in file.absolute().parents[:2]:
         with contextlib.suppress(OSError, msgspec.MsgspecError, ValueError, OverflowError):
-            note = msgspec.json.decode((state / LAST_BACKUP).read_bytes(), type=BackupNote)
+            note = decode_json((state / LAST_BACKUP).read_bytes(), BackupNote)
             made = datetime.fromtimestamp(note.made).astimezone().isoformat(sep=" ", timespec="seconds")
             if Path(note.file).is_file():
                 command = shlex.join(("robocorba", "restore", note.file, "--state", str(state)))

@@ -13,6 +13,7 @@ from pathlib import Path
 import msgspec
 
 from robocorba.damaged_files import set_aside
+from robocorba.decoding import decode_json
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import StateMismatch
 from robocorba.maps.samples import sample_path
@@ -78,7 +79,7 @@ def _read_origin(origin_file: Path) -> Origin | None:
     """None if it is missing, or damaged and set aside."""
     with contextlib.suppress(OSError):
         try:
-            return msgspec.json.decode(origin_file.read_bytes(), type=Origin)
+            return decode_json(origin_file.read_bytes(), Origin)
         except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             set_aside(origin_file, str(error), "a map with edits is taken for one that was not made from --building")
     return None

@@ -9,6 +9,8 @@ from typing import Protocol
 
 import msgspec
 
+from robocorba.decoding import decode_json
+
 #: What the name of a robot's process begins with; the robot's name follows.
 _ROBOT = "robot_"
 #: What a line about a robot's progress begins with.
@@ -90,7 +92,7 @@ class RobotProgress(msgspec.Struct, frozen=True):
         if not line.startswith(_PROGRESS):
             return None
         try:
-            return msgspec.json.decode(line.removeprefix(_PROGRESS), type=RobotProgress)
+            return decode_json(line.removeprefix(_PROGRESS), RobotProgress)
         except msgspec.MsgspecError:
             return None
 

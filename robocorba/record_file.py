@@ -15,6 +15,7 @@ from typing import TypeVar
 import msgspec
 
 from robocorba import sqlite_files
+from robocorba.decoding import decode_msgpack
 from robocorba.errors.services import ServiceError
 
 #: Timeout for a backup, or another short reader, to let this process write [s].
@@ -109,7 +110,7 @@ class RecordFile:
         """The records of a kind, in the order in which they were first saved."""
         with self._guarded():
             rows = self._db.execute("SELECT value FROM records WHERE kind = ? ORDER BY rowid", (kind,)).fetchall()
-            return [msgspec.msgpack.decode(value, type=schema) for (value,) in rows]
+            return [decode_msgpack(value, schema) for (value,) in rows]
 
     def save(self, kind: str, key: str, record: object) -> None:
         with self._writing():

@@ -37,6 +37,7 @@ COMMON = {
     "robocorba.__version__",
     "robocorba.backoff",
     "robocorba.damaged_files",
+    "robocorba.decoding",
     "robocorba.kernel_cache",
     "robocorba.kernel_digests",
     "robocorba.kernel_store",
@@ -111,6 +112,17 @@ def prints(text: str) -> list[str]:
     return sorted(used | names | exits)
 
 
+def decodes(text: str) -> list[str]:
+    """How a source decodes into types past robocorba.decoding, which several threads can use at once."""
+    calls = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
+    return sorted(
+        name
+        for name, call in ((ast.unparse(call.func), call) for call in calls)
+        if name in ("msgspec.convert", "msgspec.json.Decoder", "msgspec.msgpack.Decoder")
+        or (name in ("msgspec.json.decode", "msgspec.msgpack.decode") and call.keywords)
+    )
+
+
 def imports(path: str, tree: ast.Module) -> Iterator[str]:
     """Absolute names of what a module imports, wherever in it: `from a import b` gives a.b, which may be a module."""
     package = path.split("/")[:-1]
@@ -173,6 +185,7 @@ def folder(module: str, modules: Mapping[str, Path]) -> str:
 
 
 OURS = {name: file for name, file in sources("robocorba").items() if name != "robocorba"}
+PRODUCT = sources("robocorba", "servers", "clients")
 ALL = sources("robocorba", "servers", "clients", "bench", "tests")
 
 
@@ -188,6 +201,13 @@ def test_one_place_escapes_what_programs_print() -> None:
     assert {path for path, past in found.items() if past} == set(PRINTING_NOTHING_FOREIGN)
     assert prints("from rich.console import Console\nprint(1)") == ["print", "rich.console.Console"]
     assert prints("sys.exit(f'{name} fails')") == ["sys.exit"]
+
+
+def test_one_place_decodes_into_types() -> None:
+    past = {file.relative_to(ROOT).as_posix(): decodes(file.read_text()) for file in PRODUCT.values()}
+    assert {path for path, calls in past.items() if calls} == {"robocorba/decoding.py"}
+    assert decodes("msgspec.json.decode(a)\nmsgspec.convert(a, T)") == ["msgspec.convert"]
+    assert decodes("msgspec.msgpack.decode(a, type=T)") == ["msgspec.msgpack.decode"]
 
 
 @pytest.mark.parametrize("file", OURS.values(), ids=lambda file: file.relative_to(ROOT).as_posix())

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect
 
+from robocorba.decoding import convert
 from robocorba.errors.maps import InvalidElement
 from robocorba.maps.model import TYPE_OF, Element, ElementKind
 
@@ -30,7 +31,7 @@ def as_json(element: Element) -> dict[str, Any]:
 def from_json(kind: ElementKind, floor: str, members: Any) -> Element:
     """The element of such an object. Raises InvalidElement, also for keys that the kind does not have."""
     try:
-        element: Element = msgspec.convert(members, TYPE_OF[kind])
+        element: Element = convert(members, TYPE_OF[kind])
     except msgspec.ValidationError as error:
         name = members.get("name", "") if isinstance(members, dict) else ""
         raise InvalidElement(kind.value, floor, str(name), str(error)) from None

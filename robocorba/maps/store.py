@@ -24,6 +24,7 @@ import msgspec
 
 from robocorba import sqlite_files
 from robocorba.damaged_files import restore_advice
+from robocorba.decoding import decode_json
 from robocorba.errors.maps import MapFileError, VersionUnavailable
 from robocorba.maps import underlay_table
 from robocorba.maps.changes import Change, ElementKey, elements_of
@@ -72,9 +73,6 @@ _MAX_INTEGER = 2**63 - 1
 _ELEMENT_COLUMNS = "kind, floor, name, version, value"
 _CHANGE_COLUMNS = "version, kind, floor, name, before, after"
 
-_decoders: dict[ElementKind, msgspec.json.Decoder[Any]] = {
-    kind: msgspec.json.Decoder(struct) for kind, struct in TYPE_OF.items()
-}
 _KINDS = {kind.value: kind for kind in ElementKind}
 
 
@@ -281,7 +279,7 @@ class MapStore:
             for kind, floor, name, version, value in self._writer.execute(query):
                 key = ElementKey(_KINDS[kind], floor, name)
                 versions[key] = version
-                layers.setdefault((floor, kind), {})[name] = _decoders[key.kind].decode(value)
+                layers.setdefault((floor, kind), {})[name] = decode_json(value, TYPE_OF[key.kind])
         floors = sorted(layers.get(("", "floor"), {}).values(), key=lambda floor: (floor.level, floor.name))
         known = {floor.name for floor in floors} | {""}
         lost = next((floor for floor, _ in layers if floor not in known), None)
@@ -433,7 +431,7 @@ class MapStore:
             rows = self._reader.execute(query, (min(start, _MAX_INTEGER), *values, limit + 1))
             found, following = _page(rows, limit, lambda row: len(row[2]) + len(row[4]))
         elements = [
-            StoredElement(floor, _decoders[_KINDS[kind]].decode(value), changed)
+            StoredElement(floor, decode_json(value, TYPE_OF[_KINDS[kind]]), changed)
             for _, kind, floor, changed, value in found
         ]
         return ElementPage(version, elements, following[0] if following else 0, following is None)
@@ -567,6 +565,6 @@ def _changes(rows: Iterable[tuple[Any, ...]]) -> list[Change]:
     found = []
     for version, kind, floor, name, before, after in rows:
         key = ElementKey(_KINDS[kind], floor, name)
-        decode = _decoders[key.kind].decode
-        found.append(Change(version, key, before and decode(before), after and decode(after)))
+        old, new = (value and decode_json(value, TYPE_OF[key.kind]) for value in (before, after))
+        found.append(Change(version, key, old, new))
     return found

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import msgspec
 import yaml
 
+from robocorba.decoding import convert
 from robocorba.errors.maps import MapFileError
 
 #: A longer scalar is text [characters]: Python needs minutes to parse a number of a million digits.
@@ -62,7 +63,7 @@ class YamlFile:
     def convert(self, schema: type[T]) -> T:
         """The data as `schema` (a msgspec type). Raises MapFileError with line and key."""
         try:
-            return msgspec.convert(self.data, schema)
+            return convert(self.data, schema)
         except msgspec.ValidationError as error:
             found = re.fullmatch(r"(.*) - at (`key` in )?`(\$.*)`", str(error), re.DOTALL)
             reason, of_key, key = found.groups() if found else (str(error), None, "$")

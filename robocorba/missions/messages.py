@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct, field
 
+from robocorba.decoding import convert
 from robocorba.errors.simulation import InvalidMission
 from robocorba.missions.subplan import VERSION, SubPlan
 
@@ -183,6 +184,6 @@ def message_of(type: str, content: Any) -> Message:
     if not isinstance(content, dict) or content.get("version") != VERSION:
         raise InvalidMission("version", f"must be {VERSION}")
     try:
-        return msgspec.convert(content, kind)
+        return convert(content, kind)
     except msgspec.ValidationError as error:
         raise InvalidMission(type, str(error)) from None

@@ -12,6 +12,8 @@ from typing import Annotated, NamedTuple
 import msgspec
 from msgspec import Meta, Struct
 
+from robocorba.decoding import decode_msgpack
+
 #: Version of the format of plans and messages; other versions are refused.
 VERSION = 1
 MAX_STEPS = 100
@@ -196,8 +198,4 @@ class StoredPlan(Struct, frozen=True):
     @staticmethod
     def decode(content: bytes) -> StoredPlan:
         """The inverse of `encode`. Raises msgspec.ValidationError for invalid content."""
-        return _decoder.decode(content)
-
-
-#: Made when the module is loaded: a process has crashed in two threads that decoded a type for the first time.
-_decoder = msgspec.msgpack.Decoder(StoredPlan)
+        return decode_msgpack(content, StoredPlan)

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from robocorba.decoding import convert
 from robocorba.errors.robots import InvalidProgram
 from robocorba.programs.icons import CONDITIONS, ICONS, Body, CooperativeIcon, Icon, Text, bodies, kind
 
@@ -139,7 +140,7 @@ def _integer(text: str) -> int | float:
 def _converted(plain: Any) -> Program:
     _check_plain(plain, "$", 1)
     try:
-        program = msgspec.convert(plain, Program)
+        program = convert(plain, Program)
     except msgspec.ValidationError as error:
         raise _translated(str(error)) from None
     count = 0

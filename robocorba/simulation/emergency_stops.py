@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import msgspec
 
+from robocorba.decoding import decode_json
 from robocorba.errors.simulation import UnknownRobot
 from robocorba.repeating import Repeating
 
@@ -243,7 +244,7 @@ def registration(session: Session) -> str:
 def read_records(file: Path) -> Mapping[str, StopRecord]:
     """The content of the file; empty if there is none or it can't be read."""
     try:
-        return msgspec.json.decode(file.read_bytes(), type=dict[str, StopRecord])
+        return decode_json(file.read_bytes(), dict[str, StopRecord])
     except FileNotFoundError:
         return {}
     except (OSError, msgspec.MsgspecError) as error:

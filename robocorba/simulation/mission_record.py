@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import msgspec
 from msgspec import Meta, Struct
 
+from robocorba.decoding import decode_json
 from robocorba.simulation.store import MAX_DOCUMENT
 
 #: Maximum length of a text [characters]; a longer reason is cut off.
@@ -104,7 +105,7 @@ class MissionContent(Struct, frozen=True, kw_only=True):
     @classmethod
     def decode(cls, document: bytes) -> MissionContent:
         """The inverse of `encode`. Raises msgspec.ValidationError, msgspec.DecodeError for any other document."""
-        return msgspec.json.decode(document, type=cls)
+        return decode_json(document, cls)
 
     @property
     def all_leaders(self) -> tuple[LeaderRecord, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
+from robocorba.decoding import decode_json, decode_msgpack
 from robocorba.simulation.mission_record import MissionContent
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.spatial.pose import Pose
@@ -72,7 +73,7 @@ def dump_posture(posture: Posture) -> bytes:
 
 def load_posture(data: bytes) -> Posture:
     """The inverse of `dump_posture`. Raises msgspec.MsgspecError."""
-    found = msgspec.msgpack.decode(data, type=_Posture)
+    found = decode_msgpack(data, _Posture)
     return Posture(found.robot, found.time, found.joints)
 
 
@@ -91,7 +92,7 @@ def dump_scan(scan: RobotScan) -> bytes:
 
 def load_scan(data: bytes) -> RobotScan:
     """The inverse of `dump_scan`. Raises msgspec.MsgspecError, ValueError."""
-    found = msgspec.msgpack.decode(data, type=_Scan)
+    found = decode_msgpack(data, _Scan)
     distances = np.frombuffer(found.distances, "<f4").astype(float)
     hits = np.unpackbits(np.frombuffer(found.hits, np.uint8))[: len(distances)].astype(bool)
     if len(hits) != len(distances):
@@ -111,4 +112,4 @@ def dump_mission(name: str, content: MissionContent) -> bytes:
 
 def load_mission(data: bytes) -> RecordedMission:
     """The inverse of `dump_mission`. Raises msgspec.MsgspecError."""
-    return msgspec.json.decode(data, type=RecordedMission)
+    return decode_json(data, RecordedMission)

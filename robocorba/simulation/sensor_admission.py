@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 
+from robocorba.decoding import decode_json
 from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import SensorRefused
 
@@ -56,7 +57,7 @@ class SensorAdmission:
 
     def _known_ports(self) -> dict[str, int]:
         try:
-            return msgspec.json.decode(self._ports.read_bytes(), type=dict[str, int])
+            return decode_json(self._ports.read_bytes(), dict[str, int])
         except (OSError, msgspec.MsgspecError):
             return {}
 

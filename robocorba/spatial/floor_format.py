@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from robocorba.decoding import decode_msgpack
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 
@@ -51,9 +52,6 @@ class FloorUpdateMap(msgspec.Struct, rename="camel"):
     elevators: list[_Elevator]
 
 
-_decoder = msgspec.msgpack.Decoder(FloorUpdateMap)
-
-
 def dumps(update: FloorUpdate) -> bytes:
     """Encode an update as msgpack."""
     return msgspec.msgpack.encode(_wire(update))
@@ -67,7 +65,7 @@ def as_map(update: FloorUpdate) -> dict[str, Any]:
 
 def loads(data: bytes) -> FloorUpdate:
     """Decode what `dumps` encoded. Raises ValueError."""
-    wire = _decoder.decode(data)
+    wire = decode_msgpack(data, FloorUpdateMap)
     return FloorUpdate(
         wire.floor_name,
         wire.since,

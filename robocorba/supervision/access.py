@@ -19,6 +19,7 @@ from urllib.parse import quote
 import msgspec
 
 from robocorba.corba.tls import AUTHORITIES, OWN
+from robocorba.decoding import decode_json
 from robocorba.errors.services import ServiceError
 from robocorba.name_table import MAX_PART
 from robocorba.names import ACCESS
@@ -70,7 +71,7 @@ class Access:
         """The access to the system of a state folder. Raises ServiceError."""
         file = state / ACCESS / "keys.json"
         try:
-            keys = msgspec.json.decode(file.read_bytes(), type=dict[str, str])
+            keys = decode_json(file.read_bytes(), dict[str, str])
             if any(len(keys.get(role.name.lower(), "")) != 64 for role in Role):
                 raise msgspec.ValidationError("a key is missing")
         except OSError as error:

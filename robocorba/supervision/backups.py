@@ -26,6 +26,7 @@ import msgspec
 
 from robocorba import __version__, private_files, sqlite_files
 from robocorba.damaged_files import LAST_BACKUP, BackupNote
+from robocorba.decoding import decode_json
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.events import channel_store
 from robocorba.maps import store as map_store
@@ -231,7 +232,7 @@ def _read_list(archive: tarfile.TarFile) -> BackupList:
         raise ValueError(f"it does not begin with {_LIST}")
     data = archive.extractfile(first)
     assert data is not None
-    content = msgspec.json.decode(data.read(), type=BackupList)
+    content = decode_json(data.read(), BackupList)
     known = (*DATABASES, *FILES)
     for name in content.files:
         if not any(re.fullmatch(pattern, name) for pattern in known):

@@ -19,6 +19,7 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from robocorba.control import model_switcher
+from robocorba.decoding import convert
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.robots import InvalidProgram
 from robocorba.errors.services import ServiceError
@@ -117,7 +118,7 @@ def read_fleet(file: Path) -> Callable[[Sequence[str], Sequence[str]], list[Robo
 def group_of(options: Mapping[str, Any]) -> Callable[[Sequence[str], Sequence[str]], list[RobotOrder]]:
     """The same for one group of robots, with the keys of an entry. Raises InvalidFleet."""
     try:
-        content = FleetFile([msgspec.convert(options, Entry)])
+        content = FleetFile([convert(options, Entry)])
     except msgspec.ValidationError as error:
         reason, _, path = str(error).partition(" - at `$.")
         raise InvalidFleet(path.rstrip("`"), reason) from None

@@ -25,6 +25,7 @@ import msgspec
 import psutil
 
 from robocorba.damaged_files import set_aside
+from robocorba.decoding import decode_json
 from robocorba.endpoints import is_free
 from robocorba.errors.services import AlreadyRunning, PortInUse, ServiceError
 from robocorba.private_files import claim_state
@@ -171,7 +172,7 @@ class StateFolder:
 
     def _read(self, file: Path, schema: type[Schema]) -> Schema | None:
         try:
-            return msgspec.json.decode(file.read_bytes(), type=schema)
+            return decode_json(file.read_bytes(), schema)
         except FileNotFoundError:
             return None
         except OSError as error:
