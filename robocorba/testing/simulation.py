@@ -32,6 +32,8 @@ from robocorba.testing.processes import Launcher, Running, eventually, running_s
 RELEASE_LIMIT_S = 3.0
 #: Time before a kill whose poses may be lost [s].
 LOST_S = 0.2
+#: Time limit of a call [s]: a picture takes long on a machine that is busy with something else.
+CALL_LIMIT_S = 60.0
 #: Exceptions of a call whose server died or is restarting.
 GONE = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT)
 STAND = RoboCorba.Velocity(0.0, 0.0, 0.0)
@@ -60,11 +62,11 @@ def about(
 
 
 @contextlib.contextmanager
-def simulation(folder: Path, sensors: int = 2, call_limit_s: float = 10.0) -> Iterator[Place]:
+def simulation(folder: Path, sensors: int = 2) -> Iterator[Place]:
     """`robocorba up` with the sample building and `sensors` virtual sensor servers; one at a time in a process."""
     with (
         running_system(folder, "--sensors", str(sensors)) as (running, launch),
-        Orb(running.naming, call_timeout_s=call_limit_s) as orb,
+        Orb(running.naming, call_timeout_s=CALL_LIMIT_S) as orb,
         contextlib.closing(Place(running, orb, launch)) as place,
     ):
         yield place
