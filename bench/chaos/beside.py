@@ -25,8 +25,8 @@ ANSWER_LIMIT_S = 60.0
 
 
 class Complaints:
-    """Counts what happens to those who do nothing wrong, and prints it with the time since `begin`. Texts that differ
-    in numbers only are of the same kind; the same text is printed once. count: of all complaints."""
+    """Counts what happens to those who do nothing wrong, and prints it with the time since the first `begin`. Texts
+    that differ in numbers only are of the same kind; the same text is printed once. count: of all complaints."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -38,8 +38,8 @@ class Complaints:
         self._kinds: Counter[str] = Counter()
 
     def begin(self) -> None:
-        """The attacks begin now."""
-        self._began = time.monotonic()
+        """Attacks begin now; times are since the first ones."""
+        self._began = self._began or time.monotonic()
 
     def add(self, what: str) -> None:
         """Count a harm."""
