@@ -46,7 +46,7 @@ HERE, THERE, ROBOT = "west", "east", "d0"
 STALLED = (8, 64, 500)
 #: Connections to one server: half of those that it accepts.
 CONNECTIONS = 2_000
-#: Threads that read floors without a pause.
+#: Threads that read floors, or ask for paths, without a pause.
 READERS = 30
 #: Threads that ask for pictures, or read the map, without a pause. Each of these calls takes long.
 DRAWERS = 10
@@ -115,6 +115,10 @@ class Attacker:
     def map_readers(self) -> None:
         """Clients that export and check the map without a pause."""
         self._repeat("maps", DRAWERS)
+
+    def planners(self) -> None:
+        """Clients that ask for ten paths among many obstacles without a pause."""
+        self._repeat("plans", READERS)
 
     def nonsense(self) -> None:
         """Calls of operations that any observer may call, with nonsense for arguments."""

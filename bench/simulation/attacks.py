@@ -3,8 +3,8 @@
     python -m bench.simulation.attacks [--seconds S]
 
 Attacks: stalled connections at every server; ten clients that ask for large pictures; 100 that read a floor; 100 that
-export and check the map; 100 that edit it; all without a pause. The robot commands and reads its state 20 times a
-second and scans 3 times; a client calls every server 10 times a second."""
+export and check the map; 100 that edit it; 100 that ask for ten paths among 64 obstacles; all without a pause. The
+robot commands and reads its state 20 times a second and scans 3 times; a client calls all servers 10 times a second."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ STALLED = (0, 8, 64, 500)
 #: Clients that ask for pictures, and of each other kind.
 PICTURES, READERS = 10, 100
 #: All clients, by what they call.
-ALL = {"pictures": PICTURES, "readings": READERS, "maps": READERS, "edits": READERS}
+ALL = {"pictures": PICTURES, "readings": READERS, "maps": READERS, "edits": READERS, "plans": READERS}
+#: A path that a client asks for.
+FROM_TO = (RoboCorba.Point("L1", 3.0, 3.0), RoboCorba.Point("L1", 15.0, 3.0))
 ROUND = RoboCorba.Velocity(0.3, 0.0, 1.0)
 #: Intervals between the commands of the robot, between its scans, and between calls of the client [s].
 ROBOT_INTERVAL_S, SCAN_INTERVAL_S, CLIENT_INTERVAL_S = 0.05, 0.3, 0.1
@@ -59,7 +61,7 @@ def measure(place: Place, seconds: float, name: str, stalled: int, clients: Mapp
     on_servers = {
         "naming": place.orb.check_naming,
         "editor": place.editor._get_currentVersion,
-        "planner": planner._get_mapVersion,
+        "planner": lambda: planner.getPath(*FROM_TO),
         "simulation": place.server._get_state,
         "database": lambda: place.database.getFloor("L2"),
         "channel": channel._get_name,

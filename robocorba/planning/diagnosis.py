@@ -14,6 +14,7 @@ from robocorba.planning import geometric, topological
 from robocorba.planning.request import Path, PathRequest, Place, PointKind, RouteMode
 from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.space import FloorSpace
+from robocorba.planning.turns import Turn
 from robocorba.spatial.arrays import Longs
 from robocorba.spatial.pose import XY
 
@@ -37,7 +38,7 @@ def obstacle_at(space: FloorSpace, x: float, y: float, radius: float) -> tuple[s
     return (f"{nearest.kind} {nearest.name}" if nearest else "nothing"), distance
 
 
-def explain_no_path(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) -> tuple[str, list[Blocker]]:
+def explain_no_path(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn) -> tuple[str, list[Blocker]]:
     """A sentence, and the elements that would have to change for a path to exist."""
     building = snapshot.building
     start, goal = request.start, request.goal
@@ -48,22 +49,22 @@ def explain_no_path(snapshot: BuildingSnapshot, request: PathRequest, deadline: 
     on_roads = request.mode is RouteMode.TOPOLOGICAL or bool(request.graph and request.mode is RouteMode.SMOOTHED)
     if on_roads:
         for which, place, outbound in (("start", start, True), ("goal", goal, False)):
-            if not len(topological.connect_around_corners(snapshot, request, place, outbound, deadline).nodes):
-                return f"the {which} reaches no path node", _why_unreachable(snapshot, request, place, deadline)
+            if not len(topological.connect_around_corners(snapshot, request, place, outbound, turn).nodes):
+                return f"the {which} reaches no path node", _why_unreachable(snapshot, request, place, turn)
     thin = request._replace(radius=min(THIN_M, request.radius), avoid_elevators=frozenset(), graph="", alternatives=0)
     if on_roads:
-        found = topological.routes(snapshot, thin._replace(mode=RouteMode.TOPOLOGICAL), deadline)
+        found = topological.routes(snapshot, thin._replace(mode=RouteMode.TOPOLOGICAL), turn)
     else:
-        found = geometric.routes(snapshot, thin, deadline)
+        found = geometric.routes(snapshot, thin, turn)
     if found:
         blockers = _too_narrow(snapshot, request, snapshot.path(found[0], thin))
         if blockers:
             return f"no path for a robot of radius {request.radius:g} m", blockers
-    locked = _locked_doors(snapshot, thin, deadline)
+    locked = _locked_doors(snapshot, thin, turn)
     if locked:
         return "locked doors block every path", locked
     if on_roads:
-        return "start and goal are not connected", _unconnected(snapshot, request, deadline)
+        return "start and goal are not connected", _unconnected(snapshot, request, turn)
     if found:
         return "one-way edges forbid every path", _one_way_edges(building, request)
     floors = dict.fromkeys((start.floor, goal.floor))
@@ -72,12 +73,12 @@ def explain_no_path(snapshot: BuildingSnapshot, request: PathRequest, deadline: 
     ]
 
 
-def _locked_doors(snapshot: BuildingSnapshot, thin: PathRequest, deadline: float) -> list[Blocker]:
+def _locked_doors(snapshot: BuildingSnapshot, thin: PathRequest, turn: Turn) -> list[Blocker]:
     """The locked doors on the path of a thin robot with all doors unlocked."""
     opened = snapshot.with_doors_unlocked()
     if opened is None:
         return []
-    found = geometric.routes(opened, thin._replace(mode=RouteMode.GEOMETRIC), deadline)
+    found = geometric.routes(opened, thin._replace(mode=RouteMode.GEOMETRIC), turn)
     doors: dict[tuple[str, str], Blocker] = {}
     for here, there in pairwise(opened.path(found[0], thin).points if found else ()):
         if here.floor != there.floor:
@@ -163,14 +164,14 @@ def _distinguishable(first: float, second: float) -> tuple[str, str]:
     return texts
 
 
-def _why_unreachable(snapshot: BuildingSnapshot, request: PathRequest, place: Place, deadline: float) -> list[Blocker]:
+def _why_unreachable(snapshot: BuildingSnapshot, request: PathRequest, place: Place, turn: Turn) -> list[Blocker]:
     """Why a place reaches no node: the narrow places on a thin robot's path, or a floor without nodes."""
     entry = snapshot.building.floors[place.floor]
     if not entry.topological.nodes:
         return [Blocker("floor", "", place.floor, "has no path nodes; build its topological map")]
     nodes = sorted(entry.topological.nodes.values(), key=lambda node: math.dist(node.at, place[1:]))
     thin = snapshot.graph(place.floor, min(THIN_M, request.radius))
-    legs = thin.legs(place[1:], [node.at for node in nodes[:16]], deadline=deadline)
+    legs = thin.legs(place[1:], [node.at for node in nodes[:16]], turn=turn)
     best = min(legs, key=lambda leg: leg.length)
     if not math.isfinite(best.length):
         return [Blocker("floor", "", place.floor, "its walls enclose the place")]
@@ -178,13 +179,13 @@ def _why_unreachable(snapshot: BuildingSnapshot, request: PathRequest, place: Pl
     return list({blocker.name: blocker for blockers in found for blocker in blockers}.values())
 
 
-def _unconnected(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) -> list[Blocker]:
+def _unconnected(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn) -> list[Blocker]:
     """The components of the topological map that start and goal are connected to; its one-way edges if both are in
     the same one."""
     component = snapshot.components(request.radius, request.avoid_elevators, request.graph)
     pieces = []
     for place, outbound in ((request.start, True), (request.goal, False)):
-        nodes = topological.connect_around_corners(snapshot, request, place, outbound, deadline).nodes
+        nodes = topological.connect_around_corners(snapshot, request, place, outbound, turn).nodes
         pieces.append(set(component[nodes].tolist()))
     if pieces[0] & pieces[1]:
         return _one_way_edges(snapshot.building, request)

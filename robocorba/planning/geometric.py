@@ -14,6 +14,7 @@ from robocorba.planning.request import Criterion, PathRequest
 from robocorba.planning.route import ELEVATOR, NODE, TRAVELS, WAITS, waypoints
 from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.tangent_graph import NO_LANES, DriveLeg
+from robocorba.planning.turns import Turn
 from robocorba.spatial.arrays import Floats
 from robocorba.spatial.pose import XY
 
@@ -21,15 +22,13 @@ from robocorba.spatial.pose import XY
 _Stop = tuple[str, str]
 
 
-def routes(
-    snapshot: BuildingSnapshot, request: PathRequest, deadline: float, obey_one_way: bool = False
-) -> list[Floats]:
+def routes(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn, obey_one_way: bool = False) -> list[Floats]:
     """The shortest route and, as alternatives, those by other elevators; empty if there is none. Drives obey one-way
     edges only with `obey_one_way`."""
     for place in (request.start, request.goal):
         if not snapshot.spaces[place.floor].point_is_free(place.x, place.y, request.radius):
             return []
-    best = _find_route(snapshot, request, request.avoid_elevators, deadline, obey_one_way)
+    best = _find_route(snapshot, request, request.avoid_elevators, turn, obey_one_way)
     if best is None:
         return []
     used = _elevators(snapshot, best)
@@ -38,7 +37,7 @@ def routes(
         for avoided in combinations(sorted(used), count):
             if len(found) > request.alternatives:
                 return found
-            other = _find_route(snapshot, request, request.avoid_elevators | set(avoided), deadline, obey_one_way)
+            other = _find_route(snapshot, request, request.avoid_elevators | set(avoided), turn, obey_one_way)
             if other is not None and _elevators(snapshot, other) not in seen:
                 seen.add(_elevators(snapshot, other))
                 found.append(other)
@@ -50,7 +49,7 @@ def _elevators(snapshot: BuildingSnapshot, route: Floats) -> frozenset[str]:
 
 
 def _find_route(
-    snapshot: BuildingSnapshot, request: PathRequest, avoid: frozenset[str], deadline: float, obey_one_way: bool
+    snapshot: BuildingSnapshot, request: PathRequest, avoid: frozenset[str], turn: Turn, obey_one_way: bool
 ) -> Floats | None:
     """Dijkstra over start, cabins and goal. Drives between them are planned when the search needs them."""
     start, goal = request.start, request.goal
@@ -83,7 +82,7 @@ def _find_route(
             targets = [stop for stop in at if stop[0] == here[0] and stop not in done]
             lanes = snapshot.roads.parts[here[0]].lanes if obey_one_way else NO_LANES
             legs = snapshot.graph(here[0], request.radius).legs(
-                at[here], [at[stop] for stop in targets], lanes=lanes, deadline=deadline
+                at[here], [at[stop] for stop in targets], lanes=lanes, turn=turn
             )
             steps = [(stop, leg.length / metres_per_cost, leg) for stop, leg in zip(targets, legs, strict=True)]
         for stop, step, leg in steps:

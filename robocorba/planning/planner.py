@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from contextlib import AbstractContextManager
 from typing import NoReturn
 
 from robocorba.errors.paths import NoPath, NotFree
@@ -21,6 +22,7 @@ from robocorba.planning.request import (
 )
 from robocorba.planning.search import find_path
 from robocorba.planning.snapshot import BuildingSnapshot
+from robocorba.planning.turns import Turn, Turns
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Time limit of a query [s]. Clients usually wait for 10 s; a shorter limit ends work whose result nobody awaits.
@@ -31,11 +33,13 @@ WARM_UP_NODES = 2
 
 
 class PathPlanner:
-    """Plans on the latest building. Queries run in parallel and never wait for an update."""
+    """Plans on the latest building. Queries run in parallel, take turns where they are many, and never wait for an
+    update."""
 
     def __init__(self, building: Building, version: int = 0, time_limit_s: float = TIME_LIMIT_S) -> None:
         """A query raises PlanningTimeout after `time_limit_s`."""
         self._snapshot, self._time_limit_s = BuildingSnapshot(building, version), time_limit_s
+        self._turns = Turns()
 
     @property
     def version(self) -> int:
@@ -84,13 +88,14 @@ class PathPlanner:
             )
             if may_be_detour:
                 request = PathRequest(start, goal)
-                return snapshot.path(topological.without_detours(snapshot, request, points, self._deadline()), request)
+                with self._turn(start.floor) as turn:
+                    return snapshot.path(topological.without_detours(snapshot, request, points, turn), request)
             if len(points):
                 return Path(points.tolist(), snapshot.roads.names, snapshot.version)
         return self.paths(PathRequest(start, goal))[0]
 
-    def _deadline(self) -> float:
-        return time.monotonic() + self._time_limit_s
+    def _turn(self, floor: str) -> AbstractContextManager[Turn]:
+        return self._turns.take(time.monotonic() + self._time_limit_s, floor)
 
     def paths(self, request: PathRequest) -> list[Path]:
         """The best path and up to `request.alternatives` others, best first.
@@ -100,12 +105,12 @@ class PathPlanner:
         check_request(snapshot.building, request)
         start, goal = (Place(place.floor, float(place.x), float(place.y)) for place in (request.start, request.goal))
         request = request._replace(start=start, goal=goal, radius=float(request.radius), speed=float(request.speed))
-        snapshot = snapshot.variant_for(request)
-        deadline = self._deadline()
-        find = geometric.routes if request.mode is RouteMode.GEOMETRIC else topological.routes
-        paths = [snapshot.path(route, request) for route in find(snapshot, request, deadline)]
-        if not paths:
-            _explain(snapshot, request, deadline)
+        with self._turn(start.floor) as turn:
+            snapshot = snapshot.variant_for(request)
+            find = geometric.routes if request.mode is RouteMode.GEOMETRIC else topological.routes
+            paths = [snapshot.path(route, request) for route in find(snapshot, request, turn)]
+            if not paths:
+                _explain(snapshot, request, turn)
         if len(paths) > 1:
             by_time = request.best is Criterion.SHORTEST_TIME
             paths.sort(key=lambda path: path.duration if by_time else path.distance)
@@ -128,11 +133,11 @@ def warm_up_room() -> Building:
     return building
 
 
-def _explain(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) -> NoReturn:
+def _explain(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn) -> NoReturn:
     """Raise NotFree or NoPath with the reason why there is no path."""
     for which, place in (("start", request.start), ("goal", request.goal)):
         space = snapshot.spaces[place.floor]
         if not space.point_is_free(place.x, place.y, request.radius):
             obstacle, clearance = diagnosis.obstacle_at(space, place.x, place.y, request.radius)
             raise NotFree(which, *place, obstacle, clearance, request.radius)
-    raise NoPath(*diagnosis.explain_no_path(snapshot, request, deadline))
+    raise NoPath(*diagnosis.explain_no_path(snapshot, request, turn))

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -34,6 +33,7 @@ from robocorba.planning.tangent_search import (
     reach_m,
     search,
 )
+from robocorba.planning.turns import ALONE, Turn
 from robocorba.planning.visible_region import make_scratch
 from robocorba.spatial.arrays import Floats
 from robocorba.spatial.pose import XY
@@ -131,21 +131,21 @@ class TangentGraph:
         max_length_m: float = math.inf,
         lanes: Floats = NO_LANES,
         outbound: bool = True,
-        deadline: float = math.inf,
+        turn: Turn = ALONE,
     ) -> list[DriveLeg]:
         """The shortest drive from `origin` to each target [m]; all must be free for the radius.
 
         With `enough`, only that many of the shortest drives are certain to be found; none is longer than
         `max_length_m`. `lanes` (n, 4) are one-way edges that a drive must not go against, from the origin or, if not
-        `outbound`, to it. Raises PlanningTimeout after `deadline` (time.monotonic) [s]."""
+        `outbound`, to it. Raises PlanningTimeout after the deadline of `turn`."""
         if not targets:
             return []
         goals = np.array(targets, float).reshape(-1, 2)
         nearest = min(enough or len(goals), len(goals))
         budget = BUDGET
         while True:
-            left = deadline - time.monotonic()
-            if not self._lock.acquire(timeout=min(max(left, 0.0), threading.TIMEOUT_MAX)):
+            turn.pause(self.space.floor)
+            if not self._lock.acquire(timeout=turn.left_s):
                 raise PlanningTimeout(self.space.floor)
             try:
                 self._prepare([origin, *targets])
@@ -176,7 +176,5 @@ class TangentGraph:
                 self._lock.release()
             if status == DONE:
                 return [DriveLeg(length, corners[first[i] : first[i + 1]]) for i, length in enumerate(lengths.tolist())]
-            if time.monotonic() > deadline:
-                raise PlanningTimeout(self.space.floor)
             if status != NO_ROOM:
                 budget *= 2

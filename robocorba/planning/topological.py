@@ -23,6 +23,7 @@ from robocorba.planning.search import (
     smoothed,
 )
 from robocorba.planning.snapshot import BuildingSnapshot
+from robocorba.planning.turns import Turn
 from robocorba.planning.world import floor_grid, floor_lanes, unpack
 from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.pose import XY
@@ -55,21 +56,21 @@ class Connections:
 IN_SIGHT = Connections((), ())
 
 
-def routes(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) -> list[Floats]:
+def routes(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn) -> list[Floats]:
     """The best route and the requested alternatives, in the order found; empty if there is none."""
     smooth = request.mode is RouteMode.SMOOTHED
     factor = snapshot.factor(request.avoid_elevators, request.graph)
-    best = _find_route(snapshot, request, factor, deadline, smooth=smooth, straight=smooth)
+    best = _find_route(snapshot, request, factor, turn, smooth=smooth, straight=smooth)
     if best is None:
         leaves_roads = smooth and not request.graph
-        return _through_free_space(snapshot, request, deadline) if leaves_roads else []
+        return _through_free_space(snapshot, request, turn) if leaves_roads else []
     if not request.alternatives:
         return [best]
     found: dict[tuple[float, ...], Floats] = {}
     factor = factor.copy() if len(factor) else np.ones(len(snapshot.roads.roads.to))
     for _ in range(1 + 3 * request.alternatives):
-        along = _find_route(snapshot, request, factor, deadline, smooth=False)
-        route = _find_route(snapshot, request, factor, deadline, smooth=True) if smooth else along
+        along = _find_route(snapshot, request, factor, turn, smooth=False)
+        route = _find_route(snapshot, request, factor, turn, smooth=True) if smooth else along
         if along is None or route is None:
             break
         found.setdefault(tuple(route[:, [FLOOR, X, Y, NODE]].ravel()), route)
@@ -79,20 +80,20 @@ def routes(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) ->
     return list(found.values())
 
 
-def _through_free_space(snapshot: BuildingSnapshot, request: PathRequest, deadline: float) -> list[Floats]:
+def _through_free_space(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn) -> list[Floats]:
     """The best route and alternatives where the roadmap has none. They obey one-way edges: no drive goes against
     one. If that fails, all drives avoid one-way edges altogether, because routes in free space turn at walls only."""
-    found = geometric.routes(snapshot, request, deadline, obey_one_way=True)
+    found = geometric.routes(snapshot, request, turn, obey_one_way=True)
     if found or not any(len(part.lanes) for part in snapshot.roads.parts.values()):
         return found
-    return geometric.routes(snapshot.with_one_way_edges_closed(), request, deadline)
+    return geometric.routes(snapshot.with_one_way_edges_closed(), request, turn)
 
 
 def _find_route(
     snapshot: BuildingSnapshot,
     request: PathRequest,
     factor: Floats,
-    deadline: float,
+    turn: Turn,
     *,
     smooth: bool,
     straight: bool = False,
@@ -112,8 +113,8 @@ def _find_route(
             starts = connect_in_sight(snapshot, request, start, outbound=True)
             goals = connect_in_sight(snapshot, request, goal, outbound=False)
         elif attempt == 2:
-            starts = _merged(starts, connect_around_corners(snapshot, request, start, True, deadline))
-            goals = _merged(goals, connect_around_corners(snapshot, request, goal, False, deadline))
+            starts = _merged(starts, connect_around_corners(snapshot, request, start, True, turn))
+            goals = _merged(goals, connect_around_corners(snapshot, request, goal, False, turn))
         if attempt and not (len(starts.nodes) and len(goals.nodes)):
             continue
         ends = (origin, starts.nodes, starts.lengths, target, goals.nodes, goals.lengths)
@@ -128,7 +129,7 @@ def _find_route(
     if not smooth:
         return route
     route = smoothed(snapshot.world, route, radius)
-    return route if request.graph else without_detours(snapshot, request, route, deadline)
+    return route if request.graph else without_detours(snapshot, request, route, turn)
 
 
 def _with_corners(route: Floats, lead: Floats, tail: Floats) -> Floats:
@@ -138,7 +139,7 @@ def _with_corners(route: Floats, lead: Floats, tail: Floats) -> Floats:
     )
 
 
-def without_detours(snapshot: BuildingSnapshot, request: PathRequest, route: Floats, deadline: float) -> Floats:
+def without_detours(snapshot: BuildingSnapshot, request: PathRequest, route: Floats, turn: Turn) -> Floats:
     """The route with each drive replaced by a sufficiently shorter path through free space (see search.DETOUR),
     which obeys one-way edges."""
     floors = snapshot.roads.floors
@@ -153,7 +154,7 @@ def without_detours(snapshot: BuildingSnapshot, request: PathRequest, route: Flo
             floor = floors[int(route[i, FLOOR])]
             a, b = (float(route[at, X]), float(route[at, Y])), (float(route[i, X]), float(route[i, Y]))
             leg = snapshot.graph(floor, request.radius).legs(
-                a, [b], max_length_m=max_length_m, lanes=snapshot.roads.parts[floor].lanes, deadline=deadline
+                a, [b], max_length_m=max_length_m, lanes=snapshot.roads.parts[floor].lanes, turn=turn
             )[0]
             if math.isfinite(leg.length) and not _is_slower(request, drive, leg.length):
                 first = drive[:1].copy()
@@ -188,11 +189,10 @@ def connect_in_sight(snapshot: BuildingSnapshot, request: PathRequest, place: Pl
 
 
 def connect_around_corners(
-    snapshot: BuildingSnapshot, request: PathRequest, place: Place, outbound: bool, deadline: float
+    snapshot: BuildingSnapshot, request: PathRequest, place: Place, outbound: bool, turn: Turn
 ) -> Connections:
     """Connect a free place around corners to the nearest nodes and to the nearest node of each component of the
-    roadmap. `outbound`: drives lead away from the place. Raises PlanningTimeout after `deadline` (time.monotonic)
-    [s]."""
+    roadmap. `outbound`: drives lead away from the place. Raises PlanningTimeout after the deadline of `turn`."""
     roads, space = snapshot.roads, snapshot.spaces[place.floor]
     floor = roads.floor_index[place.floor]
     low, high = int(roads.offset[floor]), int(roads.offset[floor + 1])
@@ -210,7 +210,7 @@ def connect_around_corners(
             if space.point_is_free(float(xy[node, 0]), float(xy[node, 1]), request.radius)
         ]
         targets: list[XY] = [(float(xy[node, 0]), float(xy[node, 1])) for node in nodes]
-        legs = graph.legs(place[1:], targets, lanes=lanes, outbound=outbound, deadline=deadline)
+        legs = graph.legs(place[1:], targets, lanes=lanes, outbound=outbound, turn=turn)
         near = sorted((leg.length, i) for i, leg in enumerate(legs) if math.isfinite(leg.length))
         if near:
             break

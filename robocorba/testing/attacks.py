@@ -1,6 +1,6 @@
 """Clients that do what no client should, for tests and benches: nobody else may be harmed.
 
-    python -m robocorba.testing.attacks NAMING pictures|readings|maps|edits COUNT
+    python -m robocorba.testing.attacks NAMING pictures|readings|maps|edits|plans COUNT
 
 COUNT clients repeat calls until a line on stdin."""
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import random
 import socket
 import struct
 import sys
@@ -18,6 +19,7 @@ from typing import Any
 from omniORB import CORBA
 
 from robocorba.corba.orb import Orb
+from robocorba.planning.request import MAX_ALTERNATIVES, MAX_AREAS, SMARTPAL_RADIUS_M, SMARTPAL_SPEED_M_S
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import Launcher
@@ -32,6 +34,8 @@ CONNECT_TIMEOUT_S = 2.0
 #: Timeout for sending [s]. A server that reads no more must not hold up the next connection.
 SEND_TIMEOUT_S = 0.2
 
+#: Range of the coordinates of long requests, and the size of their obstacles [m].
+REQUESTED_M, OBSTACLE_M = (1.0, 9.0), 0.05
 #: Of the nodes that are created, so that no two have the same name.
 _numbers = itertools.count()
 
@@ -60,12 +64,14 @@ def calls_of(orb: Orb) -> dict[str, Callable[[], object]]:
     server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
     editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
+    planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
     kinds = itertools.cycle(RoboCorba.ElementKind._items)
     return {
         "pictures": lambda: server.renderFloor("L1", 4096),
         "readings": lambda: database.getFloor("L1"),
         "maps": lambda: (editor.exportMap(), editor.elements(next(kinds), "L1"), editor.checkFloor("L1", 0.4)),
         "edits": lambda: _edit(editor),
+        "plans": lambda: planner.findPaths(_long_request()),
     }
 
 
@@ -86,7 +92,7 @@ def repeat_in_threads(call: Callable[[], object], count: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def greedy_clients(launch: Launcher, naming: Address, calls: str, count: int) -> Iterator[None]:
-    """A process whose `count` threads repeat calls without a pause: `pictures`, `readings`, `maps` or `edits`."""
+    """A process whose `count` threads repeat calls of `calls_of` without a pause."""
     if not count:
         yield
         return
@@ -117,6 +123,17 @@ def _edit(editor: Any) -> None:
         session.undo()
     finally:
         session.close()
+
+
+def _long_request() -> Any:
+    """A request for ten paths among as many obstacles as a request may have, all at random."""
+    start, goal, *obstacles = ([random.uniform(*REQUESTED_M) for _ in range(2)] for _ in range(2 + MAX_AREAS))
+    corners = ((0.0, 0.0), (OBSTACLE_M, 0.0), (0.0, OBSTACLE_M))
+    areas = [RoboCorba.ForbiddenArea("L1", [RoboCorba.XY(x + dx, y + dy) for dx, dy in corners]) for x, y in obstacles]
+    return RoboCorba.PathRequest(
+        *(RoboCorba.Point("L1", *start), RoboCorba.Point("L1", *goal), SMARTPAL_RADIUS_M, SMARTPAL_SPEED_M_S),
+        *(RoboCorba.SMOOTHED, RoboCorba.SHORTEST_DISTANCE, [], [], areas, [], "", MAX_ALTERNATIVES),
+    )
 
 
 def _repeat(call: Callable[[], object], ending: threading.Event) -> None:

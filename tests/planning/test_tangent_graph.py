@@ -14,6 +14,7 @@ from robocorba.maps.model import Building
 from robocorba.planning.request import Place
 from robocorba.planning.space import FloorSpace
 from robocorba.planning.tangent_graph import DriveLeg, TangentGraph
+from robocorba.planning.turns import Turn
 from robocorba.spatial.pose import XY
 from robocorba.testing.fine_grid import FloorGeometry
 from tests.planning.scenes import random_places, random_room, room, wall
@@ -91,7 +92,7 @@ def test_a_search_ends_at_its_deadline() -> None:
     with graph._lock:  # another search is under way
         began = time.monotonic()
         with pytest.raises(PlanningTimeout):
-            graph.legs((1.0, 1.0), [(11.0, 8.0)], deadline=began + 0.05)
+            graph.legs((1.0, 1.0), [(11.0, 8.0)], turn=Turn(began + 0.05))
     assert len(graph.legs((1.0, 1.0), [(11.0, 8.0)])[0].points)
 
 

@@ -73,3 +73,13 @@ def test_garbage_fills_no_log(place: Place) -> None:
 def test_pictures_harm_nobody(place: Place) -> None:
     with greedy_clients(place.launch, place.running.naming, "pictures", 10):
         check_a_robot_and_a_client(place)
+
+
+def test_long_plans_harm_nobody(place: Place) -> None:
+    """A short query is answered while forty long ones wait; each would take up to a second."""
+    planner = place.orb.resolve("PathPlanner", RoboCorba.PathPlanner)
+    start, goal = RoboCorba.Point("L1", 3.0, 3.0), RoboCorba.Point("L1", 15.0, 3.0)
+    with greedy_clients(place.launch, place.running.naming, "plans", 40):
+        check_a_robot_and_a_client(place)
+        assert len(planner.getPath(start, goal)) > 1
+        assert len(planner.findPaths(planner.defaultRequest(start, goal))) == 1
