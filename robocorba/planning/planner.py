@@ -27,6 +27,8 @@ from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Time limit of a query [s]. Clients usually wait for 10 s; a shorter limit ends work whose result nobody awaits.
 TIME_LIMIT_S = 8.0
+#: How long a path may take for each obstacle that only its query has [s].
+EXPECTED_S = 0.001
 #: A query in the `warm_up_room`. No node is in sight of the start.
 WARM_UP_START, WARM_UP_GOAL = Place("warm-up", 1.6, 1.4), Place("warm-up", 9.0, 1.0)
 WARM_UP_NODES = 2
@@ -88,14 +90,19 @@ class PathPlanner:
             )
             if may_be_detour:
                 request = PathRequest(start, goal)
-                with self._turn(start.floor) as turn:
-                    return snapshot.path(topological.without_detours(snapshot, request, points, turn), request)
+                turn = Turn(self._deadline())  # too short to wait for others
+                return snapshot.path(topological.without_detours(snapshot, request, points, turn), request)
             if len(points):
                 return Path(points.tolist(), snapshot.roads.names, snapshot.version)
         return self.paths(PathRequest(start, goal))[0]
 
-    def _turn(self, floor: str) -> AbstractContextManager[Turn]:
-        return self._turns.take(time.monotonic() + self._time_limit_s, floor)
+    def _turn(self, request: PathRequest) -> AbstractContextManager[Turn]:
+        obstacles = len(request.forbidden_areas) + len(request.avoid_areas)
+        expected_s = EXPECTED_S * (1 + obstacles) * (1 + request.alternatives)
+        return self._turns.take(self._deadline(), request.start.floor, expected_s)
+
+    def _deadline(self) -> float:
+        return time.monotonic() + self._time_limit_s
 
     def paths(self, request: PathRequest) -> list[Path]:
         """The best path and up to `request.alternatives` others, best first.
@@ -105,7 +112,7 @@ class PathPlanner:
         check_request(snapshot.building, request)
         start, goal = (Place(place.floor, float(place.x), float(place.y)) for place in (request.start, request.goal))
         request = request._replace(start=start, goal=goal, radius=float(request.radius), speed=float(request.speed))
-        with self._turn(start.floor) as turn:
+        with self._turn(request) as turn:
             snapshot = snapshot.variant_for(request)
             find = geometric.routes if request.mode is RouteMode.GEOMETRIC else topological.routes
             paths = [snapshot.path(route, request) for route in find(snapshot, request, turn)]

@@ -1,7 +1,7 @@
 """Queries that compute take turns, so that dozens of long ones delay neither short ones nor other calls of the process.
 
-As many compute at a time as there are cores. After each slice of time, a query lets one go on that has computed less:
-short queries need not wait for the end of long ones, which share what is left."""
+As many compute at a time as there are cores. Those go first that are expected to be short; after each slice of time, a
+query lets one go on that has computed less. So short queries need not wait for long ones, which share what is left."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Turn:
     """The turn of a query; its thread computes while it has a place. deadline: time.monotonic() [s]. A turn without
     Turns never waits."""
 
-    def __init__(self, deadline: float = math.inf, turns: Turns | None = None) -> None:
+    def __init__(self, deadline: float = math.inf, turns: Turns | None = None, expected_s: float = 0.0) -> None:
         self.deadline, self._turns = deadline, turns
         self.has_place = False
-        #: Computing time before the present slice [s], and when that began.
-        self.computed_s, self.began = 0.0, 0.0
+        #: Computing time before the present slice, beside what is expected [s], and when that began.
+        self.computed_s, self.began = expected_s, 0.0
 
     @property
     def left_s(self) -> float:
@@ -63,9 +63,11 @@ class Turns:
         self._waiting: list[tuple[float, int, Turn, threading.Lock]] = []
 
     @contextmanager
-    def take(self, deadline: float, floor: str) -> Iterator[Turn]:
-        """A turn with a place. Raises PlanningTimeout if there is none before the deadline (time.monotonic) [s]."""
-        turn, waiting = Turn(deadline, self), None
+    def take(self, deadline: float, floor: str, expected_s: float = 0.0) -> Iterator[Turn]:
+        """A turn with a place. expected_s: how long the query may compute [s]; it is as good as computed to others.
+
+        Raises PlanningTimeout if there is no place before the deadline (time.monotonic) [s]."""
+        turn, waiting = Turn(deadline, self, expected_s), None
         with self._lock:
             if self._free:
                 self._free -= 1

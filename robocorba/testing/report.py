@@ -85,10 +85,11 @@ def summarize(
     print, by default all. more: for the JSON file."""
     console = Console(width=160)
     table = Table(title=title)
-    for column in shown or rows[0]:
+    columns = list(shown or rows[0])  # in one order, whatever that of each row
+    for column in columns:
         table.add_column(column)
     for row in rows:
-        table.add_row(*(cell(row[column]) for column in shown or row))
+        table.add_row(*(cell(row[column]) for column in columns))
     console.print(table)
     for mark in marks:
         console.print(mark.sentence)

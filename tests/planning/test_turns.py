@@ -13,6 +13,7 @@ from robocorba.errors.paths import PlanningTimeout
 from robocorba.planning.space import FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.turns import ALONE, SLICE_S, Turn, Turns
+from tests.control.places import eventually
 from tests.planning.scenes import random_room
 
 #: Time limit of what must not wait for long [s].
@@ -47,6 +48,23 @@ def test_a_short_query_goes_on_beside_a_long_one() -> None:
         assert has_begun.wait(LIMIT_S)
         pool.submit(short).result(LIMIT_S)
         running.result(LIMIT_S)
+
+
+def test_queries_that_are_expected_to_be_short_go_first() -> None:
+    turns, order = Turns(1), []
+
+    def query(expected_s: float) -> None:
+        with turns.take(later(), "L1", expected_s):
+            order.append(expected_s)
+
+    with ThreadPoolExecutor(8) as pool:
+        with turns.take(later(), "L1"):
+            expected = [0.6, 0.001, 0.03, 0.001, 0.6]
+            waiting = [pool.submit(query, each) for each in expected]
+            eventually(lambda: len(turns._waiting) == len(expected), LIMIT_S)
+        for each in waiting:
+            each.result(LIMIT_S)
+    assert order == sorted(expected)
 
 
 def test_no_more_compute_at_once_than_permitted_and_all_get_on() -> None:
