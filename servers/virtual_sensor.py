@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from robocorba import logs
+from robocorba.corba.call_limit import CallLimit
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.map_editor import RemoteMap
 from robocorba.corba.remote.simulation_server import RemoteSimulation
@@ -27,6 +28,8 @@ from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.settings import SensorSettings
 from robocorba.simulation.sensor_admission import read_token
 
+#: Maximum number of calls for more rays than a robot needs that are executed at the same time.
+LARGE_SCANS = 1
 #: Interval between updates of the floors on which robots scan [s].
 FOLLOW_INTERVAL_S = 0.03
 #: Interval between requests for map edits [s].
@@ -54,7 +57,7 @@ class VirtualSensorServer:
         self._sensor.set_map(self._map.building)
         self._sensor.warm_up()
         self._reports = Reports(self._sensor)
-        self._lock = threading.Lock()
+        self._lock, self._large = threading.Lock(), CallLimit(LARGE_SCANS)
         self._follower = FloorFollower(self._sensor, self._simulation.changes)
         self._assigned: dict[str, tuple[str, Any]] = {}
         self._number = 0
@@ -70,7 +73,7 @@ class VirtualSensorServer:
 
     def start(self) -> None:
         """Start the updates, and accept calls."""
-        self._servant = VirtualSensorServant(self._sensor, self._reports, self)
+        self._servant = VirtualSensorServant(self._sensor, self._reports, self, self._large)
         self._reference = self._orb.activate(self._servant, self._path)
         for task in self._tasks:
             task.start()
@@ -88,7 +91,7 @@ class VirtualSensorServer:
             if name not in self._assigned:
                 self._number += 1  # keys are unique: a deactivated object may still serve a call
                 key = f"{self._path}/robots/{name}/{self._number}"
-                servant = VirtualSensorServant(self._sensor, self._reports, self, name)
+                servant = VirtualSensorServant(self._sensor, self._reports, self, self._large, name)
                 self._assigned[name] = key, self._orb.activate(servant, key)
             for oldest in list(self._assigned)[: len(self._assigned) - MAX_ROBOTS]:
                 self._deactivate(oldest)

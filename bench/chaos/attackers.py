@@ -48,7 +48,7 @@ STALLED = (8, 64, 500)
 CONNECTIONS = 2_000
 #: Threads that read floors, or ask for paths, without a pause.
 READERS = 30
-#: Threads that ask for pictures, or read the map, without a pause. Each of these calls takes long.
+#: Threads that ask for pictures or scans, or read the map, without a pause. Each of these calls takes long.
 DRAWERS = 10
 #: Nodes that one transaction creates, and the next one removes.
 NODES = 10_000
@@ -119,6 +119,10 @@ class Attacker:
     def planners(self) -> None:
         """Clients that ask for ten paths among many obstacles without a pause."""
         self._repeat("plans", READERS)
+
+    def scanners(self) -> None:
+        """Clients that scan a million rays in each call without a pause."""
+        self._repeat("scans", DRAWERS)
 
     def nonsense(self) -> None:
         """Calls of operations that any observer may call, with nonsense for arguments."""

@@ -3,8 +3,9 @@
     python -m bench.simulation.attacks [--seconds S]
 
 Attacks: stalled connections at every server; ten clients that ask for large pictures; 100 that read a floor; 100 that
-export and check the map; 100 that edit it; 100 that ask for ten paths among 64 obstacles; all without a pause. The
-robot commands and reads its state 20 times a second and scans 3 times; a client calls all servers 10 times a second."""
+export and check the map; 100 that edit it; 100 that ask for ten paths among 64 obstacles; 100 that scan a million rays
+in a call; all without a pause. The robot commands and reads its state 20 times a second and scans 3 times; a client
+calls every server 10 times a second."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ STALLED = (0, 8, 64, 500)
 #: Clients that ask for pictures, and of each other kind.
 PICTURES, READERS = 10, 100
 #: All clients, by what they call.
-ALL = {"pictures": PICTURES, "readings": READERS, "maps": READERS, "edits": READERS, "plans": READERS}
+ALL = {"pictures": PICTURES, "readings": READERS, "maps": READERS, "edits": READERS, "plans": READERS, "scans": READERS}
 #: A path that a client asks for.
 FROM_TO = (RoboCorba.Point("L1", 3.0, 3.0), RoboCorba.Point("L1", 15.0, 3.0))
 ROUND = RoboCorba.Velocity(0.3, 0.0, 1.0)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import functools
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from omniORB import CORBA
@@ -44,14 +45,20 @@ class CallLimit:
 
         @functools.wraps(call)
         def within(*arguments: Any) -> Any:
-            if not self._places.take(self._limit_s):
-                raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
-            try:
+            with self.place():
                 return call(*arguments)
-            finally:
-                self._places.give_back()
 
         return within
+
+    @contextmanager
+    def place(self) -> Iterator[None]:
+        """A place for a part of a call. Raises CORBA.TRANSIENT."""
+        if not self._places.take(self._limit_s):
+            raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
+        try:
+            yield
+        finally:
+            self._places.give_back()
 
 
 class _Places:

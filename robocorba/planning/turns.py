@@ -31,7 +31,7 @@ class Turn:
     def __init__(self, deadline: float = math.inf, turns: Turns | None = None, expected_s: float = 0.0) -> None:
         self.deadline, self._turns = deadline, turns
         self.has_place = False
-        #: Computing time before the present slice, beside what is expected [s], and when that began.
+        #: Expected computing time and that before the present slice [s], and when the slice began.
         self.computed_s, self.began = expected_s, 0.0
 
     @property
@@ -64,7 +64,7 @@ class Turns:
 
     @contextmanager
     def take(self, deadline: float, floor: str, expected_s: float = 0.0) -> Iterator[Turn]:
-        """A turn with a place. expected_s: how long the query may compute [s]; it is as good as computed to others.
+        """A turn with a place. expected_s: how long the query may compute [s]; it counts as computed already.
 
         Raises PlanningTimeout if there is no place before the deadline (time.monotonic) [s]."""
         turn, waiting = Turn(deadline, self, expected_s), None

@@ -1,6 +1,6 @@
 """Clients that do what no client should, for tests and benches: nobody else may be harmed.
 
-    python -m robocorba.testing.attacks NAMING pictures|readings|maps|edits|plans COUNT
+    python -m robocorba.testing.attacks NAMING pictures|readings|maps|edits|plans|scans COUNT
 
 COUNT clients repeat calls until a line on stdin."""
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 import random
 import socket
 import struct
@@ -19,10 +20,12 @@ from typing import Any
 from omniORB import CORBA
 
 from robocorba.corba.orb import Orb
+from robocorba.names import SENSORS
 from robocorba.planning.request import MAX_ALTERNATIVES, MAX_AREAS, SMARTPAL_RADIUS_M, SMARTPAL_SPEED_M_S
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import Launcher
+from robocorba.testing.simulation import NO_MOUNT, NO_NOISE
 
 #: The beginning of a GIOP 1.2 request with 100 bytes.
 _HEADER = b"GIOP\1\2\1\0" + struct.pack("<I", 100)
@@ -36,6 +39,9 @@ SEND_TIMEOUT_S = 0.2
 
 #: Range of the coordinates of long requests, and the size of their obstacles [m].
 REQUESTED_M, OBSTACLE_M = (1.0, 9.0), 0.05
+#: As many rays as one call may want.
+WHOLE_TURN = RoboCorba.ScanSpec(0.0, 2 * math.pi / RoboCorba.MAX_RAYS, RoboCorba.MAX_RAYS, 30.0, 0.0, NO_NOISE)
+SCANNED = [RoboCorba.Pose("L1", 3.0, 3.0, 0.0)] * (RoboCorba.MAX_RAYS_OF_A_CALL // RoboCorba.MAX_RAYS)
 #: Of the nodes that are created, so that no two have the same name.
 _numbers = itertools.count()
 
@@ -65,6 +71,7 @@ def calls_of(orb: Orb) -> dict[str, Callable[[], object]]:
     database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
     editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
     planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
+    sensor = orb.resolve(f"{SENSORS}/s1", RoboCorba.VirtualSensor)
     kinds = itertools.cycle(RoboCorba.ElementKind._items)
     return {
         "pictures": lambda: server.renderFloor("L1", 4096),
@@ -72,6 +79,7 @@ def calls_of(orb: Orb) -> dict[str, Callable[[], object]]:
         "maps": lambda: (editor.exportMap(), editor.elements(next(kinds), "L1"), editor.checkFloor("L1", 0.4)),
         "edits": lambda: _edit(editor),
         "plans": lambda: planner.findPaths(_long_request()),
+        "scans": lambda: sensor.scanMany(SCANNED, NO_MOUNT, WHOLE_TURN),
     }
 
 

@@ -11,7 +11,7 @@ from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
 from robocorba.testing.attacks import connections, greedy_clients, stalled_connections
 from robocorba.testing.processes import eventually
-from robocorba.testing.simulation import Place, simulation
+from robocorba.testing.simulation import NO_MOUNT, Place, simulation
 
 pytestmark = pytest.mark.system
 
@@ -83,3 +83,13 @@ def test_long_plans_harm_nobody(place: Place) -> None:
         check_a_robot_and_a_client(place)
         assert len(planner.getPath(start, goal)) > 1
         assert len(planner.findPaths(planner.defaultRequest(start, goal))) == 1
+
+
+def test_large_scans_harm_nobody(place: Place) -> None:
+    """The sensor keeps up with the simulation, and a robot scans, while thirty calls for a million rays wait."""
+    session = place.log_on("R", 6.0, 6.0)
+    sensor = session._get_sensor()
+    with greedy_clients(place.launch, place.running.naming, "scans", 30):
+        for _ in range(20):
+            assert len(sensor.scan(session.state().at, NO_MOUNT, sensor.laser()).distances) > 100
+    place.let_go()

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from contextlib import nullcontext
 from typing import Any, NoReturn, Protocol
 
 import omniORB
 from omniORB import CORBA
 
+from robocorba.corba.call_limit import CallLimit
 from robocorba.corba.conversion import scans, simulation
 from robocorba.corba.conversion.errors import translating
 from robocorba.corba.server_release import ServerServant
@@ -16,6 +18,9 @@ from robocorba.sensing.reports import Reports
 from robocorba.sensing.scan import ScanSpec
 from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.stubs import RoboCorba__POA
+
+#: Number of rays beyond which a call is large: a million take 0.1 s, for which the scans of robots would wait.
+LARGE = 20_000
 
 
 class RobotSensors(Protocol):
@@ -32,12 +37,19 @@ class RobotSensors(Protocol):
 
 
 class VirtualSensorServant(ServerServant, RoboCorba__POA.VirtualSensor):
-    """RoboCorba::VirtualSensor of a sensor server, or of one robot if `robot` names it."""
+    """RoboCorba::VirtualSensor of a sensor server, or of one robot if `robot` names it. large: limit of the calls with
+    more than LARGE rays."""
 
     def __init__(
-        self, sensor: VirtualSensor, reports: Reports, robot_sensors: RobotSensors, robot: str | None = None
+        self,
+        sensor: VirtualSensor,
+        reports: Reports,
+        robot_sensors: RobotSensors,
+        large: CallLimit,
+        robot: str | None = None,
     ) -> None:
         self._sensor, self._reports, self._robot_sensors, self._robot = sensor, reports, robot_sensors, robot
+        self._large = large
 
     @translating
     def scan(self, robot: Any, where: Any, wanted: Any) -> Any:
@@ -50,6 +62,10 @@ class VirtualSensorServant(ServerServant, RoboCorba__POA.VirtualSensor):
 
     @translating
     def scanMany(self, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
+        with self._large.place() if len(robots) * wanted.rays > LARGE else nullcontext():
+            return self._scan_many(robots, where, wanted)
+
+    def _scan_many(self, robots: list[Any], where: Any, wanted: Any) -> list[Any]:
         spec, mount, floors = scans.spec_of(wanted), scans.mount_of(where), [robot.floor for robot in robots]
         self._robot_sensors.prepare(floors)
         results = self._sensor.scan_many(floors, scans.pose_rows_of(robots), mount, spec, self._robot)
