@@ -7,6 +7,7 @@ the others wait for it."""
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import msgspec
@@ -19,29 +20,26 @@ _msgpack: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
 
 def decode_json(data: bytes | str, schema: type[T]) -> T:
     """A JSON document as `schema`. Raises msgspec.DecodeError, msgspec.ValidationError."""
-    decoder = _json.get(schema)
-    if decoder is None:
-        with _examining:
-            decoder = _json[schema] = msgspec.json.Decoder(schema)
-    found: T = decoder.decode(data)
+    found: T = _decoder(schema, _json, msgspec.json.Decoder).decode(data)
     return found
 
 
 def decode_msgpack(data: bytes, schema: type[T]) -> T:
     """A msgpack document as `schema`. Raises msgspec.DecodeError, msgspec.ValidationError."""
-    found: T = _msgpack_decoder(schema).decode(data)
+    found: T = _decoder(schema, _msgpack, msgspec.msgpack.Decoder).decode(data)
     return found
 
 
 def convert(plain: Any, schema: type[T]) -> T:
     """Plain maps, lists and values as `schema`. Raises msgspec.ValidationError."""
-    _msgpack_decoder(schema)
+    _decoder(schema, _msgpack, msgspec.msgpack.Decoder)
     return msgspec.convert(plain, schema)
 
 
-def _msgpack_decoder(schema: type[T]) -> msgspec.msgpack.Decoder[T]:
-    decoder = _msgpack.get(schema)
+def _decoder(schema: type[T], known: dict[Any, Any], make: Callable[[type[T]], Any]) -> Any:
+    """The decoder of a type, which is examined when it is not yet known."""
+    decoder = known.get(schema)
     if decoder is None:
         with _examining:
-            decoder = _msgpack[schema] = msgspec.msgpack.Decoder(schema)
+            decoder = known[schema] = make(schema)
     return decoder

@@ -332,8 +332,9 @@ def lower_priority() -> None:
     processes by session (sched_autogroup_enabled), niceness counts within a session, and each session has its own."""
     os.nice(NICENESS)
     group = Path("/proc/self/autogroup")
-    if os.getsid(0) == os.getpid() and group.exists():
-        group.write_text(str(NICENESS))
+    if os.getsid(0) == os.getpid():
+        with contextlib.suppress(OSError):  # no such file, or another user's process changed its own a moment ago
+            group.write_text(str(NICENESS))
 
 
 #: Names of the attacks.

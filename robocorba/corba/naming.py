@@ -23,7 +23,7 @@ from robocorba.settings import Address, RoleNaming
 
 #: Interval at which a process checks that its names are still bound to its objects [s]. With the calls of a check, a
 #: stolen name is taken back within 2 s.
-BINDING_CHECK_INTERVAL_S = 1.5
+BINDING_CHECK_INTERVAL_S = 1.0
 #: For this time a name may be stolen [s].
 STOLEN_S = 2.5
 #: Interval between two log lines about the same stolen name [s].

@@ -63,6 +63,10 @@ class NoPath(PathError):
         super().__init__("; ".join([reason, *map(str, self.blockers)]))
 
 
+class PlannerBusy(PathError):
+    """As many queries wait as may wait; nothing was done. Try again."""
+
+
 class PlanningTimeout(PathError):
     """A query exceeded its time limit; `floor` is the floor that was searched."""
 

@@ -70,7 +70,7 @@ class PathPlanner:
         """The paper's getPath for a SmartPal: the shortest path on the topological map with corners cut, and through
         free space where the map is a detour.
 
-        Raises InvalidPoint, UnknownFloor, NotFree, NoPath or PlanningTimeout."""
+        Raises InvalidPoint, UnknownFloor, NotFree, NoPath, PlannerBusy or PlanningTimeout."""
         snapshot = self._snapshot
         floor_index = snapshot.roads.floor_index
         if start.floor in floor_index and goal.floor in floor_index and is_in_range(start) and is_in_range(goal):
@@ -107,7 +107,7 @@ class PathPlanner:
     def paths(self, request: PathRequest) -> list[Path]:
         """The best path and up to `request.alternatives` others, best first.
 
-        Raises InvalidPoint, InvalidRequest, UnknownFloor, NotFree, NoPath or PlanningTimeout."""
+        Raises InvalidPoint, InvalidRequest, UnknownFloor, NotFree, NoPath, PlannerBusy or PlanningTimeout."""
         snapshot = self._snapshot
         check_request(snapshot.building, request)
         start, goal = (Place(place.floor, float(place.x), float(place.y)) for place in (request.start, request.goal))

@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from robocorba.errors.paths import PlanningTimeout
+from robocorba.errors.paths import PlannerBusy, PlanningTimeout
 
 #: Number of queries that compute at the same time.
 AT_ONCE = max(2, os.cpu_count() or 1)
@@ -66,7 +66,8 @@ class Turns:
     def take(self, deadline: float, floor: str, expected_s: float = 0.0) -> Iterator[Turn]:
         """A turn with a place. expected_s: how long the query may compute [s]; it counts as computed already.
 
-        Raises PlanningTimeout if there is no place before the deadline (time.monotonic) [s]."""
+        Raises PlanningTimeout if there is no place before the deadline (time.monotonic) [s], PlannerBusy if too many
+        wait."""
         turn, waiting = Turn(deadline, self, expected_s), None
         with self._lock:
             if self._free:
@@ -75,7 +76,7 @@ class Turns:
             elif len(self._waiting) < MAX_WAITING:
                 waiting = self._wait(turn)
             else:
-                raise PlanningTimeout(floor)
+                raise PlannerBusy(f"{MAX_WAITING} queries wait already; try again")
         try:
             if waiting and not self._gets_place(turn, waiting):
                 raise PlanningTimeout(floor)

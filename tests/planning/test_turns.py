@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from robocorba.errors.paths import PlanningTimeout
+from robocorba.errors.paths import PlannerBusy, PlanningTimeout
 from robocorba.planning.space import FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.turns import ALONE, SLICE_S, Turn, Turns
@@ -61,7 +61,7 @@ def test_queries_that_are_expected_to_be_short_go_first() -> None:
         with turns.take(later(), "L1"):
             expected = [0.6, 0.001, 0.03, 0.001, 0.6]
             waiting = [pool.submit(query, each) for each in expected]
-            eventually(lambda: len(turns._waiting) == len(expected), LIMIT_S)
+            eventually(lambda: len(turns._waiting) == len(expected), "all queries wait")
         for each in waiting:
             each.result(LIMIT_S)
     assert order == sorted(expected)
@@ -137,7 +137,7 @@ def test_a_query_that_fails_gives_its_place_back() -> None:
 def test_queries_beyond_a_number_do_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robocorba.planning.turns.MAX_WAITING", 0)
     turns = Turns(1)
-    with turns.take(later(), "L1"), pytest.raises(PlanningTimeout), turns.take(later(), "L1"):
+    with turns.take(later(), "L1"), pytest.raises(PlannerBusy, match="0 queries wait"), turns.take(later(), "L1"):
         pytest.fail("there was a place")
 
 

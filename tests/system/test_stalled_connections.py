@@ -27,6 +27,12 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
         yield place
 
 
+@pytest.fixture(autouse=True)
+def all_robots_leave(place: Place) -> Iterator[None]:
+    yield
+    place.let_go()
+
+
 def check_a_robot_and_a_client(place: Place) -> None:
     """A robot stays logged on, and every server answers a client, while time passes."""
     session = place.log_on("R", 6.0, 6.0)
@@ -45,7 +51,6 @@ def check_a_robot_and_a_client(place: Place) -> None:
 
     eventually(has_passed, 60.0, "the simulated time")
     assert place.names == {"R"}
-    place.let_go()
 
 
 def test_stalled_connections_harm_nobody(place: Place) -> None:
@@ -92,4 +97,3 @@ def test_large_scans_harm_nobody(place: Place) -> None:
     with greedy_clients(place.launch, place.running.naming, "scans", 30):
         for _ in range(20):
             assert len(sensor.scan(session.state().at, NO_MOUNT, sensor.laser()).distances) > 100
-    place.let_go()

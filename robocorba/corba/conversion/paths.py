@@ -157,6 +157,7 @@ register(errors.InvalidPoint, RoboCorba.InvalidPoint, "which", "field", "reason"
 register(errors.InvalidRequest, RoboCorba.InvalidRequest, "field", "reason")
 register(errors.UnknownFloor, RoboCorba.UnknownFloor, "which", "floor", "known")
 register_system(errors.PlanningTimeout, CORBA.TIMEOUT)
+register_system(errors.PlannerBusy, CORBA.TRANSIENT)
 register_with(
     errors.NotFree,
     RoboCorba.NotFree,
