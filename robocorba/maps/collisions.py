@@ -7,7 +7,6 @@ Shafts and outlines are the structure of the building, which no path crosses.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,8 @@ import shapely
 from shapely import LineString, STRtree
 
 from robocorba.errors.maps import InvalidElement, describe
-from robocorba.maps.geometry import IdentityKey, Obstacle, obstacles
+from robocorba.maps.derived import Derived
+from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import KIND_OF, Building, PathEdge, PathNode, TopologicalMap
 from robocorba.maps.vicinity import Box
 from robocorba.spatial.pose import XY
@@ -58,15 +58,13 @@ def _overlapping(low: np.ndarray, high: np.ndarray, box: Box) -> np.ndarray:
     return np.flatnonzero((high[0] >= box.x0) & (low[0] <= box.x1) & (high[1] >= box.y0) & (low[1] <= box.y1))
 
 
+_ALL_PATHS: Derived[TopologicalMap, PathArrays] = Derived()
+
+
 def all_paths(topology: TopologicalMap) -> PathArrays:
-    """All nodes and edges of a floor. The last 16 results are cached."""
-    return _all_paths(IdentityKey(topology))
-
-
-@lru_cache(maxsize=16)
-def _all_paths(topology: IdentityKey[TopologicalMap]) -> PathArrays:
-    nodes = topology.value.nodes
-    return PathArrays(nodes.values(), topology.value.edges.values(), nodes)
+    """All nodes and edges of a floor. Kept as long as the map."""
+    nodes, edges = topology.nodes, topology.edges
+    return _ALL_PATHS.of(topology, (nodes, edges), lambda: PathArrays(nodes.values(), edges.values(), nodes))
 
 
 def obstacle_label(obstacle: Obstacle) -> str:

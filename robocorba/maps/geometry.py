@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
 from itertools import chain
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from shapely import LineString, Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
+from robocorba.maps.derived import Derived
 from robocorba.maps.model import (
     BoxShape,
     Building,
@@ -48,26 +48,7 @@ Array = NDArray[np.float64]
 _ANGLES = 2 * math.pi * (np.arange(CIRCLE_SIDES) + 0.5) / CIRCLE_SIDES
 #: The polygon circumscribed about the unit circle.
 _DISC: Array = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / math.cos(math.pi / CIRCLE_SIDES)
-
-
-T = TypeVar("T")
-
-
-class IdentityKey(Generic[T]):
-    """A cache key that compares by the identity of `value`, or of the given parts of it, and keeps it alive.
-
-    Buildings share all parts that an edit did not change."""
-
-    __slots__ = ("_ids", "value")
-
-    def __init__(self, value: T, parts: tuple[object, ...] | None = None) -> None:
-        self.value, self._ids = value, tuple(map(id, parts or (value,)))
-
-    def __hash__(self) -> int:
-        return hash(self._ids)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, IdentityKey) and self._ids == other._ids
+_OBSTACLES: Derived[GeometricalMap, tuple[Obstacle, ...]] = Derived()
 
 
 class Obstacle(NamedTuple):
@@ -81,17 +62,12 @@ class Obstacle(NamedTuple):
 def obstacles(building: Building, floor: str) -> tuple[Obstacle, ...]:
     """All obstacles of a floor, with openings cut into the walls at doors.
 
-    The last 64 results are cached: an unchanged floor gives the identical tuple.
+    Kept as long as the map: an unchanged floor gives the identical tuple.
     Raises KeyError if the floor is unknown."""
     entry, elevators = building.floors[floor], building.elevators_through(floor)
     plan = entry.geometrical
     blocking_parts = (plan.walls, plan.objects, plan.doors, entry.floor, *elevators)
-    return _obstacles(IdentityKey((plan, entry.floor, elevators), blocking_parts))
-
-
-@lru_cache(maxsize=64)
-def _obstacles(key: IdentityKey[tuple[GeometricalMap, Floor, tuple[Elevator, ...]]]) -> tuple[Obstacle, ...]:
-    return compute_obstacles(*key.value)
+    return _OBSTACLES.of(plan, blocking_parts, lambda: compute_obstacles(plan, entry.floor, elevators))
 
 
 def compute_obstacles(plan: GeometricalMap, floor: Floor, elevators: Sequence[Elevator]) -> tuple[Obstacle, ...]:

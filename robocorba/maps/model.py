@@ -200,7 +200,7 @@ KIND_OF: dict[type, ElementKind] = {
 TYPE_OF: dict[ElementKind, type] = {kind: struct for struct, kind in KIND_OF.items()}
 
 
-class GeometricalMap(msgspec.Struct, frozen=True):
+class GeometricalMap(msgspec.Struct, frozen=True, weakref=True):
     """The geometrical map of a floor: walls, objects, doors and areas by name."""
 
     walls: dict[str, Wall] = {}
@@ -209,7 +209,7 @@ class GeometricalMap(msgspec.Struct, frozen=True):
     areas: dict[str, Area] = {}
 
 
-class TopologicalMap(msgspec.Struct, frozen=True):
+class TopologicalMap(msgspec.Struct, frozen=True, weakref=True):
     """The topological map of a floor: path nodes and path edges by name."""
 
     nodes: dict[str, PathNode] = {}

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from functools import lru_cache
 from itertools import islice, pairwise
 
 import numpy as np
@@ -21,8 +20,9 @@ from shapely import Polygon
 
 from robocorba.errors.maps import InvalidElement, describe
 from robocorba.maps.collisions import STRUCTURAL_KINDS, TOUCH_M, Collision, Pair, PathArrays, all_paths, collisions
+from robocorba.maps.derived import Derived
 from robocorba.maps.element_rules import MIN_LENGTH, TOLERANCE_M, name_violations, violations
-from robocorba.maps.geometry import DOOR_REACH_M, IdentityKey, obstacles, shaft_polygon
+from robocorba.maps.geometry import DOOR_REACH_M, obstacles, shaft_polygon
 from robocorba.maps.model import (
     KIND_OF,
     Building,
@@ -47,6 +47,7 @@ from robocorba.maps.vicinity import (
 
 #: Maximum common area of two shafts that touch but don't overlap [m²].
 MAX_SHAFT_OVERLAP_M2 = 1e-6
+_CABIN_NODES: Derived[TopologicalMap, tuple[PathNode, ...]] = Derived()
 
 
 def problems(building: Building, limit: int = 100) -> list[InvalidElement]:
@@ -147,7 +148,7 @@ def _changed(after: Building, names: dict[str, TouchedNames], before: Building) 
             continue
         yield from _changed_paths(after, floor, on_floor, before)
         if lifts:
-            cabin_nodes = (node for node in _cabin_nodes(IdentityKey(entry.topological)) if node.elevator in lifts)
+            cabin_nodes = (node for node in _cabin_nodes(entry.topological) if node.elevator in lifts)
             yield from _cabin_node_violations(after, floor, cabin_nodes)
         if floor in floors:
             yield from _nodes_outside_outline(entry, all_paths(entry.topological))
@@ -310,9 +311,9 @@ def _nodes_outside_outline(entry: FloorMap, paths: PathArrays) -> Iterator[Inval
         yield _invalid(entry.floor.name, paths.nodes[index], "it stands outside the outline of the floor")
 
 
-@lru_cache(maxsize=16)
-def _cabin_nodes(topology: IdentityKey[TopologicalMap]) -> tuple[PathNode, ...]:
-    return tuple(node for node in topology.value.nodes.values() if node.elevator)
+def _cabin_nodes(topology: TopologicalMap) -> tuple[PathNode, ...]:
+    nodes = topology.nodes
+    return _CABIN_NODES.of(topology, (nodes,), lambda: tuple(node for node in nodes.values() if node.elevator))
 
 
 def _invalid(floor: str, element: Element, reason: str) -> InvalidElement:

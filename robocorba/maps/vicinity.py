@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 from robocorba.maps.geometry import (
     CIRCLE_SIDES,
     DOOR_REACH_M,
     LANDING_REACH_M,
-    IdentityKey,
     Obstacle,
     compute_obstacles,
 )
@@ -35,6 +34,23 @@ from robocorba.spatial.pose import XY
 
 #: Maximum number of boxes to test one by one; above it, their common bounding box is used.
 MAX_SEPARATE_BOXES = 50
+
+T = TypeVar("T")
+
+
+class IdentityKey(Generic[T]):
+    """A cache key that compares by the identity of `value`, and keeps it alive."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: T) -> None:
+        self.value = value
+
+    def __hash__(self) -> int:
+        return hash(id(self.value))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, IdentityKey) and self.value is other.value
 
 
 class Box(NamedTuple):
