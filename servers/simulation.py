@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import secrets
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -179,7 +178,7 @@ class SimulationServer:
         try:
             return self._sensors.find(client.name)
         finally:
-            client.end_call(time.monotonic())
+            client.end_call()
 
     def _session_ended(self, session: Session) -> None:
         if session.client.secret:

@@ -15,6 +15,7 @@ from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import InvalidChoice, SessionExpired, SimulationError, UnknownRobot
 from robocorba.maps.model import Building
 from robocorba.simulation import omni_database, physics
+from robocorba.simulation.attended_time import AttendedTime
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.load_balance import LoadBalance
 from robocorba.simulation.omni_database import OmniDatabase
@@ -60,11 +61,12 @@ class ManagementAgent:
     ) -> None:
         self._store, self._publish, self._session_ended = store, publish, session_ended
         settings = store.settings() or AdministratorSettings(DEFAULT_LIMIT)
-        self.registry = Registry(settings.limit, time.monotonic)
+        self._lease_time = AttendedTime()
+        self.registry = Registry(settings.limit, self._lease_time)
         self.simulated = SimulatedBuilding(edited_map)
         self.database = OmniDatabase(self.simulated)
         self.database.map_version = map_version
-        self.load_balance = LoadBalance(time.monotonic)
+        self.load_balance = LoadBalance(self._lease_time)
         self.loop = SimulationLoop(self.step, self._housekeeping)
         self.loop.configure(settings.pace, settings.paused)
         self.sessions: dict[str, Session] = {}
@@ -96,7 +98,7 @@ class ManagementAgent:
 
         def begin() -> None:
             for client in self.registry.clients:
-                client.last_call_at = time.monotonic()
+                client.last_call_at = self._lease_time()
             self._are_leases_running = True
 
         self.loop.do(begin)
@@ -117,12 +119,11 @@ class ManagementAgent:
         """Record the robots' last scans; a scan renews its robot's lease.
 
         Scans of an earlier robot of the same name may arrive late, by another sensor server; they are ignored."""
-        now = time.monotonic()
         began = self._session_starts()
         for scan in latest:
             if scan.time >= began.get(scan.robot, math.inf):
                 with contextlib.suppress(UnknownRobot, SessionExpired):
-                    self.registry.find(scan.robot).renew_lease(now)
+                    self.registry.find(scan.robot).renew_lease()
                     self.database.record_scan(scan)
 
     def record_robot_scans(self, latest: Iterable[RobotScan]) -> float:
@@ -325,6 +326,7 @@ class ManagementAgent:
         return msgspec.structs.replace(self.simulated.record(), keys=keys)
 
     def _housekeeping(self) -> None:
+        self._lease_time.attend()
         now = time.monotonic()
         if now - self._checked_at >= LEASE_CHECK_INTERVAL_S:
             self._checked_at = now

@@ -61,11 +61,14 @@ class RobotClient:
     """A logged-on robot. Thread-safe.
 
     secret: authorizes a caller to act as this robot; after a restart empty until the first call. key: its digest, all
-    that is stored. since: POSIX time of the log-on [s]."""
+    that is stored. since: POSIX time of the log-on [s]. clock: the time of leases [s]."""
 
-    def __init__(self, description: Description, key: str, since: float, now: float, secret: str = "") -> None:
+    def __init__(
+        self, description: Description, key: str, since: float, clock: Callable[[], float], secret: str = ""
+    ) -> None:
         self.description, self.key, self.since, self.secret = description, key, since, secret
-        self.last_call_at = now
+        self._clock = clock
+        self.last_call_at = now = clock()
         self.is_logged_off = False
         #: Calls per second, and moving average of the time to answer a call [s].
         self.call_rate = self.latency_s = 0.0
@@ -76,11 +79,16 @@ class RobotClient:
     def name(self) -> str:
         return self.description.name
 
-    def renew_lease(self, now: float) -> None:
+    @property
+    def silent_s(self) -> float:
+        """Time since the last call [s]."""
+        return self._clock() - self.last_call_at
+
+    def renew_lease(self) -> None:
         """Count a call and renew the lease. Raises SessionExpired if the robot is logged off."""
         if self.is_logged_off:
             raise SessionExpired()
-        self.last_call_at = now
+        self.last_call_at = self._clock()
         self._calls += 1
 
     @property
@@ -93,10 +101,10 @@ class RobotClient:
         with self._lock:
             self._in_progress += 1
 
-    def end_call(self, now: float) -> None:
+    def end_call(self) -> None:
         """A call ends, and the lease begins anew."""
         with self._lock:
-            self.last_call_at = max(self.last_call_at, now)
+            self.last_call_at = max(self.last_call_at, self._clock())
             self._in_progress -= 1
 
     def record_latency(self, seconds: float) -> None:
@@ -111,7 +119,7 @@ class RobotClient:
 
 
 class Registry:
-    """The logged-on robots, at most `limit`. clock: returns the time [s]."""
+    """The logged-on robots, at most `limit`. clock: returns the time of leases [s]."""
 
     def __init__(self, limit: int, clock: Callable[[], float], lease_s: float = LEASE_S) -> None:
         self._clock, self.lease_s = clock, lease_s
@@ -138,13 +146,13 @@ class Registry:
         """Log a robot on. Raises NameTaken, ServerFull."""
         self.check(description)
         secret = secrets.token_urlsafe(24)
-        client = RobotClient(description, digest_of(secret), time.time(), self._clock(), secret)
+        client = RobotClient(description, digest_of(secret), time.time(), self._clock, secret)
         self._admit(client)
         return client
 
     def restore(self, description: Description, key: str, since: float) -> RobotClient:
         """Log a robot on again after a restart, with a full lease."""
-        client = RobotClient(description, key, since, self._clock())
+        client = RobotClient(description, key, since, self._clock)
         self._admit(client)
         return client
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 
 from robocorba.errors.simulation import InvalidReservation, InvalidRide, SessionExpired
@@ -50,27 +49,27 @@ class Session:
         """Set the velocity [m/s, rad/s] for `valid_s` of simulated time or until the next command.
 
         Raises InvalidCommand."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         self.robot.command(ahead, left, turn, valid_s)
 
     def brake(self) -> None:
         """Stop as fast as ground friction allows, until the next command."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         self.robot.brake()
 
     def state(self) -> RobotMotion:
         """Pose and velocity after the last step."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         return self.robot.state()
 
     def report_posture(self, joints: Sequence[float]) -> None:
         """Publish the robot's joint angles, in the order of its model [rad]. Raises InvalidCommand."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         self.robot.report_posture(joints)
 
     def heartbeat(self) -> None:
         """Renew the lease."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
 
     @property
     def ride(self) -> RideStatus | None:
@@ -115,7 +114,7 @@ class Session:
 
     def longest_elevator_wait_s(self) -> float:
         """Upper bound of the simulated time until the doors open for the robot's ride [s]; 0 without one."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         return self._building.elevators.longest_wait_s(self.name)
 
     def cancel_elevator(self) -> None:
@@ -126,12 +125,12 @@ class Session:
         """Request areas; the grant lasts `limit_s` of simulated time.
 
         Raises InvalidReservation, UnknownFloor, ReservationsFull, SimulationBusy, ServiceError."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         self._reserve([area_request(areas, limit_s, self._building.building.floors)])
 
     def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
         """Request one of several alternatives, see Reservations.reserve; return its index. Raises as `reserve`."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         return self._reserve(area_requests(alternatives, limit_s, self._building.building.floors))
 
     def _reserve(self, alternatives: Sequence[AreaRequest]) -> int:
@@ -147,7 +146,7 @@ class Session:
     def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
         """Replace the granted areas, see Reservations.exchange; return whether they were. Raises InvalidReservation,
         UnknownFloor, SimulationBusy, ServiceError."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         if not 0.0 <= least_s <= MAX_LIMIT_S:  # also refuses NaN
             raise InvalidReservation("least", f"{least_s} s is not 0 to {MAX_LIMIT_S:g} s")
         request = area_request(areas, MAX_LIMIT_S, self._building.building.floors)
@@ -177,12 +176,12 @@ class Session:
 
     def reservation(self) -> Reservation | None:
         """Status of the request for areas; None if there is none or its grant has ended."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         return self._building.reservations.find(self.name, self._building.time)
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
         """Release all areas but these. Raises InvalidReservation, SimulationBusy, ServiceError."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         kept = canonical_areas(areas)
         self._do(lambda: self._building.reservations.keep(self.name, kept))
 
@@ -192,11 +191,11 @@ class Session:
 
     def deregister(self) -> None:
         """Log off. Raises SimulationBusy, ServiceError."""
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         self._log_off(self.client)
 
     def _do(self, change: Callable[[], None], undo: Callable[[], None] | None = None) -> None:
-        self.client.renew_lease(time.monotonic())
+        self.client.renew_lease()
         self._do_durably(self._while_logged_on(change), self._while_logged_on(undo) if undo else None)
 
     def _while_logged_on(self, change: Callable[[], None]) -> Callable[[], None]:

@@ -44,7 +44,7 @@ def test_a_name_and_a_slot_are_taken_until_the_log_off(registry: Registry, clock
     with pytest.raises(UnknownRobot):
         registry.find("A")
     with pytest.raises(SessionExpired):
-        clients[0].renew_lease(clock.now)
+        clients[0].renew_lease()
     with pytest.raises(SessionExpired):
         registry.remove(clients[0])
     registry.register(robot("D"))
@@ -61,10 +61,10 @@ def test_a_call_in_progress_keeps_the_lease(registry: Registry, clock: Clock) ->
     clock.now += 5.0
     assert registry.expired() == []
     client.begin_call()
-    client.end_call(clock.now)
+    client.end_call()
     clock.now += 5.0
     assert registry.expired() == []
-    client.end_call(clock.now)
+    client.end_call()
     assert registry.expired() == []
     clock.now += 2.1
     assert registry.expired() == [client]
@@ -74,7 +74,7 @@ def test_a_robot_that_does_not_call_is_found(registry: Registry, clock: Clock) -
     alive, dead = registry.register(robot("A")), registry.register(robot("B"))
     for _ in range(5):
         clock.now += 1.0
-        alive.renew_lease(clock.now)
+        alive.renew_lease()
         for client in registry.expired():
             assert client is dead
             registry.remove(client)

@@ -5,14 +5,18 @@ With more rounds and a table: python -m bench.simulation.chaos"""
 from __future__ import annotations
 
 import contextlib
+import os
+import signal
+import time
 from collections.abc import Iterator
 
 import pytest
 from omniORB import CORBA
 
+from robocorba.simulation.registry import LEASE_S
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
-from robocorba.testing.simulation import BACK_LIMIT_S, GONE, Chaos, Place, away, error_lines, simulation
+from robocorba.testing.simulation import BACK_LIMIT_S, GONE, Chaos, ClientProcess, Place, away, error_lines, simulation
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 ROUNDS = 3
@@ -68,3 +72,20 @@ def test_a_robot_whose_floor_went_and_that_logged_on_elsewhere_outlives_the_serv
         files = [path for path in place.running.state.rglob("*") if path.is_file()]
         assert [path.name for path in files if secret in path.read_bytes()] == []
     assert [path.name for path in files if path.stat().st_mode & 0o077] == []
+
+
+def test_robots_stay_logged_on_when_all_was_held_up(place: Place) -> None:
+    """As a suspended machine holds up the server and its robots."""
+    robots = ClientProcess(place, number=7).wait_ready()
+    simulation_server = place.pid("simulation")
+    for pid in (robots.process.pid, simulation_server):
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(1.5 * LEASE_S)
+    for pid in (simulation_server, robots.process.pid):
+        os.kill(pid, signal.SIGCONT)
+    began = place.server._get_state().time
+    eventually(lambda: place.server._get_state().time > began + LEASE_S, what="the time of a lease")
+    assert robots.report()["lost"] == []
+    assert robots.names <= place.names
+    assert place.pid("simulation") == simulation_server
+    robots.kill()

@@ -43,10 +43,10 @@ class SimulationServerServant(ServerServant, RoboCorba__POA.SimulationServer):
         return simulation.server_state(self._agent.state)
 
     def clients(self) -> list[Any]:
-        now, name_for = time.monotonic(), self._agent.load_balance.name_for
+        name_for = self._agent.load_balance.name_for
         return [
             simulation.client_state(
-                session.client, session.robot.state().pose, now - session.client.last_call_at, name_for(session.name)
+                session.client, session.robot.state().pose, session.client.silent_s, name_for(session.name)
             )
             for session in list(self._agent.sessions.values())
         ]
@@ -125,7 +125,7 @@ def _measured(method: Callable[..., Any]) -> Callable[..., Any]:
         try:
             return translated(self, *arguments)
         finally:
-            client.end_call(time.monotonic())
+            client.end_call()
             client.record_latency(time.perf_counter() - began)
 
     return call
