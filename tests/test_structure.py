@@ -43,6 +43,7 @@ COMMON = {
     "robocorba.kernel_store",
     "robocorba.kernels",
     "robocorba.last_order",
+    "robocorba.lazy_property",
     "robocorba.private_files",
     "robocorba.record_file",
     "robocorba.repeating",
@@ -86,6 +87,8 @@ def faults(path: str, text: str) -> list[str]:
         allowed = {f"robocorba.{name}" for name in (package, *DOMAIN[package].split())} | COMMON
         strange = used - set(within(used, allowed | PROGRAMS))
         found += [f"domain code imports {name}" for name in within(strange, CORBA | {"robocorba"})]
+        if "cached_property" in names:
+            found.append("uses cached_property, whose lock robocorba.lazy_property does without")
     elif not path.startswith(ORB_LAYER):
         found += [f"imports {name}, which robocorba/corba/ is for" for name in within(used, {"robocorba.stubs"})]
     if path.startswith(SERVANTS):
@@ -257,6 +260,11 @@ def test_bench_and_tests_share_only_the_package() -> None:
         ("robocorba/maps/x.py", "import robocorba.commands.up as u", "domain code imports robocorba.commands.up"),
         ("robocorba/maps/x.py", "from robocorba.stubs import A", "domain code imports robocorba.stubs.A"),
         ("robocorba/maps/x.py", "from robocorba.planning.x import A", "domain code imports robocorba.planning.x.A"),
+        (
+            "robocorba/maps/x.py",
+            "from functools import cached_property",
+            "uses cached_property, whose lock robocorba.lazy_property does without",
+        ),
         (
             "robocorba/events/x.py",
             "from robocorba.maps.model import Wall",

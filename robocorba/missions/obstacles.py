@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ import shapely.affinity
 from shapely import Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
+from robocorba.lazy_property import lazy_property
 from robocorba.maps.geometry import Obstacle, obstacles, shaft_polygon
 from robocorba.maps.model import Building
 from robocorba.maps.movable import landing_doors, movables
@@ -39,7 +39,7 @@ class FloorObstacles:
         self.floor, self.found, self.outline = floor, found, outline
         self._tree = STRtree([item.geometry for item in found])
 
-    @cached_property
+    @lazy_property
     def grid(self) -> Grid:
         return build_grid(segments_of(np.array([item.geometry for item in self.found], object))[0])
 

@@ -5,13 +5,13 @@ Only floors that an edit touched are compiled again; the others come from the pr
 
 from __future__ import annotations
 
-from functools import cached_property
 from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
 
 from robocorba.kernels import kernel
+from robocorba.lazy_property import lazy_property
 from robocorba.maps.model import Building, FloorMap, PathEdge
 from robocorba.planning.elevators import ride
 from robocorba.planning.request import MAX_RADIUS_M, IndexedNames
@@ -128,7 +128,7 @@ class RoadMap:
         self.roads = RoadmapArrays(xy, floor, first, to[order], elevator[order], measures[order], fixed)
         self._order = order
 
-    @cached_property
+    @lazy_property
     def edges(self) -> list[PathEdge | None]:
         """The path edge of each index of `roads`; None for a ride."""
         flat: list[PathEdge | None] = [edge for part in self.parts.values() for edge in part.edges]

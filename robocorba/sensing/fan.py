@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from robocorba.errors.sensing import InvalidScan
+from robocorba.lazy_property import lazy_property
 from robocorba.spatial.arrays import Floats
 
 #: Maximum number of rays of a fan.
@@ -41,12 +41,12 @@ class Fan:
         if not 0.0 < self.range_m <= MAX_RANGE_M:
             raise InvalidScan("range", f"{self.range_m} is not above 0 and at most {MAX_RANGE_M:g} m")
 
-    @cached_property
+    @lazy_property
     def angles(self) -> Floats:
         """Angles of the rays [rad]."""
         return self.first_rad + self.step_rad * np.arange(self.count, dtype=np.float64)
 
-    @cached_property
+    @lazy_property
     def rays(self) -> tuple[Floats, Floats]:
         """Cosines and sines of the rays."""
         return np.cos(self.angles), np.sin(self.angles)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 from robocorba.errors.sensing import InvalidScan
+from robocorba.lazy_property import lazy_property
 from robocorba.sensing.fan import MAX_RANGE_M, Fan
 from robocorba.spatial.arrays import Floats
 
@@ -67,7 +67,7 @@ class ScanSpec:
         if self.rim_m + self.fan.range_m > MAX_RANGE_M:
             raise InvalidScan("range", f"ends more than {MAX_RANGE_M:g} m from the sensor")
 
-    @cached_property
+    @lazy_property
     def frame(self) -> tuple[float, float, float, float]:
         """First angle, step [rad], range and rim [m]."""
         return self.fan.first_rad, self.fan.step_rad, self.fan.range_m, float(self.rim_m)

@@ -4,9 +4,9 @@ Drawing libraries are imported with the first picture, so that they do not delay
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING
 
+from robocorba.lazy_property import lazy_property
 from robocorba.maps.model import Building
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.spatial.floor_update import BodyKind, FloorView
@@ -24,7 +24,7 @@ class Monitor:
     def __init__(self, agent: ManagementAgent, building: Building) -> None:
         self._agent, self._building = agent, building
 
-    @cached_property
+    @lazy_property
     def _painter(self) -> FloorPainter:
         from robocorba.simulation.picture import FloorPainter
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property, partial
+from functools import partial
 from itertools import repeat
 
 import numpy as np
 
 from robocorba.kernels import kernel
+from robocorba.lazy_property import lazy_property
 from robocorba.spatial.arrays import Floats
 from robocorba.spatial.pose import Pose, RobotMotion
 
@@ -29,7 +30,7 @@ class FloorState:
         self.floor, self.time = floor, time
         self.names, self.row_of, self.rows, self.held = names, row_of, rows, held
 
-    @cached_property
+    @lazy_property
     def states(self) -> list[RobotMotion]:
         """Motion of each body, row by row, headings within [-pi, pi]. Computed for all bodies at the first access."""
         x, y, heading, *velocity = in_own_frames(self.rows).tolist()
