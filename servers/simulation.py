@@ -48,6 +48,8 @@ from robocorba.simulation.store import SimulationStore
 
 #: Interval between requests for map edits [s].
 MAP_CHECK_INTERVAL_S = 0.25
+#: Interval between checks whether layers of pictures are unused [s].
+LAYER_CHECK_INTERVAL_S = 15.0
 #: Interval between checks whether running missions have their leaders [s].
 LEADER_CHECK_INTERVAL_S = 3.0
 #: What the keys of sessions and that of the administrator begin with; a secret follows.
@@ -93,6 +95,7 @@ class SimulationServer:
             lambda name, reference: SensorRegistrationServant(self.agent, name, reference, self._sensors.dismiss),
         )
         self._monitor = Monitor(self.agent, remote_map.building)
+        self._layer_check = Repeating("layers", lambda: self._monitor.forget_unused(), LAYER_CHECK_INTERVAL_S)
         self._map_check = Repeating("map", self._follow_map, MAP_CHECK_INTERVAL_S)
         self._missions, leaders = MissionDirectory(store), RemoteLeaders(orb)
         nearest = self.agent.robots_near
@@ -112,6 +115,7 @@ class SimulationServer:
         write_reference(self._orb, administrator, file)
         self.agent.start()
         self._map_check.start()
+        self._layer_check.start()
         if self._announcer:
             self._announcer.start()
         servant = SimulationServerServant(
@@ -137,6 +141,7 @@ class SimulationServer:
     def close(self) -> None:
         self._leader_watch.close()
         self._map_check.close()
+        self._layer_check.close()
         self._leader_check.close()
         if self._announcer:
             self._announcer.close()

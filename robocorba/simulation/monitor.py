@@ -30,6 +30,11 @@ class Monitor:
 
         return FloorPainter(self._building)
 
+    def forget_unused(self) -> None:
+        """Drop what no picture has needed for a minute."""
+        if "_painter" in vars(self):
+            self._painter.forget_unused()
+
     def png(self, floor: str, width_px: int) -> bytes:
         """Render a floor in its current state. Raises UnknownFloor, InvalidPicture."""
         from robocorba.simulation.picture import ScanFan

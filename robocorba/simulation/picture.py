@@ -10,8 +10,9 @@ from __future__ import annotations
 import io
 import math
 import threading
+import time
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -37,6 +38,8 @@ from robocorba.spatial.pose import XY
 MIN_WIDTH_PX, MAX_WIDTH_PX = 200, 4096
 #: Default maximum size of a painter's cached layers [px], one byte each.
 MAX_CACHED_PX = 64_000_000
+#: Time after its last picture for which a layer is kept [s].
+UNUSED_LAYER_S = 60.0
 #: Maximum length of a caption [characters].
 MAX_CAPTION = 200
 #: Colours.
@@ -114,13 +117,23 @@ class _Layer(NamedTuple):
     shafts: list[_Shaft]
 
 
-class FloorPainter:
-    """Draws the floors of `building`. Thread-safe. max_cached_px: maximum size of all cached layers [px]."""
+class _KeptLayer(NamedTuple):
+    """used_at: when its last picture was drawn [s]."""
 
-    def __init__(self, building: Building, max_cached_px: int = MAX_CACHED_PX) -> None:
-        self._building, self._max_cached_px = building, max_cached_px
+    layer: _Layer
+    used_at: float
+
+
+class FloorPainter:
+    """Draws the floors of `building`. Thread-safe. max_cached_px: maximum size of all cached layers [px].
+    clock: returns the time [s]."""
+
+    def __init__(
+        self, building: Building, max_cached_px: int = MAX_CACHED_PX, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._building, self._max_cached_px, self._clock = building, max_cached_px, clock
         #: Layers by floor and width, least recently used first.
-        self._layers: OrderedDict[tuple[str, int], _Layer] = OrderedDict()
+        self._layers: OrderedDict[tuple[str, int], _KeptLayer] = OrderedDict()
         self._lock = threading.Lock()
         #: Held while a layer is drawn, so that no layer is drawn twice.
         self._drawing = threading.Lock()
@@ -141,6 +154,13 @@ class FloorPainter:
         picture.add_caption(caption)
         return picture.png()
 
+    def forget_unused(self) -> None:
+        """Drop the layers that no picture has needed for UNUSED_LAYER_S."""
+        before = self._clock() - UNUSED_LAYER_S
+        with self._lock:
+            while self._layers and next(iter(self._layers.values())).used_at < before:
+                self._layers.popitem(last=False)
+
     def _layer(self, key: tuple[str, int]) -> _Layer:
         layer = self._cached(key)
         if layer is None:
@@ -150,14 +170,16 @@ class FloorPainter:
 
     def _cached(self, key: tuple[str, int]) -> _Layer | None:
         with self._lock:
-            if key in self._layers:
-                self._layers.move_to_end(key)
-            return self._layers.get(key)
+            kept = self._layers.pop(key, None)
+            if kept is None:
+                return None
+            self._layers[key] = kept._replace(used_at=self._clock())
+            return kept.layer
 
     def _cache(self, key: tuple[str, int], layer: _Layer) -> _Layer:
         with self._lock:
-            self._layers[key] = layer
-            while sum(kept.frame.width * kept.frame.height for kept in self._layers.values()) > self._max_cached_px:
+            self._layers[key] = _KeptLayer(layer, self._clock())
+            while sum(math.prod(kept.layer.pixels.size) for kept in self._layers.values()) > self._max_cached_px:
                 self._layers.popitem(last=False)
         return layer
 

@@ -35,10 +35,11 @@ from robocorba.maps.model import (
 )
 from robocorba.maps.sheet import FOOT_PX, GROUND, HEAD_PX, INK
 from robocorba.simulation import picture
-from robocorba.simulation.picture import LASER, LIGHT, ROBOT, VELOCITY, FloorPainter, ScanFan
+from robocorba.simulation.picture import LASER, LIGHT, ROBOT, UNUSED_LAYER_S, VELOCITY, FloorPainter, ScanFan
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.spatial.pose import XY
+from tests.clock import Clock
 from tests.maps.pixels import to_pixel
 
 WIDTH = 800
@@ -514,6 +515,21 @@ def test_the_layers_used_last_are_kept(drawn: list[tuple[str, int]]) -> None:
     for width in (300, 301, 300, 302, 300, 302, 301):
         Shown(view_of(), width=width, painter=painter)
     assert [width for _, width in drawn] == [300, 301, 302, 301]
+
+
+def test_layers_that_no_picture_needs_are_dropped(drawn: list[tuple[str, int]]) -> None:
+    clock = Clock()
+    painter = FloorPainter(scene(), clock=clock)
+    for width in (300, 301):
+        Shown(view_of(), width=width, painter=painter)
+    clock.now += 0.9 * UNUSED_LAYER_S
+    Shown(view_of(), width=300, painter=painter)
+    painter.forget_unused()
+    clock.now += 0.9 * UNUSED_LAYER_S
+    painter.forget_unused()
+    for width in (300, 301):
+        Shown(view_of(), width=width, painter=painter)
+    assert [width for _, width in drawn] == [300, 301, 301]
 
 
 def test_a_layer_larger_than_the_cache_is_drawn() -> None:
