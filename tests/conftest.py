@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import gc
+import os
 import signal
 
 import hypothesis
@@ -20,6 +21,13 @@ register = functools.partial(
 register("suite", derandomize=True)
 register("random")
 hypothesis.settings.load_profile("suite")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Each worker is a session of its own, as the processes are that it starts. Linux shares processors among sessions:
+    in one with all other workers, a robot within a test waits for seconds on a busy machine, and loses its lease."""
+    if hasattr(config, "workerinput"):
+        os.setsid()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
