@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from robocorba import logs
+from robocorba import cores, logs
 from robocorba.corba.call_limit import CallLimit
 from robocorba.corba.orb import Orb
 from robocorba.corba.reference_file import key_in_file, write_reference
@@ -229,6 +229,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     state = settings.server.state
     claim_state(state)
     logs.setup("simulation", state / "logs")
+    cores.share_one()  # with the threads of all robots' connections
     with (
         SimulationStore(state / "simulation.sqlite") as store,
         Orb(settings.server.naming, settings.server.endpoint, options=MANY_CONNECTIONS) as orb,

@@ -36,6 +36,7 @@ DOMAIN = {
 COMMON = {
     "robocorba.__version__",
     "robocorba.backoff",
+    "robocorba.cores",
     "robocorba.damaged_files",
     "robocorba.decoding",
     "robocorba.kernel_cache",

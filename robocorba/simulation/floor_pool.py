@@ -7,7 +7,6 @@ of threads, nor on their timing.
 from __future__ import annotations
 
 import logging
-import os
 import statistics
 import threading
 import time
@@ -16,6 +15,7 @@ from collections.abc import Callable, Sequence
 from itertools import count
 from typing import Protocol
 
+from robocorba import cores
 from robocorba.simulation.physics import StepResult
 
 #: Steps after which the pool decides anew whether threads share the next ones.
@@ -92,7 +92,7 @@ class FloorPool:
         shared.sort(key=lambda at: -floors[at].size)
         if self._threads is None and sum(floors[at].size for at in shared[1:]) < MIN_SHARED_BODIES:
             return [], 1
-        self._cores = self._cores or len(os.sched_getaffinity(0))
+        self._cores = self._cores or len(cores.usable())
         threads = min(self._threads or self._cores, len(shared))
         return (shared, threads) if threads > 1 else ([], 1)
 
@@ -233,6 +233,7 @@ class _Helper:
             thread.join(WARNING_INTERVAL_S)
 
     def _run(self) -> None:
+        cores.use_all()
         while not self._closing:
             if not self._wake_up.acquire(timeout=IDLE_LIMIT_S):
                 with self._lock:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import threading
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
+from robocorba import cores
 from robocorba.errors.simulation import CannotGrip
 from robocorba.maps.model import BoxShape, Building, Elevator, ElevatorDoor, Floor, FloorMap, GeometricalMap, MapObject
 from robocorba.simulation import floor_pool
@@ -137,6 +139,27 @@ def test_floors_are_stepped_at_the_same_time_and_reported_in_their_order(pool: F
     for _ in range(20):
         assert [result.contacts[0].first for result in pool.step(floors)] == ["small", "large"]
     assert set(floors[0].threads + floors[1].threads) == {threading.current_thread().name, "floors"}
+
+
+def test_its_threads_run_on_all_cores(pool: FloorPool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though they are started by a thread that shares its core with others."""
+    monkeypatch.setattr(cores, "_cores", None)
+    cores_of: dict[str, set[int]] = {}
+    meet = meeting()
+
+    def note() -> None:
+        meet()
+        cores_of[threading.current_thread().name] = os.sched_getaffinity(0)
+
+    def step() -> None:
+        cores.share_one()
+        pool.step([FakeFloor("small", 1, note), FakeFloor("large", 9, note)])
+
+    simulation = threading.Thread(target=step, name="simulation")
+    simulation.start()
+    simulation.join()
+    assert len(cores_of["simulation"]) == 1
+    assert cores_of["floors"] == os.sched_getaffinity(0)
 
 
 @pytest.mark.parametrize("threads", [1, 2])
