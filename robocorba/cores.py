@@ -7,6 +7,7 @@ core they don't wait for each other's wake-up. Work that runs without the interp
 
 from __future__ import annotations
 
+import contextlib
 import os
 
 import psutil
@@ -29,4 +30,5 @@ def share_one() -> None:
 
 def use_all() -> None:
     """Let this thread run on every core, and all threads that it will start."""
-    os.sched_setaffinity(0, usable())
+    with contextlib.suppress(OSError):  # the process may have been bound to others meanwhile
+        os.sched_setaffinity(0, usable())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
+import os
 import struct
 import time
 from collections.abc import Iterator
@@ -105,6 +106,12 @@ def test_a_movable_object_is_pushed_and_the_database_says_where_to(place: Place)
     eventually(lambda: place.body("L1", "cafe-table-1")["x"] > before["x"] + 0.3)
     assert a.state().touched == "cafe-table-1"
     assert abs(place.body("L1", "cafe-table-1")["y"] - before["y"]) < 0.1
+
+
+def test_the_threads_of_connections_share_a_core(place: Place) -> None:
+    """As all threads that the server's first one starts."""
+    assert len(os.sched_getaffinity(place.pid("simulation"))) == 1
+    assert os.sched_getaffinity(place.pid("sensor_s1")) == os.sched_getaffinity(0)
 
 
 def test_one_place_and_one_name_are_for_one_robot(place: Place) -> None:
