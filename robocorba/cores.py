@@ -22,7 +22,7 @@ def usable() -> set[int]:
 
 
 def share_one() -> None:
-    """Keep this thread, and all threads that it and they will start, on the core on which it runs."""
+    """Keep this thread, and all threads that it and they will start, on the core on which this process runs."""
     global _cores
     _cores = usable()
     os.sched_setaffinity(0, {psutil.Process().cpu_num()} & _cores or _cores)

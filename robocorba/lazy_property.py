@@ -2,7 +2,7 @@
 
 functools.cached_property of Python 3.10 and 3.11 has one lock for all instances of a class. Threads that are first to
 read new instances queue for it, and each of them then for the interpreter: with a thread for each of 300 robots,
-reading a robot's state took a tenth of a second. From Python 3.12 on it has no lock."""
+one of twenty readings of a robot's state took a tenth of a second. From Python 3.12 on it has no lock."""
 
 from __future__ import annotations
 

@@ -12,8 +12,8 @@ LONGEST_PAUSE_S = 0.2
 class AttendedTime:
     """Clock [s] of a server that calls `attend` again and again while it works. Thread-safe.
 
-    A server that was stopped for seconds, by a debugger, a suspended machine or a busy one, has not read what its
-    clients sent meanwhile: of such a pause only LONGEST_PAUSE_S counts, so that no lease expires in it.
+    A server that was held up for seconds, by a debugger or a busy machine, has not read what its clients sent
+    meanwhile: of such a pause only LONGEST_PAUSE_S counts, so that no lease expires in it.
     clock: the time that passes in any case [s]."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:

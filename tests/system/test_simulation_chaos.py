@@ -75,7 +75,7 @@ def test_a_robot_whose_floor_went_and_that_logged_on_elsewhere_outlives_the_serv
 
 
 def test_robots_stay_logged_on_when_all_was_held_up(place: Place) -> None:
-    """As a suspended machine holds up the server and its robots."""
+    """By SIGSTOP, the server and its robots, so that none of their calls waits for the server meanwhile."""
     robots = ClientProcess(place, number=7).wait_ready()
     simulation_server = place.pid("simulation")
     for pid in (robots.process.pid, simulation_server):
