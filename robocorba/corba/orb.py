@@ -416,7 +416,12 @@ class Orb:
         if self._options.keys() & {"offerBiDirectionalGIOP", "acceptBiDirectionalGIOP"}:
             kind, both = BiDirPolicy.BIDIRECTIONAL_POLICY_TYPE, BiDirPolicy.BOTH
             policies.append(self._orb.create_policy(kind, both))
-        return root.create_POA("objects", root._get_the_POAManager(), policies) if policies else root
+        if not policies:
+            return root
+        try:
+            return root.create_POA("objects", root._get_the_POAManager(), policies)
+        except PortableServer.POA.AdapterAlreadyExists:  # by another thread: from Python 3.12 on, nothing excludes it
+            return root.find_POA("objects", False)
 
     @property
     def offers_callbacks(self) -> bool:

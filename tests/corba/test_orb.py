@@ -14,7 +14,7 @@ from omniORB import CORBA
 
 from robocorba.claimed_ports import claimed_ports
 from robocorba.corba.naming import corbaname
-from robocorba.corba.orb import Orb
+from robocorba.corba.orb import OFFER_CALLBACKS, Orb
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
@@ -126,6 +126,14 @@ def test_an_activated_object_lives_until_it_is_deactivated(nowhere: Address) -> 
         with pytest.raises(CORBA.OBJECT_NOT_EXIST):
             references[0]._get_mapVersion()
         assert references[1]._get_mapVersion() == 2
+
+
+def test_two_threads_that_create_an_adapter_use_the_same(nowhere: Address) -> None:
+    with Orb(nowhere, options=OFFER_CALLBACKS) as orb:
+        of_one = orb._object_adapter
+        # The other, as it does where Python's cached_property has no lock (from 3.12 on).
+        of_other = Orb.__dict__["_object_adapter"].func(orb)
+        assert of_other._is_equivalent(of_one)
 
 
 def test_a_key_is_valid_again_after_its_end(nowhere: Address, endpoint: Address) -> None:
