@@ -73,9 +73,14 @@ class Sheet:
         self._letter_size = min(11.0, max(6.5, 0.26 * frame.scale))
 
     def image(self) -> Image.Image:
-        """The picture so far."""
+        """The finished picture. Nothing can be drawn afterwards."""
         self._canvas.draw()
-        return Image.fromarray(np.asarray(self._canvas.buffer_rgba())[..., :3].copy(), "RGB")
+        finished = Image.fromarray(np.asarray(self._canvas.buffer_rgba())[..., :3].copy(), "RGB")
+        # A figure and its canvas refer to each other: the pixels, 66 MB if 4,000 wide, would wait for a full garbage
+        # collection, and those of many pictures with them. Labels refer to the renderer, too.
+        self.axes.figure.clear()
+        del self._canvas.renderer
+        return finished
 
     def px(self, metres: float, least: float, most: float) -> float:
         """The width of `metres` in pixels, limited to `least` and `most`."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import RendererAgg
 from PIL import Image, ImageColor
 
 from robocorba.errors.paths import UnknownFloor
@@ -165,3 +167,19 @@ def test_threads_draw_at_the_same_time() -> None:
     with ThreadPoolExecutor(4) as pool:
         pictures = list(pool.map(lambda _: draw_floor(building, "L1", width_px=400).tobytes(), range(8)))
     assert pictures == [alone] * 8
+
+
+def test_a_picture_leaves_no_pixels_to_the_garbage_collector() -> None:
+    gc.collect()
+    gc.disable()
+    try:
+        before = renderers()
+        draw_floor(scene(), "L1", path=[PathMark(1.0, 7.5, "start"), PathMark(1.0, 5.0, "goal")])
+        assert renderers() == before
+    finally:
+        gc.enable()
+
+
+def renderers() -> int:
+    """The number of objects that hold the pixels of a picture that is being drawn."""
+    return sum(type(each) is RendererAgg for each in gc.get_objects())
