@@ -1,22 +1,18 @@
-"""Each tutorial of docs/, followed as its reader does."""
+"""Each tutorial of docs/ on one machine, followed as its reader does."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
 from robocorba.claimed_ports import claimed_ports
-from robocorba.testing.actual_robot import running_stand_in
-from robocorba.testing.namespaces import Namespace
-from tests.system.tutorial import Reader, sections
+from tests.system.tutorial import TUTORIALS, Reader, sections
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
-TUTORIALS = Path(__file__).resolve().parents[2] / "docs" / "tutorials"
 #: Those on one machine.
 ON_ONE_MACHINE = ("first-hour", "your-own-map", "your-own-robot", "your-own-cooperative-icon")
 #: Another system on this machine has the console's port.
@@ -49,34 +45,6 @@ def test_the_reader_gets_to_the_end(readers: Callable[[str], Reader], name: str,
     readers(name).follow(section)
 
 
-def test_two_machines(tmp_path: Path) -> None:
-    try:
-        one, two = Namespace(), Namespace()
-    except OSError as error:
-        pytest.skip(f"needs network namespaces: {error}")
-    with one, two:
-        one.ip("link", "add", "eth0", "type", "veth", "peer", "name", "eth0", "netns", two.path)
-        for number, machine in enumerate((one, two), 1):
-            machine.ip("address", "add", f"10.60.0.{number}/24", "dev", "eth0")
-            machine.ip("link", "set", "eth0", "up")
-        terminals = {"one": one.command(), "listener": one.command(), "two": two.command()}
-        with Reader(TUTORIALS / "two-machines.md", tmp_path, {}, terminals) as reader:
-            reader.follow()
-
-
-def test_a_real_smartpal(tmp_path: Path) -> None:
-    """The stand-in is the robot."""
-    with running_stand_in(tmp_path / "robot") as robot, claimed_ports() as port:
-        options = {"192.168.4.211:5005": str(robot.naming)}
-        (tmp_path / "reader").mkdir()
-        environment = {"ROBOCORBA_NAMING": f"127.0.0.1:{port}"}
-        page = TUTORIALS.parent / "real-smartpal.md"
-        with Reader(page, tmp_path / "reader", environment, options=options) as reader:
-            reader.follow()
-
-
 def test_every_tutorial_is_followed() -> None:
-    assert {page.stem for page in TUTORIALS.glob("*.md")} == {
-        *ON_ONE_MACHINE,
-        "two-machines",
-    }
+    """That of two machines, by test_tutorials_elsewhere.py."""
+    assert {page.stem for page in TUTORIALS.glob("*.md")} == {*ON_ONE_MACHINE, "two-machines"}

@@ -28,6 +28,7 @@ import psutil
 #: Time limit for a command, and for each line that it prints [s]; for the end of what Ctrl-C has interrupted.
 LIMIT_S, END_S = 150.0, 60.0
 FIRST = "first"
+TUTORIALS = Path(__file__).resolve().parents[2] / "docs" / "tutorials"
 #: The shell's prompt, with the exit code of the command before it.
 PROMPT = re.compile(r"tutorial-(\d+)> ")
 #: What terminals make of output.
