@@ -218,10 +218,16 @@ class Proxies:
         """Snapshots of all proxies, taken one after another."""
         with self._lock:
             everything = list(self._all.values())
-        return [self.snapshot(proxy) for proxy in everything]
+        snapshots = []
+        for proxy in everything:
+            with contextlib.suppress(ProxyGone):  # meanwhile
+                snapshots.append(self.snapshot(proxy))
+        return snapshots
 
     def snapshot(self, proxy: Proxy) -> ProxySnapshot:
+        """Raises ProxyGone."""
         with self._channel.lock:
+            self._check_not_ended(proxy)
             supplier = proxy if isinstance(proxy, ProxySupplier) else None
             return ProxySnapshot(
                 proxy.id,

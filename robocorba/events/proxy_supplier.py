@@ -158,13 +158,14 @@ class ProxyPullSupplier(ProxySupplier):
     def pull(self, limit_s: float) -> EventBatch | None:
         """Wait for the next event, returned as a batch of one; None after `limit_s`, or when the process ends.
 
-        Called without the lock. Raises Disconnected, ProxyGone."""
+        Called without the lock. Raises Disconnected, also if the proxy ends meanwhile, as the OMG standard requires
+        for a call in progress; ProxyGone if it had ended before."""
         deadline = time.monotonic() + limit_s
         with self._lock, self._in_use():
+            if self.is_ended:
+                raise ProxyGone(f"proxy {self.id} was disconnected")
             while True:
-                if self.is_ended:
-                    raise ProxyGone(f"proxy {self.id} was disconnected")
-                if self.condition is ProxyCondition.WAITING:
+                if self.is_ended or self.condition is ProxyCondition.WAITING:
                     raise Disconnected(f"proxy {self.id} is not connected")
                 if self._queue:
                     batch = self._take_one()

@@ -101,7 +101,11 @@ def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: Proxy
     state = lab.proxies.snapshot(proxy)
     assert (state.kind, state.condition, state.client) == (kind, ProxyCondition.CONNECTED, client.address)
     lab.proxies.disconnect(proxy)
-    for act in (lambda: lab.proxies.disconnect(proxy), lambda: lab.proxies.connect(proxy, client)):
+    for act in (
+        lambda: lab.proxies.disconnect(proxy),
+        lambda: lab.proxies.connect(proxy, client),
+        lambda: lab.proxies.snapshot(proxy),
+    ):
         with pytest.raises(ProxyGone):
             act()
     assert (client.disconnections, lab.removed, lab.proxies.snapshots()) == (1, [proxy.id], [])

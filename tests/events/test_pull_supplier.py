@@ -7,12 +7,13 @@ import time
 
 import pytest
 
-from robocorba.errors.events import Disconnected, ProxyGone
+from robocorba.errors.events import Disconnected, EventError, ProxyGone
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import ALL, Subscription
+from robocorba.testing.processes import eventually
 from tests.events.outlets import BOTH, publish, totals
 from tests.events.samples import add, is_balanced
 
@@ -58,22 +59,25 @@ def test_concurrent_pulls_get_one_event_each(channel: Channel) -> None:
 
 
 def test_the_end_of_a_proxy_wakes_waiting_pulls(channel: Channel) -> None:
+    """A call in progress finds its proxy disconnected, a later one finds it gone."""
     proxy = pull_supplier_of(channel)
-    woken: list[type[BaseException] | None] = []
+    woken: list[type[BaseException]] = []
 
     def pull() -> None:
         try:
-            proxy.pull(30.0)
-        except ProxyGone as error:
+            proxy.pull(600.0)
+        except EventError as error:
             woken.append(type(error))
 
-    thread = threading.Thread(target=pull)
+    thread = threading.Thread(target=pull, daemon=True)
     thread.start()
-    time.sleep(0.05)
+    eventually(lambda: proxy.pulls == 1, what="the pull")
     with channel.lock:
         proxy.end()
     thread.join(60.0)
-    assert woken == [ProxyGone]
+    assert woken == [Disconnected]
+    with pytest.raises(ProxyGone):
+        proxy.pull(0.0)
 
 
 def test_pull_before_connect_is_refused(channel: Channel) -> None:

@@ -11,7 +11,7 @@ from omniORB import CORBA
 from robocorba.corba.conversion import events
 from robocorba.corba.conversion.errors import raise_idl, translating
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.events import Disconnected, InvalidEvent, ProxyGone
+from robocorba.errors.events import InvalidEvent
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import ProxyKind
 from robocorba.events.proxy_consumer import ProxyConsumer
@@ -74,6 +74,7 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
     def disconnect_push_consumer(self) -> None:
         self._proxies.disconnect(self._proxy)
 
+    @translating
     def state(self) -> Any:
         return events.proxy_state(self._proxies.snapshot(self._proxy))
 
@@ -131,6 +132,7 @@ class PushSupplierServant(RoboCorba__POA.EventProxyPushSupplier):
     def disconnect_push_supplier(self) -> None:
         self._proxies.disconnect(self._proxy)
 
+    @translating
     def state(self) -> Any:
         return events.proxy_state(self._proxies.snapshot(self._proxy))
 
@@ -151,25 +153,20 @@ class PullSupplierServant(RoboCorba__POA.EventProxyPullSupplier):
 
     @translating
     def pull(self) -> Any:
-        batch = self._pulled(PULL_TIMEOUT_S)
+        batch = self._proxy.pull(PULL_TIMEOUT_S)
         if batch is None:
             raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
         return events.plain_event(batch)
 
     @translating
     def try_pull(self) -> tuple[Any, bool]:
-        batch = self._pulled(0.0)
+        batch = self._proxy.pull(0.0)
         return (CORBA.Any(CORBA.TC_null, None), False) if batch is None else (events.plain_event(batch), True)
-
-    def _pulled(self, limit_s: float) -> Any:
-        try:
-            return self._proxy.pull(limit_s)
-        except ProxyGone:  # as the OMG standard requires for a call in progress
-            raise Disconnected("the proxy was disconnected") from None
 
     @translating
     def disconnect_pull_supplier(self) -> None:
         self._proxies.disconnect(self._proxy)
 
+    @translating
     def state(self) -> Any:
         return events.proxy_state(self._proxies.snapshot(self._proxy))
