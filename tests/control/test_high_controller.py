@@ -222,7 +222,7 @@ def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, a
     adaptor.hangs.set()
     eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
     thread.join(60.0)
-    assert isinstance(raised[0], RobotLost) and "adaptor or process hung for 1." in str(raised[0])
+    assert isinstance(raised[0], RobotLost) and "adaptor or process hung for " in str(raised[0])
     with pytest.raises(RobotLost, match="hung"):
         high.check()
     high.emergency_stop("button")

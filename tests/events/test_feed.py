@@ -274,12 +274,13 @@ def test_a_lost_packet_is_retransmitted(at: Setting) -> None:
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both again")
 
 
+@pytest.mark.parametrize("at", [LinkPolicy(retransmit_s=2.0)], indirect=True)
 def test_nothing_is_retransmitted_while_acknowledgements_progress(at: Setting) -> None:
     at.join()
     at.renew(1)
     at.publish()
     at.publish()
-    time.sleep(DEFAULTS.retransmit_s + 0.05)
+    time.sleep(2.05)
     at.acknowledge(2)
     at.renew(2)  # the second is in flight for a while, but there was progress
     time.sleep(0.1)

@@ -198,7 +198,7 @@ class InBackground:
         except CORBA.Exception as error:
             self._answers.put(error)
 
-    def answer(self, timeout_s: float = 10.0) -> Any:
+    def answer(self, timeout_s: float = 60.0) -> Any:
         return self._answers.get(timeout=timeout_s)
 
     def is_waiting(self) -> bool:
