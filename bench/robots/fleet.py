@@ -30,7 +30,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import dumps
 from robocorba.testing.json_process import ProcessFailed
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, running_system
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, command_line, drain, running_system
 from robocorba.testing.report import at_most, quantile, summarize
 
 START_LIMIT_S = 300.0
@@ -88,7 +88,7 @@ def fleet_of(system: Running, orb: Orb, launch: Launcher, count: int) -> Iterato
             raise ProcessFailed("the fleet has not started")
     robots = {}
     for child in psutil.Process(process.pid).children():
-        if found := TITLE.search(" ".join(child.cmdline())):
+        if found := TITLE.search(command_line(child)):
             robots[found[1]] = Robot(child, RemoteAgent(orb, found[1]))
     yield robots
     process.send_signal(signal.SIGINT)

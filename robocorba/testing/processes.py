@@ -167,6 +167,14 @@ def is_running(process: psutil.Process) -> bool:
         return False
 
 
+def command_line(process: psutil.Process) -> str:
+    """Its words, with a space between them; empty if it has ended."""
+    try:
+        return " ".join(process.cmdline())
+    except psutil.NoSuchProcess:  # or a zombie
+        return ""
+
+
 def read_json(text: str) -> Any:
     """Decode JSON."""
     return msgspec.json.decode(text)

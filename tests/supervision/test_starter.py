@@ -20,7 +20,7 @@ from robocorba.supervision.launch import ModuleRun
 from robocorba.supervision.output import Pipe
 from robocorba.supervision.starter import Child, Starter
 from robocorba.supervision.warm_parent import ENVIRONMENT
-from robocorba.testing.processes import is_running
+from robocorba.testing.processes import command_line
 
 Run: TypeAlias = "Callable[[Callable[[Place], Awaitable[None]]], None]"
 PROGRAM = "tests.supervision.forked_program"
@@ -59,11 +59,7 @@ class Place:
 
     @property
     def warm_parent(self) -> psutil.Process:
-        (found,) = [
-            process
-            for process in filter(is_running, children())
-            if "robocorba.supervision.warm_parent" in process.cmdline()
-        ]
+        (found,) = [child for child in children() if "robocorba.supervision.warm_parent" in command_line(child)]
         return found
 
 
@@ -114,7 +110,7 @@ def test_a_fork_is_as_if_started_alone(run: Run, tmp_path: Path) -> None:
         assert seen["threads"] == 1
         assert seen["preloaded_in"] == [place.warm_parent.pid]
         process = psutil.Process(child.pid)
-        assert " ".join(process.cmdline()) == ModuleRun(PROGRAM, ("--name", "a b")).title
+        assert command_line(process) == ModuleRun(PROGRAM, ("--name", "a b")).title
         assert process.name() == Path(sys.executable).name
         child.send_signal(signal.SIGTERM)
         assert await asyncio.wait_for(child.wait(), LIMIT_S) == -signal.SIGTERM

@@ -17,7 +17,7 @@ from robocorba.corba.remote.control_agent import RemoteAgent, robots
 from robocorba.corba.remote.registered_robots import RegisteredRobots
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import dumps
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually, is_running
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, command_line, drain, eventually, is_running
 
 pytestmark = pytest.mark.system
 
@@ -44,7 +44,7 @@ class Fleet:
 
     def pid_of(self, robot: str) -> int:
         children = psutil.Process(self.process.pid).children()
-        return next(child.pid for child in children if f"robocorba.clients.robot {robot} " in " ".join(child.cmdline()))
+        return next(child.pid for child in children if f"robocorba.clients.robot {robot} " in command_line(child))
 
     def end(self, number: signal.Signals) -> int:
         """Its exit code."""

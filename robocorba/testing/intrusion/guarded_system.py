@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import CosNaming
 import msgpack
-import psutil
 from omniORB import CORBA
 
 from robocorba.corba.guard import guarded
@@ -30,7 +29,7 @@ from robocorba.testing.fuzzing.fuzzed_system import FuzzedSystem
 from robocorba.testing.fuzzing.simulation_targets import end_missions
 from robocorba.testing.fuzzing.targets import targets
 from robocorba.testing.intrusion.intruder import OBJECTS, OURS, THEIRS, Intruder
-from robocorba.testing.processes import Running, eventually, running_system
+from robocorba.testing.processes import Running, command_line, eventually, running_system
 from robocorba.testing.simulation import about
 
 #: Who attacks: a stranger knows HOST:PORT and the open keys, the others have the file of their role, the last one that
@@ -120,11 +119,7 @@ class GuardedSystem:
 
     def command_lines(self) -> str:
         """What other users of the machine see of the processes."""
-        lines = []
-        for process in self.running.note_descendants():
-            with contextlib.suppress(psutil.Error):
-                lines.append(" ".join(process.cmdline()))
-        return "\n".join(lines)
+        return "\n".join(map(command_line, self.running.note_descendants()))
 
     def state(self) -> dict[str, Any]:
         """What an attack must leave as it was."""
