@@ -6,6 +6,7 @@ import itertools
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -155,6 +156,17 @@ def test_destroy_notifies_all_clients_once_and_refuses_later_calls(lab: Lab) -> 
     ):
         with pytest.raises(ProxyGone):
             act()
+
+
+def test_destroy_disconnects_a_pull_that_waits(lab: Lab) -> None:
+    proxy = lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
+    assert isinstance(proxy, ProxyPullSupplier)
+    lab.proxies.connect(proxy, None)
+    with ThreadPoolExecutor(1) as caller:
+        pull = caller.submit(proxy.pull, 60.0)
+        eventually(lambda: proxy.pulls == 1, what="the pull")
+        lab.proxies.destroy()
+        assert isinstance(pull.exception(120.0), Disconnected)
 
 
 def test_a_named_supplier_gets_the_same_proxy_again(lab: Lab) -> None:
