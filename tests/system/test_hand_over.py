@@ -45,6 +45,8 @@ SAMPLES = Path(str(files("robocorba") / "samples"))
 #: From hand to hand along the sheet, and what they may be off, m.
 HAND_DISTANCE_M, NEAR_M = SHEET_M - 2 * GRIP_DEPTH_M, 0.005
 FLOOR = "L1"
+#: What is between the time and the icon in the line of an icon that begins.
+ICON = " s  "
 #: On a loaded machine processes take long to start, s.
 LIMIT_S = 380.0
 
@@ -170,7 +172,7 @@ class Run(NamedTuple):
         """Wait for its end."""
         self.read_until("")
         assert (self.process.wait(LIMIT_S), self.process.log_tail()) == (0, ""), "\n".join(self.printed)
-        logged = [line.split(" s  ", 1)[1] for line in self.printed if " s  " in line]
+        logged = [line.split(ICON, 1)[1] for line in self.printed if ICON in line]
         order = ["A  say hand_over.ready", "B  gripper left close", "B  say hand_over.gripped", "A  gripper right open"]
         assert [line for line in logged if line in order] == order
         check_joints(self.folder / f"hand-over-{kind}.csv")
@@ -193,6 +195,12 @@ def actual(naming: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ru
 @pytest.mark.system
 @pytest.mark.timeout(LIMIT_S + 20)
 def test_actual_robots_in_servers_that_run(actual: Run) -> None:
+    actual.read_until(ICON)
+
+
+@pytest.mark.system
+@pytest.mark.timeout(LIMIT_S + 20)
+def test_actual_robots_meet(actual: Run) -> None:
     actual.read_until("hand_over.ready")
 
 
@@ -209,12 +217,29 @@ def test_what_is_written_of_actual_robots(actual: Run) -> None:
     check_film(actual.folder / "hand-over-actual.mp4")
 
 
+@pytest.fixture(scope="module")
+def virtual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    with running(tmp_path_factory.mktemp("virtual"), "--no-film") as run:
+        yield run
+
+
 @pytest.mark.system
 @pytest.mark.timeout(LIMIT_S + 20)
-def test_virtual_robots_in_servers_of_their_own(tmp_path: Path) -> None:
-    with running(tmp_path, "--no-film") as run:
-        run.check("virtual")
-    assert not list(tmp_path.glob("*.mp4"))
+def test_virtual_robots_in_servers_of_their_own(virtual: Run) -> None:
+    virtual.read_until(ICON)
+
+
+@pytest.mark.system
+@pytest.mark.timeout(LIMIT_S + 20)
+def test_virtual_robots_meet(virtual: Run) -> None:
+    virtual.read_until("hand_over.ready")
+
+
+@pytest.mark.system
+@pytest.mark.timeout(LIMIT_S + 20)
+def test_virtual_robots_hand_the_sheet_over(virtual: Run) -> None:
+    virtual.check("virtual")
+    assert not list(virtual.folder.glob("*.mp4"))
 
 
 def check_joints(file: Path) -> None:

@@ -122,11 +122,21 @@ class Aborted(NamedTuple):
 
 
 class KilledLeader(NamedTuple):
-    """The leader was killed while it carried. helper: who carried with it, and led on. record: what mission control
-    says. off_m: distance of the desk from its goal in the end."""
+    """The leader was killed while it carried. helper: who carried with it. successor: who leads then. goal: of the
+    desk."""
+
+    user: subprocess.Popen[str]
+    mission: str
+    helper: str
+    successor: str
+    goal: tuple[float, float]
+
+
+class LedOn(NamedTuple):
+    """How the mission of a killed leader ended. record: what mission control says. off_m: distance of the desk from its
+    goal in the end."""
 
     ended: Ended
-    helper: str
     record: MissionContent
     report: dict[str, Any]
     status: str
@@ -144,6 +154,8 @@ class Stories(NamedTuple):
     killed_channel: Future[KilledHelper]
     aborted: Future[Aborted]
     killed_leader: Future[KilledLeader]
+    took_over: Future[frozenset[str]]
+    led_on: Future[LedOn]
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +176,9 @@ def stories(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stories]:
             first.submit(carry, table),
             second.submit(kill_channel, desk),
             second.submit(abort, desk),
-            second.submit(kill_leader, desk),
+            killed_leader := second.submit(kill_leader, desk),
+            second.submit(take_over, desk, killed_leader),
+            second.submit(lead_on, desk, killed_leader),
         )
 
 
@@ -178,11 +192,16 @@ def begin(crew: Crew) -> subprocess.Popen[str]:
 def kill_helper(crew: Crew) -> frozenset[str]:
     """Who takes hold then, where the table was put down."""
     crew.kill("C")
+    return holding_without(crew.place, "A", "C")
+
+
+def holding_without(place: MissionSystem, leader: str, killed: str) -> frozenset[str]:
+    """Who takes hold, once a leader has planned without a killed robot."""
 
     def holding() -> frozenset[str]:
-        kept = crew.place.kept("A")
+        kept = place.kept(leader)
         robots = frozenset(part.robot for part in kept.plan.subplans) if kept else frozenset[str]()
-        return robots if kept and "C" not in robots and kept.phase in TAKEN_HOLD else frozenset()
+        return robots if kept and killed not in robots and kept.phase in TAKEN_HOLD else frozenset()
 
     return eventually(holding, MISSION_LIMIT_S, "they take hold again")
 
@@ -226,9 +245,24 @@ def kill_leader(crew: Crew) -> KilledLeader:
     name = place.led_by("E")
     (helper,) = (member.robot for member in place.control.mission(name).content.members if member.robot != "E")
     crew.kill("E")
+
+    def successor() -> str:
+        content = place.control.mission(name).content
+        return content.leader if content.term > 1 else ""
+
+    return KilledLeader(user, name, helper, eventually(successor, MISSION_LIMIT_S, "another one leads"), goal)
+
+
+def take_over(crew: Crew, killed: Future[KilledLeader]) -> frozenset[str]:
+    """Who takes hold then, where the desk was put down."""
+    return holding_without(crew.place, killed.result().successor, "E")
+
+
+def lead_on(crew: Crew, killed: Future[KilledLeader]) -> LedOn:
+    place, (user, name, _, leader, goal) = crew.place, killed.result()
     ended = crew.end(user)
     status = place.command("anybody", "status", name)
-    return KilledLeader(ended, helper, place.ended(name), place.report(helper), status, crew.off_m(goal))
+    return LedOn(ended, place.ended(name), place.report(leader), status, crew.off_m(goal))
 
 
 def test_three_robots_begin_to_carry(stories: Stories) -> None:
@@ -270,14 +304,24 @@ def test_the_user_ends_it(stories: Stories) -> None:
 
 
 def test_the_leader_is_killed_while_it_carries(stories: Stories) -> None:
-    """Its helper leads on, with another one."""
+    """Its helper takes over."""
     story = stories.killed_leader.result()
+    assert story.helper in {"F", "G"}
+    assert story.successor == story.helper
+
+
+def test_another_helper_takes_hold_with_the_new_leader(stories: Stories) -> None:
+    assert stories.took_over.result() == {"F", "G"}
+
+
+def test_a_new_leader_gets_the_desk_to_its_goal(stories: Stories) -> None:
+    helper, story = stories.killed_leader.result().helper, stories.led_on.result()
     assert story.ended.code == 0, story.ended
     content = story.record
     assert (content.result, content.reason) == (MissionResult.DONE, "")
-    assert (content.leader, content.term) == (story.helper, 2)
-    assert story.report["faults"] == [f"E is silent, and {story.helper} can't carry on"]  # too heavy for one
-    assert f"{story.helper} took over in term 2 after " in story.status
+    assert (content.leader, content.term) == (helper, 2)
+    assert story.report["faults"] == [f"E is silent, and {helper} can't carry on"]  # too heavy for one
+    assert f"{helper} took over in term 2 after " in story.status
     assert "E was silent" in story.status
     assert {member.robot for member in content.members} == {"F", "G"}
     assert story.off_m < NEAR_M
@@ -323,7 +367,7 @@ def test_what_blocks_is_named(stories: Stories) -> None:
 
 def test_missions_that_ended_survive_a_kill_of_the_server(stories: Stories) -> None:
     stories.carried.result()
-    stories.killed_leader.result()
+    stories.led_on.result()
     place, control = stories.place, stories.place.control
     eventually(
         lambda: not any(state.content.is_running for state in control.missions_since(0)), 30.0, "all ends are recorded"
