@@ -50,7 +50,7 @@ FULL_SPEED_M_S, ARM_SPEED_RAD_S = 0.97 * SPEED_CAP, 0.65
 #: Time for which a stop is observed [s], time for which a process is paused [s], and the greatest movement of an arm
 #: that counts as stationary [rad].
 WATCH_S, PAUSE_S, ARM_STANDS_RAD = 0.8, 2.5, math.radians(0.1)
-#: Noise of the odometry of a base that stands [m, rad].
+#: Distance from its final place within which a base stands if it does not drive [m, rad].
 BASE_STANDS = 0.005
 #: Divisor of the number of rounds in cases that kill a process, because its restart takes long.
 KILLS_SHARE = 4
@@ -154,22 +154,18 @@ class Stage:
 
     @staticmethod
     def _stands(looks: list[list[float]], moves: str) -> float | None:
-        """The time of the first observation from which nothing moves any more; None if there is none.
+        """The time of the first observation at the final place at which the base does not drive; None if there is none.
 
-        A base stands when it does not drive, and stays where it is. That is not the last moment at which it reports
-        that it drives: it reports so for an instant, without moving, when the agent reconnects and stops it again."""
+        A base may report later that it drives: for an instant, without moving, when the agent reconnects."""
         last = looks[-1] if looks else []
-        if moves == "base":
-            still = (
-                look[0]
-                for index, look in enumerate(looks)
-                if not look[1] and all(math.dist(look[2:5], later[2:5]) < BASE_STANDS for later in looks[index:])
-            )
-            return next(still, None)
-        for earlier, look in zip(reversed(looks[:-1]), reversed(looks), strict=False):
-            if any(abs(a - b) > ARM_STANDS_RAD for a, b in zip(earlier[5:], last[5:], strict=True)):
-                return None if look is last else look[0]
-        return looks[0][0] if looks else None
+
+        def is_there(look: list[float]) -> bool:
+            if moves == "base":
+                return math.dist(look[2:5], last[2:5]) < BASE_STANDS
+            return all(abs(a - b) <= ARM_STANDS_RAD for a, b in zip(look[5:], last[5:], strict=True))
+
+        came = max((number for number, look in enumerate(looks) if not is_there(look)), default=-1) + 1
+        return next((look[0] for look in looks[came:-1] if not look[1]), None)
 
     def _is_back(self) -> bool:
         """Whether the robot can run a program again."""
