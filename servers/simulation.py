@@ -56,17 +56,30 @@ LEADER_CHECK_INTERVAL_S = 3.0
 _SESSION, _ADMINISTRATOR = "sessions/", "administrator/"
 #: Calls without a session that run at the same time, by what they do; further ones wait, so that sessions and the
 #: simulation get the interpreter within milliseconds. Logging on and writing wait for the disk, missions for leaders:
-#: they don't delay reading. Drawing takes up to a second of processor time.
-READING, LOGGING_ON, WRITING, MISSIONS, DRAWING = 4, 4, 4, 8, 1
+#: they don't delay reading, nor do robots, all of which follow the changes of floors. Drawing takes up to a second of
+#: processor time.
+READING, FOLLOWING, LOGGING_ON, WRITING, MISSIONS, DRAWING = 4, 4, 4, 4, 8, 1
 #: Waiting pictures. Few, because a picture is drawn even if its caller has given up.
 MAX_WAITING_PICTURES = 8
-#: Operations of the Omni database that write.
-MISSION_WRITES = ("putMission", "removeMission")
+#: Operations of the Omni database that write, and those that robots call many times a second. It reads in all others.
+MISSION_WRITES, FLOOR_CHANGES = ("putMission", "removeMission"), ("floorChanges", "typedFloorChanges")
 
 #: For hundreds of connections. By default the ORB looks every 50 ms for connections that get another call while one is
 #: executed, and gives them to other threads: with 300 robots calls came late by tens of milliseconds. Now calls that a
 #: client sends at the same time on one connection are executed one after the other.
 MANY_CONNECTIONS = {"maxServerThreadPerConnection": "1"}
+
+
+def limit_calls(server: SimulationServerServant, database: OmniDatabaseServant, control: MissionControlServant) -> None:
+    """Let calls of these three servants wait for their own kind only."""
+    reading = CallLimit(READING)
+    reading.apply(server, "_get_state", "clients", "sensors")
+    reading.apply(database, *set(database._omni_op_d).difference(MISSION_WRITES, FLOOR_CHANGES))
+    CallLimit(FOLLOWING).apply(database, *FLOOR_CHANGES)
+    CallLimit(WRITING).apply(database, *MISSION_WRITES)
+    CallLimit(LOGGING_ON).apply(server, "registerRobot")
+    CallLimit(DRAWING, MAX_WAITING_PICTURES).apply(server, "renderFloor")
+    CallLimit(MISSIONS).apply(control)
 
 
 class SimulationServer:
@@ -127,13 +140,7 @@ class SimulationServer:
         )
         database = OmniDatabaseServant(self.agent.database, self._missions, self._publish_typed)
         control = MissionControlServant(self._mission_control)
-        reading, drawing = CallLimit(READING), CallLimit(DRAWING, MAX_WAITING_PICTURES)
-        reading.apply(servant, "_get_state", "clients", "sensors")
-        CallLimit(LOGGING_ON).apply(servant, "registerRobot")
-        drawing.apply(servant, "renderFloor")
-        reading.apply(database, *(name for name in database._omni_op_d if name not in MISSION_WRITES))
-        CallLimit(WRITING).apply(database, *MISSION_WRITES)
-        CallLimit(MISSIONS).apply(control)
+        limit_calls(servant, database, control)
         self._orb.serve({"SimulationServer": servant, "OmniDatabase": database, "MissionControl": control})
         self.agent.begin_leases()
         self._leader_check.start()
