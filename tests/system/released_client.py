@@ -92,6 +92,10 @@ def main(naming: str) -> None:
         found["release"] = server._get_release()
     print(json.dumps(found))
     orb.destroy()
+    for _ in range(200):  # at most 10 s, until omniORB's threads that called the consumer have ended
+        if threading.active_count() == 1:
+            break
+        time.sleep(0.05)
 
 
 if __name__ == "__main__":
