@@ -134,4 +134,5 @@ class RobotLost(AdaptorFailed):
 
 
 class ServerAway(RobotLost):
-    """The process of the simulation server is not there; the session goes on when it is back."""
+    """The simulation server does not answer: its process has ended, or is held up. The session goes on when it answers
+    again."""

@@ -10,6 +10,8 @@ from omniORB import CORBA
 from robocorba.corba.remote import session as module
 from robocorba.corba.remote.session import RemoteSession
 from robocorba.errors.robots import RobotLost
+from robocorba.sensing.fan import LASER
+from robocorba.sensing.scan import Mount, ScanSpec
 from robocorba.simulation.registry import Description, Pose
 
 
@@ -18,8 +20,8 @@ class Server:
 
     def __init__(self) -> None:
         self.registered, self.has_sensor, self.heartbeats = 0, True, 0
-        #: Calls that fail because the server is away, and all calls by their names.
-        self.failing, self.calls = 0, list[str]()
+        #: Calls that fail because the server is away, how, and all calls by their names.
+        self.failing, self.failure, self.calls = 0, CORBA.COMM_FAILURE, list[str]()
 
     def resolve(self, *arguments: Any) -> Server:
         return self
@@ -56,11 +58,14 @@ class Server:
     def callElevator(self, elevator: str, destination: str) -> None:
         self._answer("callElevator")
 
+    def scan(self, at: Any, mount: Any, spec: Any) -> None:
+        self._answer("scan")
+
     def _answer(self, operation: str) -> None:
         self.calls.append(operation)
         if self.failing:
             self.failing -= 1
-            raise CORBA.COMM_FAILURE(0, CORBA.COMPLETED_MAYBE)
+            raise self.failure(0, CORBA.COMPLETED_MAYBE)
 
 
 @pytest.fixture
@@ -121,9 +126,12 @@ def test_a_heartbeat_right_after_another_call_is_left_out(
     assert server.heartbeats == 2
 
 
-def test_a_restart_of_the_server_is_waited_for(session: RemoteSession, server: Server) -> None:
+@pytest.mark.parametrize("failure", [CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT])
+def test_a_server_that_restarts_or_is_held_up_is_waited_for(
+    session: RemoteSession, server: Server, failure: type[CORBA.SystemException]
+) -> None:
     session.log_on()
-    server.failing = 3
+    server.failing, server.failure = 3, failure
     session.brake()
     assert server.calls == ["brake"] * 4
 
@@ -139,10 +147,13 @@ def test_a_server_that_stays_away_is_waited_for_in_vain(
     assert 1 < len(server.calls) < 20
 
 
-def test_a_command_is_not_sent_after_a_restart(session: RemoteSession, server: Server) -> None:
+@pytest.mark.parametrize("failure", [CORBA.COMM_FAILURE, CORBA.TIMEOUT])
+def test_a_command_is_not_sent_again(
+    session: RemoteSession, server: Server, failure: type[CORBA.SystemException]
+) -> None:
     """An emergency stop may have come meanwhile."""
     session.log_on()
-    server.failing = 1
+    server.failing, server.failure = 1, failure
     session.command((0.3, 0.0, 0.0), 0.1)
     assert (server.calls, server.heartbeats) == (["command"], 1)
 
@@ -163,3 +174,13 @@ def test_what_could_be_done_twice_is_not_repeated(session: RemoteSession, server
     with pytest.raises(RobotLost, match="does not answer"):
         session.call_elevator("E1", "L2")
     assert server.calls == ["callElevator"]
+
+
+@pytest.mark.parametrize("failure", [CORBA.TIMEOUT, CORBA.OBJECT_NOT_EXIST])
+def test_the_server_that_does_not_answer_is_named(
+    session: RemoteSession, server: Server, failure: type[CORBA.SystemException]
+) -> None:
+    session.log_on()
+    server.failing, server.failure = 1, failure
+    with pytest.raises(RobotLost, match="the virtual sensor server does not answer"):
+        session.scan(Pose("L1", 1.0, 2.0, 0.0), Mount(0.0, 0.0, 0.0), ScanSpec(LASER))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, cast
 
@@ -18,11 +17,17 @@ from robocorba.stubs import RoboCorba
 
 
 class Database:
-    """Its floors are known, and what changed on them once the test says so."""
+    """Its floors are known, and what changed on them at the end of the `with`."""
 
     def __init__(self) -> None:
         self.called, self.go_on = threading.Semaphore(0), threading.Event()
         self.floors = ["L1"]
+
+    def __enter__(self) -> Database:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.go_on.set()
 
     def changes(self, name: str, since: int) -> None:
         self.called.release()
@@ -30,25 +35,17 @@ class Database:
         raise UnknownFloor("name", name, self.floors)
 
 
-@pytest.fixture
-def database() -> Iterator[Database]:
-    database = Database()
-    yield database
-    database.go_on.set()
-
-
-def test_readers_do_not_wait_for_robots_that_follow_a_floor(database: Database) -> None:
-    nobody: Any = None
+def test_readers_do_not_wait_for_robots_that_follow_a_floor() -> None:
+    database, nobody = Database(), cast(Any, None)
     servant = OmniDatabaseServant(cast(Any, database), nobody, nobody)
     server = SimulationServerServant(nobody, nobody, nobody, nobody, nobody)
     limit_calls(server, servant, MissionControlServant(nobody))
-    with ThreadPoolExecutor(FOLLOWING + 1) as robots:
+    with ThreadPoolExecutor(FOLLOWING + 1) as robots, database:
         calls = ("floorChanges", "typedFloorChanges")
         following = [robots.submit(getattr(servant, calls[i % 2]), "L9", 0) for i in range(FOLLOWING)]
         for _ in range(FOLLOWING):
             assert database.called.acquire(timeout=60.0)
         assert robots.submit(servant.floors).result(60.0) == ["L1"]
-        database.go_on.set()
-        for call in following:
-            with pytest.raises(RoboCorba.UnknownFloor):
-                call.result(60.0)
+    for call in following:
+        with pytest.raises(RoboCorba.UnknownFloor):
+            call.result(60.0)

@@ -35,7 +35,7 @@ from robocorba.stubs import RoboCorba
 #: Timeout of calls in the control loop [s]; the robot stops earlier, when its last command expires.
 CALL_TIMEOUT_S = 1.0
 #: While the server is away, calls that may be repeated are, for this time [s]: it restarts within it, and restores
-#: sessions whose lease has not expired.
+#: sessions whose lease has not expired. So is a call that timed out: a busy machine may hold up one for CALL_TIMEOUT_S.
 RETRY_S = 1.5
 _RETRIES = Backoff(0.02, 0.1)
 #: Timeout of calls that the server stores on disk before it answers [s].
@@ -46,6 +46,8 @@ RENEWED_S = 0.6
 RESOLVE_TIMEOUT_S = 5.0
 #: Where a lost robot logs on if its last pose is occupied: distances from it [m], and number of directions.
 NEARBY_M, DIRECTIONS = (0.0, 0.05, 0.1, 0.2), 8
+#: Names of the servers in messages.
+SERVER, SENSOR = "the simulation server", "the virtual sensor server"
 Answer = TypeVar("Answer")
 
 
@@ -135,7 +137,7 @@ class RemoteSession:
         self._call(lambda to: to.session.reportPosture(joints.tolist()))
 
     def scan(self, at: Pose, mount: Mount, spec: ScanSpec) -> Floats:
-        seen = self._call(lambda to: to.sensor.scan(at, RoboCorba.Mount(*mount), scans.spec(spec)), renews=False)
+        seen = self._call(lambda to: to.sensor.scan(at, RoboCorba.Mount(*mount), scans.spec(spec)), is_sensor=True)
         return np.array(seen.distances)
 
     def grip(self, what: str, x: float, y: float) -> None:
@@ -216,7 +218,7 @@ class RemoteSession:
             )
         except NotReachable as error:
             raise RobotLost(str(error)) from None
-        with translated("the simulation server", RobotLost):
+        with translated(SERVER, RobotLost):
             uri = self._orb.uri(server.registerRobot(simulation.description(about)))
             session = self._orb.reference(uri, RoboCorba.RobotSession, CALL_TIMEOUT_S)
             slow_session = self._orb.reference(uri, RoboCorba.RobotSession, CHANGE_TIMEOUT_S)
@@ -231,24 +233,25 @@ class RemoteSession:
         self._references = _References(session, slow_session, sensor)
 
     def _repeat(self, operation: Callable[[_References], Answer]) -> Answer:
-        """The answer to a call that may be repeated; a virtual robot waits for a restart of the server, and an actual
-        one must not move without its body. Raises RobotLost and domain errors."""
+        """The answer to a call that may be repeated; a virtual robot waits for a server that restarts or is held up,
+        and an actual one must not move without its body. Raises RobotLost and domain errors."""
         return _RETRIES.call(lambda: self._call(operation), RETRY_S if self._is_body else 0.0, ServerAway)
 
-    def _call(self, operation: Callable[[_References], Answer], renews: bool = True) -> Answer:
-        """The answer to a call; renews: whether the call renews the lease. Raises RobotLost and domain errors."""
+    def _call(self, operation: Callable[[_References], Answer], is_sensor: bool = False) -> Answer:
+        """The answer to a call; is_sensor: of the sensor, which does not renew the lease. Raises RobotLost and domain
+        errors."""
         references = self._references
         if references is None:
             raise RobotLost(f"{self.about.name} is not logged on")
         began = time.monotonic()
         try:
             answer = operation(references)
-            self._answered_at = began if renews else self._answered_at
+            self._answered_at = self._answered_at if is_sensor else began
             return answer
         except CORBA.UserException as error:
             raise (domain_error(error) or error) from None
         except CORBA.SystemException as error:
-            raise _lost(error) from None
+            raise _lost(error, SENSOR if is_sensor else SERVER) from None
 
 
 def _known(operation: Callable[[], None]) -> None:
@@ -257,8 +260,9 @@ def _known(operation: Callable[[], None]) -> None:
         operation()
 
 
-def _lost(error: CORBA.SystemException) -> RobotLost:
-    if isinstance(error, CORBA.OBJECT_NOT_EXIST):
-        return RobotLost("the simulation server has logged the robot off")
-    is_away = isinstance(error, (CORBA.COMM_FAILURE, CORBA.TRANSIENT))  # it has ended, or is about to start
-    return (ServerAway if is_away else RobotLost)(f"the simulation server does not answer ({describe(error)})")
+def _lost(error: CORBA.SystemException, which: str = SERVER) -> RobotLost:
+    if which == SERVER and isinstance(error, CORBA.OBJECT_NOT_EXIST):
+        return RobotLost(f"{which} has logged the robot off")
+    # It has ended, is about to start, or is held up.
+    is_away = isinstance(error, (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT))
+    return (ServerAway if is_away else RobotLost)(f"{which} does not answer ({describe(error)})")
