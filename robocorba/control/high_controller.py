@@ -43,7 +43,8 @@ REFRESH_LIMIT_S = 0.2
 VALID_S = 0.1
 #: Interval between attempts to reconnect to a lost robot [s].
 RETRY_S = 0.5
-#: Time without a tick after which the adaptor or this process counts as hanging [s]. The calls of one tick take less.
+#: Time without a tick after which the adaptor or this process counts as hanging [s]. The calls of one tick take less,
+#: unless the simulation server is held up for longer.
 HANG_LIMIT_S = 1.5
 #: Timeout of `close` for an adaptor that hangs [s].
 END_LIMIT_S = 5.0

@@ -46,8 +46,7 @@ RENEWED_S = 0.6
 RESOLVE_TIMEOUT_S = 5.0
 #: Where a lost robot logs on if its last pose is occupied: distances from it [m], and number of directions.
 NEARBY_M, DIRECTIONS = (0.0, 0.05, 0.1, 0.2), 8
-#: Names of the servers in messages.
-SERVER, SENSOR = "the simulation server", "the virtual sensor server"
+SERVER = "the simulation server"
 Answer = TypeVar("Answer")
 
 
@@ -246,12 +245,13 @@ class RemoteSession:
         began = time.monotonic()
         try:
             answer = operation(references)
-            self._answered_at = self._answered_at if is_sensor else began
+            if not is_sensor:
+                self._answered_at = began
             return answer
         except CORBA.UserException as error:
             raise (domain_error(error) or error) from None
         except CORBA.SystemException as error:
-            raise _lost(error, SENSOR if is_sensor else SERVER) from None
+            raise _lost(error, is_sensor) from None
 
 
 def _known(operation: Callable[[], None]) -> None:
@@ -260,9 +260,10 @@ def _known(operation: Callable[[], None]) -> None:
         operation()
 
 
-def _lost(error: CORBA.SystemException, which: str = SERVER) -> RobotLost:
-    if which == SERVER and isinstance(error, CORBA.OBJECT_NOT_EXIST):
-        return RobotLost(f"{which} has logged the robot off")
+def _lost(error: CORBA.SystemException, is_sensor: bool = False) -> RobotLost:
+    if isinstance(error, CORBA.OBJECT_NOT_EXIST) and not is_sensor:
+        return RobotLost(f"{SERVER} has logged the robot off")
     # It has ended, is about to start, or is held up.
     is_away = isinstance(error, (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT))
-    return (ServerAway if is_away else RobotLost)(f"{which} does not answer ({describe(error)})")
+    server = "the virtual sensor server" if is_sensor else SERVER
+    return (ServerAway if is_away else RobotLost)(f"{server} does not answer ({describe(error)})")
