@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from bench.common.harness import NOT_MEASURED
+
 BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
     "events": ("network", "channel", "chaos"),
@@ -22,19 +24,23 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def main(subjects: list[str]) -> int:
-    """Returns the exit code: 0 if every bench reached its marks, 1 if one did not, 2 for an unknown subject."""
+    """Returns the exit code: 0 if every bench reached its marks, 1 if one did not, 2 for an unknown subject, 3 if one
+    could not measure and the others reached theirs."""
     unknown = [subject for subject in subjects if subject not in BENCHES]
     if unknown:
         print(f"bench: unknown subject {', '.join(unknown)}; choose from {', '.join(BENCHES)}", file=sys.stderr)
         return 2
-    failed = []
+    failed, unmeasured = [], []
     for name in [f"{subject}.{name}" for subject in subjects or BENCHES for name in BENCHES[subject]]:
         print(f"== {name}", flush=True)
-        if subprocess.run([sys.executable, "-m", f"bench.{name}"], cwd=ROOT).returncode:
-            failed.append(name)
+        code = subprocess.run([sys.executable, "-m", f"bench.{name}"], cwd=ROOT).returncode
+        if code:
+            (unmeasured if code == NOT_MEASURED else failed).append(name)
     if failed:
         print(f"bench: {', '.join(failed)} failed or missed a mark, see above", file=sys.stderr)
-    return int(bool(failed))
+    if unmeasured:
+        print(f"bench: {', '.join(unmeasured)} could not measure, see above", file=sys.stderr)
+    return 1 if failed else NOT_MEASURED if unmeasured else 0
 
 
 if __name__ == "__main__":

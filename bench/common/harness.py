@@ -15,10 +15,17 @@ from robocorba.testing.json_process import ProcessFailed
 from robocorba.testing.report import PROGRESS
 
 T = TypeVar("T")
+#: Exit code of a bench that could not measure.
+NOT_MEASURED = 3
+
+
+class NotMeasured(Exception):
+    """What a bench needs is not there, such as the right to make network namespaces."""
 
 
 def run(measure: Callable[..., bool], **texts: str) -> NoReturn:
-    """Run a bench with an option for each parameter of `measure`, and exit with 0 if it returned True.
+    """Run a bench with an option for each parameter of `measure`, and exit with 0 if it returned True, 1 if it missed a
+    mark, NOT_MEASURED if it raised NotMeasured.
 
     Types and defaults are those of the parameters. texts: help of an option; `A|B` gives its choices."""
     parser = argparse.ArgumentParser(
@@ -41,6 +48,9 @@ def run(measure: Callable[..., bool], **texts: str) -> NoReturn:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         sys.exit(0 if measure(*positional, **named) else 1)
+    except NotMeasured as reason:
+        print(f"not measured: {reason}", file=sys.stderr)
+        sys.exit(NOT_MEASURED)
     except (ProcessFailed, KeyboardInterrupt) as error:
         sys.exit(f"bench: {str(error) or 'stopped'}")
 

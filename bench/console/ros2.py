@@ -7,8 +7,8 @@ and scans of all of them. The age of a message is the time from the moment of it
 of the simulation has it, until the node has it; beside it the age of what a client of the Omni database gets that asks
 as often. Eight robots scan themselves ten times a second; sensors report these scans ten times a second too, and of
 each robot the last one, so that some are not seen. An order's latency is the time from the call or the publication
-until the robot's own state shows that its base turns. Without ROS 2 it is left out; `make ros2` makes a Python that has
-it."""
+until the robot's own state shows that its base turns. Without ROS 2 it measures nothing; `make ros2` makes a
+Python that has it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.common.harness import progress, run
+from bench.common.harness import NotMeasured, progress, run
 from bench.console.crowd import FLOOR, Clock, crowded_system
 from robocorba.corba.naming import Address
 from robocorba.corba.orb import Orb
@@ -137,8 +137,7 @@ def orders(orb: Orb, node: Process, count: int) -> dict[str, list[float]]:
 def measure(seconds: float = 20.0, robots: int = 20, orders_each: int = 20) -> bool:
     python = ros2_python()
     if not python:
-        print("ROS 2 is not installed: left out; see make ros2")
-        return True
+        raise NotMeasured("ROS 2 is not installed; see make ros2")
     with contextlib.ExitStack() as closing:
         folder = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="robocorba-bench-")))
         naming, clock, orb = closing.enter_context(crowded_system(folder, robots))

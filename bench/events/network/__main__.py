@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.common.harness import progress, run
+from bench.common.harness import NotMeasured, progress, run
 from bench.events.network.experiment import FULL, QUICK, SILENCE_S, conduct, experiment, split_cores
 from bench.events.network.networks import Network
 from bench.events.network.report import write_report
@@ -20,7 +19,7 @@ ECHOES = 200
 
 
 def main(quick: bool = False) -> bool:
-    """Without network namespaces it measures nothing, and counts as reached."""
+    """Raises NotMeasured without network namespaces."""
     plan = QUICK if quick else FULL
     leaders_core, cores = split_cores()
     os.sched_setaffinity(0, cores)  # only the leader and its load run on the leader's core
@@ -29,8 +28,7 @@ def main(quick: bool = False) -> bool:
         try:
             network = Network(Path(folder), cores)
         except OSError as error:
-            print(f"skipped: network namespaces are not available ({error}); run it as root", file=sys.stderr)
-            return True
+            raise NotMeasured(f"network namespaces are not available ({error}); run it as root") from None
         with network:
             about: dict[str, Any] = {
                 "network": "network namespaces, packets delayed by a router process on TUN devices",
