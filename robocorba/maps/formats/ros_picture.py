@@ -114,7 +114,7 @@ def read_cells(
 
 
 def _picture(path: Path, item: Item) -> np.ndarray:
-    """The picture as rows x columns x channels of 8 or 16 bits. An opacity channel is the last one."""
+    """The picture as rows x columns x channels of 8 or 16 bits. A fourth channel is the opacity."""
     try:
         if not path.is_file():
             raise item.error("there is no picture of that name")
@@ -143,9 +143,19 @@ def named_file(item: Item, what: str, absolute_paths: bool) -> Path:
 
 
 def _channels(picture: Image.Image) -> np.ndarray:
+    """Grey, or red, green and blue; behind them the opacity only if the file has one. map_server takes a grey with
+    opacity as three colours, which matters where it averages them."""
     if picture.mode in ("I", "I;16", "I;16B"):
-        return np.asarray(picture).astype(np.uint16)[:, :, None]
-    values = np.asarray(picture.convert({"1": "L", "P": "RGBA", "CMYK": "RGB"}.get(picture.mode, picture.mode)))
+        grey = np.asarray(picture).astype(np.uint16)
+        if "transparency" not in picture.info:
+            return grey[:, :, None]
+        opacity = np.where(grey == picture.info["transparency"], 0, 65535).astype(np.uint16)
+        return np.dstack([grey, grey, grey, opacity])
+    if picture.has_transparency_data:
+        mode = "RGBA"
+    else:
+        mode = {"1": "L", "P": "RGB", "CMYK": "RGB"}.get(picture.mode, picture.mode)
+    values = np.asarray(picture.convert(mode))
     if values.dtype != np.uint8:
         raise ValueError(f"pictures of mode {picture.mode} are not supported")
     return values.reshape(*values.shape[:2], -1)
@@ -157,7 +167,7 @@ def _classified(picture: np.ndarray, settings: MapServerSettings) -> np.ndarray:
     for row in range(0, len(picture), _ROWS_PER_BLOCK):
         block = picture[row : row + _ROWS_PER_BLOCK].astype(np.float32) / np.iinfo(picture.dtype).max
         opaque = np.ones(block.shape[:2], bool)
-        if settings.mode != "trinary" and block.shape[2] in (2, 4):
+        if settings.mode != "trinary" and block.shape[2] == 4:
             opaque, block = block[:, :, -1] == 1, block[:, :, :-1]
         shade = block.mean(axis=2)
         if settings.mode == "raw":
@@ -176,5 +186,4 @@ def _saved_as_unknown(picture: np.ndarray, settings: MapServerSettings) -> np.nd
     if settings.mode != "trinary" or settings.negate:
         return np.zeros(picture.shape[:2], bool)
     shade = UNKNOWN_SHADE * (np.iinfo(picture.dtype).max // 255)
-    colours = picture.shape[2] - (picture.shape[2] in (2, 4))
-    return (picture[:, :, :colours] == shade).all(axis=2)
+    return (picture[:, :, :3] == shade).all(axis=2)

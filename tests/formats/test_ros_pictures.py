@@ -1,0 +1,135 @@
+"""Every kind of picture of a ROS map against map_server's own rule, pixel by pixel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from robocorba.maps.formats.grid import FREE, OCCUPIED, UNKNOWN
+from robocorba.maps.formats.ros_picture import MapServerSettings, read_cells, read_settings
+from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.losses import Losses
+from robocorba.maps.yaml_file import read_yaml
+
+#: Greys around all thresholds of the tests, and opacities.
+SHADES, OPACITIES = (0, 51, 85, 128, 170, 190, 205, 206, 254, 255), (0, 128, 255)
+_GREY = np.repeat(np.array(SHADES, np.uint8), len(OPACITIES)).reshape(5, -1)
+_OPACITY = np.tile(np.array(OPACITIES, np.uint8), len(SHADES)).reshape(5, -1)
+#: A pixel as map_server's library delivers it: red, green, blue and opacity from 0 to 1.
+Pixel = tuple[float, float, float, float]
+
+
+def _palette(with_opacity: bool) -> Image.Image:
+    indices = (np.arange(_GREY.size, dtype=np.uint8)).reshape(_GREY.shape)
+    picture = Image.fromarray(indices).convert("P")
+    picture.putpalette([value for grey in _GREY.flat for value in (grey, grey, 255 - grey)])
+    if with_opacity:
+        picture.info["transparency"] = bytes(_OPACITY.flatten())
+    return picture
+
+
+def _pictures() -> dict[str, tuple[Image.Image, dict[str, object]]]:
+    grey, opacity = Image.fromarray(_GREY), Image.fromarray(_OPACITY)
+    inverse = Image.fromarray(255 - _GREY)
+    wide = Image.fromarray(_GREY.astype(np.uint16) * 257)
+    return {
+        "1": (grey.point(lambda value: 255 * (value > 128)).convert("1"), {}),
+        "L": (grey, {}),
+        "L with a transparent grey": (grey, {"transparency": 190}),
+        "LA": (Image.merge("LA", (grey, opacity)), {}),
+        "P": (_palette(False), {}),
+        "P with opacity": (_palette(True), {"transparency": bytes(_OPACITY.flatten())}),
+        "RGB": (Image.merge("RGB", (grey, grey, inverse)), {}),
+        "RGB with a transparent colour": (Image.merge("RGB", (grey, grey, inverse)), {"transparency": (190, 190, 65)}),
+        "RGBA": (Image.merge("RGBA", (grey, inverse, grey, opacity)), {}),
+        "I;16": (wide, {}),
+        "I;16 with a transparent grey": (wide, {"transparency": 190 * 257}),
+    }
+
+
+def _pixels(kind: str) -> tuple[Callable[[int, int], Pixel], bool]:
+    """The pixel at a row and column, and whether the file has opacities: known here without reading the file."""
+    grey, opacity = _GREY / 255, _OPACITY / 255
+    bits = (_GREY > 128).astype(float)
+    seen = np.where(_GREY == 190, 0.0, 1.0)
+    full = np.ones(_GREY.shape)
+    channels, has_opacity = {
+        "1": ((bits, bits, bits, full), False),
+        "L": ((grey, grey, grey, full), False),
+        "L with a transparent grey": ((grey, grey, grey, seen), True),
+        "LA": ((grey, grey, grey, opacity), True),
+        "P": ((grey, grey, 1 - grey, full), False),
+        "P with opacity": ((grey, grey, 1 - grey, opacity), True),
+        "RGB": ((grey, grey, 1 - grey, full), False),
+        "RGB with a transparent colour": ((grey, grey, 1 - grey, seen), True),
+        "RGBA": ((grey, 1 - grey, grey, opacity), True),
+        "I;16": ((grey, grey, grey, full), False),
+        "I;16 with a transparent grey": ((grey, grey, grey, seen), True),
+    }[kind]
+    return lambda row, column: tuple(float(channel[row, column]) for channel in channels), has_opacity  # type: ignore[return-value]
+
+
+def _map_server(pixel: Pixel, has_opacity: bool, settings: MapServerSettings) -> int:
+    """nav2_map_server's loader: opacity counts as a fourth colour in mode trinary only, and only if the file has it."""
+    colours = list(pixel[:3])
+    if settings.mode == "trinary" and has_opacity:
+        colours.append(pixel[3])
+    shade = sum(colours) / len(colours)
+    if settings.mode == "raw":
+        percent = math.floor(shade * 255 + 0.5)
+        if percent > 100:
+            return UNKNOWN
+        probability = percent / 100
+    else:
+        probability = shade if settings.negate else 1 - shade
+    if settings.mode == "scale" and pixel[3] < 1:
+        return UNKNOWN
+    if settings.mode == "trinary" and not settings.negate and all(abs(c - 205 / 255) < 1e-9 for c in pixel[:3]):
+        return UNKNOWN if probability <= settings.occupied_above else OCCUPIED  # our rule for map_saver's grey
+    if probability > settings.occupied_above:
+        return OCCUPIED
+    return FREE if probability < settings.free_below else UNKNOWN
+
+
+@pytest.mark.parametrize("negate", [0, 1])
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+@pytest.mark.parametrize("kind", list(_pictures()))
+def test_every_kind_of_picture_reads_as_map_server_reads_it(kind: str, mode: str, negate: int, tmp_path: Path) -> None:
+    picture, options = _pictures()[kind]
+    picture.save(tmp_path / "map.png", **options)
+    path = tmp_path / "map.yaml"
+    path.write_text(
+        f"image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: {negate}\nmode: {mode}\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.25\n"
+    )
+    root = Item(file := read_yaml(path), "$", file.data)
+    settings = read_settings(root)
+    found = read_cells(root, settings, False, False, Losses())
+    pixel, has_opacity = _pixels(kind)
+    rows, columns = _GREY.shape
+    expected = [
+        [_map_server(pixel(row, column), has_opacity, settings) for column in range(columns)] for row in range(rows)
+    ]
+    assert found.tolist() == expected
+
+
+@pytest.mark.parametrize("negate", [0, 1])
+def test_a_palette_reads_as_the_greys_that_it_stands_for(negate: int, tmp_path: Path) -> None:
+    """Found as 24 m2 of unknown space that became free, and with `negate` a floor that was blocked everywhere."""
+    cells = np.full((40, 60), 254, np.uint8)
+    cells[10:20, 10:20] = 190
+    cells[:, 40:] = 0
+    found = []
+    for kind in ("L", "P"):
+        Image.fromarray(cells).convert(kind).save(tmp_path / "map.png")
+        path = tmp_path / "map.yaml"
+        path.write_text(f"image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: {negate}\n")
+        root = Item(file := read_yaml(path), "$", file.data)
+        found.append(read_cells(root, read_settings(root), False, False, Losses()))
+    assert (found[0] == found[1]).all()
+    assert {FREE, OCCUPIED} <= set(np.unique(found[1]))
