@@ -45,6 +45,7 @@ COMMON = {
     "robocorba.kernels",
     "robocorba.last_order",
     "robocorba.lazy_property",
+    "robocorba.output_files",
     "robocorba.private_files",
     "robocorba.record_file",
     "robocorba.repeating",

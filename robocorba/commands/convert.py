@@ -9,6 +9,7 @@ import typer
 
 from robocorba.commands.options import require_extra
 from robocorba.commands.reporting import reporting
+from robocorba.output_files import check_output
 from robocorba.printing import echo
 from robocorba.simulation.recording import Recording
 
@@ -21,13 +22,14 @@ def convert(
     namespaced_tf: Annotated[
         bool, typer.Option("--namespaced-tf", help="With --ros2: /ROBOT/tf with plain frames.")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite what OUT has.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace OUT: a file, or a bag.")] = False,
 ) -> None:
     """Write a recording as an MCAP file with Foxglove's messages (scene, frames, poses, robots and log), or as a bag of
-    ROS 2 (odometry, scans, joints, frames, maps and clock)."""
+    ROS 2 (odometry, scans, joints, frames, maps and clock). What OUT has is only replaced with --force, IN never."""
     if not ros2 and (robots or namespaced_tf):
         raise typer.BadParameter("--robots and --namespaced-tf are for --ros2")
     with reporting("convert"):
+        check_output(out, [recording], replace=force)
         if ros2:
             require_extra("ros2", "rosbags")
             _write_bag(Recording(recording), out, robots, namespaced_tf, force)

@@ -31,6 +31,9 @@ _FILE = typer.Argument(
 )
 
 
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist with another content.")]
+
+
 class UnknownCells(str, Enum):
     """What unknown cells of ROS maps count as."""
 
@@ -79,9 +82,13 @@ def import_(
             "walls, or all.",
         ),
     ] = Specks.WALLS,
+    force: Force = False,
 ) -> None:
-    """Convert a map of any readable format to a native map file, and list what the conversion changes."""
+    """Convert a map of any readable format to a native map file, and list what the conversion changes.
+
+    A file that exists with another content is only replaced with --force, FILE itself never."""
     from robocorba.maps import checking, native
+    from robocorba.output_files import write_outputs
 
     with reporting("map import", OSError):
         imported = _read(file, unknown, specks)
@@ -91,7 +98,7 @@ def import_(
             for name in building.floors:
                 building = _with_topological_map(building, name, radius)
         _print_warnings(checking.blocked(building))
-        native.save(building, output)
+        write_outputs({output: native.dumps(building).encode()}, [_path(file)], replace=force)
         echo(f"wrote {output}: {_summary(building)}")
 
 
@@ -102,13 +109,18 @@ def export(
     format: Annotated[Format, typer.Option("--format", "-f", help="Format to write.")],
     resolution: Annotated[float, typer.Option(metavar="M", help="Side of a cell, for ros.")] = 0.05,
     image: Annotated[str, typer.Option(metavar="KIND", help="pgm or png, for ros.")] = "pgm",
+    force: Force = False,
 ) -> None:
-    """Write a map in another format, and list what the conversion changes."""
-    from robocorba.maps.formats import write_map
+    """Write a map in another format, and list what the conversion changes.
+
+    Files that exist with another content are only replaced with --force, FILE itself never."""
+    from robocorba.maps.formats import export_map
+    from robocorba.output_files import write_outputs
 
     with reporting("map export", OSError):
         building = _read(file).building
-        exported = write_map(building, output, format.value, resolution_m=resolution, image=image)
+        exported = export_map(building, output, format.value, resolution_m=resolution, image=image)
+        write_outputs(exported.files, [_path(file)], replace=force)
         _print_losses("export", exported.losses)
         for written in exported.files:
             echo(f"wrote {written}")
@@ -117,19 +129,22 @@ def export(
 @app.command()
 def show(
     file: Annotated[str, _FILE],
-    picture: Annotated[Path, typer.Option(metavar="FILE", help="The PNG to write.")] = Path("map.png"),
+    picture: Annotated[
+        Path, typer.Option(metavar="FILE", help="The picture to write, in place of an earlier one.")
+    ] = Path("map.png"),
     floor: Annotated[str, typer.Option(metavar="NAME", help="Only this floor.")] = "",
     width: Annotated[int, typer.Option(metavar="PIXELS", min=100, max=8000)] = 1200,
 ) -> None:
     """Draw the floors of a map as a picture."""
     from robocorba.maps.drawing import draw_building, draw_floor
+    from robocorba.maps.pictures import save_picture
 
     with reporting("map show", OSError):
         building = _read(file).building
         if floor and floor not in building.floors:
             raise typer.BadParameter(f"there is no floor {floor!r}; there are {one_line(', '.join(building.floors))}")
         drawn = draw_floor(building, floor, width_px=width) if floor else draw_building(building, width_px=width)
-        drawn.save(picture)
+        save_picture(drawn, picture, [_path(file)])
         echo(f"wrote {picture}: {_summary(building)}")
 
 
@@ -196,10 +211,15 @@ def _print_warnings(found: Iterable[MapFinding]) -> int:
 
 def _read(file: str, unknown: UnknownCells = UnknownCells.BLOCKED, specks: Specks = Specks.WALLS) -> Imported:
     from robocorba.maps.formats import read_map
+
+    return read_map(_path(file), unknown=unknown.value, specks=specks.value)
+
+
+def _path(file: str) -> str | Path:
+    """The file of a sample, or a file."""
     from robocorba.maps.samples import SAMPLES, sample_path
 
-    path = sample_path(file) if file in SAMPLES else file
-    return read_map(path, unknown=unknown.value, specks=specks.value)
+    return sample_path(file) if file in SAMPLES else file
 
 
 def _print_losses(direction: str, losses: tuple[str, ...]) -> None:

@@ -43,7 +43,8 @@ def path(
     start: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Start; coordinates in metres.")],
     goal: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Goal; coordinates in metres.")],
     picture: Annotated[
-        File | None, typer.Option(metavar="FILE", help="Draw the floors of the path into this PNG.")
+        File | None,
+        typer.Option(metavar="FILE", help="Draw the floors of the path into this PNG, in place of an earlier one."),
     ] = None,
     mode: Annotated[
         Mode, typer.Option(help="Along the topological map with corners cut, along it exactly, or through free space.")
@@ -120,11 +121,12 @@ def as_table(found: Path) -> Table:
 def draw(building: Building, found: Path, file: File) -> None:
     """Draw every floor of a path into one PNG."""
     from robocorba.maps.drawing import draw_building
+    from robocorba.maps.pictures import save_picture
 
     crossed = {point.floor for point in found.points}
     floors = {name: entry for name, entry in building.floors.items() if name in crossed}
     paths = {floor: marks(found, floor) for floor in floors}
-    draw_building(Building(building.name, floors, building.elevators), paths=paths).save(file)
+    save_picture(draw_building(Building(building.name, floors, building.elevators), paths=paths), file)
 
 
 def marks(found: Path, floor: str) -> Sequence:

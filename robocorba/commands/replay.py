@@ -17,6 +17,7 @@ from robocorba.commands.simulation_tables import SimulationTables, as_tables, el
 from robocorba.commands.waiting import StopSignal, progress
 from robocorba.commands.watch import SHOW_INTERVAL_S
 from robocorba.errors.simulation import InvalidRecording
+from robocorba.output_files import check_output, write_outputs
 from robocorba.printing import Console, echo
 from robocorba.settings import InvalidSetting
 from robocorba.simulation.recording import Recording
@@ -35,13 +36,20 @@ def replay(
     at: Annotated[
         float | None, typer.Option(metavar="S", min=0.0, help="Show only the state at this time [s].")
     ] = None,
-    png: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw a floor --at S, or at the end.")] = None,
-    video: Annotated[Path | None, typer.Option(metavar="FILE", help="Film a floor into this MP4 file.")] = None,
+    png: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw a floor --at S, or at the end, in place of an earlier picture."),
+    ] = None,
+    video: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Film a floor into this MP4 file, in place of an earlier one.")
+    ] = None,
     fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures per second of the video.")] = 10,
     width: Annotated[int, typer.Option(metavar="PX", help="Width of the picture or video.")] = 960,
 ) -> None:
     """Show a recording."""
     with reporting("replay"):
+        for output in filter(None, (png, video)):
+            check_output(output, [file])
         recording = Recording(file)
         if not recording.count:
             raise InvalidRecording(str(file), "contains no updates")
@@ -85,12 +93,9 @@ def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None
 
 
 def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px: int) -> None:
-    """Draw a floor at a time as a PNG file. Raises UnknownFloor, InvalidPicture, InvalidRecording, InvalidSetting."""
+    """Draw a floor at a time as a PNG file. Raises UnknownFloor, InvalidPicture, InvalidRecording, OutputError."""
     picture = painting(recording, width_px)(min(at_s, recording.duration_s), recording.at(at_s, [floor])[floor])
-    try:
-        file.write_bytes(picture)
-    except OSError as error:
-        raise InvalidSetting("--png", str(file), error.strerror or str(error)) from None
+    write_outputs({file: picture})
     echo(f"drew {file}")
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from robocorba.commands.reporting import reporting
-from robocorba.errors.base import RoboCorbaError
+from robocorba.output_files import write_outputs
 from robocorba.printing import echo
 
 app = typer.Typer(help="Export the robot's model for other programs.", no_args_is_help=True)
@@ -23,6 +23,7 @@ def robot_model() -> None:
 @app.command()
 def urdf(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Where to write; - is the standard output.")],
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists with another content.")] = False,
 ) -> None:
     """Write the robot as a URDF, for RViz, MuJoCo, Gazebo and others: links, joints, limits, masses, looks."""
     with reporting("robot-model urdf"):
@@ -32,8 +33,5 @@ def urdf(
         if str(file) == "-":
             sys.stdout.write(text)
             return
-        try:
-            file.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise RoboCorbaError(f"can't write {file}: {error.strerror}") from None
+        write_outputs({file: text.encode()}, replace=force)
         echo(f"{file}\t{len(text)} bytes")

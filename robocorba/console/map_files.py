@@ -8,7 +8,7 @@ import contextlib
 import io
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -67,16 +67,13 @@ def write_download(building: Building, format: str, resolution_m: float, image: 
     """The building in a format: `name` of the file, `content` in base64, `losses`. Several files become one archive.
 
     Raises InvalidUpload for an unknown format, MapFileError."""
-    from robocorba.maps.formats import write_map
+    from robocorba.maps.formats import export_map
 
     if format not in FORMATS:
         raise InvalidUpload(f"the format {format[:40]!r} can't be written; there are {', '.join(FORMATS)}")
     stem = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in building.name)[:60] or "building"
-    with tempfile.TemporaryDirectory(prefix="robocorba-download-") as folder:
-        target = Path(folder) / (stem + FORMATS[format])
-        with _names_without_folder():
-            exported = write_map(building, target, format, resolution_m=resolution_m, image=image)
-        name, content = _packed(stem, exported.files)
+    exported = export_map(building, stem + FORMATS[format], format, resolution_m=resolution_m, image=image)
+    name, content = _packed(stem, exported.files)
     return {"name": name, "content": base64.b64encode(content).decode(), "losses": list(exported.losses)}
 
 
@@ -124,13 +121,14 @@ def _names_without_folder() -> Iterator[None]:
         raise MapFileError(Path(error.file).name, error.line, error.key, error.reason) from None
 
 
-def _packed(stem: str, files: Sequence[Path]) -> tuple[str, bytes]:
+def _packed(stem: str, files: Mapping[Path, bytes]) -> tuple[str, bytes]:
     if len(files) == 1:
-        return files[0].name, files[0].read_bytes()
+        ((path, content),) = files.items()
+        return path.name, content
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as target:
-        for file in files:
-            target.write(file, file.name)
+        for path, content in files.items():
+            target.writestr(path.name, content)
     return f"{stem}.zip", archive.getvalue()
 
 

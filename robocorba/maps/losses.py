@@ -32,9 +32,9 @@ class Imported(msgspec.Struct, frozen=True):
 
 
 class Exported(msgspec.Struct, frozen=True):
-    """The written files, and a sentence for each kind of loss."""
+    """The content of each file of an exported building, and a sentence for each kind of loss."""
 
-    files: tuple[Path, ...]
+    files: dict[Path, bytes]
     losses: tuple[str, ...] = ()
 
 

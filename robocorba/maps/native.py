@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -31,6 +29,7 @@ from robocorba.maps.model import (
     by_level,
 )
 from robocorba.maps.yaml_file import YamlFile, parse_yaml, read_yaml
+from robocorba.output_files import write_outputs
 
 FORMAT_VERSION = 1
 E_ = TypeVar("E_", bound=Element)
@@ -192,19 +191,5 @@ def _flow(value: Any) -> str:
 
 
 def save(building: Building, path: str | Path) -> None:
-    """Write a native map file atomically. Raises MapFileError if that fails."""
-    target = Path(path)
-    try:
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        fresh = Path(name)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(dumps(building))
-                file.flush()
-                os.fsync(file.fileno())
-            fresh.chmod(0o644)
-            fresh.replace(target)
-        finally:
-            fresh.unlink(missing_ok=True)
-    except OSError as error:
-        raise MapFileError(str(path), 0, "", error.strerror or str(error)) from None
+    """Write a native map file atomically. Raises OutputError if that fails."""
+    write_outputs({Path(path): dumps(building).encode()})

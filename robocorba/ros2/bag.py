@@ -26,6 +26,8 @@ DEPTH = 10
 _VERSION: Final = 9
 #: Messages of this and later releases of ROS have these definitions.
 _DEFINITIONS = Stores.ROS2_JAZZY
+#: Files of a bag.
+_METADATA, _BAG_SUFFIXES = "metadata.yaml", (".mcap", ".db3", ".zstd")
 _NEVER = QosTime(9_223_372_036, 854_775_807)
 
 
@@ -73,14 +75,21 @@ def convert(
 ) -> None:
     """Write a recording as a bag, a folder with an MCAP file. Times of its messages are simulated.
 
-    robots: names of those that are written; None for all. resolution_m: side of the cells of maps. Raises
-    InvalidRecording, GridTooLarge."""
-    if overwrite and (folder / "metadata.yaml").is_file():
+    robots: names of those that are written; None for all. resolution_m: side of the cells of maps. overwrite: replace a
+    bag, but no folder with anything else in it. Raises InvalidRecording, GridTooLarge."""
+    if overwrite and _is_bag(folder):
         shutil.rmtree(folder)
     with _translating(folder), Writer(folder, version=_VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
         publisher = RosPublisher(_BagTopics(writer), recording.building, robots, "", frames, resolution_m)
         for changes in recording.changes():
             publisher.publish(changes)
+
+
+def _is_bag(folder: Path) -> bool:
+    """Whether a folder holds a bag and nothing else."""
+    if not (folder / _METADATA).is_file():
+        return False
+    return all(file.name == _METADATA or file.suffix in _BAG_SUFFIXES for file in folder.iterdir())
 
 
 def _qos(is_latched: bool) -> Qos:

@@ -30,6 +30,7 @@ from robocorba.decoding import decode_json
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.events import channel_store
 from robocorba.maps import store as map_store
+from robocorba.output_files import check_output
 from robocorba.simulation import store as simulation_store
 from robocorba.supervision.folder import StateFolder
 from robocorba.supervision.naming_data import DATA, EARLIER, intact_part
@@ -69,12 +70,12 @@ class BackupList(msgspec.Struct):
 def back_up(state: Path, file: Path, overwrite: bool = False) -> BackupList:
     """Write a backup of a state folder, whose system may run, and note in the folder where it is.
 
-    Raises ServiceError: nothing is there to copy, a database is damaged, the file exists or can't be written."""
+    Raises ServiceError: nothing is there to copy, a database is damaged, the file can't be written; OutputExists,
+    OutputIsInput."""
     os.umask(private_files.UMASK)
     file = file.absolute()
-    if file.exists() and not overwrite:
-        raise ServiceError(f"{file} exists; choose another name, or --force")
     names = list(_names_in(state))
+    check_output(file, [state / name for name in names], replace=overwrite)
     if not names:
         raise ServiceError(f"nothing to back up in {state}")
     new = file.with_name(file.name + ".new")

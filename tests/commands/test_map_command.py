@@ -136,9 +136,9 @@ def test_import_takes_what_unknown_cells_and_specks_of_ros_maps_are() -> None:
     assert [line for line in printed if "of grey 205" in line and "--unknown free" in line]
     assert [line for line in printed if "specks: 1 of at most 0.05 m beside walls" in line and "--specks keep" in line]
     assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 2
-    lines(robocorba_map("import", "map.yaml", "out.yaml", "--unknown", "free", "--specks", "keep"))
+    lines(robocorba_map("import", "map.yaml", "out.yaml", "--force", "--unknown", "free", "--specks", "keep"))
     assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 3
-    lines(robocorba_map("import", "map.yaml", "out.yaml", "--specks", "all"))
+    lines(robocorba_map("import", "map.yaml", "out.yaml", "--force", "--specks", "all"))
     assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 1
 
 

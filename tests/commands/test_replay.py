@@ -96,7 +96,7 @@ def test_a_video(recording: Path, tmp_path: Path, speed: str, pictures: int) -> 
         (("--floor", "L1", "--floor", "L2", "--video", "{}/b.mp4"), "--floor is 'L1, L2': a picture shows one floor"),
         (("--video", "{}/b.gif"), "{}/b.gif: a video's name ends with .mp4"),
         (("--video", "{}/no/b.mp4"), "{}/no/b.mp4: No such file or directory"),
-        (("--png", "{}/no/b.png"), "--png is '{}/no/b.png': No such file or directory"),
+        (("--png", "{}/no/b.png"), "{}/no/b.png: No such file or directory"),
         (("--png", "{}/b.png", "--width", "5"), "width: 5 is not"),
     ],
 )

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from robocorba.errors.files import OutputError
 from robocorba.errors.maps import MapFileError
 from robocorba.maps.formats import write_map
 from robocorba.maps.model import Building, Floor, FloorMap
@@ -63,14 +64,14 @@ def test_elevators_are_metadata_of_nodes_and_a_loss(tmp_path: Path) -> None:
 def test_a_floor_without_edges_has_no_file(tmp_path: Path) -> None:
     building = Building("b", {"G": FloorMap(Floor(name="G", level=0, elevation=0.0))})
     exported = write_map(building, tmp_path / "g.geojson", "nav2")
-    assert exported.files == ()
+    assert exported.files == {}
     assert exported.losses == ("floors without edges have no route graph, no file is written: G",)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("format", ["native", "openrmf", "ros", "nav2"])
 def test_a_folder_that_is_not_there_is_named(format: str, tmp_path: Path) -> None:
-    with pytest.raises(MapFileError, match="nowhere"):
+    with pytest.raises(OutputError, match="nowhere"):
         write_map(imported(small()).building, tmp_path / "nowhere" / "x.yaml", format)
 
 

@@ -64,4 +64,4 @@ def test_the_command_writes_the_file(tmp_path: Path) -> None:
     assert file.read_text() == urdf()
     failed = CliRunner().invoke(command(), ["robot-model", "urdf", str(tmp_path)])
     assert failed.exit_code == 1
-    assert "can't write" in failed.output
+    assert "Is a directory" in failed.output

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from robocorba.errors.files import OutputError
 from robocorba.errors.maps import MapFileError
 from robocorba.maps import native
 from robocorba.maps.model import Building, CircleShape, ElementKind, Floor, MapObject, PathEdge
@@ -113,7 +114,7 @@ def test_save_and_load(tmp_path: Path, building: Building) -> None:
     native.save(grid(3, 2), file)
     assert native.load(file) == grid(3, 2)
     assert [path.name for path in tmp_path.iterdir()] == ["house.yaml"]
-    with pytest.raises(MapFileError, match="No such file or directory"):
+    with pytest.raises(OutputError, match="No such file or directory"):
         native.save(building, tmp_path / "no" / "house.yaml")
     with pytest.raises(MapFileError, match="No such file or directory"):
         native.load(tmp_path / "none.yaml")

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from robocorba.damaged_files import LAST_BACKUP
+from robocorba.errors.files import OutputExists
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.events.channel_store import ChannelStore, Peer
@@ -82,7 +83,7 @@ def test_a_backup_restores_everything_and_keeps_the_former_state(state: Path, tm
     }
     assert restore(file, tmp_path / "elsewhere") is None
     check(tmp_path / "elsewhere")
-    with pytest.raises(ServiceError, match="exists"):
+    with pytest.raises(OutputExists, match="exists"):
         back_up(state, file)
     back_up(state, file, overwrite=True)
 

@@ -7,15 +7,15 @@ from pathlib import Path
 from robocorba.errors.maps import MapFileError
 from robocorba.maps import native
 from robocorba.maps.formats import nav2, openrmf, openrmf_export, ros_export, ros_floors, ros_map
-from robocorba.maps.formats.files import write_file
 from robocorba.maps.losses import Exported, Imported
 from robocorba.maps.model import Building
 from robocorba.maps.yaml_file import read_yaml
+from robocorba.output_files import write_outputs
 
-#: Formats that `write_map` writes.
+#: Formats that `export_map` makes.
 WRITTEN = ("native", "openrmf", "ros", "nav2")
 
-__all__ = ["WRITTEN", "Exported", "Imported", "read_map", "write_map"]
+__all__ = ["WRITTEN", "Exported", "Imported", "export_map", "read_map", "write_map"]
 
 
 def read_map(
@@ -55,21 +55,33 @@ def write_map(
     resolution_m: float = ros_export.DEFAULT_RESOLUTION_M,
     image: str = "pgm",
 ) -> Exported:
-    """Write a building in one of the formats WRITTEN. Returns the files, and a sentence for each kind of loss.
+    """Write the files of `export_map`, in place of those that exist. Raises MapFileError, OutputError."""
+    exported = export_map(building, path, format, resolution_m=resolution_m, image=image)
+    write_outputs(exported.files)
+    return exported
 
-    native and openrmf write `path`. ros writes a YAML file and a picture for each floor, nav2 a
+
+def export_map(
+    building: Building,
+    path: str | Path,
+    format: str,
+    *,
+    resolution_m: float = ros_export.DEFAULT_RESOLUTION_M,
+    image: str = "pgm",
+) -> Exported:
+    """A building in one of the formats WRITTEN, as files that are not written yet, with a sentence for each loss.
+
+    native and openrmf make one file, `path`. ros makes a YAML file and a picture for each floor, nav2 a
     GeoJSON file for each floor. With one floor the name is that of `path`, else its stem, `-` and
     the floor. `resolution_m` (side of a cell) and `image` (pgm or png) are for ros. Raises
-    MapFileError if a file can't be written."""
+    MapFileError for an impossible format, resolution or image."""
     if format == "native":
-        native.save(building, path)
-        return Exported((Path(path),))
+        return Exported({Path(path): native.dumps(building).encode()})
     if format == "openrmf":
         text, losses = openrmf_export.dumps(building)
-        write_file(Path(path), text.encode())
-        return Exported((Path(path),), losses)
+        return Exported({Path(path): text.encode()}, losses)
     if format == "ros":
-        return ros_export.write(building, path, resolution_m, image)
+        return ros_export.export(building, path, resolution_m, image)
     if format == "nav2":
-        return nav2.write(building, path)
+        return nav2.export(building, path)
     raise MapFileError(str(path), 0, "", f"{format!r} can't be written; formats: {', '.join(WRITTEN)}")

@@ -1,11 +1,10 @@
-"""File names for formats with one file per floor, and writing of files."""
+"""File names for formats with one file per floor."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-from robocorba.errors.maps import MapFileError
 from robocorba.maps.model import Building
 
 
@@ -25,11 +24,3 @@ def floor_paths(building: Building, path: str | Path, suffix: str) -> dict[str, 
             target = base.with_name(f"{stem}-{label}_{len(found) + 1}{suffix}")
         found[name] = target
     return found
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write a file. Raises MapFileError if that fails."""
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise MapFileError(str(path), 0, "", error.strerror or str(error)) from None

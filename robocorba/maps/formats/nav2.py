@@ -1,4 +1,4 @@
-"""Writes the route graph of nav2_route (GeoJSON): one file per floor, since a nav2 map frame has one floor."""
+"""Makes the route graph of nav2_route (GeoJSON): one file per floor, since a nav2 map frame has one floor."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from robocorba.maps.formats.files import floor_paths, write_file
+from robocorba.maps.formats.files import floor_paths
 from robocorba.maps.losses import Exported, Losses
 from robocorba.maps.model import Building, FloorMap, PathEdge, PathNode
 
@@ -17,12 +17,10 @@ from robocorba.maps.model import Building, FloorMap, PathEdge, PathNode
 FRAME = "map"
 
 
-def write(building: Building, path: str | Path) -> Exported:
-    """Write a graph for each floor with edges. Ids are unique across all graphs.
-
-    Raises MapFileError if a file can't be written."""
+def export(building: Building, path: str | Path) -> Exported:
+    """A graph for each floor with edges. Ids are unique across all graphs."""
     losses = Losses()
-    files: list[Path] = []
+    files: dict[Path, bytes] = {}
     ids = itertools.count()
     for floor, target in floor_paths(building, path, ".geojson").items():
         entry = building.floors[floor]
@@ -35,8 +33,7 @@ def write(building: Building, path: str | Path) -> Exported:
             "crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}},
             "features": list(_features(entry, ids)),
         }
-        write_file(target, (json.dumps(graph, indent=1, ensure_ascii=False) + "\n").encode())
-        files.append(target)
+        files[target] = (json.dumps(graph, indent=1, ensure_ascii=False) + "\n").encode()
         plan = entry.geometrical
         if plan.walls or plan.objects or plan.doors or plan.areas:
             losses.add("walls, objects, doors and areas are not part of a route graph: {names}", floor)
@@ -46,7 +43,7 @@ def write(building: Building, path: str | Path) -> Exported:
             "elevators: no edge connects floors; nodes in a cabin name the elevator in their metadata: {names}",
             f"{name} ({floors})",
         )
-    return Exported(tuple(files), losses.sentences())
+    return Exported(files, losses.sentences())
 
 
 def _features(entry: FloorMap, ids: Iterator[int]) -> Iterator[dict[str, Any]]:

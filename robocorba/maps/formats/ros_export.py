@@ -1,14 +1,15 @@
-"""Writes maps of the ROS map_server: a YAML file and a picture for each floor."""
+"""Makes maps of the ROS map_server: a YAML file and a picture for each floor."""
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from robocorba.errors.maps import GridTooLarge, MapFileError
-from robocorba.maps.formats.files import floor_paths, write_file
+from robocorba.maps.formats.files import floor_paths
 from robocorba.maps.formats.floor_grid import (
     DEFAULT_RESOLUTION_M,
     MAX_RESOLUTION_M,
@@ -24,33 +25,29 @@ from robocorba.maps.model import Building
 _SHADES = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 
 
-def write(
+def export(
     building: Building, path: str | Path, resolution_m: float = DEFAULT_RESOLUTION_M, image: str = "pgm"
 ) -> Exported:
-    """Write a YAML file and a picture (`image`: pgm or png) for each floor.
+    """A YAML file and a picture (`image`: pgm or png) for each floor.
 
-    `resolution_m` is the side of a cell. Raises MapFileError if the grid would be too large
-    or a file can't be written."""
+    `resolution_m` is the side of a cell. Raises MapFileError if the grid would be too large."""
     if not MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M:
         reason = f"expected metres per cell, from {MIN_RESOLUTION_M:g} to {MAX_RESOLUTION_M:g}"
         raise MapFileError(str(path), 0, "resolution", reason)
     if image not in ("pgm", "png"):
         raise MapFileError(str(path), 0, "image", f"{image!r} is not supported; pgm and png are")
     losses = Losses()
-    files: list[Path] = []
+    files: dict[Path, bytes] = {}
     for floor, target in floor_paths(building, path, ".yaml").items():
         canvas = _drawn(building, floor, resolution_m, target)
         shades = np.array([_SHADES[value] for value in (FREE, OCCUPIED, UNKNOWN)], np.uint8)[canvas.cells]
         picture = target.with_suffix(f".{image}")
-        try:
-            Image.fromarray(shades).save(picture, format="PPM" if image == "pgm" else "PNG")
-        except OSError as error:
-            raise MapFileError(str(picture), 0, "", error.strerror or str(error)) from None
-        write_file(target, _yaml(picture.name, canvas).encode())
-        files += [target, picture]
+        drawn = io.BytesIO()
+        Image.fromarray(shades).save(drawn, format="PPM" if image == "pgm" else "PNG")
+        files |= {target: _yaml(picture.name, canvas).encode(), picture: drawn.getvalue()}
         _report(building, floor, losses)
     losses.add(f"shapes are drawn in cells of {resolution_m:g} m; names and heights are not kept")
-    return Exported(tuple(files), losses.sentences())
+    return Exported(files, losses.sentences())
 
 
 def _drawn(building: Building, floor: str, resolution_m: float, target: Path) -> Canvas:
