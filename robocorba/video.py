@@ -38,6 +38,8 @@ class VideoFile:
         self.path, self.fps = path, fps
         self.size = (width + width % 2, height + height % 2)
         self.count = 0
+        #: The picture that `hold` appends; None before the first one.
+        self._shown: Image.Image | None = None
         try:
             self._container = av.open(str(path), "w", format="mp4")
             self._stream: VideoStream = self._container.add_stream("libx264", rate=fps, options=_OPTIONS)
@@ -57,6 +59,20 @@ class VideoFile:
             frame.pts = self.count
             self._write(frame)
             self.count += 1
+
+    def show(self, picture: bytes | Image.Image, at_s: float) -> None:
+        """Show a picture from `at_s` [s] after the video's beginning on; until then the one before it is shown.
+
+        Raises VideoError."""
+        image = self._fitted(picture)
+        self.hold(at_s)
+        self._shown = image
+
+    def hold(self, until_s: float) -> None:
+        """Go on showing the latest picture of `show` until this time [s], for one frame at least. Raises
+        VideoError."""
+        if self._shown:
+            self.add(self._shown, times=max(round(until_s * self.fps), 1) - self.count)
 
     def _fitted(self, picture: bytes | Image.Image) -> Image.Image:
         try:

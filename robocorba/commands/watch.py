@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -115,28 +116,40 @@ class Camera:
         return bytes(self._server.call(lambda server: server.renderFloor(self._floor, self._width_px)))
 
 
-def film(camera: Camera, file: Path, seconds: float, fps: int, stop: StopSignal) -> None:
-    """Film the running simulation; the video is playable however the recording ends.
+def film(
+    camera: Camera, file: Path, seconds: float, fps: int, stop: StopSignal, clock: Callable[[], float] = time.monotonic
+) -> None:
+    """Film the running simulation; the video is playable however the recording ends. While no picture arrives, the
+    video shows the one before. clock: monotonic [s].
 
     Raises UnknownFloor, InvalidPicture, VideoError, NotReachable."""
     from PIL import Image  # imported here, since it takes a second to load
 
     from robocorba.video import VideoFile
 
-    outage, max_pictures = Outage(), round(seconds * fps) or math.inf
+    outage, limit_s = Outage(), seconds or math.inf
     picture = camera.png(RESOLVE_TIMEOUT_S)
     video = VideoFile(file, *Image.open(io.BytesIO(picture)).size, fps)
+    began = clock()
+
+    def passed_s() -> float:
+        return min(clock() - began, limit_s)
+
     try:
         with video, progress(seconds) as bar:
-            for passed_s in stop.ticks(1 / fps, seconds):
-                try:
-                    picture, note = camera.png(), ""
-                    outage.note_answer()
-                except NotReachable as error:
-                    note = outage.note_failure(error)
-                due = min(round(passed_s * fps) + 1, max_pictures)
-                video.add(picture, times=int(due) - video.count)
-                bar(passed_s, note or f"{video.count} pictures")
+            video.show(picture, 0.0)
+            try:
+                for _ in stop.ticks(1 / fps, seconds):
+                    try:
+                        picture, note = camera.png(), ""
+                        outage.note_answer()
+                    except NotReachable as error:
+                        note = outage.note_failure(error)
+                    else:
+                        video.show(picture, passed_s())  # it may have arrived long after the tick
+                    bar(passed_s(), note or f"{video.count} pictures")
+            finally:
+                video.hold(passed_s())
     finally:
         width, height = video.size
         echo(f"wrote {file}: {video.count / fps:.1f} s, {video.count} pictures of {width} x {height}")

@@ -11,11 +11,14 @@ import os
 import signal
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 from rich.console import Console
 
 from robocorba.commands.simulation_tables import (
@@ -30,6 +33,7 @@ from robocorba.commands.simulation_tables import (
     show,
 )
 from robocorba.commands.waiting import Outage, StopSignal
+from robocorba.commands.watch import Camera, film
 from robocorba.errors.services import NotReachable
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
@@ -223,3 +227,62 @@ def test_an_outage_raises_after_its_limit() -> None:
     time.sleep(0.15)
     with pytest.raises(NotReachable, match="gone"):
         outage.note_failure(wrong)
+
+
+class FilmedFloor(Camera):
+    """A camera whose pictures show the time at which they were taken, as a grey. answers: when calls begin and when
+    they are answered [s]; None: the call fails then. It is the clock and the stop signal of the film too."""
+
+    def __init__(self, answers: list[tuple[float, float, bool]]) -> None:
+        self._answers = iter(answers)
+        self._next = (0.0, 0.0, True)
+        self.now = 100.0
+
+    def ticks(self, every_s: float, limit_s: float = 0.0) -> Iterator[float]:
+        for answer in self._answers:
+            self._next, self.now = answer, 100.0 + answer[0]
+            yield answer[0]
+        self.now = max(self.now, 100.0 + limit_s)
+
+    def png(self, resolve_timeout_s: float = 0.0) -> bytes:
+        _, at_s, is_answered = self._next
+        self.now = 100.0 + at_s
+        if not is_answered:
+            raise NotReachable("gone")
+        buffer = io.BytesIO()
+        Image.new("L", (64, 64), grey(at_s)).save(buffer, "PNG")
+        return buffer.getvalue()
+
+
+def grey(taken_s: float) -> int:
+    return 20 + round(6 * taken_s)
+
+
+def filmed(tmp_path: Path, answers: list[tuple[float, float, bool]], seconds: float) -> list[float]:
+    """When the picture of each frame was taken [s], of a film with 5 frames per second."""
+    floor, file = FilmedFloor(answers), tmp_path / "a.mp4"
+    with contextlib.suppress(NotReachable):
+        film(floor, file, seconds, 5, floor, lambda: floor.now)  # type: ignore[arg-type]
+    with av.open(str(file)) as container:
+        greys = [frame.to_ndarray(format="gray")[32, 32] for frame in container.decode(video=0)]
+    return [(float(value) - 20) / 6 for value in greys]
+
+
+def test_a_gap_of_a_film_shows_the_picture_before_it(tmp_path: Path) -> None:
+    steady = [(0.2 * n, 0.2 * n, True) for n in range(10)]
+    taken = filmed(tmp_path, [*steady, (2.0, 30.0, True), (30.2, 30.2, True)], 31.0)
+    assert len(taken) == 5 * 31
+    for frame, taken_s in enumerate(taken):
+        assert taken_s <= frame / 5 + 0.4, f"frame {frame} is from the future"
+    assert taken[5 * 29] == pytest.approx(1.8, abs=0.5)
+    assert taken[-1] == pytest.approx(30.2, abs=0.5)
+
+
+@pytest.mark.parametrize(("seconds", "frames"), [(0.0, 50), (20.0, 100)])
+def test_the_last_gap_of_a_film_is_in_it(tmp_path: Path, seconds: float, frames: int) -> None:
+    """The server dies after 2 s; the film goes on up to its end, or to the last call that failed."""
+    steady = [(0.2 * n, 0.2 * n, True) for n in range(11)]
+    outage = [(2.2 + 0.6 * n, 2.7 + 0.6 * n, False) for n in range(13)]
+    taken = filmed(tmp_path, [*steady, *outage], seconds)
+    assert len(taken) == frames
+    assert taken[-1] == pytest.approx(2.0, abs=0.5)
