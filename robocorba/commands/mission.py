@@ -17,7 +17,7 @@ from rich.table import Table
 
 from robocorba.commands.options import Json, Naming, connected
 from robocorba.commands.reporting import reporting
-from robocorba.commands.waiting import Outage, StopSignal, progress
+from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.errors.paths import InvalidRequest
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import NoLeader
@@ -29,9 +29,11 @@ if TYPE_CHECKING:
     from robocorba.corba.orb import Orb
     from robocorba.corba.remote.data_pool import RemotePool
     from robocorba.corba.remote.mission_control import RemoteMissionControl
+    from robocorba.corba.remote.omni_database import RemoteDatabase
     from robocorba.missions.subplan import StoredPlan
     from robocorba.programs.icons import Destination
     from robocorba.simulation.mission_record import MissionState
+    from robocorba.simulation.store import Mission
 
 #: Interval between queries of the leader [s].
 POLL_INTERVAL_S = 0.2
@@ -89,8 +91,11 @@ def list_missions(naming: Naming = None, as_json: Json = False) -> None:
 
     with connected("mission", naming) as orb:
         states = sorted(RemoteMissionControl(orb).missions_since(0), key=lambda state: state.content.begun)
+        records = _database(orb).missions() if as_json else {}
     if as_json:
-        echo(json.dumps([_as_json(state) for state in states], indent=1))
+        echo(
+            json.dumps([record_json(state, records[state.name]) for state in states if state.name in records], indent=1)
+        )
         return
     table = Table()
     for head in ("mission", "task", "leader", "began", "took", "phase", "result"):
@@ -118,8 +123,9 @@ def status(name: MissionName = "", leader: LeaderOption = "", naming: Naming = N
             return
         control = RemoteMissionControl(orb)
         state, leaders = control.mission(name), control.leaders(name)
-    if as_json:
-        echo(json.dumps(_as_json(state), indent=1))
+        record = _database(orb).mission(name) if as_json else None
+    if record:
+        echo(json.dumps(record_json(state, record), indent=1))
         return
     content = state.content
     phases = Table("phase", "from [s]", "duration [s]", "waited for", title_justify="left")
@@ -211,10 +217,19 @@ def _file_name(mission: str) -> str:
     return name if name.strip(".") else "mission"
 
 
-def _as_json(state: MissionState) -> dict[str, Any]:
+def _database(orb: Orb) -> RemoteDatabase:
+    from robocorba.corba.remote.omni_database import RemoteDatabase
+
+    return RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
+
+
+def record_json(state: MissionState, record: Mission) -> dict[str, Any]:
+    """What `--json` prints of a mission: name and version by mission control, and all members of its record."""
     import msgspec
 
-    content: dict[str, Any] = msgspec.to_builtins(state.content)
+    from robocorba.simulation.mission_record import MissionContent
+
+    content: dict[str, Any] = msgspec.to_builtins(MissionContent.decode(record.document))
     return {"name": state.name, "version": state.version, **content}
 
 

@@ -8,8 +8,6 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-import msgspec
-
 from robocorba.errors.base import RoboCorbaError
 from robocorba.repeating import Repeating
 from robocorba.simulation.mission_record import MissionState
@@ -130,7 +128,4 @@ class MissionFeed:
 
 
 def _row(state: MissionState) -> Row:
-    row: Row = msgspec.to_builtins(state.content)
-    for unseen in ("format", "leaders", "icon", "attempts", "faults", "plan", "report"):
-        del row[unseen]
-    return {"name": state.name, **row}
+    return {"name": state.name, **state.content.state_json()}

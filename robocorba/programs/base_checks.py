@@ -15,6 +15,8 @@ from robocorba.programs.icons import CooperativeIcon, Gripper, Icon, MbaseBy, Mb
 from robocorba.programs.report import CheckReport
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
+#: The icons that move the base.
+BaseIcon = MbasePath | MbaseTo | MbaseBy | MbaseVelocity
 #: Excess over the straight line above which a path goes around an obstacle [m].
 _DETOUR_M = 0.01
 #: A robot that touches an obstacle plans with a radius that is smaller by this [m], so that it can leave.

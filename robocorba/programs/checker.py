@@ -14,11 +14,12 @@ from robocorba.kinematics.tasks import POSTURES
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.programs.arm_checks import ArmChecks, KnownArms
-from robocorba.programs.base_checks import BaseChecks, KnownBase, Planner
-from robocorba.programs.hands import Kinematics
+from robocorba.programs.base_checks import BaseChecks, BaseIcon, KnownBase, Planner
+from robocorba.programs.hands import HandIcon, Kinematics
 from robocorba.programs.icons import (
     Branch,
     CloserThan,
+    CooperativeIcon,
     FartherThan,
     Gripper,
     Icon,
@@ -26,8 +27,11 @@ from robocorba.programs.icons import (
     MhandPose,
     Repeat,
     Result,
+    Say,
     StopIfCloser,
+    Wait,
     WaitUntil,
+    kind,
     range_m,
 )
 from robocorba.programs.program import Program, icons_with_paths
@@ -36,6 +40,8 @@ from robocorba.spatial.arrays import Floats
 
 #: Maximum number of icons that a check follows. Icons in a repeat count each time they are followed, at most twice.
 MAX_ICONS_CHECKED = 4000
+#: The icons whose effect on base and arms the check knows, beside those that contain others.
+FOLLOWED = BaseIcon | HandIcon | CooperativeIcon | Wait | WaitUntil | Say
 #: Number of findings after which a check ends.
 MAX_FINDINGS = 100
 
@@ -163,6 +169,8 @@ class _Interpreter:
             # It may stop anywhere; what its icons do not move is unchanged.
             done = self._icons(f"{path}.icons", icon.icons, state)
             return self._merged(state, done)._replace(if_done=done._replace(if_done=None))
+        if not isinstance(icon, FOLLOWED):
+            self._report.add_finding(path, "icon", f"unsupported icon type {kind(icon)}")
         return _KnownState(self._arms.after(path, icon, state.arms), self._base.after(path, icon, state.base))
 
     def _is_at_limit(self, path: str) -> bool:

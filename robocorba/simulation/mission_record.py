@@ -21,6 +21,8 @@ Seconds = Annotated[float, Meta(ge=0.0, le=1e12)]
 Count = Annotated[int, Meta(ge=0, le=2**31 - 1)]
 #: Maximum number of members, phases, leaders and faults; of the latter three the first ones are left out.
 MAX_MEMBERS, MAX_PHASES, MAX_LEADERS, MAX_FAULTS = 100, 1000, 20, 20
+#: Members of a record that the IDL's MissionState does not have: a state by mission control has their defaults.
+RECORD_ONLY = ("format", "leaders", "icon", "attempts", "faults", "plan", "report")
 #: Maximum length of the leader's part in a new mission's name [characters].
 MAX_LEADER = 150
 
@@ -101,6 +103,11 @@ class MissionContent(Struct, frozen=True, kw_only=True):
     def summary(self) -> MissionContent:
         """The same without what can be long: plan and report."""
         return msgspec.structs.replace(self, plan=None, report=None)
+
+    def state_json(self) -> dict[str, Any]:
+        """The members that a state by mission control has, for JSON."""
+        members: dict[str, Any] = msgspec.to_builtins(self)
+        return {name: value for name, value in members.items() if name not in RECORD_ONLY}
 
     @classmethod
     def decode(cls, document: bytes) -> MissionContent:

@@ -41,7 +41,7 @@ struct RobotScan {
 
 
 class RecordedMission(msgspec.Struct, frozen=True):
-    """The state of a mission, without plan and report."""
+    """The state of a mission by mission control; see MissionContent.state_json."""
 
     name: str
     content: MissionContent
@@ -107,7 +107,7 @@ def load_scan(data: bytes) -> RobotScan:
 
 
 def dump_mission(name: str, content: MissionContent) -> bytes:
-    return msgspec.json.encode(RecordedMission(name, content.summary))
+    return msgspec.json.encode({"name": name, "content": content.state_json()})
 
 
 def load_mission(data: bytes) -> RecordedMission:

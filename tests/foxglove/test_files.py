@@ -19,7 +19,7 @@ from robocorba.kinematics.smartpal import JOINTS
 from robocorba.maps.model import Building
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.mission_record import MissionContent, MissionResult, PhaseRecord
-from robocorba.simulation.recorded_entries import RecordedMission
+from robocorba.simulation.recorded_entries import RecordedMission, dump_mission
 from robocorba.simulation.recording import Recorder, Recording
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.spatial.floor_update import FloorUpdate
@@ -162,6 +162,7 @@ def test_a_recording_has_what_was_written(recording: Recording) -> None:
     assert seen._replace(distances=0, hits=0) == SCAN._replace(distances=0, hits=0)  # type: ignore[arg-type]
     assert (seen.distances.tolist(), seen.hits.tolist()) == (SCAN.distances.tolist(), SCAN.hits.tolist())
     assert begun == RecordedMission("m1", MISSION)
+    assert b'"attempts"' not in dump_mission("m1", MISSION)  # mission control's states don't have it
     assert isinstance(ended, RecordedMission) and ended.content.reason == "no way"
     assert recording.count == sum(isinstance(entry, FloorUpdate) for _, entry in recording.entries())
 

@@ -5,6 +5,7 @@ own. Each test waits for what it is about, in the order in which that happens.""
 
 from __future__ import annotations
 
+import json
 import math
 import subprocess
 from collections.abc import Iterator
@@ -384,4 +385,9 @@ def test_missions_that_ended_survive_a_kill_of_the_server(stories: Stories) -> N
     assert reports[done]["phases"][-1]["name"] == "backing off"
     # A user who has only the running system gets the report as a page, too.
     assert "wrote" in place.command("anybody", "report", done)
-    assert done in place.command("anybody", "list", "--json")
+    # Programs get all members of the records.
+    (listed,) = (each for each in json.loads(place.command("anybody", "list", "--json")) if each["name"] == done)
+    assert listed == json.loads(place.command("anybody", "status", done, "--json"))
+    assert listed["icon"]["icon"] == "move_table"
+    assert listed["attempts"] >= 1
+    assert listed["report"] == reports[done]

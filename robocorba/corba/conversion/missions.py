@@ -42,7 +42,7 @@ def mission_state(state: MissionState) -> Any:
 
 
 def mission_state_of(struct: Any) -> MissionState:
-    """Without the report."""
+    """The state; members of the record that are RECORD_ONLY have their defaults."""
     content = MissionContent(
         kind=struct.kind,
         about=struct.about,

@@ -78,6 +78,11 @@ class RemoteDatabase:
         record = self._database.call(lambda database: database.mission(name))
         return Mission(record.name, record.current, bytes(record.document))
 
+    def missions(self) -> dict[str, Mission]:
+        """All missions by name. Raises NotReachable."""
+        records = self._database.call(lambda database: database.missions())
+        return {each.name: Mission(each.name, each.current, bytes(each.document)) for each in records}
+
     def put_mission(self, mission: Mission) -> int:
         """Store a mission; return its new version. Raises InvalidMission, StaleMission, NotReachable."""
         record = RoboCorba.MissionRecord(mission.name, mission.version, mission.document)

@@ -1,0 +1,101 @@
+"""Every icon is known to all parts that have to know it: what runs, checks, builds and shows programs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+from unittest.mock import MagicMock
+
+import msgspec
+import pytest
+
+import robocorba
+from robocorba.control.robot import Robot
+from robocorba.control.runner import Runner
+from robocorba.kinematics.inverse import InverseKinematics
+from robocorba.kinematics.smartpal import JOINTS
+from robocorba.programs import icons
+from robocorba.programs.checker import check
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.programs.icons import ICONS, CooperativeIcon, Icon, bodies
+from robocorba.programs.program import Program, of_icon
+from robocorba.testing.fuzzing import examples
+
+UNSUPPORTED = "unsupported icon type"
+OWN = sorted(name for name, kind in ICONS.items() if kind not in icons.INSTALLED)
+EXAMPLES = {each["icon"]: each for each in (*examples.ICONS, *examples.MISSIONS) if each.get("then", True)}
+LOOKS = (Path(robocorba.__file__).parent / "console" / "static" / "icon_looks.js").read_text()
+MANUAL = (Path(__file__).parents[2] / "docs" / "programs.md").read_text()
+
+
+class Jump(type(icons.Wait(1.0)).__mro__[1], frozen=True):  # type: ignore[misc]
+    """An icon that nobody knows."""
+
+
+def example(name: str) -> Icon:
+    return msgspec.convert(EXAMPLES[name], ICONS[name])
+
+
+def block(name: str) -> str:
+    """The value of a constant of icon_looks.js."""
+    found = re.search(rf"^const {name} = [{{[]\n(.*?)^[}}\]];", LOOKS, re.DOTALL | re.MULTILINE)
+    assert found, f"icon_looks.js has no {name}"
+    return found[1]
+
+
+@pytest.mark.parametrize("name", OWN)
+class TestEveryIcon:
+    def test_has_an_example(self, name: str) -> None:
+        assert name in EXAMPLES, "testing/fuzzing/examples.py lacks it"
+
+    def test_is_run(self, name: str) -> None:
+        robot = MagicMock(spec=Robot)
+        robot.joints, robot.kinematics = [0.0] * len(JOINTS), InverseKinematics()
+        robot.sensors, robot.execution, robot.holds = MagicMock(), MagicMock(), MagicMock(return_value=True)
+        robot.sensors.nearest_m.return_value = 1.0
+        others = MagicMock()
+        report = Runner(Program(name="a", icons=(example(name),)), robot, others).run()
+        assert (report.result.name, report.reason) == ("DONE", "")
+        calls = robot.mock_calls + robot.sensors.mock_calls + others.mock_calls
+        assert [each for each in calls if "subscribe" not in each[0]], "it does nothing"
+
+    def test_is_checked(self, name: str) -> None:
+        report = check(Program(name="a", icons=(example(name),)))
+        assert not [finding for finding in report.findings if UNSUPPORTED in finding.reason]
+
+    def test_the_icons_inside_of_it_are_found(self, name: str) -> None:
+        lists = [key for key, value in EXAMPLES[name].items() if isinstance(value, list) and _are_icons(value)]
+        assert [parameter for parameter, _ in bodies(example(name))] == lists
+
+    def test_is_built_in_python(self, name: str) -> None:
+        assert callable(getattr(ProgramBuilder, name, None))
+
+    def test_has_a_picture_a_title_a_group_and_a_summary(self, name: str) -> None:
+        assert re.search(rf'^  {name}: \["\w+", "[^"]+"\],$', block("LOOKS"), re.MULTILINE)
+        assert f'"{name}"' in block("GROUPS")
+        assert re.search(rf"^  {name}: \(v\) =>", block("SUMMARIES"), re.MULTILINE)
+
+    def test_is_in_the_manual(self, name: str) -> None:
+        assert re.search(rf"^\| `{name}` \|.*\| \S.* \|$", MANUAL, re.MULTILINE)
+
+    def test_is_a_mission_if_and_only_if_it_is_cooperative(self, name: str) -> None:
+        if issubclass(ICONS[name], CooperativeIcon):
+            assert of_icon(msgspec.json.encode(example(name)).decode()).icons == (example(name),)
+        else:
+            assert name in {each["icon"] for each in examples.ICONS}
+
+
+@pytest.mark.parametrize("name", sorted(icons.CONDITIONS))
+def test_every_condition_has_words(name: str) -> None:
+    assert re.search(rf"^  {name}: \(c\) =>", block("CONDITIONS"), re.MULTILINE)
+
+
+@pytest.mark.parametrize("icon", [Jump(), icons.Repeat(2, (Jump(),))])
+def test_an_icon_that_nobody_knows_is_refused_before_it_runs(icon: Any) -> None:
+    (finding,) = check(Program(name="a", icons=(icon,))).findings
+    assert (finding.parameter, finding.reason) == ("icon", f"{UNSUPPORTED} jump")
+
+
+def _are_icons(value: list[Any]) -> bool:
+    return all(isinstance(each, dict) and "icon" in each for each in value)
