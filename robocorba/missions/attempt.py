@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from robocorba.errors.robots import MissionFailed
 from robocorba.errors.services import NotReachable
+from robocorba.missions.carry_progress import LeaderRhythm
 from robocorba.missions.clearing import Requests, requests_for
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.cooperative_planner import CarriedBody
@@ -106,6 +107,7 @@ class Attempt:
         #: See Order.
         self._received_states: dict[str, tuple[float, float]] = {}
         #: Of the present carry.
+        self._rhythm: LeaderRhythm | None = None
         self._way: WayAhead | None = None
 
     def subscriptions(self) -> list[tuple[type[Message], str]]:
@@ -143,10 +145,9 @@ class Attempt:
         self._way = self._watched_way(trajectory) if trajectory else None
         at = OWN_CLOCK.now() + self._policy.step_lead_s
         self._order = self._order_for(step, at)
-        if carry and is_begun:
-            self._order = replace(self._order, trajectory_s=self._trajectory_s(step), since=at)
-        elif carry:
-            self._order = replace(self._order, rate=1.0, since=at)
+        if trajectory:
+            begun = (self._trajectory_s(step), 0.0) if is_begun else (0.0, 1.0)
+            self._rhythm = LeaderRhythm(at, self._policy.rate_change_lead_s, trajectory.duration, *begun)
         phase = self._phases.begin(self.plan, self._phase_name(step), at, self.without)
         while not self._active <= phase.done.keys():
             self.publish_order()
@@ -164,14 +165,14 @@ class Attempt:
             if OWN_CLOCK.now() > at + limit_s + self._policy.step_grace_s:
                 late = sorted(self._active - phase.done.keys())
                 raise AttemptFailed(f"{phase.name}: {', '.join(late)} took longer than {limit_s:g} s")
-            if trajectory:
-                self._set_rate(min(self._carry_rate(), self._way_rate()), trajectory.duration)
+            if self._rhythm and self._rhythm.set_rate(min(self._carry_rate(), self._way_rate()), OWN_CLOCK.now()):
+                self._ordered_at = 0.0
             if (name := self._phase_name(step)) != phase.name:
                 phase.done.update(dict.fromkeys(self._active, OWN_CLOCK.now()))
                 phase = self._phases.begin(self.plan, name, OWN_CLOCK.now(), self.without)
 
     def _order_for(self, step: int, at: float) -> Order:
-        self._ordered_at = 0.0
+        self._ordered_at, self._rhythm = 0.0, None
         return Order(
             mission=self.plan.mission,
             leader=self._name,
@@ -202,10 +203,10 @@ class Attempt:
 
     def _way_rate(self) -> float:
         """The rate at which what is in the way lets the carry continue. Raises AttemptFailed if it stays there."""
-        way, order = self._way, self._order
-        if way is None:
+        way, rhythm = self._way, self._rhythm
+        if way is None or rhythm is None:
             return 1.0
-        rate = way.rate(order.trajectory_s + order.rate * max(0.0, OWN_CLOCK.now() - order.since))
+        rate = way.rate(rhythm.at(OWN_CLOCK.now()))
         if way.blocker and (way.waited_s > self._policy.way_timeout_s or way.staying):
             at = f" at ({way.blocker.x:.2f}, {way.blocker.y:.2f})" if way.blocker.x or way.blocker.y else ""
             why = f", and {way.staying}" if way.staying else ""
@@ -218,15 +219,6 @@ class Attempt:
         if self._silent(self._policy.carry_pause_timeout_s) or worst_m > self._policy.stop_error_m:
             return 0.0
         return 0.5 if worst_m > self._policy.slow_error_m else 1.0
-
-    def _set_rate(self, rate: float, duration_s: float) -> None:
-        """Continue the carry at this rate, from a time in the future that all members will know in advance."""
-        order = self._order
-        if rate == order.rate or OWN_CLOCK.now() < order.since:
-            return
-        since = OWN_CLOCK.now() + self._policy.rate_change_lead_s
-        trajectory_s = min(duration_s, order.trajectory_s + order.rate * (since - order.since))
-        self._order = replace(order, trajectory_s=trajectory_s, rate=rate, since=since)
 
     def _trajectory_s(self, step: int) -> float:
         """The trajectory time [s] at which the members stand in a step that has begun."""
@@ -363,7 +355,13 @@ class Attempt:
         now = time.monotonic()
         if now - self._ordered_at >= self._policy.order_interval_s:
             self._ordered_at = now
-            self._transport.publish(replace(self._order, received_states=dict(self._received_states)))
+            order, at = replace(self._order, received_states=dict(self._received_states)), OWN_CLOCK.now()
+            if self._rhythm is None:
+                self._transport.publish(order)
+                return
+            rhythm = self._rhythm.order(at)
+            if self._transport.publish(replace(order, **rhythm._asdict())):
+                self._rhythm.note_sent(rhythm, at)
 
 
 def _are_silent(names: Collection[str]) -> str:

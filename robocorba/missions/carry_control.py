@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections import deque
 from collections.abc import Callable
 
 from robocorba.errors.robots import MotionFailed
+from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.trajectory import ON_PATH, Trajectory
 from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.frames import into, out_of, turned
-from robocorba.spatial.pose import Pose2D
+from robocorba.spatial.pose import XY, Pose2D
 
 #: Proportional gain of the position controller [1/s].
 POSITION_GAIN = 4.0
@@ -26,69 +26,8 @@ MAX_ERROR_M = 0.25
 RETURN_SPEED_M_S, MAX_MOVED_M = 0.1, 0.8
 #: Control cycles recorded.
 MAX_TICKS = 20_000
-#: Without orders from the leader the body slows down from this time on [s] and stands after the other one [s]: orders
-#: are due every 0.1 s, so it stands 0.3 s after the first missing one. From 0.25 m/s that takes the base's 1 m/s^2.
-SLOWS_DOWN_AFTER_S, STANDS_AFTER_S = 0.15, 0.4
 #: A carrier whose state has been unknown for this time counts as standing where it was [s].
 UNKNOWN_AFTER_S = 0.2
-
-
-class CarryProgress:
-    """The carried body's trajectory time [s], extrapolated from the leader's orders: `trajectory_s` at `since`, and its
-    rate from then on. Times are by the leader's clock.
-
-    Thread-safe."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        #: (since, trajectory_s, rate) in force, and the next one.
-        self._now, self._next = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        #: When the leader sent its latest order.
-        self._last_sent = 0.0
-
-    def reset(self) -> None:
-        """Discard the orders of the previous trajectory."""
-        with self._lock:
-            self._now = self._next = (0.0, 0.0, 0.0)
-
-    def hold(self, trajectory_s: float) -> None:
-        """Stand at this trajectory time until the orders of a new leader, whose clock may differ."""
-        with self._lock:
-            self._now = self._next = (0.0, trajectory_s, 0.0)
-            self._last_sent = 0.0
-
-    def follow(self, since: float, trajectory_s: float, rate: float, sent: float) -> None:
-        """Take over an order that the leader sent at `sent`."""
-        with self._lock:
-            if since > self._next[0]:
-                stood_at = self._last_sent + STANDS_AFTER_S
-                if sent > stood_at:  # orders were lost, one of them perhaps to stop
-                    self._now = (stood_at, self._at(stood_at)[0], 0.0)
-                else:
-                    self._now = self._next
-                self._next = (since, trajectory_s, rate)
-            self._last_sent = max(self._last_sent, sent)
-
-    def at(self, now: float) -> tuple[float, float]:
-        """Trajectory time at `now` [s], and its rate, which falls to 0 without orders."""
-        with self._lock:
-            return self._at(now)
-
-    def _at(self, now: float) -> tuple[float, float]:
-        since, trajectory_s, rate = self._next if now >= self._next[0] else self._now
-        moved_until_s, share = _coasting(now - self._last_sent)
-        moved_since_s, _ = _coasting(since - self._last_sent)
-        return trajectory_s + rate * max(0.0, moved_until_s - moved_since_s), rate * share
-
-
-def _coasting(silent_s: float) -> tuple[float, float]:
-    """How far the trajectory time advances at full rate within `silent_s` of the last order [s], and the share of the
-    rate that is left then."""
-    if silent_s <= SLOWS_DOWN_AFTER_S:
-        return silent_s, 1.0
-    duration_s = STANDS_AFTER_S - SLOWS_DOWN_AFTER_S
-    left = max(0.0, (STANDS_AFTER_S - silent_s) / duration_s)
-    return SLOWS_DOWN_AFTER_S + duration_s * (1.0 - left * left) / 2.0, left
 
 
 class CarryMotion:
@@ -108,8 +47,8 @@ class CarryMotion:
     ) -> None:
         self._trajectory, self.place, self._progress, self._clock = trajectory, place, progress, clock
         self._slip_m = slip_m
-        #: The place at which the body's deviation was measured last; that deviation [m, m, rad]; and, by the leader's
-        #: clock, when the body begins to return and for how long [s].
+        #: The place at which the body's deviation was measured last; that deviation [m, m, rad]; and when the body
+        #: begins to return [s since the start of the motion, without pauses], and for how long [s].
         self._measured_at, self._deviation = place, ON_PATH
         self._returns_from, self._returns_for_s = 0.0, 0.0
         #: Position [m] in the last control cycle, its time by the leader's clock [s], infinite without one and at the
@@ -121,14 +60,13 @@ class CarryMotion:
 
     @property
     def error_m(self) -> float:
-        """Distance of the base from its place beside a body on its path [m]. While no state arrives the base stands and
-        the body moves on, until the leader has seen it."""
+        """Distance of the base from its place beside a body on its path, where the leader wants it [m]. While no state
+        or no order arrives the base stands and the body moves on, until the leader has seen it."""
         at, then, error_m = self._last
         now = self._clock.now()
         if now - then <= UNKNOWN_AFTER_S:
             return error_m
-        (x, y, _), _ = self._trajectory.carrier(self._progress.at(now)[0], self.place)
-        return math.dist(at, (x, y))
+        return self._off_order_m(at, now)
 
     def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         now = self._clock.now()
@@ -137,15 +75,15 @@ class CarryMotion:
         place = self.place
         (x, y, heading), _ = self._trajectory.carrier(trajectory_s, place)
         error_m = math.dist((x, y), (state.x, state.y))
-        self._last = ((state.x, state.y), now, error_m)
+        self._last = ((state.x, state.y), now, self._off_order_m((state.x, state.y), now))
         self.max_slip_m = max(self.max_slip_m, self._slip_m())
         is_turned = abs(math.remainder(heading - state.heading, math.tau)) > GOAL_RAD
         if trajectory_s >= self._trajectory.duration and error_m <= GOAL_M and not is_turned:
             self._last = ((state.x, state.y), math.inf, error_m)
             return None
         if place is not self._measured_at:
-            self._measure(place, state, trajectory_s, now)
-        (x, y, heading), (vx, vy, turn) = self._trajectory.carrier(trajectory_s, place, self._off_path(now))
+            self._measure(place, state, trajectory_s, elapsed_s)
+        (x, y, heading), (vx, vy, turn) = self._trajectory.carrier(trajectory_s, place, self._off_path(elapsed_s))
         dx, dy = x - state.x, y - state.y
         off_m = math.hypot(dx, dy)
         if off_m > MAX_ERROR_M:
@@ -154,7 +92,12 @@ class CarryMotion:
         turn = turn * rate + POSITION_GAIN * math.remainder(heading - state.heading, math.tau)
         return MotionCommand((*turned(vx, vy, -state.heading), turn))
 
-    def _measure(self, place: Pose2D, base: RobotState, trajectory_s: float, now: float) -> None:
+    def _off_order_m(self, at: XY, now: float) -> float:
+        """Distance of a base at `at` from its place by the latest order [m]."""
+        (x, y, _), _ = self._trajectory.carrier(self._progress.ordered_s(now), self.place)
+        return math.dist(at, (x, y))
+
+    def _measure(self, place: Pose2D, base: RobotState, trajectory_s: float, elapsed_s: float) -> None:
         """Find how far the body that is held at `place` is off its path. Raises MotionFailed."""
         facing = base.heading - place[2]
         x, y = out_of(*into(0.0, 0.0, place), (base.x, base.y, base.heading))
@@ -163,13 +106,13 @@ class CarryMotion:
         if moved_m > MAX_MOVED_M:
             raise MotionFailed(f"the object is {moved_m:.2f} m off its path; the limit is {MAX_MOVED_M} m")
         self._measured_at, self._deviation = place, (x - at_x, y - at_y, turned_rad)
-        self._returns_from = now
+        self._returns_from = elapsed_s
         self._returns_for_s = (moved_m + abs(turned_rad) * math.hypot(*place[:2])) / RETURN_SPEED_M_S
 
-    def _off_path(self, now: float) -> Pose2D:
-        """The deviation of the body from its path that is wanted at `now`."""
-        if now >= self._returns_from + self._returns_for_s:
+    def _off_path(self, elapsed_s: float) -> Pose2D:
+        """The deviation of the body from its path that is wanted at `elapsed_s` after the start of the motion."""
+        if elapsed_s >= self._returns_from + self._returns_for_s:
             return ON_PATH
-        left = 1.0 - max(0.0, now - self._returns_from) / self._returns_for_s
+        left = 1.0 - max(0.0, elapsed_s - self._returns_from) / self._returns_for_s
         x, y, turned_rad = self._deviation
         return left * x, left * y, left * turned_rad

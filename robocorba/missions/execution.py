@@ -19,7 +19,8 @@ from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, SHUT_RAD,
 from robocorba.kinematics.tasks import POSTURES, grip_table
 from robocorba.maps.polygons import FloorArea
 from robocorba.missions import subplan
-from robocorba.missions.carry_control import CarryMotion, CarryProgress
+from robocorba.missions.carry_control import CarryMotion
+from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.trajectory import Trajectory
 from robocorba.simulation.elevator import RidePhase

@@ -15,7 +15,7 @@ from robocorba.control.execution_control import Aborted
 from robocorba.control.robot import Robot
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
-from robocorba.missions.carry_control import CarryProgress
+from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import OWN_CLOCK, LeaderClock
 from robocorba.missions.execution import ObjectLocator, StepExecutor
 from robocorba.missions.messages import Assignment, MemberMeasurements, MemberState, Order
@@ -100,12 +100,15 @@ class Member:
             self._without = order.without
             self._executor.measure_place()
         self.is_orphaned = False
-        self._order_received_at = time.monotonic()
+        now = time.monotonic()
+        if now - self._order_received_at > self._policy.pause_timeout_s:  # it has waited, not worked on its step
+            self._late_at += now - self._order_received_at
+        self._order_received_at = now
         if self._subplan.robot in order.received_states:
             sent, leader_received_at = order.received_states[self._subplan.robot]
             self._clock.measure(sent, leader_received_at, order.sent, received_at)
         if order.step > max(self._order.step, self._step):
-            self._progress.reset()  # not when the step begins: its first orders arrive earlier
+            self._progress.hold()  # not when the step begins: its first orders arrive earlier
         self._progress.follow(order.since, order.trajectory_s, order.rate, order.sent)
         with self._changed:
             is_end = bool(order.end and not self._order.end)
@@ -124,7 +127,6 @@ class Member:
         with self._changed:
             self.leader, self.term = order.leader, order.term
             self._order = Order(mission=self.mission, leader=self.leader, term=self.term)
-            self._late_at += time.monotonic() - self._order_received_at
 
     def check_timeouts(self) -> None:
         """To be called periodically: check the leader's timeouts and the step's time limit."""

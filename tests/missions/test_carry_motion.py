@@ -14,8 +14,8 @@ from robocorba.missions.carry_control import (
     MAX_MOVED_M,
     RETURN_SPEED_M_S,
     CarryMotion,
-    CarryProgress,
 )
+from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.trajectory import Trajectory
 from robocorba.motion.motion import MotionCommand
@@ -47,7 +47,8 @@ class Carrier:
         self.middle_s = self.trajectory.duration / 2
         self.motion = CarryMotion(self.trajectory, PLACE, self.progress, self.clock, lambda: 0.0)
         (self.x, self.y, self.heading), _ = self.trajectory.carrier(self.middle_s, PLACE)
-        self.max_speed_m_s = 0.0
+        self.max_speed_m_s, self.began = 0.0, self.clock.time
+        self.progress.hold(self.middle_s)
         self.order(0.0)
 
     def order(self, rate: float) -> None:
@@ -72,7 +73,7 @@ class Carrier:
         for _ in range(cycles):
             self.progress.follow(since, self.middle_s, rate, self.clock.time)
             state = RobotState(self.clock.time, self.x, self.y, self.heading)
-            command = self.motion.command(state, self.clock.time - since)
+            command = self.motion.command(state, self.clock.time - self.began)
             if command is None:
                 return None
             ahead, left, turn = command[0]

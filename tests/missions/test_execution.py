@@ -10,7 +10,7 @@ import pytest
 from robocorba.control.robot import Robot
 from robocorba.errors.robots import ServerAway
 from robocorba.maps.model import BoxShape, MapObject
-from robocorba.missions.carry_control import CarryProgress
+from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.execution import ABORT_BACK_M, StepExecutor
 from robocorba.missions.subplan import BackOff, Carry, Reserve, Ride, TakeHold
