@@ -87,5 +87,12 @@ class Refused(EventError):
     """The client answered with an exception, or the event cannot be sent to it: a retry would fail too."""
 
 
+class InternalFault(EventError):
+    """A call failed by a defect of this program, which the log shows; the events of the call are discarded."""
+
+    def __init__(self, cause: Exception) -> None:
+        super().__init__(f"internal fault ({type(cause).__name__}: {str(cause)[:200]}), see the log")
+
+
 class ClientGone(EventError):
     """The client answered that it is disconnected or does not exist."""

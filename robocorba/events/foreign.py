@@ -8,6 +8,7 @@ plain events by their content.
 
 from __future__ import annotations
 
+import functools
 import logging
 import threading
 import time
@@ -15,7 +16,6 @@ from collections import deque
 from collections.abc import Callable, Hashable
 from typing import Protocol
 
-from robocorba.backoff import Backoff
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
@@ -32,10 +32,6 @@ from robocorba.events.subscription import ALL, SubscriptionMatch
 ECHO_S = 30.0
 #: Maximum number of pushed events that are remembered.
 MAX_ECHOES = 10_000
-#: Interval between checks that the foreign channel answers [s].
-CHECK_INTERVAL_S = 1.0
-#: Pauses between connection attempts.
-BACKOFF = Backoff(0.05, 1.0, jitter=0.5)
 
 _log = logging.getLogger(__name__)
 
@@ -51,6 +47,31 @@ class Echoes:
         self._pushed: deque[tuple[float, int, Hashable]] = deque()
         #: Numbers of the pushes of each content whose echo has not arrived yet, oldest first.
         self._awaited: dict[Hashable, deque[int]] = {}
+        #: When the foreign channel last pushed to us, and when the first push to it after that began, None before
+        #: [s, time.monotonic].
+        self._returned_at = time.monotonic()
+        self._silent_since: float | None = None
+
+    def note_push(self, began: float) -> None:
+        """The foreign channel has accepted an event whose push began at this time [s, time.monotonic]."""
+        with self._lock:
+            if self._silent_since is None and began > self._returned_at:  # else the echo has arrived already
+                self._silent_since = began
+
+    def note_return(self) -> None:
+        """The foreign channel has pushed an event to us."""
+        with self._lock:
+            self._returned_at, self._silent_since = time.monotonic(), None
+
+    def silent_s(self) -> float:
+        """How long the foreign channel has returned nothing although events were pushed to it [s]; 0 if it has."""
+        with self._lock:
+            return 0.0 if self._silent_since is None else time.monotonic() - self._silent_since
+
+    def reset_silence(self) -> None:
+        """A new connection: what was pushed by an earlier one returns no more."""
+        with self._lock:
+            self._silent_since = None
 
     def expect(self, content: Hashable) -> None:
         """Expect the echo of a content that is about to be pushed."""
@@ -91,6 +112,8 @@ class ForeignPort(Protocol):
 
     #: The proxy of the foreign channel to push to.
     consumer: ConsumerPort
+    #: HOST:PORT at which the foreign channel calls our consumer.
+    address: str
 
     def is_alive(self) -> bool:
         """Whether both connections work. Raises nothing."""
@@ -99,9 +122,26 @@ class ForeignPort(Protocol):
         """End both connections. Raises nothing."""
 
 
-#: Connects with the foreign channel. Each event that it pushes is passed to the function: a batch of one, and the
-#: content that identifies an echo, None if the event has an origin. Raises NotReachable.
-Attach = Callable[[Echoes, Callable[[EventBatch, Hashable], None]], ForeignPort]
+#: Connects with the foreign channel. Each event that it pushes is passed to the first function: a batch of one, and the
+#: content that identifies an echo, None if the event has an origin. The second one is called when the foreign channel
+#: disconnects our consumer. Raises NotReachable.
+Attach = Callable[[Echoes, Callable[[EventBatch, Hashable], None], Callable[[], None]], ForeignPort]
+
+
+class _Loss:
+    """Why one connection ended, once it has."""
+
+    def __init__(self) -> None:
+        self.reason = ""
+        self._known = threading.Event()
+
+    def report(self, reason: str) -> None:
+        """End the connection; the first reason counts."""
+        self.reason = self.reason or reason
+        self._known.set()
+
+    def wait(self, timeout_s: float) -> bool:
+        return self._known.wait(timeout_s)
 
 
 class ForeignLink:
@@ -127,12 +167,14 @@ class ForeignLink:
             self._consumer_lost,
             self.name,
         )
-        self._channel, self._attach = channel, attach
+        self._channel, self._attach, self._policy = channel, attach, policy
         self._echoes = Echoes()
         self._account = Account()
         self._port: ForeignPort | None = None
         self._ended = threading.Event()
-        self._lost = threading.Event()
+        self._loss = _Loss()
+        #: Whether it returned nothing of what was pushed to it, and has not pushed since.
+        self._is_silent = False
         self._thread = threading.Thread(target=self._maintain_link, name=f"foreign {self.name}", daemon=True)
 
     def start(self) -> None:
@@ -144,7 +186,7 @@ class ForeignLink:
     def end(self) -> None:
         """Disconnect from the foreign channel; queued events count as discarded."""
         self._ended.set()
-        self._lost.set()
+        self._loss.report("the link was removed")
         with self._channel.lock:
             self._channel.proxy_suppliers.pop(self.proxy.id, None)
             self.proxy.end()
@@ -158,6 +200,10 @@ class ForeignLink:
 
     def receive(self, batch: EventBatch, content: Hashable) -> None:
         """Publish an event from the foreign channel, unless it is an echo or a duplicate."""
+        self._echoes.note_return()
+        if self._is_silent:
+            self._is_silent = False
+            self._set_problem("")
         batch.via = self.name
         if batch.header.origin:
             claimed, duplicates, refused = self._channel.forward([batch])  # claimed: what this thread must deliver
@@ -176,33 +222,53 @@ class ForeignLink:
             self._channel.publish(batch, self._account)
         self.lag_s = max(0.0, time.time() - batch.times[-1])
 
+    def problem_of_delivery(self) -> str:
+        """Why events do not get to the foreign channel, empty while they do."""
+        return self.problem or self.proxy.problem
+
     def _consumer_lost(self, proxy: Proxy, reason: str) -> None:
         """The foreign proxy is gone: connect again."""
         with self._channel.lock:
             self.proxy.leave()
-        self._lost.set()
+        self._loss.report(reason)
 
     def _maintain_link(self) -> None:
-        failures = 0
+        policy, failures = self._policy, 0
         while not self._ended.is_set():
+            self._loss = loss = _Loss()
+            began = time.monotonic()
             try:
-                self._lost.clear()
-                self._port = port = self._attach(self._echoes, self.receive)
+                on_disconnected = functools.partial(loss.report, "it has disconnected our consumer")
+                port = self._attach(self._echoes, self.receive, on_disconnected)
             except NotReachable as error:
-                self._set_problem(str(error))
-                failures += 1
-                self._ended.wait(BACKOFF.pause_s(failures))
-                continue
-            failures = 0
-            with self._channel.lock:
-                self.proxy.connect(port.consumer)
-            self.connections += 1
+                loss.report(str(error))
+            else:
+                self._use(port, loss)
+            if self._ended.is_set():
+                return
+            self._set_problem(loss.reason)
+            failures = failures + 1 if time.monotonic() - began < policy.check_interval_s else 1
+            self._ended.wait(policy.foreign_backoff.pause_s(failures))
+
+    def _use(self, port: ForeignPort, loss: _Loss) -> None:
+        """Deliver to the foreign channel until the connection ends."""
+        self._port = port
+        self._echoes.reset_silence()
+        with self._channel.lock:
+            self.proxy.connect(port.consumer)
+        self.connections += 1
+        if not self._is_silent:  # else its next event shows that it can call us again
             self._set_problem("")
-            while not self._lost.wait(CHECK_INTERVAL_S) and port.is_alive():
-                pass
-            port.disconnect()
-            if not self._ended.is_set():
-                self._set_problem("it does not answer")
+        while not loss.wait(self._policy.check_interval_s):
+            if not port.is_alive():
+                loss.report("it does not answer")
+            elif self._echoes.silent_s() > self._policy.return_s:
+                self._is_silent = True
+                loss.report(f"it has returned no event for {self._policy.return_s:g} s: can it call {port.address}?")
+        with self._channel.lock:
+            if self.proxy.client is port.consumer:
+                self.proxy.leave()
+        port.disconnect()
 
     def _set_problem(self, problem: str) -> None:
         if problem != self.problem:

@@ -76,3 +76,10 @@ class LinkPolicy:
     backoff: Backoff = field(default=Backoff(0.05, 0.5, jitter=0.5))
     #: The same while the peer answers, but refuses.
     refused_backoff: Backoff = field(default=Backoff(0.05, 5.0, jitter=0.5))
+    #: Interval between checks that a foreign channel answers [s].
+    check_interval_s: float = 1.0
+    #: A foreign channel that returns nothing for this time after an event was pushed to it cannot call us [s].
+    return_s: float = 10.0
+    #: Pauses between attempts to connect with a foreign channel, and after a connection that lasted for less than
+    #: check_interval_s.
+    foreign_backoff: Backoff = field(default=Backoff(0.05, 1.0, jitter=0.5))

@@ -23,7 +23,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-from robocorba.errors.events import ClientGone, EventError, NotDelivered, Refused, Unconfirmed
+from robocorba.errors.events import ClientGone, EventError, InternalFault, NotDelivered, Refused, Unconfirmed
 from robocorba.events.call_limiter import CallLimiter
 from robocorba.events.clients import ConsumerPort
 from robocorba.events.event import EventBatch, merged
@@ -75,6 +75,8 @@ class ProxyPushSupplier(ProxySupplier):
         name: str = "",
     ) -> None:
         super().__init__(lock, id, subscription, policy, name)
+        #: Why the last call failed, empty after one that did not.
+        self.problem = ""
         self._on_client_lost = on_client_lost
         self._delivery = delivery
         #: Whether a thread is calling the client, or has claimed a batch for it.
@@ -95,6 +97,7 @@ class ProxyPushSupplier(ProxySupplier):
         self._give_up_repeating()
         super().connect(client)
         self.failures, self._mean_s, self._inline = 0, 0.0, 0
+        self.problem = ""
         self._wake()
 
     def leave(self) -> None:
@@ -227,12 +230,17 @@ class ProxyPushSupplier(ProxySupplier):
         except EventError as failure:
             self._note_failure(failure, client, items)
             return False
+        except Exception as error:  # a defect: neither the supplier whose thread this is nor the proxy may end by it
+            _log.exception("delivery by %s", self.id)
+            self._note_failure(InternalFault(error), client, items)
+            return False
         took = time.perf_counter() - began
         delivery = self._delivery
         with self._lock:
             self.account.delivered += self._in_flight
             self._busy, self._in_flight = False, 0
             self.failures = self._repeats = 0
+            self.problem = ""
             self._mean_s = 0.9 * self._mean_s + 0.1 * took if self._mean_s else took
             self._flood_until = time.perf_counter() + min(delivery.flood_gap * self._mean_s, delivery.max_flood_gap_s)
             if (
@@ -250,10 +258,10 @@ class ProxyPushSupplier(ProxySupplier):
     def _note_failure(self, failure: EventError, client: ConsumerPort | None, items: Sequence[QueueItem]) -> None:
         with self._lock:
             self._busy = False
-            if isinstance(failure, Refused):  # the client is alive
+            if isinstance(failure, Refused | InternalFault):  # another attempt would fail too
                 self.account.discarded += self._in_flight
-                self._in_flight = self._repeats = 0
-                _log.info("%s refused an event (%s)", self.id, failure)
+                self._unanswered, self._in_flight, self._repeats = (), 0, 0
+                _log.info("an event was not delivered by %s (%s)", self.id, failure)
             elif isinstance(failure, Unconfirmed) or self._repeats:
                 self._unanswered = items
                 self._repeats += isinstance(failure, Unconfirmed)
@@ -265,6 +273,7 @@ class ProxyPushSupplier(ProxySupplier):
                 self._requeue(items)
             if client is not None and client is self.client and not isinstance(failure, Refused):
                 self.failures += 1
+                self.problem = str(failure)
                 if self.condition is ProxyCondition.CONNECTED:
                     self.condition, self._inline = ProxyCondition.STALLED, 0
                     self._changed.notify()  # the thread may be waiting for work

@@ -29,7 +29,7 @@ LOCAL = {
     *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide", "GridTooLarge"),
     *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed"),
     *("GoalReached", "InTheWay", "MissionTakenOver"),
-    *("NotDelivered", "Unconfirmed", "Refused", "ClientGone", "RobotHeld"),
+    *("NotDelivered", "Unconfirmed", "Refused", "InternalFault", "ClientGone", "RobotHeld"),
 }
 
 

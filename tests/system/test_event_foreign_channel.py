@@ -13,7 +13,7 @@ from typing import Any
 import CosEventChannelAdmin
 import CosEventComm__POA
 import pytest
-from omniORB import CORBA
+from omniORB import CORBA, tcInternal
 
 from robocorba.corba.event_client import EventClient
 from robocorba.corba.orb import Orb
@@ -55,7 +55,10 @@ class Client:
         self._proxy.connect_push_supplier(None)
 
     def say(self, text: str) -> None:
-        self._proxy.push(CORBA.Any(CORBA.TC_string, text))
+        self.push(CORBA.Any(CORBA.TC_string, text))
+
+    def push(self, value: Any) -> None:
+        self._proxy.push(value)
 
     def got(self) -> list[Any]:
         return sorted(self._collector.got, key=str)
@@ -157,7 +160,7 @@ def test_a_foreign_channel_that_was_killed_is_joined_again(place: Place) -> None
     place.omnievents.wait()
     for round_ in range(3):
         lab.say(f"away {round_}")
-    eventually(lambda: any(link.condition != RoboCorba.UP for link in place.links("lab")), what="the end of the link")
+    eventually(lambda: all(link.condition != RoboCorba.UP for link in place.links("lab")), what="the end of the link")
     place.start_omnievents()
     eventually(place.is_linked, 60.0, what="the link again")
 
@@ -174,6 +177,24 @@ def test_a_foreign_channel_that_was_killed_is_joined_again(place: Place) -> None
     eventually(lambda: "after" in lab.got(), what="an event from the foreign channel")
     time.sleep(0.3)
     assert lab.got().count("after") == 1
+
+
+def test_an_event_that_is_refused_does_not_end_the_link(place: Place) -> None:
+    """omniEvents disconnects a consumer that refuses an event."""
+    eventually(place.is_linked, what="all links")
+    lab = Client(place.orb, place.channel("lab"))
+    foreign = Client(place.orb, place.orb.reference(place.foreign_uri, CosEventChannelAdmin.EventChannel))
+    descriptor = CORBA.TC_string._d
+    for _ in range(80):  # deeper than our end accepts
+        descriptor = (tcInternal.tv_sequence, descriptor, 0)
+    foreign.push(CORBA.Any(tcInternal.createTypeCode(descriptor), []))
+    eventually(lambda: place.links("lab")[0].reconnects == 1, what="another connection")
+    eventually(place.is_linked, what="all links")
+    foreign = Client(place.orb, place.orb.reference(place.foreign_uri, CosEventChannelAdmin.EventChannel))
+    foreign.say("after")
+    lab.say("back")
+    for client in (lab, foreign):
+        eventually(lambda client=client: {"after", "back"} <= set(client.got()), what="both events")
 
 
 def test_a_foreign_channel_can_be_added_and_removed(place: Place) -> None:

@@ -307,19 +307,20 @@ def _link_state(
 
 def foreign_states(link: ForeignLink) -> list[Any]:
     """The LinkStates of both directions of a link with a foreign channel."""
-    condition = RoboCorba.DOWN if link.problem else RoboCorba.UP
     everything = patterns([EVERYTHING])
 
-    def state(direction: Any, lag_s: float, repeated: int, totals: Totals) -> Any:
+    def state(direction: Any, problem: str, lag_s: float, repeated: int, totals: Totals) -> Any:
+        condition = RoboCorba.DOWN if problem else RoboCorba.UP
         reconnects = max(0, link.connections - 1)
         counts = lag_s, 0, 0, repeated, 0
         return RoboCorba.LinkState(
-            link.name, direction, condition, link.problem, reconnects, *counts, everything, account(totals)
+            link.name, direction, condition, problem, reconnects, *counts, everything, account(totals)
         )
 
+    outgoing = link.problem_of_delivery()
     return [
-        state(RoboCorba.INCOMING, link.lag_s, link.duplicates, link.received_totals()),
-        state(RoboCorba.OUTGOING, link.proxy.oldest_s(), 0, link.proxy.totals()),
+        state(RoboCorba.INCOMING, link.problem, link.lag_s, link.duplicates, link.received_totals()),
+        state(RoboCorba.OUTGOING, outgoing, link.proxy.oldest_s(), 0, link.proxy.totals()),
     ]
 
 

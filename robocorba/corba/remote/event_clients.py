@@ -56,7 +56,13 @@ class _RemoteClient:
     routes: by `identity_of`, references to clients that are called over the connections that they have opened."""
 
     def __init__(
-        self, orb: Orb, uri: str, interface: Any, disconnect_operation: str, routes: Mapping[Identity, Any] = _NO_ROUTES
+        self,
+        orb: Orb,
+        uri: str,
+        interface: Any,
+        disconnect_operation: str,
+        *,
+        routes: Mapping[Identity, Any] = _NO_ROUTES,
     ) -> None:
         self.reference, self._interface, self._routes, self._route = uri, interface, routes, None
         self.address, self._identity = address_of(uri), identity_of(uri)
@@ -91,10 +97,11 @@ class RemotePushConsumer(_RemoteClient):
         self,
         orb: Orb,
         uri: str,
+        *,
         routes: Mapping[Identity, Any] = _NO_ROUTES,
         interface: Any = CosEventComm.PushConsumer,
     ) -> None:
-        super().__init__(orb, uri, interface, "disconnect_push_consumer", routes)
+        super().__init__(orb, uri, interface, "disconnect_push_consumer", routes=routes)
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         self._set_limit(limit_s)
@@ -123,8 +130,8 @@ class RemoteEventConsumer(RemotePushConsumer):
 
     takes_batches = True
 
-    def __init__(self, orb: Orb, uri: str, routes: Mapping[Identity, Any] = _NO_ROUTES) -> None:
-        super().__init__(orb, uri, routes, RoboCorba.EventConsumer)
+    def __init__(self, orb: Orb, uri: str, *, routes: Mapping[Identity, Any] = _NO_ROUTES) -> None:
+        super().__init__(orb, uri, routes=routes, interface=RoboCorba.EventConsumer)
         self.is_idempotent = _type_id(uri) == _IDEMPOTENT_CONSUMER
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
@@ -190,7 +197,9 @@ class RemoteClients:
     def find(self, kind: str, reference: str) -> Any:
         if kind == ProxyKind.PUSH_SUPPLIER.value:
             takes_batches = _type_id(reference) in (_EVENT_CONSUMER, _IDEMPOTENT_CONSUMER)
-            return (RemoteEventConsumer if takes_batches else RemotePushConsumer)(self._orb, reference, self._routes)
+            return (RemoteEventConsumer if takes_batches else RemotePushConsumer)(
+                self._orb, reference, routes=self._routes
+            )
         makers = {
             ProxyKind.PUSH_CONSUMER.value: RemotePushSupplier,
             ProxyKind.PULL_CONSUMER.value: RemotePullSupplier,
@@ -209,7 +218,7 @@ class RemoteClients:
 
     def event_consumer(self, reference: Any) -> RemoteEventConsumer:
         """A consumer that takes batches."""
-        return RemoteEventConsumer(self._orb, self._orb.uri(reference), self._routes)
+        return RemoteEventConsumer(self._orb, self._orb.uri(reference), routes=self._routes)
 
 
 def _type_id(ior: str) -> str:

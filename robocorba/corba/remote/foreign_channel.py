@@ -4,6 +4,7 @@ only."""
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
@@ -15,7 +16,7 @@ from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
 from robocorba.corba.conversion.contents import content_of
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.event_clients import RemotePushConsumer, delivery_failure
+from robocorba.corba.remote.event_clients import RemotePushConsumer, address_of, delivery_failure
 from robocorba.errors.events import InvalidEvent, NotDelivered, Refused
 from robocorba.errors.services import NotReachable
 from robocorba.events.event import Encoding, EventBatch
@@ -35,10 +36,16 @@ class _ConsumerServant(CosEventComm__POA.PushConsumer):
     """The consumer that the foreign channel pushes to.
 
     receive: called with each event and the key that identifies its echo, None for an event with an origin, which is
-    recognised by origin and number. uri: stringifies object references."""
+    recognised by origin and number. on_disconnected: called when the foreign channel pushes no more, as omniEvents does
+    after an event that was refused. uri: stringifies object references."""
 
-    def __init__(self, receive: Callable[[EventBatch, Hashable], None], uri: Callable[[Any], str]) -> None:
-        self._receive, self._uri = receive, uri
+    def __init__(
+        self,
+        receive: Callable[[EventBatch, Hashable], None],
+        on_disconnected: Callable[[], None],
+        uri: Callable[[Any], str],
+    ) -> None:
+        self._receive, self._on_disconnected, self._uri = receive, on_disconnected, uri
 
     def push(self, value: Any) -> None:
         try:
@@ -49,14 +56,14 @@ class _ConsumerServant(CosEventComm__POA.PushConsumer):
         self._receive(batch, None if batch.header.origin else content_of(value, self._uri))
 
     def disconnect_push_consumer(self) -> None:
-        _log.info("a foreign channel has disconnected its consumer")
+        self._on_disconnected()
 
 
 class _ForeignProxyConsumer(RemotePushConsumer):
     """The proxy of a foreign channel to push to; the echo of each plain event is expected."""
 
     def __init__(self, orb: Orb, uri: str, echoes: Echoes) -> None:
-        super().__init__(orb, uri, CosEventChannelAdmin.ProxyPushConsumer)
+        super().__init__(orb, uri, interface=CosEventChannelAdmin.ProxyPushConsumer)
         self._orb, self._echoes = orb, echoes
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
@@ -69,8 +76,10 @@ class _ForeignProxyConsumer(RemotePushConsumer):
         content = content_of(value, self._orb.uri) if is_plain else None
         if is_plain:
             self._echoes.expect(content)
+        began = time.monotonic()
         try:
             self._remote.push(value)
+            self._echoes.note_push(began)
         except CORBA.Exception as error:
             failure = delivery_failure(error)
             if is_plain and isinstance(failure, NotDelivered | Refused):
@@ -79,13 +88,23 @@ class _ForeignProxyConsumer(RemotePushConsumer):
 
 
 class ForeignChannel:
-    """Both connections with the channel at `uri`. receive: as of _ConsumerServant. Raises NotReachable."""
+    """Both connections with the channel at `uri`. receive, on_disconnected: as of _ConsumerServant.
 
-    def __init__(self, orb: Orb, uri: str, echoes: Echoes, receive: Callable[[EventBatch, Hashable], None]) -> None:
+    Raises NotReachable."""
+
+    def __init__(
+        self,
+        orb: Orb,
+        uri: str,
+        echoes: Echoes,
+        receive: Callable[[EventBatch, Hashable], None],
+        on_disconnected: Callable[[], None],
+    ) -> None:
         self._orb = orb
         # A transient reference: a channel that remembers an earlier connection must not find a consumer there.
-        self._servant = _ConsumerServant(receive, orb.uri)
+        self._servant = _ConsumerServant(receive, on_disconnected, orb.uri)
         reference = orb.activate(self._servant)
+        self.address = address_of(orb.uri(reference))
         try:
             channel = self._limited(orb.reference(uri, CosEventChannelAdmin.EventChannel))
             proxy_consumer = self._limited(self._limited(channel.for_suppliers()).obtain_push_consumer())
