@@ -7,7 +7,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Where it is set, as in many containers, each process would compile all of RoboCorba anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint bench bench-events bench-simulation bench-robots pictures api ros2 stubs clean help
+.PHONY: demo test lint bench bench-events bench-simulation bench-robots bench-peers pictures api ros2 stubs clean help
 
 help:
 	@echo "make demo    run the paper's experiment: three robots carry a table; writes demo-output/report.html"
@@ -61,9 +61,13 @@ lint: stubs
 bench: stubs
 	@$(BIN)/python -m bench planning
 
+# The Python clients of the brokers that the benches compare.
+bench-peers: $(VENV)/.installed
+	@$(BIN)/python -m pip install --quiet --editable '.[dev,bench]'
+
 # The benches skip brokers that are not installed.
 $(VENV)/.peers: $(VENV)/.installed
-	-@$(BIN)/python -m pip install --quiet --editable '.[dev,bench]'
+	-@$(MAKE) --no-print-directory bench-peers
 	@touch $@
 
 bench-events: stubs $(VENV)/.peers
