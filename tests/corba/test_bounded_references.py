@@ -88,7 +88,11 @@ def parts(descriptor: Any) -> Iterator[Any]:
     if isinstance(descriptor, tuple) and descriptor[0] == tc.tv_struct and "Bounded" in descriptor[2]:
         return
     yield descriptor[0] if isinstance(descriptor, tuple) else descriptor
-    for part in bounded_any._parts(descriptor):
+    if not isinstance(descriptor, tuple):
+        return
+    inner: list[Any] = []
+    bounded_any._rebuilt(descriptor, inner.append)
+    for part in inner:
         yield from parts(part)
 
 

@@ -32,8 +32,8 @@ values.patch_omniorb()
 
 #: Maximum nesting depth of a value.
 MAX_DEPTH = 1000
-#: Types that are kept, with what they are read as.
-MAX_KEPT = 256
+#: Number of types that are kept, with what they are read as, and their largest size [bytes].
+MAX_KEPT, MAX_KEPT_BYTES = 256, 16 * 1024
 
 #: The kind of a reference to a type around, also as omniORBpy writes it.
 _INDIRECT = (tc.tv__indirect, 2**32 + tc.tv__indirect)
@@ -46,11 +46,9 @@ _COMPLEX = (
     *(tc.tv_objref, tc.tv_struct, tc.tv_union, tc.tv_enum, tc.tv_sequence, tc.tv_array, tc.tv_alias, tc.tv_except),
     *(tc.tv_value, tc.tv_value_box, tc.tv_abstract_interface, tc.tv_local_interface),
 )
-#: Kinds of values that omniORBpy must not read by itself.
-_CHECKED = (
-    *(tc.tv_any, tc.tv_TypeCode, tc.tv_objref, tc.tv_value, tc.tv_value_box),
-    *(tc.tv_abstract_interface, tc.tv_local_interface),
-)
+#: Kinds of which only nil is read, and all those that omniORBpy must not read by itself.
+_VALUES = (tc.tv_value, tc.tv_value_box, tc.tv_abstract_interface, tc.tv_local_interface)
+_CHECKED = (tc.tv_objref, *_VALUES)
 
 
 class _Depth(threading.local):
@@ -78,23 +76,23 @@ class _Accepted:
 
     __slots__ = ("depth", "reading", "typecode")
 
-    def __init__(self, descriptor: Any, depth: int) -> None:
-        self.typecode = tc.createTypeCode(descriptor)
-        self.reading, self.depth = _bounded(descriptor, {}, depth), depth
+    def __init__(self, descriptor: Any) -> None:
+        self.typecode, read = tc.createTypeCode(descriptor), _Reading(descriptor)
+        self.reading, self.depth = read.descriptor, read.depth
 
 
 def _accepted(kind: int, content: Any) -> _Accepted | None:
     """The type with this encoding; None for one that is refused."""
+    is_kept = not isinstance(content, bytes) or len(content) <= MAX_KEPT_BYTES
     try:
-        return _read(kind, content)
+        return _read(kind, content) if is_kept else _Accepted(_descriptor(kind, content))
     except Exception:  # an exception in the constructor of a value would not reach the caller as MARSHAL
         return None
 
 
-@functools.lru_cache(MAX_KEPT)  # keeps none that raises, so no large ones
+@functools.lru_cache(MAX_KEPT)  # keeps none that raises
 def _read(kind: int, content: Any) -> _Accepted:
-    descriptor = _descriptor(kind, content)
-    return _Accepted(descriptor, _depth_of(descriptor))
+    return _Accepted(_descriptor(kind, content))
 
 
 def _descriptor(kind: int, content: Any) -> Any:
@@ -110,88 +108,86 @@ def _descriptor(kind: int, content: Any) -> Any:
     return omniORB.cdrUnmarshal(CORBA.TC_TypeCode, encoded)._d
 
 
-def _parts(descriptor: Any) -> list[Any]:
-    """The descriptors in a descriptor, not those of types around it."""
-    if not isinstance(descriptor, tuple):
-        return []
+def _rebuilt(descriptor: Any, part: Callable[[Any], Any]) -> Any:
+    """A descriptor with each descriptor in it replaced. Indirections, references and valuetypes stay as they are."""
     kind = descriptor[0]
-    if kind == tc.tv_alias:
-        return [descriptor[3]]
-    if kind in (tc.tv_sequence, tc.tv_array):
-        return [descriptor[1]]
-    if kind in (tc.tv_struct, tc.tv_except):
-        return list(descriptor[5::2])
-    if kind == tc.tv_union:
-        return [part for _, _, part in descriptor[6]]
-    if kind == tc.tv_value:
-        return [descriptor[6], *descriptor[8::3]]
-    return [descriptor[4]] if kind == tc.tv_value_box else []
-
-
-def _depth_of(descriptor: Any) -> int:
-    """The nesting depth of a type."""
-    deepest, left = 0, [(descriptor, 1)]
-    while left:
-        each, depth = left.pop()
-        deepest = max(deepest, depth)
-        left += [(part, depth + 1) for part in _parts(each)]
-    return deepest
-
-
-def _bounded(descriptor: Any, known: dict[str, list[Any]], depth: int) -> Any:
-    """The descriptor by which values of a type are read. known: what the types around and before it are read as, by
-    repository id. depth: of the whole type."""
-    if descriptor == tc.tv_any:
-        return ANY
-    if descriptor == tc.tv_TypeCode:
-        return _TYPECODE
-    if not isinstance(descriptor, tuple):
-        return descriptor
-    kind = descriptor[0]
-    if kind == tc.tv_objref:
-        return reference_of(descriptor)
-
-    def part(each: Any) -> Any:
-        return _bounded(each, known, depth)
-
-    if kind in _INDIRECT:
-        target = descriptor[1][0]
-        return _gate(known[target if isinstance(target, str) else target[2]], depth)
     if kind == tc.tv_alias:
         return (*descriptor[:3], part(descriptor[3]))
     if kind in (tc.tv_sequence, tc.tv_array):
         return kind, part(descriptor[1]), descriptor[2]
-    if kind == tc.tv_value and accepts_valuetypes():
-        return descriptor
-    if kind in (tc.tv_value, tc.tv_value_box, tc.tv_abstract_interface, tc.tv_local_interface):
-        return _NO_VALUE
-    if kind not in (tc.tv_struct, tc.tv_except, tc.tv_union):
-        return descriptor
-    holder = known[descriptor[2]] = []
+    if kind in (tc.tv_struct, tc.tv_except):
+        members = list(descriptor)
+        members[5::2] = map(part, members[5::2])
+        return tuple(members)
     if kind == tc.tv_union:
-        cases = {id(case): (case[0], case[1], part(case[2])) for case in descriptor[6]}
-        default = descriptor[7] and (descriptor[7][0], descriptor[7][1], part(descriptor[7][2]))
-        by_label = {label: (case[0], case[1], part(case[2])) for label, case in descriptor[8].items()}
-        made: Any = (*descriptor[:6], tuple(cases.values()), default, by_label)
-    else:
-        members = list(descriptor[4:])
-        members[1::2] = map(part, members[1::2])
-        made = (*descriptor[:4], *members)
-    holder.append(made)
-    return made
+
+        def case(of: Any) -> Any:
+            return of and (*of[:2], part(of[2]))
+
+        cases, default, by_label = descriptor[6:]
+        return (
+            *(*descriptor[:6], tuple(map(case, cases)), case(default)),
+            {label: case(each) for label, each in by_label.items()},
+        )
+    return descriptor
 
 
-def _gate(holder: list[Any], depth: int) -> Any:
-    """Reads a value of a type within itself. holder: what this type is read as."""
+class _Reading:
+    """The descriptor by which values of a type are read, and the type's nesting depth."""
 
-    def enter() -> None:
-        chosen[0] = holder[0] if _depth.enter(depth) else REFUSED
+    #: Whether omniORBpy must not read its values by itself.
+    is_checked = False
 
-    def leave(entered: None, value: Any) -> Any:
-        _depth.leave(depth)
-        return value
+    def __init__(self, descriptor: Any) -> None:
+        #: What the types in it are read as, and how deep they are, by their identity; an empty list while it is made.
+        self._made: dict[int, list[tuple[Any, int]]] = {}
+        self.descriptor, self.depth = self._of(descriptor)
 
-    return struct_of(leave, "enter", struct_of(enter), "value", CHOSEN)
+    def _of(self, descriptor: Any) -> tuple[Any, int]:
+        while isinstance(descriptor, tuple) and descriptor[0] in _INDIRECT:
+            (target,) = descriptor[1]
+            descriptor = omniORB.typeMapping[target] if isinstance(target, str) else target
+        if not isinstance(descriptor, tuple):
+            self.is_checked |= descriptor in _READ_AS
+            return _READ_AS.get(descriptor, descriptor), 1
+        made = self._made.get(id(descriptor))
+        if made is None:
+            made = self._made[id(descriptor)] = []
+            made.append(self._make(descriptor))
+        return made[0] if made else (self._gate(self._made[id(descriptor)]), 1)
+
+    def _make(self, descriptor: Any) -> tuple[Any, int]:
+        kind = descriptor[0]
+        self.is_checked |= kind in _CHECKED
+        if kind == tc.tv_objref:
+            return reference_of(descriptor), 1
+        if kind == tc.tv_abstract_interface:
+            return _object_or_value(reference_of((tc.tv_objref, *descriptor[1:]))), 1
+        if kind in _VALUES:
+            return (descriptor if kind == tc.tv_value and accepts_valuetypes() else _NO_VALUE), 1
+        deepest = 0
+
+        def part(each: Any) -> Any:
+            nonlocal deepest
+            reading, depth = self._of(each)
+            deepest = max(deepest, depth)
+            return reading
+
+        return _rebuilt(descriptor, part), deepest + 1
+
+    def _gate(self, made: list[tuple[Any, int]]) -> Any:
+        """Reads a value of a type within itself. made: what this type is read as, once it is known."""
+
+        self.is_checked = True
+
+        def enter() -> None:
+            chosen[0] = made[0][0] if _depth.enter(self.depth) else REFUSED
+
+        def leave(entered: None, value: Any) -> Any:
+            _depth.leave(self.depth)
+            return value
+
+        return struct_of(leave, "enter", struct_of(enter), "value", CHOSEN)
 
 
 def _no_value(tag: int) -> None:
@@ -200,6 +196,33 @@ def _no_value(tag: int) -> None:
 
 
 _NO_VALUE = struct_of(lambda tag, nothing: None, "tag", struct_of(_no_value, "tag", tc.tv_ulong), "nothing", CHOSEN)
+
+
+def _object_or_value(reference: Any) -> Any:
+    """Reads what an abstract interface is here. reference: the descriptor by which references are read."""
+
+    def choose(is_object: bool) -> None:
+        chosen[0] = reference if is_object else _NO_VALUE
+
+    return struct_of(lambda kind, value: value, "kind", struct_of(choose, "is_object", tc.tv_boolean), "value", CHOSEN)
+
+
+# ---- wchar ----
+
+
+def _wchar_size(size: int) -> None:
+    """The size of a wide character [bytes]; as many octets are read next."""
+    chosen[0] = (tc.tv_array, tc.tv_octet, size) if size in (2, 4) else REFUSED
+
+
+def _wchar(size: None, octets: bytes) -> str:
+    """Big-endian, or after a byte order mark."""
+    text = octets.decode("utf-16" if len(octets) == 4 else "utf-16-be", "replace")
+    return text if len(text) == 1 and text < "\U00010000" else "\N{REPLACEMENT CHARACTER}"
+
+
+#: omniORBpy 4.3 reads the size only, and takes it for the character.
+_WCHAR = struct_of(_wchar, "size", struct_of(_wchar_size, "size", tc.tv_octet), "octets", CHOSEN)
 
 
 # ---- any and TypeCode ----
@@ -270,6 +293,9 @@ TC_ANY = BoundedTypeCode(ANY)
 
 _TYPECODE = struct_of(lambda found, nothing: found, "type", _encoded_type(_lone_type), "nothing", CHOSEN)
 
+#: What simple kinds are read as, where it is not what omniORBpy does by itself.
+_READ_AS = {tc.tv_any: ANY, tc.tv_TypeCode: _TYPECODE, tc.tv_wchar: _WCHAR}
+
 
 # ---- operations ----
 
@@ -300,9 +326,5 @@ def _with_bounded_answers(interface: Any, operation: str) -> Any:
 
 def bounded(descriptor: Any) -> Any:
     """The descriptor by which values of a type in a stub are read. Where there is nothing to check, it is the same."""
-    inner = [descriptor]
-    for each in inner:
-        if each in _CHECKED or (isinstance(each, tuple) and each[0] in _CHECKED):
-            return _bounded(descriptor, {}, _depth_of(descriptor))
-        inner += _parts(each)
-    return descriptor
+    read = _Reading(descriptor)
+    return read.descriptor if read.is_checked else descriptor

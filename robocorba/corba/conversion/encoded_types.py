@@ -7,8 +7,10 @@ from typing import NamedTuple
 
 from omniORB import tcInternal as tc
 
-#: Maximum size of an encoded type [bytes], and nesting depth.
-MAX_BYTES, MAX_DEPTH = 16 * 1024, 64
+#: Maximum size of an encoded type [bytes]: about 10,000 members, which take tens of milliseconds to read.
+MAX_BYTES = 256 * 1024
+#: Maximum nesting depth of an encoded type. omniORBpy ends the process at some 5,000.
+MAX_DEPTH = 64
 #: Maximum length of an array whose elements take no bytes.
 MAX_EMPTY = 1000
 
@@ -149,8 +151,8 @@ class _Reader:
         if not size:
             raise IllFormed(f"a discriminator of kind {discriminator.kind}")
         default, count = self._number("i"), self._count()
-        if default not in (-1, count - 1):  # omniORBpy crashes for another one than the last
-            raise IllFormed("the default case is not the last member")
+        if default != -1 and not 0 < default < count:  # omniORBpy crashes at others, also at the first one
+            raise IllFormed("the default case is the first one, or none of the cases")
         limit = discriminator.members if discriminator.kind == tc.tv_enum else 2**64
         labels: set[int] = set()
         for number in range(count):

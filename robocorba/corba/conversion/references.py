@@ -1,7 +1,9 @@
 """Reading an object reference of a caller: its type is checked before omniORBpy makes an object of it.
 
 omniORBpy keeps the type's repository id as a text of Python, and ends the process if it is not UTF-8. Here a reference
-is read as octets first. One whose type is no text, or ends before its end, is refused with MARSHAL.
+is read as octets first. One whose type is no text, or ends before its end, is refused with MARSHAL. omniORBpy also ends
+the process if it has no stubs of the interface that is expected, but has some of the one that the reference names:
+there a reference is read as one of CORBA::Object.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ _HEAD = b"\1\0\0\0" if struct.pack("=H", 1) == b"\1\0" else b"\0\0\0\0"
 def reference_of(descriptor: Any) -> Any:
     """The descriptor by which references are read. descriptor: the usual one, of the interface that is expected."""
     read = struct_of(
-        _reader(tc.createTypeCode(descriptor)),
+        _reader(descriptor),
         *("type", OCTETS),
         *("profiles", (tc.tv_sequence, struct_of(_profile, "tag", tc.tv_ulong, "content", OCTETS), 0)),
     )
@@ -57,13 +59,15 @@ def _profile(tag: int, content: bytes) -> tuple[int, bytes]:
     return tag, content
 
 
-def _reader(typecode: CORBA.TypeCode) -> Callable[[bytes, list[tuple[int, bytes]]], Any]:
+def _reader(descriptor: Any) -> Callable[[bytes, list[tuple[int, bytes]]], Any]:
     """A function that makes a reference of its type and profiles, and chooses NOTHING or REFUSED."""
+    expected = tc.createTypeCode(descriptor)
 
     def read(type: bytes, profiles: list[tuple[int, bytes]]) -> Any:
         reference = None
         try:
             _check_type(type)
+            typecode = expected if descriptor[1] in omniORB.objrefMapping else CORBA.TC_Object
             reference = omniORB.cdrUnmarshal(typecode, _encoded(type, profiles))
         except Exception:
             chosen[0] = REFUSED
