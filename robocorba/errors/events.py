@@ -15,6 +15,13 @@ class InvalidEvent(FieldError, EventError):
     """`field` of the event's header, or the payload, is invalid."""
 
 
+class EventTooLarge(InvalidEvent):
+    """The payload has `size` bytes, and at most `limit` are allowed."""
+
+    def __init__(self, size: int, limit: int) -> None:
+        super().__init__("payload", f"has {size} bytes; at most {limit} are allowed")
+
+
 class InvalidSubscription(EventError):
     """The subscription is invalid at the path `where`, such as [1].patterns[0].type."""
 

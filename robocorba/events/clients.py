@@ -41,7 +41,8 @@ class SupplierPort(ClientPort, Protocol):
     """A supplier that the channel polls."""
 
     def try_pull(self, limit_s: float) -> EventBatch | None:
-        """The supplier's next event, as a batch of one. Raises NotDelivered, Unconfirmed, Refused, ClientGone."""
+        """The supplier's next event, as a batch of one. Raises NotDelivered, Unconfirmed, Refused, ClientGone;
+        InvalidEvent for an event that the channel does not take."""
 
 
 class ClientFinder(Protocol):

@@ -12,7 +12,7 @@ from enum import IntEnum
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from robocorba.errors.events import InvalidEvent
+from robocorba.errors.events import EventTooLarge, InvalidEvent
 
 #: Maximum length of an event type and of a source [characters].
 MAX_NAME = 200
@@ -24,7 +24,7 @@ MAX_SECONDS = 1e11
 
 class Encoding(IntEnum):
     """Encoding of a payload. NATIVE: the unmodified `any` of a plain client (one that supports OMG's interfaces only),
-    which the channel does not read."""
+    which the channel does not read; its length is the number of bytes of its encoding."""
 
     MSGPACK = 0
     CDR_ANY = 1
@@ -103,10 +103,9 @@ class EventBatch:
 
     @property
     def size(self) -> int:
-        """Approximate size of header and payloads [bytes]; NATIVE payloads are not counted."""
-        header = self.header
-        known = sum(map(len, self.payloads)) if header.encoding is not Encoding.NATIVE else 0
-        return 64 + len(header.type) + len(header.source) + len(header.origin) + known + 12 * len(self.payloads)
+        """Approximate size of header and payloads [bytes]."""
+        header, payloads = self.header, sum(map(len, self.payloads))
+        return 64 + len(header.type) + len(header.source) + len(header.origin) + payloads + 12 * len(self.payloads)
 
     def part(self, start: int, stop: int | None = None) -> EventBatch:
         """The events with indices from `start` to before `stop`."""
@@ -162,10 +161,9 @@ def check(batch: EventBatch) -> None:
     for time in batch.times:
         if not -MAX_SECONDS <= time <= MAX_SECONDS:  # also refuses NaN
             raise InvalidEvent("time", "is not a number" if math.isnan(time) else f"{time} is out of range")
-    if batch.header.encoding is not Encoding.NATIVE:
-        for payload in batch.payloads:
-            if len(payload) > MAX_PAYLOAD_BYTES:
-                raise InvalidEvent("payload", f"has {len(payload)} bytes; at most {MAX_PAYLOAD_BYTES} are allowed")
+    for payload in batch.payloads:
+        if len(payload) > MAX_PAYLOAD_BYTES:
+            raise EventTooLarge(len(payload), MAX_PAYLOAD_BYTES)
 
 
 def merged(batches: Iterable[EventBatch]) -> list[EventBatch]:

@@ -18,7 +18,7 @@ from typing import NamedTuple, Protocol
 
 from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.events.account import Account, Totals
-from robocorba.events.event import Encoding, EventBatch, merged
+from robocorba.events.event import EventBatch, merged
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.queue import EventQueue, QueuePolicy
 from robocorba.events.subscription import SubscriptionMatch
@@ -322,9 +322,8 @@ def _pieces(batch: EventBatch) -> list[EventBatch]:
     """Split a batch into parts that fit into a packet; a single event that is larger is a part of its own."""
     pieces, start, size = [], 0, 0
     for index, payload in enumerate(batch.payloads):
-        known = len(payload) if batch.header.encoding is not Encoding.NATIVE else 0
-        if index > start and (index - start >= PACKET_EVENTS or size + known > PACKET_BYTES):
+        if index > start and (index - start >= PACKET_EVENTS or size + len(payload) > PACKET_BYTES):
             pieces.append(batch.part(start, index))
             start, size = index, 0
-        size += known
+        size += len(payload)
     return [*pieces, batch.part(start)]

@@ -128,6 +128,12 @@ class ProxyPullConsumer(ProxyConsumer):
                 pause = policy.intervals.pause_s(empty_polls)
                 if batch is not None:
                     self.push(batch)
+            except InvalidEvent as error:
+                self.failures, self.condition = 0, ProxyCondition.CONNECTED
+                with self._lock:
+                    self.account.received += 1
+                    self.account.discarded += 1
+                _log.warning("discarded an event of the supplier of %s (%s)", self.id, error)
             except ClientGone as error:
                 reason = str(error)
             except (Disconnected, ProxyGone):

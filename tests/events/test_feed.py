@@ -375,7 +375,7 @@ def test_unsendable_events_are_not_delivered_even_if_acknowledged_first(at: Sett
 
 
 def test_plain_values_count_as_events_in_a_large_batch(at: Setting) -> None:
-    batch = EventBatch(EventHeader("t", "s", "lab", encoding=Encoding.NATIVE), [1.0] * 2001, [object()] * 2001, 1)
+    batch = EventBatch(EventHeader("t", "s", "lab", encoding=Encoding.NATIVE), [1.0] * 2001, [b"any"] * 2001, 1)
     assert not at.accept(batch)
     at.join()
     at.renew(1)

@@ -8,7 +8,17 @@ import time
 import pytest
 
 from robocorba.backoff import Backoff
-from robocorba.errors.events import ClientGone, Disconnected, EventError, NotDelivered, ProxyGone, Refused, Unconfirmed
+from robocorba.errors.events import (
+    ClientGone,
+    Disconnected,
+    EventError,
+    EventTooLarge,
+    InvalidEvent,
+    NotDelivered,
+    ProxyGone,
+    Refused,
+    Unconfirmed,
+)
 from robocorba.events.account import Account
 from robocorba.events.event import EventBatch
 from robocorba.events.policies import PollingPolicy
@@ -122,3 +132,12 @@ def test_a_supplier_that_is_gone_is_disconnected_immediately(published: Publishe
     published.polled(supplier)
     eventually(lambda: published.reasons == ["gone"])
     assert (supplier.asked, published.payloads) == (1, [])
+
+
+def test_an_event_of_a_supplier_that_the_channel_does_not_take_is_counted(published: Published) -> None:
+    supplier = Supplier(EventTooLarge(9, 8), InvalidEvent("type", "is empty"), supplied("t", b"a"))
+    one = published.polled(supplier)
+    eventually(lambda: published.payloads == [b"a"])
+    assert (one.account.received, one.account.discarded) == (2, 2)  # the one published is counted by the channel
+    assert not published.reasons
+    one.end()

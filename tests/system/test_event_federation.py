@@ -378,20 +378,22 @@ def test_a_channel_ends_in_order_while_its_peer_hangs(at: Channels) -> None:
     eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")
 
 
-def test_an_event_that_no_link_can_carry_holds_up_nothing(at: Channels) -> None:
-    """A plain value may be larger than any event with a header; here it reaches its own channel's consumers only."""
+def test_an_event_that_no_link_can_carry_is_refused(at: Channels) -> None:
     at.shape("AB")
     consumer = Consumer(at.clients["B"], ("*",))
     assert consumer.subscription.wait_in_force("A")
     plain = at.channel("A").for_suppliers().obtain_push_consumer()
     plain.connect_push_supplier(None)
-    for text in ("before", "x" * (MAX_PAYLOAD_BYTES + 1), "after"):
+    large = "x" * (MAX_PAYLOAD_BYTES - 100)
+    for text in ("before", large, large, "after"):
         plain.push(CORBA.Any(CORBA.TC_string, text))
-    eventually(lambda: len(consumer.payloads("A", "string")) == 2, LIMIT_S, "the others")
-    assert consumer.payloads("A", "string") == ["before", "after"]
+    with pytest.raises(CORBA.IMP_LIMIT):
+        plain.push(CORBA.Any(CORBA.TC_string, large + large))
+    eventually(lambda: len(consumer.payloads("A", "string")) == 4, LIMIT_S, "all that were accepted")
+    assert consumer.payloads("A", "string") == ["before", large, large, "after"]
     eventually(lambda: at.outgoing("A", "B").events.queued == 0, LIMIT_S, "all acknowledged")
-    assert Counts.of(at.outgoing("A", "B").events) == Counts(3, 2, 0, 1, 0, 0)
-    assert Counts.of(at.incoming("B", "A").events) == Counts(2, 2, 0, 0, 0, 0)
+    assert Counts.of(at.outgoing("A", "B").events) == Counts(4, 4, 0, 0, 0, 0)
+    assert Counts.of(at.incoming("B", "A").events) == Counts(4, 4, 0, 0, 0, 0)
     plain.disconnect_push_consumer()
 
 

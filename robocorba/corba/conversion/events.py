@@ -26,7 +26,6 @@ from robocorba.events.channel import Channel
 from robocorba.events.channel_store import Peer
 from robocorba.events.event import (
     MAX_NAME,
-    MAX_PAYLOAD_BYTES,
     CorrelatedEvents,
     Encoding,
     EventBatch,
@@ -74,6 +73,23 @@ class _EventStruct(NamedTuple):
     payload: bytes
 
 
+class PlainPayload:
+    """The `any` of a plain client, and its encoding."""
+
+    __slots__ = ("encoded", "value")
+
+    def __init__(self, value: Any) -> None:
+        """Raises InvalidEvent for a value that omniORBpy has read, but could not send."""
+        self.value = value
+        try:
+            self.encoded: bytes = omniORB.cdrMarshal(_TC_ANY, value)
+        except (CORBA.SystemException, SystemError, TypeError, ValueError) as error:
+            raise InvalidEvent("payload", f"can't be sent by omniORBpy: {error}") from None
+
+    def __len__(self) -> int:
+        return len(self.encoded)
+
+
 class _EventRunStruct(NamedTuple):
     first: _HeaderStruct
     times: Sequence[float]
@@ -94,9 +110,9 @@ def batch_of_any(value: Any) -> EventBatch:
         type_name = _BASIC[typecode.kind()]
     if type_name == _EVENT_ID:
         return batch_of_event(value._v)
-    if isinstance(value._v, str) and "\0" in value._v:  # it could not be sent
-        raise InvalidEvent("payload", "is a text with NUL")
-    return EventBatch(_native_header(type_name), [0.0], [value])
+    batch = EventBatch(_native_header(type_name), [0.0], [PlainPayload(value)])
+    check(batch)
+    return batch
 
 
 @lru_cache(1024)
@@ -176,21 +192,9 @@ def event_run(batch: EventBatch) -> Any:
     return batch.cached
 
 
-def event_runs(batches: Iterable[EventBatch]) -> tuple[list[Any], list[EventBatch]]:
-    """An EventRunSeq for a peer, and the batches that cannot be sent: an `any` is too large or has no CDR encoding."""
-    structs, unsendable = [], []
-    for batch in batches:
-        try:
-            struct = event_run(batch)
-            if (
-                batch.header.encoding is Encoding.NATIVE
-                and max(map(len, struct.payloads), default=0) > MAX_PAYLOAD_BYTES
-            ):
-                raise InvalidEvent("payload", f"has more than {MAX_PAYLOAD_BYTES} bytes")
-            structs.append(struct)
-        except (CORBA.SystemException, InvalidEvent, TypeError, ValueError):
-            unsendable.append(batch)
-    return structs, unsendable
+def event_runs(batches: Iterable[EventBatch]) -> list[Any]:
+    """An EventRunSeq for a peer."""
+    return [event_run(batch) for batch in batches]
 
 
 def event(batch: EventBatch) -> Any:
@@ -202,11 +206,11 @@ def plain_event(batch: EventBatch) -> Any:
     """The first event of a batch for a plain consumer: its own `any` if there is one, else an `any` with an Event."""
     encoding = batch.header.encoding
     if encoding is Encoding.NATIVE:
-        return batch.payloads[0]
+        return batch.payloads[0].value
     if encoding is Encoding.CDR_ANY:
         try:
-            return omniORB.cdrUnmarshal(TC_ANY, batch.payloads[0])
-        except (CORBA.SystemException, SystemError):
+            return PlainPayload(omniORB.cdrUnmarshal(TC_ANY, batch.payloads[0])).value
+        except (CORBA.SystemException, SystemError, InvalidEvent):
             pass  # not a CDR encoded `any` after all; for some such data omniORBpy raises SystemError
     return CORBA.Any(RoboCorba._tc_Event, event(batch))
 
@@ -229,7 +233,7 @@ def _encoding(batch: EventBatch) -> Any:
 
 def _payloads(batch: EventBatch) -> Sequence[bytes]:
     if batch.header.encoding is Encoding.NATIVE:
-        return [omniORB.cdrMarshal(_TC_ANY, value) for value in batch.payloads]
+        return [payload.encoded for payload in batch.payloads]
     return batch.payloads
 
 
@@ -371,6 +375,7 @@ def peer_of(struct: Any) -> Peer:
     return Peer(struct.name, struct.address, foreign=bool(struct.foreign))
 
 
+register_with(errors.EventTooLarge, RoboCorba.InvalidEvent, lambda e: RoboCorba.InvalidEvent(e.field, e.reason))
 register(errors.InvalidEvent, RoboCorba.InvalidEvent, "field", "reason")
 register(errors.InvalidSubscription, RoboCorba.InvalidSubscription, "where", "reason")
 register(errors.InvalidQueue, RoboCorba.InvalidQueue, "field", "reason")

@@ -16,7 +16,7 @@ from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
 from robocorba.corba.conversion.bounded_any import invoke
 from robocorba.corba.orb import Orb
-from robocorba.errors.events import ClientGone, EventError, InvalidEvent, NotDelivered, OwnProxy, Refused, Unconfirmed
+from robocorba.errors.events import ClientGone, EventError, NotDelivered, OwnProxy, Refused, Unconfirmed
 from robocorba.events.event import CorrelatedEvents, EventBatch
 from robocorba.events.proxy import ProxyKind
 from robocorba.events.queue import QueueItem
@@ -157,11 +157,7 @@ class RemotePullSupplier(_RemoteClient):
             value, has_event = invoke(self._remote, CosEventComm.PullSupplier, "try_pull")
         except CORBA.Exception as error:
             raise delivery_failure(error) from None
-        try:
-            return events.batch_of_any(value) if has_event else None
-        except InvalidEvent as error:
-            _log.warning("%s supplied an invalid event (%s)", self.address, error)
-            return None
+        return events.batch_of_any(value) if has_event else None
 
 
 class RemotePushSupplier(_RemoteClient):

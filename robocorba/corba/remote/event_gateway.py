@@ -40,17 +40,16 @@ class RemoteGateway:
 
     def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
         set_call_timeout(self._remote, limit_s)
-        structs, unsendable = events.event_runs(batches)
         try:
             try:
-                self._remote.forward(session, position, structs)
+                self._remote.forward(session, position, events.event_runs(batches))
             except _PERMANENT_FAILURES as error:
                 _log.warning("a packet cannot be sent (%s)", describe(error))
                 self._remote.forward(session, position, [])
                 return batches
         except CORBA.SystemException as error:
             raise NotDelivered(describe(error)) from None
-        return unsendable
+        return []
 
 
 class RemoteFeed:

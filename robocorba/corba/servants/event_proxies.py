@@ -11,7 +11,7 @@ from omniORB import CORBA
 from robocorba.corba.conversion import events
 from robocorba.corba.conversion.errors import raise_idl, translating
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.events import InvalidEvent
+from robocorba.errors.events import EventTooLarge, InvalidEvent
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import ProxyKind
 from robocorba.events.proxy_consumer import ProxyConsumer
@@ -53,8 +53,9 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
     def push(self, value: Any) -> None:
         try:
             self._proxy.push(events.batch_of_any(value))
-        except InvalidEvent:  # the OMG interface has no exception for this
-            raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO) from None
+        except InvalidEvent as error:  # the OMG interface has no exception for this
+            reason = CORBA.IMP_LIMIT if isinstance(error, EventTooLarge) else CORBA.BAD_PARAM
+            raise reason(0, CORBA.COMPLETED_NO) from None
         except RoboCorbaError as error:
             raise_idl(error)
 
