@@ -25,7 +25,7 @@ from robocorba.stubs import RoboCorba
 
 #: Errors that end within their process: reported in a program's or mission's result, in the log or on stderr.
 LOCAL = {
-    *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed"),
+    *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed", "OutputExists", "OutputIsInput"),
     *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide", "GridTooLarge"),
     *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed"),
     *("GoalReached", "InTheWay", "MissionTakenOver"),
