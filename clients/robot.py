@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import secrets
 from collections.abc import Iterable, Sequence
@@ -30,6 +31,7 @@ from robocorba.corba.servants.data_pool import DataPoolServant
 from robocorba.data_pool.plans import Plans
 from robocorba.data_pool.start_places import start_places
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import PlaceTaken
 from robocorba.kernel_store import store
@@ -54,6 +56,8 @@ from robocorba.spatial.pose import XY
 
 #: Longest wait for the naming service before a robot says that it is ready [s]: it can do without its name.
 BINDING_LIMIT_S = 5.0
+
+_log = logging.getLogger(__name__)
 
 
 class Checker:
@@ -103,6 +107,16 @@ def progress_of(state: AgentState) -> RobotProgress:
         condition = AgentCondition.IDLE
     result = report.result.name.lower() if has_ended else ""
     return RobotProgress(condition.name.lower(), report.name, result, state.reason or report.reason)
+
+
+def run_unless_stopped(agent: ControlAgent) -> None:
+    """Run the loaded program. A robot whose name is held waits for its reset; somebody runs the program after that."""
+    try:
+        agent.run()
+    except IllegalOrder as error:
+        if not agent.stopped:
+            raise
+        _log.warning("its program is loaded and does not run: %s", error)
 
 
 def preload() -> None:
@@ -185,7 +199,7 @@ def run(arguments: Sequence[str] | None) -> None:
         others.start(agent, follower.pool)
         if wanted:
             agent.load(wanted)
-            agent.run()
+            run_unless_stopped(agent)
         orb.wait_until_bound(BINDING_LIMIT_S)
         print("ready", flush=True)
         if settings.prints_progress:

@@ -69,7 +69,7 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
     "SimulationServer": _rules(
         (EVERYBODY, "_get_release _get_state clients sensors renderFloor"),
         (ROBOTS, "registerRobot"),
-        (OPERATORS, "stopRobots"),
+        (OPERATORS, "stopRobots stopStates"),
         (SERVERS, "registerSensor reportSensor reportScans"),
     ),
     "VirtualSensor": _rules(

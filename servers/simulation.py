@@ -91,13 +91,16 @@ class SimulationServer:
     def __init__(self, orb: Orb, store: SimulationStore, remote_map: RemoteMap, settings: SimulationSettings) -> None:
         self._orb, self._store, self._map = orb, store, remote_map
         self._state, host, channel = settings.server.state, settings.server.endpoint.host, settings.channel
-        self.agent = ManagementAgent(remote_map.building, remote_map.version, store, self._publish, self._session_ended)
+        self.agent = ManagementAgent(
+            *(remote_map.building, remote_map.version, store),
+            *(self._publish, self._session_began, self._session_ended),
+        )
         self._announcer = Announcer(orb, channel, self.agent.database) if channel else None
         self._stops = EmergencyStops(
             self._state / STOPS,
             lambda: list(self.agent.sessions.values()),
             lambda: self.agent.loop.is_paused,
-            lambda target, reason: stop_at(orb, target, reason),
+            lambda target, reason, number: stop_at(orb, target, reason, number),
             self._announcer.announce_stop if self._announcer else lambda robots, reason: None,
         )
         self._sensors = RemoteSensors(self.agent.load_balance)
@@ -191,6 +194,9 @@ class SimulationServer:
             return self._sensors.find(client.name)
         finally:
             client.end_call()
+
+    def _session_began(self, session: Session) -> None:
+        self._stops.admit(session)
 
     def _session_ended(self, session: Session) -> None:
         if session.client.secret:

@@ -50,6 +50,7 @@ COMMON = {
     "robocorba.record_file",
     "robocorba.repeating",
     "robocorba.sqlite_files",
+    "robocorba.stop_latch",
 }
 #: What may know the ORB and the classes that omniidl made.
 ORB_LAYER = ("robocorba/corba/", "robocorba/commands/", "robocorba/supervision/", "robocorba/testing/")

@@ -12,6 +12,7 @@ from typing import Protocol, TypeVar
 from robocorba.collision_avoidance.neighbours import Nearby
 from robocorba.control import model_switcher
 from robocorba.control.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
+from robocorba.control.emergency_stop import EmergencyStop
 from robocorba.control.high_controller import HighController
 from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.robot import Robot
@@ -36,6 +37,7 @@ from robocorba.simulation.emergency_stops import StopAnswer
 from robocorba.simulation.registry import Pose
 from robocorba.spatial.arrays import Floats
 from robocorba.spatial.frames import into, turned
+from robocorba.stop_latch import EMERGENCY_STOP
 
 #: Gain with which the body in the building follows an actual robot [1/s].
 FOLLOW_GAIN = 5.0
@@ -52,6 +54,8 @@ BODY_BLOCKED_CYCLES = 25
 BODY_LOST_M = 1.0
 #: Interval between renewals of the lease [s], independent of commands.
 LEASE_RENEWAL_S = 0.5
+#: Timeout for the report of an emergency stop to the simulation server [s].
+REPORT_LIMIT_S = 1.0
 #: Timeout for the end of an aborted program [s].
 END_LIMIT_S = 5.0
 
@@ -107,6 +111,7 @@ class ControlAgent:
         self._thread: threading.Thread | None = None
         self._cap: float | None = None
         self._is_virtual = False
+        self._emergency = EmergencyStop(context.session)
         #: Distance of an actual robot's body above which it is blocked [m]; infinite after a start until it is known.
         #: The body brakes more gently than the robot, so it may begin some distance away.
         self._blocked_at_m = math.inf
@@ -120,6 +125,7 @@ class ControlAgent:
         """Log on, and start an adaptor. Raises UnknownAdaptor, AdaptorFailed, SimulationError, UnknownFloor."""
         with self._lock:
             self._lease.start()  # an actual robot may take longer to start than a lease lasts
+            self._emergency.start()
             self._start_adaptor(adaptor, argv)
 
     def close(self) -> None:
@@ -129,6 +135,7 @@ class ControlAgent:
             self._controller.close()
         self._join()
         self._lease.close()
+        self._emergency.close()
         self.session.log_off()
 
     def switch(self, adaptor: str, argv: Sequence[str]) -> None:
@@ -273,30 +280,42 @@ class ControlAgent:
 
     # ---- safety ----
 
-    def stop(self, reason: str = "emergency stop") -> None:
-        """Emergency stop, until `reset_stop`. It takes no lock of the agent, so it works while other calls hang."""
+    def stop(self, reason: str = EMERGENCY_STOP, number: int = 0) -> None:
+        """Emergency stop, until `reset_stop`, whatever happens to adaptor and session. number: of the simulation
+        server's stop, 0 for another one. It takes no lock of the agent, so it works while other calls hang."""
+        self._emergency.stop(reason, number)
         if (robot := self._robot) and self._is_running:
             robot.execution.abort(reason)
-        if controller := self._controller:
-            controller.emergency_stop(reason)
+        if controller := self._controller:  # one that is about to replace it stops its adaptor itself
+            controller.halt()
+
+    def stop_durably(self, reason: str = EMERGENCY_STOP) -> None:
+        """The same; returns when the stop outlives this process, or after REPORT_LIMIT_S."""
+        self.stop(reason)
+        if not self._emergency.wait_until_reported(REPORT_LIMIT_S):
+            _log.warning("stopped, but the simulation server does not know of it yet")
 
     def reset_stop(self) -> None:
-        """Restart a stopped robot. Raises IllegalOrder if it is not stopped; AdaptorFailed."""
+        """Restart a stopped robot: ends the stops until this call, and no later one. Raises IllegalOrder if it is not
+        stopped, or is stopped again meanwhile; AdaptorFailed."""
+        seen = self._emergency.latch.number
         with self._lock:
             self._refuse_while_running("restart")
             if self._controller is None:
                 raise IllegalOrder("restart", "was never started")
-            if self._controller.stopped:
-                self.session.reset_stop()
-            self._controller.reset_stop()
+            self._controller.reset_stop(seen, self._emergency.end)
+
+    @property
+    def stopped(self) -> str:
+        """Why the robot is stopped or lost, or empty."""
+        return self._emergency.latch.reason or (self._controller.stopped if self._controller else "")
 
     @property
     def stop_answer(self) -> StopAnswer:
         """Whether the robot is stopped, and whether its adaptor has confirmed that."""
         controller = self._controller
-        if controller is None:
-            return StopAnswer(True, True, "was never started")
-        return StopAnswer(bool(controller.stopped), controller.is_stop_confirmed, controller.stopped)
+        is_confirmed = controller is not None and controller.is_stop_confirmed
+        return StopAnswer(bool(self.stopped), is_confirmed, self.stopped)
 
     def cap_speed(self, speed: float) -> None:
         """Limit the base's speed [m/s]. Raises InvalidChoice."""
@@ -350,8 +369,8 @@ class ControlAgent:
         """The robot that tasks move. Raises IllegalOrder if none was started or it is stopped."""
         if self._controller is None or self._robot is None:
             raise IllegalOrder("move", "was never started")
-        if self._controller.stopped:
-            raise IllegalOrder("move", f"is stopped: {self._controller.stopped}")
+        if reason := self.stopped:
+            raise IllegalOrder("move", f"is stopped: {reason}")
         return self._robot
 
     def _condition(self, controller: HighController) -> AgentCondition:
@@ -375,6 +394,7 @@ class ControlAgent:
             rests=lambda: not self._is_running,
             on_stop=self._changed,
             on_held=self.stop,
+            stops=self._emergency.latch,
         )
         if self._cap is not None:
             controller.speed_cap = self._cap
@@ -422,6 +442,8 @@ class ControlAgent:
         self._thread.start()
         if controller := self._controller:
             controller.wake()
+        if (reason := self.stopped) and self._robot:  # the stop may have come before there was a task to abort
+            self._robot.execution.abort(reason)
         self._changed()
 
     @property
@@ -433,6 +455,7 @@ class ControlAgent:
         that is more than BODY_LOST_M away is logged on again at the robot's pose."""
         try:
             self.session.log_on()
+            self._emergency.attend()
             body = self.session.state().at
             self._blocked_at_m = math.inf
             if not self._is_virtual and self._controller:
@@ -440,6 +463,7 @@ class ControlAgent:
                 if math.hypot(robot.x - body.x, robot.y - body.y) > BODY_LOST_M:
                     self.session.log_off()
                     self.session.log_on(Pose(body.floor, robot.x, robot.y, robot.heading))
+                    self._emergency.attend()
                     self.session.state()
         except (SimulationError, UnknownFloor) as error:
             raise RobotLost(f"the simulation server refuses the robot: {error}") from None

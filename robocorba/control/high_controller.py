@@ -24,6 +24,7 @@ from robocorba.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState
 from robocorba.spatial.arrays import Floats
 from robocorba.spatial.frames import turned
 from robocorba.spatial.pose import Limits
+from robocorba.stop_latch import StopLatch
 
 #: Period of the control loop [s].
 TICK_S = 0.02
@@ -46,7 +47,7 @@ RETRY_S = 0.5
 #: Time without a tick after which the adaptor or this process counts as hanging [s]. The calls of one tick take less,
 #: unless the simulation server is held up for longer.
 HANG_LIMIT_S = 1.5
-#: Timeout of `close` for an adaptor that hangs [s].
+#: Timeout of `close` for an adaptor that hangs, and of `reset_stop` for a start of the adaptor that goes on [s].
 END_LIMIT_S = 5.0
 #: Number of ticks whose lateness is kept: those of ten seconds.
 JITTER_TICKS = 500
@@ -59,7 +60,12 @@ _log = logging.getLogger(__name__)
 
 class HighController:
     """limits: of the base. lower, upper (n,) [rad] and speed (n,) [rad/s]: limits of the joints. hang_limit_s: see
-    HANG_LIMIT_S. rests: whether nothing is under way for which the robot has to be read often. Thread-safe.
+    HANG_LIMIT_S. rests: whether nothing is under way for which the robot has to be read often. stops: the latch of the
+    robot's stops, which outlives this controller. Thread-safe.
+
+    Nothing moves while a stop holds, or while the robot is lost. These are two latches: a reset ends the stops that it
+    has seen, and a start of the adaptor ends the losses that were known when it began. What comes in between stops the
+    adaptor as soon as it has started.
 
     Callbacks: on_state after each read, may raise RobotLost; on_command after each write, with the state that was read
     before it; before_start before each start of the adaptor, may raise RobotError; on_stop after each change of
@@ -80,6 +86,7 @@ class HighController:
         rests: Callable[[], bool] = lambda: False,
         on_stop: Callable[[], None] = lambda: None,
         on_held: Callable[[str], None] | None = None,
+        stops: StopLatch | None = None,
     ) -> None:
         self._adaptor, self._limits, self._on_state, self._on_command = adaptor, limits, on_state, on_command
         self._before_start, self._hang_limit_s = before_start, hang_limit_s
@@ -87,7 +94,16 @@ class HighController:
         self._lower, self._upper, self._speed = lower, upper, speed
         self.speed_cap = min(SPEED_CAP, limits.speed)
         self.argv: Sequence[str] = ()
+        self._stops = stops or StopLatch()
+        #: A robot that was lost is restarted once it answers.
+        self._losses = StopLatch()
+        #: The numbers of the stops and losses for which the adaptor was stopped.
+        self._halted = (0, 0)
         self._lock = threading.Lock()
+        #: Held during all calls of the adaptor except `stop`.
+        self._adaptor_in_use = threading.Lock()
+        #: Whether the adaptor is being started: then no tick is due.
+        self._is_beginning = False
         self._motion: _RunningMotion | None = None
         #: Set to end an idle period, such as when a motion begins.
         self._woken = threading.Event()
@@ -102,12 +118,8 @@ class HighController:
         self._velocity: Velocity = ZERO_VELOCITY
         self._targets = np.zeros(len(lower))
         self.is_paused = False
-        #: Why the robot was stopped, or empty.
-        self.stopped = ""
         #: Whether the adaptor has confirmed that the robot behind it was stopped.
         self.is_stop_confirmed = False
-        #: Whether it was stopped because it was lost; then the controller restarts it once it answers.
-        self._is_lost = False
         #: The last state; replaced, never changed.
         self.state = RobotState(joints=self._targets)
         #: Lateness of the last ticks [s].
@@ -121,7 +133,8 @@ class HighController:
     def start(self, argv: Sequence[str]) -> None:
         """Start the adaptor and the control loop. Raises AdaptorFailed and what the adaptor's start raises."""
         self.argv = argv
-        self._begin()
+        with self._adaptor_in_use:
+            self._begin()
         self._thread = threading.Thread(target=self._run, name="high controller", daemon=True)
         self._thread.start()
 
@@ -143,8 +156,8 @@ class HighController:
         or gets stopped; RobotLost; and the error given to `cancel`."""
         running = _RunningMotion(motion, limit_s)
         with self._lock:
-            if self.stopped:
-                raise IllegalOrder("move", f"is stopped: {self.stopped}")
+            if reason := self.stopped:
+                raise IllegalOrder("move", f"is stopped: {reason}")
             if self._motion is not None:
                 raise IllegalOrder("move", "is moving")
             if self._closing.is_set():
@@ -159,38 +172,65 @@ class HighController:
         """End the running motion, if any, so that `move` raises `why`; the robot slows down and stops."""
         self._end_motion(why)
 
-    def emergency_stop(self, reason: str, is_lost: bool = False) -> None:
-        """Stop the robot as soon as possible, until `reset_stop`. is_lost: restart it once it answers again."""
-        with self._lock:
-            if self.stopped and not is_lost:
-                self._is_lost = False  # after an operator's stop only an operator restarts the robot
-                self.stopped = reason
-            is_first = not self.stopped
-            if is_first:
-                self.stopped, self._is_lost = reason, is_lost
-        self._stop_adaptor()
-        if is_first:
-            _log.warning("stopped: %s", reason)
-        self._on_stop()
-        self._end_motion(_stopped(reason, is_lost))
+    @property
+    def stopped(self) -> str:
+        """Why the robot is stopped or lost, or empty."""
+        return self._stops.reason or self._losses.reason
 
-    def reset_stop(self) -> None:
-        """Restart the robot. Raises IllegalOrder if it is not stopped, and as `start` does."""
+    @property
+    def is_lost(self) -> bool:
+        """Whether it is stopped only until it answers again."""
+        return self._losses.is_on and not self._stops.is_on
+
+    def emergency_stop(self, reason: str) -> None:
+        """Stop the robot as soon as possible, until `reset_stop`."""
+        self._stops.stop(reason)
+        self.halt()
+
+    def lose(self, reason: str) -> None:
+        """Stop the robot, which does not answer, until it answers again."""
+        self._losses.stop(reason)
+        self.halt()
+
+    def halt(self) -> None:
+        """Stop the adaptor after a stop or a loss. The control loop does so, too, if its latch was set elsewhere."""
+        former, self._halted = self._halted, self._numbers
+        reason, is_lost = self.stopped, self.is_lost
+        if reason and former != self._halted:
+            _log.warning("stopped: %s", reason)
+        self._stop_adaptor()
+        self._on_stop()
+        if reason:
+            self._end_motion(_stopped(reason, is_lost))
+
+    def reset_stop(self, seen: int | None = None, end: Callable[[int], None] | None = None) -> None:
+        """Restart the robot, and end the stops up to number `seen` of their latch, by default all until now. end: ends
+        them once the robot answers; what it raises leaves the robot stopped.
+
+        Raises IllegalOrder if it is not stopped, or is stopped again meanwhile; and as `start` does."""
+        seen = self._stops.number if seen is None else seen
         if not self.stopped:
             raise IllegalOrder("restart", "was not stopped")
-        if self._silent_s > self._hang_limit_s and not self._is_lost:
+        is_silent = self._silent_s > self._hang_limit_s and not self.is_lost
+        if is_silent or not self._adaptor_in_use.acquire(timeout=END_LIMIT_S):
             raise AdaptorFailed("the adaptor still hangs")
-        self._begin()
+        try:
+            self._begin(seen, end or self._stops.end)
+        finally:
+            self._adaptor_in_use.release()
+        if reason := self.stopped:
+            raise IllegalOrder("restart", f"was stopped again: {reason}")
 
     def check_alive(self) -> None:
         """Stop the robot if the control loop hangs; it restarts once the loop continues. Any thread may call this."""
-        if not self.stopped and not self._closing.is_set() and self._silent_s > self._hang_limit_s:
-            self.emergency_stop(f"the robot's adaptor or process hung for {self._silent_s:.1f} s", is_lost=True)
+        is_held = self._is_beginning or self._closing.is_set() or bool(self.stopped)
+        if not is_held and self._silent_s > self._hang_limit_s:
+            self.lose(f"the robot's adaptor or process hung for {self._silent_s:.1f} s")
 
     def check(self) -> None:
         """Raise IllegalOrder or RobotLost if the robot is stopped."""
         if reason := self.stopped:
-            raise _stopped(reason, self._is_lost)
+            raise _stopped(reason, self.is_lost)
 
     def wake(self) -> None:
         """Make the next tick now if the robot is idle."""
@@ -217,7 +257,33 @@ class HighController:
 
     # ---- the control loop ----
 
-    def _begin(self) -> None:
+    def _begin(self, seen: int = 0, end: Callable[[int], None] | None = None) -> None:
+        """Start the adaptor; end the losses until now, and by `end` the stops up to number `seen`. If anything still
+        holds the robot, the adaptor is stopped again. Requires `_adaptor_in_use`."""
+        losses, was_confirmed = self._losses.number, self.is_stop_confirmed
+        self._is_beginning, self.is_stop_confirmed = True, False
+        try:
+            if state := self._start_adaptor():
+                ahead, left, turn = state.velocity
+                self._velocity = *turned(ahead, left, state.heading), turn
+                self._targets = state.joints.copy()
+                self.state, self._read_at = state, time.monotonic()
+            if end:
+                end(seen)
+            self._losses.end(losses)
+        except BaseException:
+            if not self._stop_adaptor():
+                self.is_stop_confirmed |= was_confirmed
+            raise
+        finally:
+            self._ticked_at, self._is_beginning = time.monotonic(), False
+        if self.stopped or self._closing.is_set():
+            self._stop_adaptor()
+        self._woken.set()
+        self._on_stop()
+
+    def _start_adaptor(self) -> RobotState | None:
+        """Returns the state that it reads first; None if it was stopped before that."""
         self._before_start()
         state = RobotState()
         try:
@@ -228,17 +294,9 @@ class HighController:
         except Exception as error:  # a bug in an adaptor, which may be anybody's
             _log.exception("the adaptor failed to start")
             raise AdaptorFailed(f"{type(error).__name__}: {error}") from error
-        if not is_read:
+        if not is_read and not self._stops.is_on:
             raise AdaptorFailed("the adaptor has started but can't be read")
-        with self._lock:
-            ahead, left, turn = state.velocity
-            self._velocity = *turned(ahead, left, state.heading), turn
-            self._targets = state.joints.copy()
-            self.state = state
-            self._read_at = self._ticked_at = time.monotonic()
-            self.stopped, self._is_lost, self.is_stop_confirmed = "", False, False
-        self._woken.set()
-        self._on_stop()
+        return state if is_read else None
 
     def _run(self) -> None:
         use_realtime_scheduling()
@@ -259,14 +317,20 @@ class HighController:
                 self._ticked_at = time.monotonic()
                 self._tick()
                 self._ticked.set()
-                if self.stopped and self._is_lost:
+                if self.is_lost:
                     self._reconnect()
                     due = time.monotonic()
         finally:
             self._end_motion(IllegalOrder("continue", "is switched off"))
 
     def _tick(self) -> None:
+        with self._adaptor_in_use:
+            self._use_adaptor()
+
+    def _use_adaptor(self) -> None:
         if self.stopped:
+            if self._halted != self._numbers:
+                self.halt()
             return
         state = RobotState()
         try:
@@ -279,15 +343,18 @@ class HighController:
             self._on_command(state, command)
         except RobotHeld as error:
             self._on_held(str(error))
+        except RobotLost as error:
+            if not self.stopped:  # a stop makes the adaptor's calls fail, and has set its own reason
+                self.lose(str(error))
         except AdaptorFailed as error:
-            self._fail(str(error), isinstance(error, RobotLost))
+            self._fail(str(error))
         except Exception as error:  # a bug in an adaptor must not leave the robot driving
             _log.exception("the adaptor failed")
             self._fail(f"{type(error).__name__}: {error}")
 
-    def _fail(self, reason: str, is_lost: bool = False) -> None:
-        if not self.stopped:  # a stop makes the adaptor's calls fail, and has set its own reason
-            self.emergency_stop(reason, is_lost)
+    def _fail(self, reason: str) -> None:
+        if not self.stopped:  # as above
+            self.emergency_stop(reason)
 
     def _wait_if_idle(self) -> bool:
         """If the robot is idle, wait for the rest of its longer tick or until it is woken; returns whether it was."""
@@ -295,7 +362,7 @@ class HighController:
         now = time.monotonic()
         if self._motion or any(self._velocity) or not self._adaptor.is_in_building:
             self._moved_at = now
-        is_stopped = self.stopped and not self._is_lost  # ticks have no effect
+        is_stopped = self._stops.is_on  # ticks have no effect
         if self._closing.is_set() or (now - self._moved_at < IDLE_AFTER_S and not is_stopped):
             return False
         is_moved = max(map(abs, self.state.velocity)) > MOVED_SPEED
@@ -306,23 +373,31 @@ class HighController:
         return True
 
     @property
+    def _numbers(self) -> tuple[int, int]:
+        return self._stops.number, self._losses.number
+
+    @property
     def _silent_s(self) -> float:
         return time.monotonic() - self._ticked_at
 
-    def _stop_adaptor(self) -> None:
+    def _stop_adaptor(self) -> bool:
+        """Returns whether it had to be stopped; else it was stopped before, or is being stopped."""
         try:
-            if self._adaptor.stop():  # else it was stopped before, or is being stopped
-                self.is_stop_confirmed = True
+            if not self._adaptor.stop():
+                return False
+            self.is_stop_confirmed = True
         except RobotError as error:
             self.is_stop_confirmed = False
             _log.warning("the robot did not confirm the stop: %s", error)
+        return True
 
     def _reconnect(self) -> None:
         self._closing.wait(RETRY_S)
-        if self._closing.is_set() or not self._is_lost:
+        if self._closing.is_set() or not self.is_lost:
             return
         try:
-            self._begin()
+            with self._adaptor_in_use:
+                self._begin()
             _log.info("reconnected to the robot")
         except RobotError as error:
             _log.info("the robot is still lost, next attempt in %g s: %s", RETRY_S, error)

@@ -11,6 +11,7 @@ from robocorba.maps.polygons import FloorArea
 from robocorba.motion.robot_state import Velocity
 from robocorba.sensing.scan import Mount, ScanSpec
 from robocorba.simulation.elevator import RideStatus
+from robocorba.simulation.emergency_stops import StopHold
 from robocorba.simulation.registry import Pose
 from robocorba.simulation.reservations import Reservation
 from robocorba.spatial.arrays import Floats
@@ -56,8 +57,15 @@ class BuildingSession(Protocol):
     def announce_body(self, is_robot: bool) -> None:
         """Tell the server whether the robot is its body in the building, or the body follows an actual robot."""
 
-    def reset_stop(self) -> None:
-        """End an emergency stop at the server, if there is one."""
+    def hold(self) -> StopHold:
+        """The emergency stop by which the server holds the robot's name."""
+
+    def report_stop(self, reason: str) -> tuple[bool, StopHold]:
+        """Let the server hold the robot's name, unless something does already. Returns whether that is a new stop, and
+        what holds it."""
+
+    def end_stops(self, number: int) -> StopHold:
+        """End the server's stops up to a number; returns what holds the robot still."""
 
     def brake(self) -> None:
         """Stop as hard as the wheels hold."""

@@ -48,7 +48,8 @@ class ManagementAgent:
     """The paper's communication management agent: it owns the simulated building, its time, the robots' sessions and
     their records. It is restored from `store`, or started from the map if there is no record.
 
-    publish: called with each event in the simulation thread; must not block. session_ended: called with each ended
+    publish: called with each event in the simulation thread; must not block. session_began: called in that thread
+    with each new session before its robot can use it, but not with restored ones. session_ended: called with each ended
     session. After `start`, everything is thread-safe except `step`. Leases run from `begin_leases` on."""
 
     def __init__(
@@ -57,9 +58,11 @@ class ManagementAgent:
         map_version: int,
         store: SimulationStore,
         publish: Callable[[SimulationEvent], None] = lambda event: None,
+        session_began: Callable[[Session], None] = lambda session: None,
         session_ended: Callable[[Session], None] = lambda session: None,
     ) -> None:
-        self._store, self._publish, self._session_ended = store, publish, session_ended
+        self._store, self._publish = store, publish
+        self._session_began, self._session_ended = session_began, session_ended
         settings = store.settings() or AdministratorSettings(DEFAULT_LIMIT)
         self._lease_time = AttendedTime()
         self.registry = Registry(settings.limit, self._lease_time)
@@ -296,7 +299,9 @@ class ManagementAgent:
         self.registry.check(description)
         self.simulated.add(description)
         self.simulated.refresh()
-        return self._open_session(self.registry.register(description))
+        session = self._open_session(self.registry.register(description))
+        self._session_began(session)
+        return session
 
     def _open_session(self, client: RobotClient) -> Session:
         robot = self.simulated.occupants.robots[client.name]

@@ -20,6 +20,11 @@ LEASE_S = 2.0
 MAX_NAME = 60
 
 
+def is_valid_name(name: str) -> bool:
+    """Whether a robot may log on by this name."""
+    return re.fullmatch(rf"[A-Za-z0-9_][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}", name) is not None
+
+
 @dataclass(frozen=True)
 class Description:
     """What a robot states about itself to log on. Raises InvalidDescription."""
@@ -31,7 +36,7 @@ class Description:
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(rf"[A-Za-z0-9_][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}", self.name):
+        if not is_valid_name(self.name):
             raise InvalidDescription("name", f"{self.name[:80]!r} is not 1 to {MAX_NAME} letters, digits or . _ -")
         for name, value, maximum in (
             ("x", self.pose.x, 1e6),

@@ -11,6 +11,7 @@ from robocorba.simulation.physics import FloorPhysics
 from robocorba.simulation.registry import Description
 from robocorba.spatial.pose import RobotMotion
 from robocorba.spatial.posture import Posture
+from robocorba.stop_latch import StopLatch
 
 #: Maximum validity of a velocity command [s].
 MAX_VALID_S = 5.0
@@ -25,7 +26,7 @@ class SimulatedRobot:
 
     __slots__ = (
         *("_held", "_last", "body", "collisions", "description", "floor", "number", "physics", "posture"),
-        *("stop_reason", "touched"),
+        *("_stops", "touched"),
     )
 
     def __init__(self, description: Description, number: int, floor: str, physics: FloorPhysics) -> None:
@@ -35,8 +36,8 @@ class SimulatedRobot:
         self.collisions = 0
         #: Name of the robot or object of the last collision; empty for a static obstacle.
         self.touched = ""
-        #: Why an emergency stop holds the robot; empty if none does.
-        self.stop_reason = ""
+        #: The emergency stops of the robot's name.
+        self._stops = StopLatch()
         #: The posture that the robot reported last; None before the first one.
         self.posture: Posture | None = None
         self._last, self._held = RobotMotion(physics.time, description.pose, (0.0, 0.0, 0.0)), ""
@@ -53,24 +54,21 @@ class SimulatedRobot:
             raise InvalidCommand("wanted", f"({ahead}, {left}, {turn}) is not a velocity")
         if not 0.0 <= valid_s <= MAX_VALID_S:
             raise InvalidCommand("validFor", f"{valid_s} is not 0 to {MAX_VALID_S:g} s")
-        if self.stop_reason:
-            raise InvalidCommand(STOPPED, self.stop_reason)
+        if reason := self._stops.reason:
+            raise InvalidCommand(STOPPED, reason)
         self.physics.command(self.body, ahead, left, turn, valid_s)
-        if self.stop_reason:  # the robot was stopped meanwhile, perhaps before this command
+        if self._stops.is_on:  # the robot was stopped meanwhile, perhaps before this command
             self.physics.brake(self.body)
 
     def brake(self) -> None:
         """Stop as fast as ground friction allows, until the next command."""
         self.physics.brake(self.body)
 
-    def emergency_stop(self, reason: str) -> None:
-        """Stop as `brake`, and refuse commands until `reset_stop`."""
-        self.stop_reason = self.stop_reason or reason or "emergency stop"
-        self.physics.brake(self.body)
-
-    def reset_stop(self) -> None:
-        """Accept commands again."""
-        self.stop_reason = ""
+    def hold_by(self, stops: StopLatch) -> None:
+        """Stop as `brake`, and refuse commands, while this latch is on."""
+        self._stops = stops
+        if stops.is_on:
+            self.physics.brake(self.body)
 
     def report_posture(self, joints: Sequence[float]) -> None:
         """Keep the robot's joint angles [rad] for readers; no effect on the simulation. Raises InvalidCommand."""

@@ -25,6 +25,7 @@ from robocorba.maps.polygons import FloorArea
 from robocorba.maps.topology import topological_map
 from robocorba.motion.robot_state import Velocity
 from robocorba.planning.planner import PathPlanner
+from robocorba.simulation.emergency_stops import NOT_HELD, StopHold
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservation, area_request, canonical_areas
@@ -167,8 +168,14 @@ class InStep:
     def announce_body(self, is_robot: bool) -> None:
         pass
 
-    def reset_stop(self) -> None:
-        self._robot.reset_stop()
+    def hold(self) -> StopHold:
+        return NOT_HELD
+
+    def report_stop(self, reason: str) -> tuple[bool, StopHold]:
+        raise NotImplementedError
+
+    def end_stops(self, number: int) -> StopHold:
+        raise NotImplementedError
 
     def scan(self, *_: Any) -> Any:
         raise NotImplementedError

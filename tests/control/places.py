@@ -33,6 +33,7 @@ from robocorba.planning.planner import PathPlanner
 from robocorba.programs.icons import Icon
 from robocorba.sensing.scan import Mount, ScanSpec
 from robocorba.sensing.virtual_sensor import VirtualSensor
+from robocorba.simulation.emergency_stops import EmergencyStops, StopAnswer, StopHold
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.registry import Description, Pose
 from robocorba.simulation.reservations import Reservation
@@ -67,7 +68,16 @@ class Place:
             self.building.floors[name] = msgspec.structs.replace(floor, topological=roads)
         self._closing = contextlib.ExitStack()
         store = self._closing.enter_context(SimulationStore(folder / "simulation.sqlite"))
-        self.agent = ManagementAgent(self.building, 1, store)
+        self.agent = ManagementAgent(
+            *(self.building, 1, store),
+            session_began=lambda session: self.stops.admit(session),
+            session_ended=lambda session: self.stops.forget(session),
+        )
+        self.stops = EmergencyStops(
+            *(folder / "stops.json", lambda: list(self.agent.sessions.values()), lambda: False),
+            lambda target, reason, number: StopAnswer(False, False),
+        )
+        self.stops.start()
         self.agent.start()
         self._sensor = VirtualSensor()
         self._sensor.set_map(self.building)
@@ -85,6 +95,7 @@ class Place:
         return distances
 
     def close(self) -> None:
+        self.stops.close()
         self.agent.close()
         self._closing.close()
 
@@ -113,7 +124,8 @@ class InProcessSession:
 
     def log_off(self) -> None:
         if self._session is not None:
-            self._session.deregister()
+            with contextlib.suppress(SessionExpired):
+                self._session.deregister()
         self._session = None
 
     def heartbeat(self) -> None:
@@ -143,8 +155,14 @@ class InProcessSession:
     def announce_body(self, is_robot: bool) -> None:
         self._answer().heartbeat()
 
-    def reset_stop(self) -> None:
-        self._answer().robot.reset_stop()
+    def hold(self) -> StopHold:
+        return self._place.stops.hold(self._answer())
+
+    def report_stop(self, reason: str) -> tuple[bool, StopHold]:
+        return self._place.stops.report_stop(self._answer(), reason)
+
+    def end_stops(self, number: int) -> StopHold:
+        return self._place.stops.end(self._answer(), number)
 
     def scan(self, at: Pose, mount: Mount, spec: ScanSpec) -> Floats:
         self._answer()

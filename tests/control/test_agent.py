@@ -19,6 +19,8 @@ from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import Program
 from robocorba.programs.report import CheckReport
+from robocorba.simulation.emergency_stops import StopHold
+from robocorba.simulation.registry import Pose
 from tests.control.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
 pytestmark = pytest.mark.slow
@@ -193,6 +195,90 @@ def test_an_emergency_stop_ends_the_program_until_it_is_reset(agent: ControlAgen
     agent.run()
     eventually(lambda: ended(agent), "done")
     assert agent.state.program.result is ProgramResult.DONE
+
+
+def test_a_stop_outlives_a_switch_of_the_adaptor(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch) -> None:
+    agent.stop("fire")
+    for switch in (lambda: agent.switch("simulated", ()), lambda: switch_to_disc(agent, monkeypatch)):
+        switch()
+        state = agent.state
+        assert (state.condition, state.reason) == (AgentCondition.STOPPED, "fire")
+        assert agent.stop_answer == (True, True, "fire")
+    agent.load(SHORT)
+    with pytest.raises(IllegalOrder, match="is stopped: fire"):
+        agent.run()
+    agent.reset_stop()
+    agent.run()
+    eventually(lambda: ended(agent), "done")
+    assert agent.state.program.result is ProgramResult.DONE
+
+
+def test_a_stop_while_an_adaptor_starts_holds_the_robot(
+    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The agent has another controller already, or none yet."""
+    log_on = session.log_on
+
+    def stop_meanwhile(at: Pose | None = None) -> None:
+        agent.stop("fire")
+        log_on(at)
+
+    monkeypatch.setattr(session, "log_on", stop_meanwhile)
+    agent.switch("simulated", ())
+    assert agent.stop_answer == (True, True, "fire")
+    monkeypatch.undo()
+    agent.reset_stop()
+
+
+def test_a_stop_belongs_to_the_name(
+    agent: ControlAgent, place: Place, session: InProcessSession, channel: Channel
+) -> None:
+    """It outlives the robot's process, which has no time to log off; only its lease ends."""
+    agent.stop_durably("fire")
+    place.agent.evict("A")
+    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, channel, check)
+    later.start("simulated")
+    assert later.stop_answer == (True, True, "fire")
+    with pytest.raises(IllegalOrder, match="is stopped: fire"):
+        later.drive((0.1, 0.0, 0.0), 1.0)
+    later.reset_stop()
+    later.drive((0.0, 0.0, 0.1), 1.0)
+    later.close()
+
+
+def test_a_stop_of_the_server_is_reset_with_its_number_only(
+    agent: ControlAgent, place: Place, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place.stops.stop(["A"], "fire")
+    agent.stop("fire", 1)
+    end_stops = session.end_stops
+
+    def stop_meanwhile(number: int) -> StopHold:
+        place.stops.stop(["A"], "smoke")
+        return end_stops(number)
+
+    monkeypatch.setattr(session, "end_stops", stop_meanwhile)
+    with pytest.raises(IllegalOrder, match="is held by the simulation server: smoke"):
+        agent.reset_stop()
+    assert agent.state.condition is AgentCondition.STOPPED
+    monkeypatch.undo()
+    agent.reset_stop()
+    assert agent.state.condition is AgentCondition.IDLE
+
+
+def test_a_stop_is_reported_once_the_server_answers(
+    agent: ControlAgent, place: Place, session: InProcessSession
+) -> None:
+    session.is_away = True
+    agent.stop("fire")
+    with pytest.raises(RobotLost):
+        agent.reset_stop()
+    assert agent.stop_answer.is_stopped
+    session.is_away = False
+    (held,) = [each for each in place.agent.sessions.values() if each.name == "A"]
+    eventually(lambda: place.stops.hold(held).is_held, "reported")
+    agent.reset_stop()
+    assert not place.stops.hold(held).is_held
 
 
 def test_a_server_that_was_away_is_found_again(agent: ControlAgent, session: InProcessSession) -> None:

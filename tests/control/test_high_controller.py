@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,6 +21,7 @@ from robocorba.motion.driving import Drive, DriveAt
 from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.simulation.registry import Pose
+from robocorba.stop_latch import StopLatch
 from tests.control.places import controller, documented_adaptor, eventually
 
 pytestmark = pytest.mark.slow
@@ -38,10 +39,14 @@ class Watched(RobotAdaptor):
         self.stops = 0
         self.hangs = threading.Event()
         self.goes_on = threading.Event()
+        #: What happens at the same time, before the adaptor has started, and before it is read.
+        self.before_start: Callable[[], None] = lambda: None
+        self.before_read: Callable[[], None] = lambda: None
 
     def start(self, argv: Sequence[str]) -> bool:
         if self.failure:
             raise self.failure
+        self.before_start()
         return self.disc.start(argv)
 
     def stop(self) -> bool:
@@ -51,6 +56,7 @@ class Watched(RobotAdaptor):
     def read(self, state: RobotState) -> bool:
         if self.failure:
             raise self.failure
+        self.before_read()
         return self.disc.read(state)
 
     def write(self, command: ActorCommand) -> bool:
@@ -209,6 +215,100 @@ def test_a_lost_robot_that_was_stopped_by_hand_stays_so(high: HighController, ad
     adaptor.failure = None
     time.sleep(1.2)
     assert high.stopped == "button"
+
+
+def once(call: Callable[[], None]) -> tuple[Callable[[], None], list[bool]]:
+    """A function that makes this call the first time, and then notes it."""
+    done: list[bool] = []
+
+    def first() -> None:
+        if not done:
+            call()
+            done.append(True)
+
+    return first, done
+
+
+def test_a_stop_while_a_lost_robot_reconnects_stays(high: HighController, adaptor: Watched) -> None:
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    adaptor.before_start, done = once(lambda: high.emergency_stop("button"))
+    adaptor.failure = None
+    eventually(lambda: done, "a reconnection")
+    eventually(lambda: high.is_stop_confirmed, "that it stands")  # it has started, and is stopped at once
+    assert (high.stopped, high.is_lost) == ("button", False)
+    state = RobotState()
+    assert not adaptor.disc.read(state)
+    with pytest.raises(IllegalOrder, match="is stopped: button"):
+        high.move(DriveAt((0.2, 0.0, 0.0), 1.0))
+    high.reset_stop()
+    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+@pytest.mark.parametrize("where", ["before_start", "before_read"])
+def test_a_stop_during_a_reset_is_not_reset_by_it(high: HighController, adaptor: Watched, where: str) -> None:
+    high.emergency_stop("first")
+    call, _ = once(lambda: high.emergency_stop("second"))
+    setattr(adaptor, where, call)
+    with pytest.raises(IllegalOrder, match="was stopped again: second"):
+        high.reset_stop()
+    assert high.stopped == "second"
+    assert not adaptor.disc.read(RobotState())
+    high.reset_stop()
+    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+def test_a_loss_during_a_reset_is_no_end_of_it(high: HighController, adaptor: Watched) -> None:
+    high.emergency_stop("button")
+    adaptor.before_start, _ = once(lambda: high.lose("nobody answers"))
+    with pytest.raises(IllegalOrder, match="was stopped again: nobody answers"):
+        high.reset_stop()
+    eventually(lambda: high.stopped == "", "found again")
+
+
+def test_a_reset_that_is_refused_elsewhere_leaves_the_robot_stopped(high: HighController, adaptor: Watched) -> None:
+    high.emergency_stop("button")
+
+    def refuse(number: int) -> None:
+        raise RobotLost("the server does not answer")
+
+    with pytest.raises(RobotLost):
+        high.reset_stop(end=refuse)
+    assert high.stopped == "button" and high.is_stop_confirmed
+    assert not adaptor.disc.read(RobotState())
+
+
+def test_a_stop_of_the_latch_reaches_the_adaptor(adaptor: Watched) -> None:
+    """Whoever has set it, such as while this controller was about to replace another one."""
+    latch = StopLatch()
+    high = HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, stops=latch)
+    high.start(())
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    latch.stop("button")
+    thread.join(60.0)
+    assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
+    eventually(lambda: high.is_stop_confirmed, "that it stands")
+    high.close()
+
+
+def test_a_controller_of_a_stopped_robot_starts_and_stops_its_adaptor(adaptor: Watched) -> None:
+    latch = StopLatch()
+    latch.stop("button")
+    high = HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, stops=latch)
+    high.start(())
+    assert high.stopped == "button" and high.is_stop_confirmed
+    assert not adaptor.disc.read(RobotState())
+    high.close()
+
+
+def test_an_adaptor_that_starts_after_the_end_is_stopped(high: HighController, adaptor: Watched) -> None:
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    adaptor.before_start, done = once(lambda: in_background(high.close)[0].join(0.5))
+    adaptor.failure = None
+    eventually(lambda: done, "a reconnection")
+    eventually(lambda: not adaptor.disc.read(RobotState()), "that it is stopped")
 
 
 def test_a_fault_of_an_adaptor_stops_the_robot(high: HighController, adaptor: Watched) -> None:

@@ -106,6 +106,9 @@ def test_a_stop_ends_it_for_good(agent: ControlAgent) -> None:
     agent.stop()
     with pytest.raises(IllegalOrder, match="is stopped"):
         agent.drive((0.0, 0.0, 0.1), 5.0)
+    eventually(lambda: agent.state.program.result is ProgramResult.ABORTED, "ended")
+    agent.reset_stop()
+    assert agent.state.condition is AgentCondition.IDLE
 
 
 def test_a_program_is_not_interrupted_by_it_nor_it_by_a_program(agent: ControlAgent) -> None:

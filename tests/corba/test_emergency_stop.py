@@ -44,6 +44,9 @@ class World:
             raise CORBA.TIMEOUT()
         return [state for state in self.states if not robots or state.robot in robots]
 
+    def stopStates(self, robots: Sequence[str]) -> list[Any]:
+        return self.stopRobots(robots, "")
+
 
 @pytest.fixture
 def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:

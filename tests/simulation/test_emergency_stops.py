@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.errors.simulation import InvalidCommand, UnknownRobot
+from robocorba.errors.simulation import InvalidCommand, SessionExpired, UnknownRobot
+from robocorba.simulation import emergency_stops
 from robocorba.simulation.emergency_stops import EmergencyStops, StopAnswer, read_records
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
+from robocorba.simulation.session import Session
 from robocorba.simulation.simulated_robot import STOPPED
 from robocorba.simulation.store import SimulationStore
 from robocorba.testing.processes import eventually
@@ -28,9 +30,11 @@ class Scene:
         self.file = folder / "stops.json"
         self._closing = contextlib.ExitStack()
         self.agent = ManagementAgent(
-            tower(), 7, self._closing.enter_context(SimulationStore(folder / "simulation.sqlite"))
+            *(tower(), 7, self._closing.enter_context(SimulationStore(folder / "simulation.sqlite"))),
+            session_began=lambda session: self.stops.admit(session),
+            session_ended=lambda session: self.stops.forget(session),
         )
-        self.calls: list[tuple[str, str]] = []
+        self.calls: list[tuple[str, str, int]] = []
         self.published: list[tuple[Sequence[str], str]] = []
         self.answers: dict[str, StopAnswer] = {}
         self.is_paused = False
@@ -42,8 +46,8 @@ class Scene:
             lambda robots, reason: self.published.append((robots, reason)),
         )
 
-    def _call(self, target: str, reason: str) -> StopAnswer:
-        self.calls.append((target, reason))
+    def _call(self, target: str, reason: str, number: int) -> StopAnswer:
+        self.calls.append((target, reason, number))
         if target == "hangs":
             raise TimeoutError("TIMEOUT")
         return self.answers.get(target, CONFIRMED)
@@ -123,7 +127,7 @@ def test_robots_are_held_over_a_restart(scene: Scene, tmp_path: Path) -> None:
     session = scene.agent.register(robot("A"))
     scene.stops.report_target(session, "unit", True)
     scene.stops.stop(["A"], "fire")
-    eventually(lambda: "A" in read_records(scene.file) and read_records(scene.file)["A"].held == "fire", PATIENCE_S)
+    assert read_records(scene.file)["A"].held == "fire"
     assert scene.file.stat().st_mode & 0o077 == 0
     scene.close()
     with contextlib.closing(Scene(tmp_path)) as restarted:
@@ -132,17 +136,116 @@ def test_robots_are_held_over_a_restart(scene: Scene, tmp_path: Path) -> None:
         with pytest.raises(InvalidCommand, match="fire"):
             session.command(0.5, 0.0, 0.0, 5.0)
         restarted.stops.stop(["A"], "")
-        eventually(lambda: restarted.calls == [("unit", "fire")], PATIENCE_S)
+        eventually(lambda: restarted.calls == [("unit", "fire", 2)], PATIENCE_S)
 
 
-def test_another_robot_of_the_name_is_not_held(scene: Scene) -> None:
+def refuses(session: Session) -> bool:
+    try:
+        session.command(0.5, 0.0, 0.0, 5.0)
+    except InvalidCommand as error:
+        assert error.field == STOPPED
+        return True
+    return False
+
+
+def test_a_stop_holds_the_next_robot_of_the_name_until_it_is_reset(scene: Scene) -> None:
+    scene.stops.start()
     session = scene.agent.register(robot("A"))
     scene.stops.report_target(session, "unit", True)
     scene.stops.stop(["A"], "fire")
+    eventually(lambda: scene.calls, PATIENCE_S)
     session.deregister()
-    scene.stops.forget(session)
     session = scene.agent.register(robot("A"))
-    session.command(0.5, 0.0, 0.0, 5.0)
-    assert not scene.stops.state(session).is_held
-    with pytest.raises(UnknownRobot):
-        scene.stops.reset_robot("nobody")
+    assert refuses(session)
+    assert scene.stops.hold(session) == (True, 1, "fire")
+    scene.stops.stop(["A"], "again")
+    assert len(scene.calls) == 1  # not the former robot's target
+    scene.stops.reset(session)
+    assert not refuses(session)
+    session.deregister()
+    eventually(lambda: not read_records(scene.file), PATIENCE_S)
+
+
+def test_a_stop_of_a_robot_that_restarts_waits_for_it_over_a_restart_of_the_server(
+    scene: Scene, tmp_path: Path
+) -> None:
+    assert scene.stops.stop(["A", "not a name"], "fire") == []
+    scene.close()
+    with contextlib.closing(Scene(tmp_path)) as restarted:
+        restarted.stops.start()
+        session = restarted.agent.register(robot("A"))
+        assert refuses(session)
+        assert not refuses(restarted.agent.register(robot("B", x=5.0)))
+        session.deregister()
+        restarted.stops.reset_robot("A")
+        with pytest.raises(UnknownRobot):
+            restarted.stops.reset_robot("A")
+        assert not refuses(restarted.agent.register(robot("A")))
+
+
+def test_names_that_never_existed_fill_no_disk(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(emergency_stops, "MAX_ABSENT", 2)
+    session = scene.agent.register(robot("A"))
+    scene.stops.stop(["X1", "X2"], "")
+    scene.stops.stop(["X3", "A"], "")
+    assert set(read_records(scene.file)) == {"A", "X1", "X2"}
+    assert refuses(session)
+
+
+def test_an_end_ends_no_stop_that_it_has_not_seen(scene: Scene) -> None:
+    session = scene.agent.register(robot("A"))
+    scene.stops.stop(["A"], "fire")
+    seen = scene.stops.hold(session)
+    scene.stops.stop(["A"], "smoke")
+    assert scene.stops.end(session, seen.number) == (True, 2, "smoke")
+    assert refuses(session)
+    assert scene.stops.end(session, 3) == (True, 2, "smoke")  # no stop of this number yet
+    assert scene.stops.end(session, 2) == (False, 2, "")
+    assert not refuses(session)
+
+
+def test_a_robot_reports_a_stop_of_its_own(scene: Scene, tmp_path: Path) -> None:
+    session = scene.agent.register(robot("A"))
+    scene.stops.report_target(session, "unit", True)
+    assert scene.stops.report_stop(session, "button") == (True, (True, 1, "button"))
+    assert scene.stops.report_stop(session, "event") == (False, (True, 1, "button"))
+    assert refuses(session)
+    assert scene.calls == scene.published == []
+    scene.close()
+    with contextlib.closing(Scene(tmp_path)) as restarted:
+        restarted.stops.start()
+        (session,) = restarted.agent.sessions.values()
+        assert restarted.stops.hold(session) == (True, 1, "button")
+        session.deregister()
+        with pytest.raises(SessionExpired):
+            restarted.stops.report_stop(session, "late")
+
+
+def test_each_stop_is_delivered_to_the_robot(scene: Scene) -> None:
+    """Also a second one: the robot has to know its number for a reset."""
+    session = scene.agent.register(robot("A"))
+    scene.stops.report_target(session, "unit", True)
+    for number in (1, 2):
+        scene.stops.stop(["A"], "fire")
+        eventually(lambda number=number: len(scene.calls) == number, PATIENCE_S)
+        eventually(lambda: scene.stops.state(session).is_confirmed, PATIENCE_S)
+        scene.stops.states(["A"])  # only looks
+    assert scene.calls == [("unit", "fire", 1), ("unit", "fire", 2)]
+
+
+def test_stops_of_the_first_release_hold(scene: Scene) -> None:
+    scene.file.write_text('{"A": {"registration": "x", "target": "unit", "stands_with_body": true, "held": "fire"}}')
+    scene.stops.start()
+    session = scene.agent.register(robot("A"))
+    assert scene.stops.hold(session) == (True, 1, "fire")
+    assert refuses(session)
+
+
+def test_stops_work_without_a_disk(scene: Scene) -> None:
+    scene.file.mkdir()
+    scene.stops.start()
+    session = scene.agent.register(robot("A"))
+    scene.stops.stop(["A"], "fire")
+    assert refuses(session)
+    scene.file.rmdir()
+    eventually(lambda: scene.file.is_file() and read_records(scene.file)["A"].held == "fire", PATIENCE_S)

@@ -16,7 +16,7 @@ from robocorba.corba.conversion.structs import Converter, struct_converter
 from robocorba.errors import simulation as errors
 from robocorba.maps.polygons import FloorArea
 from robocorba.simulation.elevator import RidePhase, RideStatus
-from robocorba.simulation.emergency_stops import StopAnswer, StopState
+from robocorba.simulation.emergency_stops import StopAnswer, StopHold, StopState
 from robocorba.simulation.load_balance import Load, SensorServer
 from robocorba.simulation.registry import Description, RobotClient
 from robocorba.simulation.reservations import Reservation, ReservedAreas, check_alternatives, check_sizes
@@ -190,6 +190,14 @@ def stop_state(state: StopState) -> Any:
 
 def stop_state_of(struct: Any) -> StopState:
     return StopState(struct.robot, struct.held, struct.stands, struct.speed, struct.confirmed, struct.waitsFor)
+
+
+def stop_hold(hold: StopHold) -> Any:
+    return RoboCorba.StopHold(*hold)
+
+
+def stop_hold_of(struct: Any) -> StopHold:
+    return StopHold(struct.held, struct.number, struct.reason)
 
 
 def stop_answer_of(struct: Any) -> StopAnswer:

@@ -15,6 +15,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from omniORB import CORBA
+
 from robocorba.corba.conversion import simulation
 from robocorba.corba.event_client import EventClient
 from robocorba.corba.guard import Guard
@@ -133,11 +135,13 @@ class _Stop:
 
     def _by_server(self) -> None:
         server: Any = None
+        has_stopped = False
         while self._left_s:
             try:
                 server = server or self._server()
                 with translated("the simulation server"):
-                    states = [simulation.stop_state_of(state) for state in server.stopRobots(self._names, self._reason)]
+                    found = self._look_at(server) if has_stopped else server.stopRobots(self._names, self._reason)
+                states, has_stopped = [simulation.stop_state_of(state) for state in found], True
             except RoboCorbaError as error:
                 self._has_answered, self._problem, server = False, str(error), None
                 time.sleep(RETRY_S)
@@ -146,6 +150,12 @@ class _Stop:
             if all(state.stands for state in states):
                 return
             time.sleep(POLL_S)
+
+    def _look_at(self, server: Any) -> Any:
+        try:
+            return server.stopStates(self._names)
+        except CORBA.BAD_OPERATION:  # of an earlier release
+            return server.stopRobots(self._names, self._reason)
 
     def _server(self) -> Any:
         if address := self._addresses.server:

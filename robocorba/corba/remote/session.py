@@ -26,6 +26,7 @@ from robocorba.errors.simulation import InvalidCommand, PlaceTaken
 from robocorba.maps.polygons import FloorArea
 from robocorba.motion.robot_state import Velocity
 from robocorba.sensing.scan import Mount, ScanSpec
+from robocorba.simulation.emergency_stops import NOT_HELD, StopHold
 from robocorba.simulation.registry import LEASE_S, Description, Pose
 from robocorba.simulation.reservations import Reservation
 from robocorba.simulation.simulated_robot import STOPPED
@@ -125,8 +126,28 @@ class RemoteSession:
         self._is_body = is_robot
         self._call(lambda to: self._report_stop_target(to.slow_session))
 
-    def reset_stop(self) -> None:
-        self._call(lambda to: _known(to.slow_session.resetStop))
+    def hold(self) -> StopHold:
+        return self._call(lambda to: _hold(to.slow_session._get_hold))
+
+    def report_stop(self, reason: str) -> tuple[bool, StopHold]:
+        def report(to: _References) -> tuple[bool, StopHold]:
+            try:
+                is_new, hold = to.slow_session.reportStop(reason)
+            except CORBA.BAD_OPERATION:
+                return False, NOT_HELD
+            return bool(is_new), simulation.stop_hold_of(hold)
+
+        return self._call(report)
+
+    def end_stops(self, number: int) -> StopHold:
+        def end(to: _References) -> StopHold:
+            try:
+                return simulation.stop_hold_of(to.slow_session.endStops(number))
+            except CORBA.BAD_OPERATION:  # of an earlier release
+                _known(to.slow_session.resetStop)
+                return NOT_HELD
+
+        return self._call(end)
 
     def brake(self) -> None:
         self._repeat(lambda to: to.session.brake())
@@ -252,6 +273,13 @@ class RemoteSession:
             raise (domain_error(error) or error) from None
         except CORBA.SystemException as error:
             raise _lost(error, is_sensor) from None
+
+
+def _hold(read: Callable[[], Any]) -> StopHold:
+    try:
+        return simulation.stop_hold_of(read())
+    except CORBA.BAD_OPERATION:  # of an earlier release
+        return NOT_HELD
 
 
 def _known(operation: Callable[[], None]) -> None:

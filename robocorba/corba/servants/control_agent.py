@@ -40,6 +40,10 @@ class StopTargetServant(RoboCorba__POA.StopTarget):
     def _get_answer(self) -> Any:
         return RoboCorba.StopAnswer(*self._agent.stop_answer)
 
+    def stopNumbered(self, reason: str, number: int) -> Any:
+        self._agent.stop(reason or "emergency stop", number)
+        return self._get_answer()
+
 
 class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     """RoboCorba::RobotAgent. pool: the reference of its data pool. channel: the event channel of its sub-network."""
@@ -116,7 +120,7 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
         self._agent.abort()
 
     def stop(self) -> None:
-        self._agent.stop()
+        self._agent.stop_durably()
 
     @translating
     def resetStop(self) -> None:

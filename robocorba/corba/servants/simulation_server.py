@@ -71,6 +71,9 @@ class SimulationServerServant(ServerServant, RoboCorba__POA.SimulationServer):
     def stopRobots(self, robots: list[str], reason: str) -> list[Any]:
         return [simulation.stop_state(state) for state in self._stops.stop(robots, reason)]
 
+    def stopStates(self, robots: list[str]) -> list[Any]:
+        return [simulation.stop_state(state) for state in self._stops.states(robots)]
+
     def bound_to(self, robot: str) -> dict[str, Callable[..., Any]]:
         """What a robot with a file of its own calls instead: it logs on as itself only."""
 
@@ -245,6 +248,22 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
     def resetStop(self) -> None:
         self.session.heartbeat()
         self._stops.reset(self.session)
+
+    @_measured
+    def _get_hold(self) -> Any:
+        self.session.heartbeat()
+        return simulation.stop_hold(self._stops.hold(self.session))
+
+    @_measured
+    def reportStop(self, reason: str) -> tuple[bool, Any]:
+        self.session.heartbeat()
+        is_new, hold = self._stops.report_stop(self.session, reason)
+        return is_new, simulation.stop_hold(hold)
+
+    @_measured
+    def endStops(self, last: int) -> Any:
+        self.session.heartbeat()
+        return simulation.stop_hold(self._stops.end(self.session, last))
 
 
 class SimulationAdministratorServant(RoboCorba__POA.SimulationAdministrator):
