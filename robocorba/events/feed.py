@@ -4,6 +4,10 @@ Events for the peer wait in a bounded queue, also while the link is down. The fe
 position, and keeps each packet until the gateway has acknowledged it. At most WINDOW packets are in flight. On an idle
 link the supplier's own thread sends; otherwise the feed's thread sends all waiting events in one packet, so that under
 load the packets grow instead of the delay.
+
+The two directions of a link are connections of their own, and either may fail alone, such as at a firewall. So calls of
+the gateway do not show that events get there: the link is up only while the gateway acknowledges what is sent to it. A
+session begins with an empty packet, and the feed sends another one whenever it has sent nothing for a while.
 """
 
 from __future__ import annotations
@@ -50,11 +54,13 @@ class GatewayPort(Protocol):
 
 @dataclass(slots=True, eq=False)
 class _Packet:
-    """count: number of its events. sent_at: time of the last transmission [s, time.monotonic]."""
+    """count: number of its events. first_sent_at, sent_at: times of the first and the last transmission
+    [s, time.monotonic]."""
 
     position: int
     batches: list[EventBatch]
     count: int
+    first_sent_at: float = 0.0
     sent_at: float = 0.0
 
 
@@ -103,6 +109,11 @@ class Feed:
         self._port: GatewayPort | None = None
         #: Last call of the gateway, and last acknowledgement of a packet [s, time.monotonic].
         self._contact_at = self._progress_at = 0.0
+        #: Time of the last transmission, and of the last one that failed in this session [s, time.monotonic].
+        self._sent_at = self._failed_at = 0.0
+        #: Whether packets may be sent: from each renewal until a transmission fails.
+        self._is_ready = False
+        #: Why events do not get there. Only the acknowledgement of a packet that was sent later disproves it.
         self._problem = "not joined yet"
         self._joins = self._packets = self._bytes = 0
         self._busy = False
@@ -112,8 +123,25 @@ class Feed:
 
     @property
     def is_up(self) -> bool:
-        is_joined = self._port is not None and not self._problem
-        return is_joined and time.monotonic() - self._contact_at < self._policy.lease_s
+        return not self.problem
+
+    @property
+    def problem(self) -> str:
+        """Why the link is down, empty while it is up: while the gateway calls and acknowledges what is sent to it."""
+        if self._problem:
+            return self._problem
+        now, policy = time.monotonic(), self._policy
+        if now - self._contact_at >= policy.lease_s:
+            return f"the peer has not called for {policy.lease_s:g} s"
+        if self._sent and now - max(self._unacknowledged[0].first_sent_at, self._progress_at) >= policy.silence_s:
+            return f"the peer calls, but has acknowledged nothing for {policy.silence_s:g} s: nothing arrives there"
+        return ""
+
+    @property
+    def is_in_contact(self) -> bool:
+        """Whether the gateway of the current session calls, and no send has failed since its last call. Only then are
+        packets sent; whether they arrive is another matter."""
+        return self._is_ready and time.monotonic() - self._contact_at < self._policy.lease_s
 
     def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
         """Queue events for the peer, unless the peer forwarded them, or let the caller claim them: see channel.Sink."""
@@ -144,14 +172,16 @@ class Feed:
         self._requeue()
         self.session, self._port = uuid.uuid4().hex, port
         # Nothing is sent before the first `renew`, which proves that the gateway has the answer to this call.
-        self._contact_at, self._problem = time.monotonic(), "joining"
+        self._contact_at, self._failed_at, self._is_ready = time.monotonic(), 0.0, False
+        self._problem = "the peer has joined, and has not acknowledged the first packet yet"
         self._joins += 1
         self._next_position = 1
+        self._append([])
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name=f"feed of {self.peer}", daemon=True)
             self._thread.start()
         self._changed.notify()
-        return self.session, self._next_position
+        return self.session, 1
 
     def acknowledge(self, session: str, position: int) -> None:
         """The gateway has received every packet before `position`. Raises SessionOver."""
@@ -161,16 +191,19 @@ class Feed:
         while self._unacknowledged and self._unacknowledged[0].position < position:
             packet = self._unacknowledged.popleft()
             self.account.delivered += packet.count
-            self._packets += 1
+            self._packets += packet.count > 0
             self._bytes += sum(batch.size for batch in packet.batches)
             self._sent = max(0, self._sent - 1)
             self._progress_at = self._contact_at
+            if packet.sent_at > self._failed_at and self._problem:
+                _log.info("the link to %s is up", self.peer)
+                self._problem = ""
         self._changed.notify()
 
     def renew(self, session: str, position: int) -> None:
         """The gateway is alive and expects `position`: retransmit lost packets. Raises SessionOver."""
         self.acknowledge(session, position)
-        self._problem = ""
+        self._is_ready = True
         overdue = self._contact_at - self._policy.retransmit_s
         if self._sent and max(self._unacknowledged[0].sent_at, self._progress_at) < overdue:
             self._sent = 0
@@ -180,14 +213,14 @@ class Feed:
         self.is_ended = True
         self._requeue()
         self.account.discarded += self._queue.clear()
-        self._port, self._problem = None, "removed"
+        self._port, self._is_ready, self._problem = None, False, "removed"
         self._changed.notify_all()
 
     def snapshot(self) -> FeedSnapshot:
         first = next((batch for packet in self._unacknowledged for batch in packet.batches), self._claimed)
         oldest = first.since if first else self._queue.oldest_time()
         queued = len(self._queue) + sum(packet.count for packet in self._unacknowledged) + len(self._claimed or ())
-        problem = self._problem or ("" if self.is_up else f"the peer has not called for {self._policy.lease_s:g} s")
+        problem = self.problem
         return FeedSnapshot(
             not problem,
             problem,
@@ -232,7 +265,8 @@ class Feed:
     def _next_transmission(self) -> _Transmission:
         """The oldest unsent packet; the feed is busy until the caller has sent it."""
         packet = self._unacknowledged[self._sent]
-        packet.sent_at = time.monotonic()
+        packet.sent_at = self._sent_at = time.monotonic()
+        packet.first_sent_at = packet.first_sent_at or packet.sent_at
         self._sent += 1
         self._busy = True
         return _Transmission(self.session, self._port, packet)
@@ -241,8 +275,8 @@ class Feed:
         """Send one packet. False if the call was slow or failed.
 
         is_inline: a supplier's thread sends. If it fails, the feed's thread tries again with more time: on a busy
-        machine a thread may wait for a processor until its limit. If that fails, the link is down until the gateway
-        calls."""
+        machine a thread may wait for a processor until its limit. If that fails, the link is down, and the packet is
+        sent again when the gateway calls."""
         session, port, packet = transmission
         began = time.monotonic()
         problem = "" if port else "not joined"
@@ -267,8 +301,9 @@ class Feed:
                     if is_inline:
                         _log.info("a packet to %s is sent again (%s)", self.peer, problem)
                     else:
-                        self._problem = problem
-                        _log.info("the link to %s is down (%s)", self.peer, problem)
+                        if problem != self._problem:
+                            _log.info("the link to %s is down (%s)", self.peer, problem)
+                        self._problem, self._failed_at, self._is_ready = problem, time.monotonic(), False
             if self._queue.length or self._sent < len(self._unacknowledged):
                 self._changed.notify()
         return not problem and took < FAST_SEND_S
@@ -291,7 +326,7 @@ class Feed:
         """The next packet to send, retransmissions first; None at the end of the feed."""
         with self._lock:
             while not self.is_ended:
-                if not self._busy and self.is_up:
+                if not self._busy and self.is_in_contact:
                     if self._sent < len(self._unacknowledged):
                         return self._next_transmission()
                     if self._queue.length and len(self._unacknowledged) < WINDOW:
@@ -300,6 +335,9 @@ class Feed:
                         batches = merged(item for item in items if isinstance(item, EventBatch))
                         if batches:
                             self._append(batches)
+                        continue
+                    if not self._unacknowledged and time.monotonic() - self._sent_at >= self._policy.probe_interval_s:
+                        self._append([])
                         continue
                 self._changed.wait(self._policy.recheck_s)
             return None

@@ -1,7 +1,8 @@
 """The consuming end of a link: the paper's gateway, a consumer of one channel that supplies another.
 
 It runs in the process of the channel that it supplies. It joins the feed of its peer and maintains the link: it sends
-new advertisements, acknowledges packets, and joins again with exponential backoff when the peer does not answer.
+new advertisements, acknowledges packets, and joins again with exponential backoff when the peer does not answer. The
+link is up while the feed answers and its packets, which may be empty, arrive.
 """
 
 from __future__ import annotations
@@ -90,7 +91,9 @@ class Gateway:
         self._known_versions: dict[str, int] = {}
         self._in_force: tuple[Pattern, ...] = ()
         self._acknowledged, self._acknowledged_at = 1, 0.0
-        self._problem = "not joined yet"
+        self._problem = self._logged_problem = "not joined yet"
+        #: When the last packet of this session arrived [s, time.monotonic].
+        self._arrived_at: float | None = None
         self._account = Account()
         self._joins = self._packets = self._bytes = self._duplicates = 0
         self._lag_s = 0.0
@@ -115,13 +118,25 @@ class Gateway:
     @property
     def in_force(self) -> tuple[Pattern, ...]:
         """The interest of this channel that the peer has received; empty while the link is down."""
-        return self._in_force if not self._problem else ()
+        return self._in_force if not self.problem else ()
+
+    @property
+    def problem(self) -> str:
+        """Why the link is down, empty while it is up."""
+        if self._problem:
+            return self._problem
+        if self._arrived_at is None:
+            return "joined, but nothing that it sends has arrived yet: can it connect to this channel?"
+        if time.monotonic() - self._arrived_at >= self._policy.silence_s:
+            return f"it answers, but nothing that it sends has arrived for {self._policy.silence_s:g} s"
+        return ""
 
     def forward(self, session: str, position: int, batches: list[EventBatch]) -> None:
         """Accept a packet from the peer. Early packets wait for the missing ones; duplicates are ignored."""
         with self._lock:
             if session != self.session or self._is_ended:
                 return
+            self._arrived_at = time.monotonic()
             if position >= self._expected:
                 self._early.setdefault(position, batches)
             claimed: list[Claims] = []
@@ -149,7 +164,7 @@ class Gateway:
             _log.warning("%s forwarded %d events with numbers that they cannot have; refused", self.peer, refused)
         count = sum(map(len, packet))
         delivered = sum(len(batch) for batch, _ in claimed)
-        self._packets += 1
+        self._packets += bool(packet)
         self._bytes += sum(batch.size for batch in packet)
         self._duplicates += duplicates
         self._account.received += count - duplicates
@@ -161,9 +176,10 @@ class Gateway:
         return claimed
 
     def snapshot(self) -> GatewaySnapshot:
+        problem = self.problem
         return GatewaySnapshot(
-            not self._problem,
-            self._problem,
+            not problem,
+            problem,
             self._joins,
             self._lag_s,
             self._packets,
@@ -204,6 +220,7 @@ class Gateway:
         with self._lock:
             self._port, self.session = port, port.session
             self._expected = self._acknowledged = port.position
+            self._arrived_at = None
             self._early.clear()
             self._known_versions.clear()
             self._joins += 1
@@ -212,6 +229,7 @@ class Gateway:
             port.leave()
 
     def _renew(self) -> None:
+        self._log_changes()
         port = self._port
         assert port is not None
         with self._channel.lock:
@@ -224,13 +242,16 @@ class Gateway:
         answer = port.renew(position, changed)
         known.update((entry.name, entry.version) for entry in (*changed, *answer))
         self._in_force = interest
-        if self._problem:
-            _log.info("the link from %s is up", self.peer)
-            self._problem = ""
+        self._problem = ""
         if answer:
             self._on_advertisements(answer)
 
     def _set_problem(self, problem: str) -> None:
-        if problem != self._problem:
-            _log.info("the link from %s is down (%s)", self.peer, problem)
         self._problem = problem
+        self._log_changes()
+
+    def _log_changes(self) -> None:
+        problem = self.problem
+        if problem != self._logged_problem:
+            _log.info("the link from %s is %s", self.peer, f"down ({problem})" if problem else "up")
+        self._logged_problem = problem

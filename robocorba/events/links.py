@@ -193,7 +193,7 @@ class Links:
                 self.add(Peer(consuming, reference=reference))
             link = self._links[consuming]
             with self._channel.lock:
-                if link.feed.is_up and link.consumer != reference:
+                if link.feed.is_in_contact and link.consumer != reference:
                     reason = f"another {consuming} is linked with {self._channel.name}; does one run on a copied state?"
                     raise InvalidPeer("consuming", reason)
             self._note_reference(link.peer, reference)

@@ -72,6 +72,10 @@ class LinkPolicy:
     retransmit_s: float = 0.3
     #: Maximum interval at which the feed's thread checks for work [s].
     recheck_s: float = 1.0
+    #: The feed sends an empty packet when it has sent nothing for this time [s].
+    probe_interval_s: float = 1.0
+    #: The link is down when no packet arrived, or none was acknowledged, for this time [s]; several probes may be late.
+    silence_s: float = 5.0
     #: Pauses between the gateway's attempts to join the feed.
     backoff: Backoff = field(default=Backoff(0.05, 0.5, jitter=0.5))
     #: The same while the peer answers, but refuses.

@@ -22,6 +22,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
 from robocorba.supervision.system import naming_service_command
 from robocorba.testing.processes import Launcher, eventually, hang
+from robocorba.testing.relay import Relay
 
 #: Timeout of waits that normally take a second or two, for a busy machine [s].
 LIMIT_S = 30.0
@@ -80,11 +81,23 @@ class Channels:
             self._port_of[name] = next(self._ports)
         return f"127.0.0.1:{self._port_of[name]}"
 
-    def spawn(self, name: str, *more: str) -> None:
+    def spawn(self, name: str, *more: str, **environment: str) -> None:
         """Start or restart a channel; does not wait until it is ready."""
         where = ("--state", str(self.folder / name), "--endpoint", self.address(name))
         naming = ("--naming", f"127.0.0.1:{self.port}", "--name", name)
-        self.processes[name] = self._launch(*module_command("robocorba.servers.event_channel"), *where, *naming, *more)
+        command = (*module_command("robocorba.servers.event_channel"), *where, *naming, *more)
+        self.processes[name] = self._launch(*command, **environment)
+
+    def relay(self, name: str) -> Relay:
+        """A relay for a channel that is started with the environment `relayed`."""
+        return Relay(self._relay_port(name), int(self.address(name).rpartition(":")[2]))
+
+    def relayed(self, name: str) -> dict[str, str]:
+        """The environment of a channel that others reach by its relay."""
+        return {"ORBendPointPublish": f"giop:tcp:127.0.0.1:{self._relay_port(name)}"}
+
+    def _relay_port(self, name: str) -> int:
+        return int(self.address(f"relay of {name}").rpartition(":")[2])
 
     def start(self, *names: str) -> None:
         for name in names:

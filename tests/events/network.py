@@ -210,6 +210,8 @@ class Network:
         self.weather = weather or Weather()
         self.policy = policy
         self.cut: set[frozenset[str]] = set()
+        #: Pairs of which the first can't call the second.
+        self.refused: set[tuple[str, str]] = set()
         self._folder = tempfile.TemporaryDirectory()
         self.nodes = {name: Node(self, name, Path(self._folder.name)) for name in names}
 
@@ -223,7 +225,7 @@ class Network:
 
     def reach(self, here: str, there: str) -> Node:
         """Raises NotReachable where the wire is cut, or a call fails."""
-        if frozenset((here, there)) in self.cut or there not in self.nodes:
+        if frozenset((here, there)) in self.cut or (here, there) in self.refused or there not in self.nodes:
             raise NotReachable(f"{there} is away")
         if self.weather.strikes(self.weather.fails):
             raise NotReachable("lost on the way")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -20,17 +22,19 @@ from tests.events.samples import is_balanced
 FIT = SubscriptionMatch(True, ())
 
 
-DEFAULTS = LinkPolicy()
-
+#: Without probes, which would get positions between those of events.
+DEFAULTS = LinkPolicy(probe_interval_s=math.inf)
 
 #: When the monotonic clock was 0 [s since 1970].
 EPOCH = time.time() - time.monotonic()
 
 
 class Gateway:
-    """Keeps what was forwarded to it."""
+    """Keeps what was forwarded to it. The first packet of a session, which is empty, is acknowledged at once, and not
+    counted: positions are those of packets with events."""
 
     def __init__(self) -> None:
+        self.acknowledge: Callable[[str, int], None] = lambda session, position: None
         self.got: list[tuple[str, int, list[EventBatch]]] = []
         self.is_dead = False
         #: Time that a call needs [s].
@@ -45,8 +49,11 @@ class Gateway:
             raise NotDelivered("it is dead")
         if limit_s < self.shortest_s:
             raise NotDelivered("too late")
+        if not batches:
+            self.acknowledge(session, position + 1)
+            return []
         unsendable = [batch for batch in batches if self.refused.intersection(batch.payloads)]
-        self.got.append((session, position, [batch for batch in batches if batch not in unsendable]))
+        self.got.append((session, position - 1, [batch for batch in batches if batch not in unsendable]))
         return unsendable
 
     def payloads(self, session: str = "") -> list[int]:
@@ -66,6 +73,7 @@ class Setting:
         self.lock = threading.Lock()
         self.feed = Feed(self.lock, "hall", policy)
         self.gateway = Gateway()
+        self.gateway.acknowledge = self._acknowledge
         self.session = ""
         self._next = 1
 
@@ -90,13 +98,22 @@ class Setting:
         assert position == 1
         return self.session
 
+    def connect(self) -> None:
+        """Join, and renew for the first time."""
+        self.join()
+        self.renew(0)
+        eventually(lambda: self.problem() == "", what="the acknowledgement of the first packet")
+
     def renew(self, position: int) -> None:
         with self.lock:
-            self.feed.renew(self.session, position)
+            self.feed.renew(self.session, position + 1)
 
     def acknowledge(self, position: int) -> None:
+        self._acknowledge(self.session, position + 1)
+
+    def _acknowledge(self, session: str, position: int) -> None:
         with self.lock:
-            self.feed.acknowledge(self.session, position)
+            self.feed.acknowledge(session, position)
 
     def problem(self) -> str:
         with self.lock:
@@ -132,8 +149,7 @@ def test_events_wait_until_the_gateway_has_joined_and_renewed(at: Setting) -> No
 
 
 def test_on_an_idle_link_the_suppliers_own_thread_sends(at: Setting) -> None:
-    at.join()
-    at.renew(1)
+    at.connect()
     batch = at.batch()
     assert at.accept(batch)
     assert at.check_account().queued == 1
@@ -142,8 +158,7 @@ def test_on_an_idle_link_the_suppliers_own_thread_sends(at: Setting) -> None:
 
 
 def test_packets_grow_under_load(at: Setting) -> None:
-    at.join()
-    at.renew(1)
+    at.connect()
     at.gateway.may_take.clear()
     sender = threading.Thread(target=at.publish)
     sender.start()
@@ -160,8 +175,7 @@ def test_packets_grow_under_load(at: Setting) -> None:
 
 def test_a_packet_that_is_sent_again_counts_once(at: Setting) -> None:
     """After a send that failed, and after an acknowledgement that was late."""
-    at.join()
-    at.renew(1)
+    at.connect()
     at.gateway.is_dead = True
     batch = at.batch()
     assert at.accept(batch)
@@ -182,8 +196,7 @@ def test_a_packet_that_is_sent_again_counts_once(at: Setting) -> None:
 
 
 def test_at_most_a_window_of_packets_is_in_flight(at: Setting) -> None:
-    at.join()
-    at.renew(1)
+    at.connect()
     for number in range(3 * WINDOW):
         at.publish(1, type=f"t{number % 2}")
     eventually(lambda: len(at.gateway.got) >= INLINE_WINDOW + 1, what="a full window")
@@ -195,8 +208,7 @@ def test_at_most_a_window_of_packets_is_in_flight(at: Setting) -> None:
 
 
 def test_unacknowledged_packets_are_sent_first_in_the_next_session(at: Setting) -> None:
-    at.join()
-    at.renew(1)
+    at.connect()
     for _ in range(3):
         at.publish()
     at.acknowledge(2)
@@ -211,8 +223,7 @@ def test_unacknowledged_packets_are_sent_first_in_the_next_session(at: Setting) 
 
 def test_a_join_while_an_event_is_claimed_keeps_the_order(at: Setting) -> None:
     """The supplier's thread was about to send 2 in the old session, 1 was in flight, 3 waits."""
-    at.join()
-    at.renew(1)
+    at.connect()
     at.publish()
     claimed = at.batch()
     assert at.accept(claimed)
@@ -226,8 +237,7 @@ def test_a_join_while_an_event_is_claimed_keeps_the_order(at: Setting) -> None:
 
 
 def test_a_claim_that_is_handed_over_keeps_the_order(at: Setting) -> None:
-    at.join()
-    at.renew(1)
+    at.connect()
     claimed = at.batch()
     assert at.accept(claimed)
     at.publish()
@@ -238,8 +248,7 @@ def test_a_claim_that_is_handed_over_keeps_the_order(at: Setting) -> None:
 
 
 def test_a_packet_that_failed_is_sent_again_after_the_next_renewal(at: Setting) -> None:
-    at.join()
-    at.renew(1)
+    at.connect()
     at.gateway.is_dead = True
     at.publish()
     eventually(lambda: at.problem() == "it is dead", what="the link to be down")
@@ -249,10 +258,49 @@ def test_a_packet_that_failed_is_sent_again_after_the_next_renewal(at: Setting) 
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both, in order")
 
 
+def test_a_renewal_does_not_hide_that_nothing_arrives(at: Setting) -> None:
+    """The gateway can call, and can't be called: the link is down until it has acknowledged a packet."""
+    at.connect()
+    at.gateway.is_dead = True
+    at.publish()
+    eventually(lambda: at.problem() == "it is dead", what="the link to be down")
+    for _ in range(5):
+        at.renew(1)
+        assert at.problem() == "it is dead"
+    at.gateway.is_dead = False
+    at.renew(1)
+    eventually(lambda: at.gateway.payloads() == [1], what="the event")
+    assert at.problem() == "it is dead"
+    at.acknowledge(2)
+    assert at.problem() == ""
+
+
+@pytest.mark.parametrize("at", [replace(DEFAULTS, silence_s=0.05)], indirect=True)
+def test_a_link_is_down_while_nothing_is_acknowledged(at: Setting) -> None:
+    at.connect()
+    at.publish()
+    eventually(lambda: "has acknowledged nothing" in at.problem(), what="the link to be down")
+    at.renew(1)
+    assert "has acknowledged nothing" in at.problem()
+    at.acknowledge(2)
+    assert at.problem() == ""
+
+
+@pytest.mark.parametrize("at", [replace(DEFAULTS, probe_interval_s=0.01, recheck_s=0.01)], indirect=True)
+def test_without_events_the_feed_notices_that_the_gateway_is_out_of_reach(at: Setting) -> None:
+    at.connect()
+    at.gateway.is_dead = True
+    eventually(lambda: at.problem() == "it is dead", what="the link to be down")
+    at.gateway.is_dead = False
+    at.renew(1)
+    eventually(lambda: at.problem() == "", what="the link")
+    with at.lock:
+        assert at.feed.snapshot().packets == 0, "those with events count"
+
+
 def test_a_packet_that_a_supplier_had_no_time_for_is_sent_again_at_once(at: Setting) -> None:
     """Without a renewal: the link is not down because a thread waited for a processor."""
-    at.join()
-    at.renew(1)
+    at.connect()
     at.gateway.shortest_s = 2 * INLINE_TIMEOUT_S
     at.publish()
     at.publish()
@@ -262,10 +310,9 @@ def test_a_packet_that_a_supplier_had_no_time_for_is_sent_again_at_once(at: Sett
     assert at.check_account() == (2, 2, 0, 0, 0, 0)
 
 
-@pytest.mark.parametrize("at", [LinkPolicy(retransmit_s=0.0)], indirect=True)
+@pytest.mark.parametrize("at", [replace(DEFAULTS, retransmit_s=0.0)], indirect=True)
 def test_a_lost_packet_is_retransmitted(at: Setting) -> None:
-    at.join()
-    at.renew(1)
+    at.connect()
     at.publish()
     at.publish()
     assert at.gateway.payloads() == [1, 2]
@@ -274,10 +321,9 @@ def test_a_lost_packet_is_retransmitted(at: Setting) -> None:
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both again")
 
 
-@pytest.mark.parametrize("at", [LinkPolicy(retransmit_s=2.0)], indirect=True)
+@pytest.mark.parametrize("at", [replace(DEFAULTS, retransmit_s=2.0)], indirect=True)
 def test_nothing_is_retransmitted_while_acknowledgements_progress(at: Setting) -> None:
-    at.join()
-    at.renew(1)
+    at.connect()
     at.publish()
     at.publish()
     time.sleep(2.05)
@@ -287,10 +333,9 @@ def test_nothing_is_retransmitted_while_acknowledgements_progress(at: Setting) -
     assert at.gateway.payloads() == [1, 2]
 
 
-@pytest.mark.parametrize("at", [LinkPolicy(lease_s=0.05)], indirect=True)
+@pytest.mark.parametrize("at", [replace(DEFAULTS, lease_s=0.05)], indirect=True)
 def test_the_link_is_down_when_the_lease_ends(at: Setting) -> None:
-    at.join()
-    at.renew(1)
+    at.connect()
     assert at.feed.snapshot().is_up
     eventually(lambda: not at.feed.snapshot().is_up, what="the end of the lease")
     assert "has not called" in at.feed.snapshot().problem
@@ -298,12 +343,11 @@ def test_the_link_is_down_when_the_lease_ends(at: Setting) -> None:
     assert at.gateway.got == []
 
 
-@pytest.mark.parametrize("at", [LinkPolicy(max_queued=10)], indirect=True)
+@pytest.mark.parametrize("at", [replace(DEFAULTS, max_queued=10)], indirect=True)
 def test_a_full_queue_discards_the_oldest_and_counts_them(at: Setting) -> None:
     for _ in range(25):
         at.publish()
-    at.join()
-    at.renew(1)
+    at.connect()
     eventually(lambda: at.gateway.payloads() == list(range(16, 26)), what="the newest")
     assert at.check_account().discarded == 15
 
@@ -312,8 +356,7 @@ def test_expired_events_are_not_sent(at: Setting) -> None:
     at.publish(2, expiry=0.05)
     at.publish()
     time.sleep(0.1)
-    at.join()
-    at.renew(1)
+    at.connect()
     eventually(lambda: at.gateway.payloads() == [3], what="the one that lives")
     assert at.check_account().expired == 2
 
@@ -326,8 +369,7 @@ def test_events_from_the_peer_are_not_sent_back(at: Setting) -> None:
 
 
 def test_a_large_batch_is_sent_in_several_packets(at: Setting) -> None:
-    at.join()
-    at.renew(1)
+    at.connect()
     at.publish(20, bytes=300_000)
     eventually(lambda: len(at.gateway.payloads()) == 20, what="all of it")
     assert at.gateway.payloads() == list(range(1, 21))
@@ -341,8 +383,7 @@ def test_unsendable_events_are_discarded_and_delay_no_others(at: Setting) -> Non
     at.gateway.refused = {b"2"}
     for number in range(3):
         at.publish(1, type=f"t{number}")
-    at.join()
-    at.renew(1)
+    at.connect()
     eventually(lambda: at.gateway.payloads() == [1, 3], what="the others")
     eventually(lambda: at.check_account().discarded == 1, what="the account")
     at.acknowledge(2)
@@ -351,8 +392,7 @@ def test_unsendable_events_are_discarded_and_delay_no_others(at: Setting) -> Non
 
 def test_a_packet_of_unsendable_events_is_acknowledged_too(at: Setting) -> None:
     at.gateway.refused = {b"1"}
-    at.join()
-    at.renew(1)
+    at.connect()
     at.publish()
     assert at.feed.snapshot().oldest_s == 0.0
     at.acknowledge(2)
@@ -368,8 +408,7 @@ def test_unsendable_events_are_not_delivered_even_if_acknowledged_first(at: Sett
 
     at.gateway = Quick()
     at.gateway.refused = {b"1"}
-    at.join()
-    at.renew(1)
+    at.connect()
     at.publish()
     assert at.check_account() == (1, 0, 0, 1, 0, 0)
 
@@ -377,14 +416,12 @@ def test_unsendable_events_are_not_delivered_even_if_acknowledged_first(at: Sett
 def test_plain_values_count_as_events_in_a_large_batch(at: Setting) -> None:
     batch = EventBatch(EventHeader("t", "s", "lab", encoding=Encoding.NATIVE), [1.0] * 2001, [b"any"] * 2001, 1)
     assert not at.accept(batch)
-    at.join()
-    at.renew(1)
+    at.connect()
     eventually(lambda: sum(len(r) for _, _, batches in at.gateway.got for r in batches) == 2001, what="all of it")
 
 
 def test_the_end_discards_all_that_waits_and_ends_the_thread(at: Setting) -> None:
-    at.join()
-    at.renew(1)
+    at.connect()
     at.publish()
     claimed = at.batch()
     assert at.accept(claimed)
@@ -404,12 +441,11 @@ def test_a_fault_of_a_translator_does_not_end_the_feed(at: Setting) -> None:
         def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
             raise ValueError("a fault")
 
-    sound, at.gateway = at.gateway, Broken()
     at.publish()
+    sound, at.gateway = at.gateway, Broken()
     at.join()
     at.renew(1)
     eventually(lambda: "internal fault" in at.feed.snapshot().problem, what="a reported problem")
     at.gateway = sound
-    at.join()
-    at.renew(1)
+    at.connect()
     eventually(lambda: sound.payloads() == [1], what="the event")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from robocorba.events.event import EventBatch, EventHeader
 from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.gateway import MAX_EARLY, FeedPort, Gateway
 from robocorba.events.links import LinkSnapshot
+from robocorba.events.policies import LinkPolicy
 from robocorba.events.watermarks import Watermarks
 from robocorba.testing.processes import eventually
 from tests.events.network import DEFAULTS, GatewayWire, Network, Node
@@ -178,6 +180,8 @@ class Feed:
 
     def __init__(self) -> None:
         self.session, self.position = "s1", 1
+        #: Called with each renewal.
+        self.on_renewal: Callable[[], None] = lambda: None
         self.attempts: list[float] = []
         self.acknowledged: list[int] = []
         self.problem: Exception | None = None
@@ -191,6 +195,7 @@ class Feed:
     def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
         if self.problem:
             raise self.problem
+        self.on_renewal()
         return []
 
     def acknowledge(self, position: int) -> None:
@@ -203,10 +208,11 @@ class Feed:
 class Alone:
     """A gateway of channel lab for its peer hall."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, policy: LinkPolicy = DEFAULTS) -> None:
         self.feed = Feed()
         self.channel = Channel(Federation("lab"), Watermarks(folder / "seen"), 1)
-        self.gateway = Gateway("hall", self.channel, self.feed.join, lambda news: None, DEFAULTS)
+        self.gateway = Gateway("hall", self.channel, self.feed.join, lambda news: None, policy)
+        self.feed.on_renewal = self.probe
 
     def __enter__(self) -> Alone:
         self.gateway.start()
@@ -216,6 +222,10 @@ class Alone:
         self.gateway.end()
         self.gateway._thread.join(60.0)
         assert not self.gateway._thread.is_alive()
+
+    def probe(self) -> None:
+        """A packet arrives that holds no events, and that the gateway has had."""
+        self.gateway.forward("s1", 0, [])
 
     def forward(self, position: int, *numbers: int, session: str = "s1") -> None:
         batches = [EventBatch(EventHeader("t", "s", "hall"), [1.0], [b"x"], number) for number in numbers]
@@ -265,6 +275,21 @@ def test_a_wake_while_the_peer_is_away_costs_one_attempt(tmp_path: Path) -> None
         assert alone.gateway.snapshot().problem == "it is away"
         alone.feed.problem = None
         eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
+
+
+def test_a_gateway_is_up_only_while_packets_arrive(tmp_path: Path) -> None:
+    """Its own calls may get through where those of the feed do not."""
+    policy = LinkPolicy(renew_interval_s=0.01, silence_s=0.1)
+    with Alone(tmp_path, policy) as alone:
+        eventually(lambda: alone.gateway.snapshot().is_up, what="the first packet")
+        alone.feed.on_renewal = lambda: None
+        eventually(lambda: "has arrived for 0.1 s" in alone.gateway.snapshot().problem, what="the link to be down")
+        alone.feed.problem = SessionOver("the session has ended")
+        eventually(lambda: len(alone.feed.attempts) >= 2, what="another session")
+        alone.feed.problem = None
+        eventually(lambda: "nothing that it sends has arrived yet" in alone.gateway.snapshot().problem, what="why")
+        alone.feed.on_renewal = alone.probe
+        eventually(lambda: alone.gateway.snapshot().is_up, what="the link")
 
 
 def test_the_reason_of_a_refusal_is_reported(tmp_path: Path) -> None:

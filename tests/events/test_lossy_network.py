@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -15,7 +16,9 @@ from tests.events.network import Consumer, Network, Weather
 from tests.events.samples import is_balanced
 
 #: Shorter intervals than the defaults.
-QUICK = LinkPolicy(renew_interval_s=0.02, retransmit_s=0.02, recheck_s=0.05, backoff=Backoff(0.05, 0.05))
+QUICK = LinkPolicy(
+    renew_interval_s=0.02, retransmit_s=0.02, recheck_s=0.02, probe_interval_s=0.05, backoff=Backoff(0.05, 0.05)
+)
 
 
 def stormy(seed: int) -> Weather:
@@ -126,6 +129,34 @@ def test_a_link_that_was_cut_delivers_its_queue() -> None:
         network.cut.clear()
         eventually(lambda: len(consumer.read()) >= 50, what="what waited")
         assert consumer.read() == [str(number) for number in range(50)]
+
+
+def test_both_ends_agree_that_a_link_is_down_where_one_of_them_cannot_be_called() -> None:
+    """As behind a firewall: B can call A, and A can't call B."""
+    with Network("A", "B", policy=replace(QUICK, lease_s=0.2, silence_s=0.2)) as network:
+        network.link("AB")
+        consumer = network["B"].consume("t")
+        eventually(lambda: all_know(network, "B", "t"), what="the interest at A")
+
+        def conditions() -> list[bool]:
+            states = [state for node in network.nodes.values() for state in node.links.snapshots()]
+            return [end.is_up for state in states for end in (state.feed, state.gateway)]
+
+        eventually(lambda: conditions() == [True] * 4, what="the link")
+        network.refused.add(("A", "B"))
+        network["A"].publish("1")
+        eventually(lambda: conditions() == [False] * 4, what="the link to be down at both ends")
+        for _ in range(20):  # while B renews its session with A again and again
+            assert not any(conditions())
+            time.sleep(0.02)
+        at_a, at_b = (network[name].links.snapshots()[0] for name in "AB")
+        assert (at_a.feed.problem, at_a.gateway.problem) == ("B is away", "B is away")
+        assert "nothing that it sends has arrived" in at_b.gateway.problem
+        assert "has not called" in at_b.feed.problem
+        assert not network["B"].links.is_in_force(consumer.proxy, "A")
+        network.refused.clear()
+        eventually(lambda: conditions() == [True] * 4, what="the link again")
+        eventually(lambda: consumer.read() == ["1"], what="what waited")
 
 
 def test_interest_follows_consumers() -> None:

@@ -415,3 +415,41 @@ def test_a_channel_that_lost_its_files_is_linked_again_and_its_events_are_new(at
     eventually(lambda: consumer.payloads("A") == [1, 2], LIMIT_S, "the second event")
     assert consumer.events[1].number > consumer.events[0].number
     assert at.incoming("B", "A").repeated == 0
+
+
+def test_a_link_is_down_at_both_ends_while_one_of_them_cannot_be_called(at: Channels) -> None:
+    """B stands behind a firewall: its calls to A get through, those of A to B do not."""
+    at.shape("AB")
+    at.kill("B")
+    at.spawn("B", **at.relayed("B"))
+    at.wait_ready("B")
+    with at.relay("B") as firewall:
+        eventually(lambda: at.is_up("AB"), LIMIT_S, "the link by way of the firewall")
+        consumer = Consumer(at.clients["B"], ("t",))
+        assert consumer.subscription.wait_in_force("A")
+        at.clients["A"].push("t", 1)
+        eventually(lambda: consumer.payloads("A") == [1], LIMIT_S, "the first event")
+        firewall.close()
+        at.clients["A"].push("t", 2)
+
+        def is_down() -> bool:
+            ends = [link for name in "AB" for link in at.links(name).values()]
+            return all(end.condition == RoboCorba.DOWN and end.problem for end in ends)
+
+        eventually(is_down, LIMIT_S, "the link to be down at both ends, in both directions")
+        joins = at.outgoing("A", "B").reconnects
+        until = time.monotonic() + 3.0
+        while time.monotonic() < until:  # B goes on to call A, twice a second
+            assert is_down()
+            time.sleep(0.05)
+        assert at.outgoing("A", "B").reconnects == joins
+        assert "can't be called" in at.outgoing("A", "B").problem
+        assert "nothing that it sends has arrived" in at.incoming("B", "A").problem
+        assert at.outgoing("A", "B").events.queued == 1
+        firewall.open()
+        eventually(lambda: at.is_up("AB"), LIMIT_S, "the link again")
+        eventually(lambda: consumer.payloads("A") == [1, 2], LIMIT_S, "what waited")
+    at.kill("B")
+    at.spawn("B")
+    at.wait_ready("B")
+    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")

@@ -10,6 +10,7 @@ from omniORB import CORBA
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion import events
 from robocorba.corba.orb import Orb
+from robocorba.corba.remote.event_clients import address_of
 from robocorba.errors.events import InvalidPeer, NotDelivered, SessionOver
 from robocorba.errors.services import NotReachable
 from robocorba.events.channel_store import Peer
@@ -36,7 +37,8 @@ class RemoteGateway:
     """The gateway of a peer, to which a feed sends."""
 
     def __init__(self, orb: Orb, reference: Any) -> None:
-        self._remote = orb.reference(orb.uri(reference), RoboCorba.EventGateway)
+        uri = orb.uri(reference)
+        self._remote, self._address = orb.reference(uri, RoboCorba.EventGateway), address_of(uri)
 
     def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
         set_call_timeout(self._remote, limit_s)
@@ -48,7 +50,7 @@ class RemoteGateway:
                 self._remote.forward(session, position, [])
                 return batches
         except CORBA.SystemException as error:
-            raise NotDelivered(describe(error)) from None
+            raise NotDelivered(f"{self._address} can't be called ({describe(error)})") from None
         return []
 
 
