@@ -15,6 +15,7 @@ from typing import Any
 
 from omniORB import CORBA
 
+from robocorba.corba.callers import present_caller
 from robocorba.corba.texts import refuse_unreadable_texts
 
 #: Maximum number of waiting calls, unless CallLimit sets another one.
@@ -27,7 +28,8 @@ class CallLimit:
     """At most `at_once` calls run at the same time, and `waiting` more wait, each for `limit_s` [s] at most; the one
     that has waited longest goes first.
 
-    A call that can't wait, or has waited in vain, raises CORBA.TRANSIENT: it was not executed."""
+    A call that can't wait, has waited in vain, or has waited while its client has gone, raises CORBA.TRANSIENT: it was
+    not executed."""
 
     def __init__(self, at_once: int, waiting: int = MAX_WAITING, limit_s: float = WAITING_LIMIT_S) -> None:
         self._places = _Places(at_once, waiting)
@@ -52,9 +54,14 @@ class CallLimit:
 
     @contextmanager
     def place(self) -> Iterator[None]:
-        """A place for a part of a call. Raises CORBA.TRANSIENT."""
-        if not self._places.take(self._limit_s):
-            raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
+        """A place for a part of a call. Raises CORBA.TRANSIENT, also if the client has gone while the call waited."""
+        if not self._places.take_free():
+            has_gone = present_caller()
+            if not self._places.take(self._limit_s):
+                raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
+            if has_gone():
+                self._places.give_back()
+                raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
         try:
             yield
         finally:
@@ -74,10 +81,12 @@ class _Places:
         #: Locks that are held until their thread gets a place.
         self._waiting: deque[threading.Lock] = deque()
 
+    def take_free(self) -> bool:
+        """Take a place without waiting; False if none is free, or others wait."""
+        return not self._waiting and self._has_taken_free()
+
     def take(self, limit_s: float) -> bool:
-        """Take a place; False if too many threads wait already, or none became free in time."""
-        if not self._waiting and self._has_taken_free():
-            return True
+        """Wait for a place; False if too many threads wait already, or none became free in time."""
         if len(self._waiting) >= self._max_waiting:
             return False
         got_place = threading.Lock()

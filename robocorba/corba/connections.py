@@ -179,6 +179,11 @@ def check_tcp(connection: socket.socket) -> None:
         raise OSError("not a TCP socket")
 
 
+def is_established(connection: socket.socket) -> bool:
+    """Whether neither end has closed a connection."""
+    return connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0] == _ESTABLISHED
+
+
 def _connections(process: Descriptors) -> Iterator[Connection]:
     """The connections at ports on which a process listens."""
     found: list[tuple[int, Connection]] = []
@@ -188,9 +193,9 @@ def _connections(process: Descriptors) -> Iterator[Connection]:
             if connection.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
                 ports.add(connection.getsockname()[1])
             else:
-                info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
-                if info[0] != _ESTABLISHED:  # such as one that was ended a moment ago
+                if not is_established(connection):  # such as one that was ended a moment ago
                     continue
+                info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
                 idle_s = _LAST_DATA_RECEIVED.unpack_from(info)[0] / 1000
                 is_answered = _SEGMENTS_SENT.unpack_from(info)[0] > 0
                 found.append((connection.getsockname()[1], Connection(descriptor, idle_s, is_answered)))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 from robocorba.errors.events import Disconnected, ProxyGone
 from robocorba.events.account import Totals
@@ -15,6 +17,11 @@ from robocorba.events.event import CorrelatedEvents, EventBatch
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 from robocorba.events.queue import EventQueue, OverflowRule, QueueItem, QueuePolicy
 from robocorba.events.subscription import Subscription, SubscriptionMatch
+
+#: Maximum number of pulls that wait at one proxy; a further one ends the first of them.
+MAX_PULLS = 64
+#: Interval at which a waiting pull checks whether its caller has gone [s].
+CHECK_INTERVAL_S = 1.0
 
 
 class ProxySupplier(Proxy):
@@ -142,47 +149,74 @@ class ProxySupplier(Proxy):
         self._changed.notify_all()
 
 
+class _Pull(NamedTuple):
+    """A call that waits for an event. number: of all calls of the proxy."""
+
+    number: int
+    has_gone: Callable[[], bool]
+
+
 class ProxyPullSupplier(ProxySupplier):
-    """Serves a consumer that pulls events, one at a time."""
+    """Serves a consumer that pulls events, one at a time.
+
+    Of several calls that wait the last one gets the next event: a client that has given a call up, and pulls again, may
+    have left the earlier one behind."""
 
     kind = ProxyKind.PULL_SUPPLIER
-    #: Number of pulls that wait.
-    pulls = 0
     _is_released = False
+
+    def __init__(self, lock: threading.Lock, id: str, subscription: Subscription, policy: QueuePolicy) -> None:
+        super().__init__(lock, id, subscription, policy)
+        self._numbers = itertools.count()
+        #: Calls that wait, the last one at the end.
+        self._pulls: list[_Pull] = []
+
+    @property
+    def pulls(self) -> int:
+        """Number of calls that wait."""
+        return len(self._pulls)
 
     def release(self) -> None:
         """Let all waiting calls return, because the process ends."""
         self._is_released = True
         self._changed.notify_all()
 
-    def pull(self, limit_s: float) -> EventBatch | None:
-        """Wait for the next event, returned as a batch of one; None after `limit_s`, or when the process ends.
+    def pull(self, limit_s: float, has_gone: Callable[[], bool] = lambda: False) -> EventBatch | None:
+        """Wait for the next event, returned as a batch of one; None after `limit_s`, when the process ends, when the
+        caller `has_gone`, or when MAX_PULLS later calls wait.
 
         Called without the lock. Raises Disconnected, also if the proxy ends meanwhile, as the OMG standard requires
         for a call in progress; ProxyGone if it had ended before."""
         deadline = time.monotonic() + limit_s
-        with self._lock, self._in_use():
+        with self._lock, self._waiting(has_gone) as pull:
             if self.is_ended:
                 raise ProxyGone(f"proxy {self.id} was disconnected")
             while True:
                 if self.is_ended or self.condition is ProxyCondition.WAITING:
                     raise Disconnected(f"proxy {self.id} is not connected")
-                if self._queue:
+                if self._queue and self._is_served(pull):
                     batch = self._take_one()
                     if batch is not None:
                         self.account.delivered += 1
                         return batch
                     continue
                 left = deadline - time.monotonic()
-                if left <= 0 or self._is_released:
+                if left <= 0 or self._is_released or has_gone() or pull not in self._pulls[-MAX_PULLS:]:
                     return None
-                self._changed.wait(left)
+                self._changed.wait(min(left, CHECK_INTERVAL_S))
+
+    def _is_served(self, pull: _Pull) -> bool:
+        """Whether a call gets the next event."""
+        return next((each for each in reversed(self._pulls) if not each.has_gone()), None) is pull
 
     @contextlib.contextmanager
-    def _in_use(self) -> Iterator[None]:
-        self.pulls += 1
+    def _waiting(self, has_gone: Callable[[], bool]) -> Iterator[_Pull]:
+        pull = _Pull(next(self._numbers), has_gone)
+        self._pulls.append(pull)
         try:
-            yield
+            yield pull
         finally:
-            self.pulls -= 1
+            self._pulls.remove(pull)
             self.used_at = time.monotonic()
+            if self._queue:  # for another call
+                self._changed.notify_all()

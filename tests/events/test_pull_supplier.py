@@ -91,3 +91,69 @@ def test_pull_does_not_return_expired_events(channel: Channel) -> None:
     time.sleep(0.02)
     assert proxy.pull(0.0) is None
     assert totals(proxy) == Totals(received=1, expired=1)
+
+
+class Pulling:
+    """A client whose call waits in a thread. has_gone: whether it has given the call up."""
+
+    def __init__(self, proxy: ProxyPullSupplier) -> None:
+        self.has_gone = False
+        self.payload: int | None = None
+        self._waits = threading.Event()
+        self._thread = threading.Thread(target=self._pull, args=(proxy,), daemon=True)
+        self._thread.start()
+        assert self._waits.wait(60.0)
+
+    def _pull(self, proxy: ProxyPullSupplier) -> None:
+        batch = proxy.pull(600.0, self._is_to_end)
+        self.payload = int(batch.payloads[0]) if batch else None
+
+    def _is_to_end(self) -> bool:
+        self._waits.set()
+        return self.has_gone
+
+    def result(self) -> int | None:
+        """What it has pulled, None if it came back without an event."""
+        self._thread.join(60.0)
+        assert not self._thread.is_alive()
+        return self.payload
+
+
+def test_the_last_pull_that_waits_is_served_first(channel: Channel) -> None:
+    proxy = pull_supplier_of(channel)
+    clients = [Pulling(proxy) for _ in range(3)]
+    for number, client in enumerate(reversed(clients)):
+        publish(channel, number)
+        assert client.result() == number
+
+
+def test_events_wait_for_a_client_that_has_not_gone(channel: Channel) -> None:
+    proxy = pull_supplier_of(channel)
+    clients = [Pulling(proxy) for _ in range(3)]
+    for client in clients:
+        client.has_gone = True
+    publish(channel, 1, 2)
+    assert [client.result() for client in clients] == [None] * 3
+    assert totals(proxy) == Totals(received=2, queued=2)
+    assert [batch.payloads for batch in (proxy.pull(0.0), proxy.pull(0.0)) if batch] == [[b"1"], [b"2"]]
+    assert totals(proxy) == Totals(received=2, delivered=2)
+
+
+def test_a_pull_behind_one_that_has_gone_is_served(channel: Channel) -> None:
+    """Also without another event that would wake it."""
+    proxy = pull_supplier_of(channel)
+    stays, goes = Pulling(proxy), Pulling(proxy)
+    goes.has_gone = True
+    publish(channel, 1, 2)
+    assert (stays.result(), goes.result()) == (1, None)
+    assert totals(proxy) == Totals(received=2, delivered=1, queued=1)
+
+
+def test_the_number_of_pulls_that_wait_is_bounded(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robocorba.events.proxy_supplier.MAX_PULLS", 2)
+    proxy = pull_supplier_of(channel)
+    first, second = Pulling(proxy), Pulling(proxy)
+    third = Pulling(proxy)
+    assert first.result() is None
+    publish(channel, 3, 2)
+    assert (third.result(), second.result()) == (3, 2)

@@ -14,6 +14,7 @@ import CosEventComm
 import pytest
 from omniORB import CORBA
 
+from robocorba.corba.calls import set_call_timeout
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually, hang
 from tests.system.event_place import (
@@ -209,6 +210,33 @@ def test_try_pull_of_nothing_says_so(lab: Lab) -> None:
     proxy.connect_pull_consumer(None)
     value, has_event = proxy.try_pull()
     assert not has_event and isinstance(value, CORBA.Any)
+
+
+def test_pulls_that_timed_out_lose_no_event(lab: Lab) -> None:
+    """omniORB's servants are not notified of a timeout, and go on."""
+    proxy, supplier = lab.for_pull_consumer(), lab.supplier()
+    proxy.connect_pull_consumer(None)
+    for number in range(3):
+        set_call_timeout(proxy, 0.1)
+        for _ in range(3):
+            with pytest.raises(CORBA.TIMEOUT):
+                proxy.pull()
+        set_call_timeout(proxy, None)
+        waiting = InBackground(proxy.pull)
+        supplier.push(text(f"first {number}"))
+        supplier.push(text(f"second {number}"))
+        assert [waiting.answer().value(), proxy.pull().value()] == [f"first {number}", f"second {number}"]
+    events = proxy._narrow(RoboCorba.EventProxyPullSupplier).state().events
+    assert (events.received, events.delivered, events.queued) == (6, 6, 0)
+
+
+def test_several_pulls_at_one_proxy_get_an_event_each(lab: Lab) -> None:
+    proxy, supplier = lab.for_pull_consumer(), lab.supplier()
+    proxy.connect_pull_consumer(None)
+    waiting = [InBackground(proxy.pull) for _ in range(3)]
+    for number in range(3):
+        supplier.push(text(str(number)))
+    assert sorted(call.answer().value() for call in waiting) == ["0", "1", "2"]
 
 
 def test_pull_after_disconnect_is_never_transient(lab: Lab) -> None:

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import CosEventChannelAdmin__POA
 from omniORB import CORBA
 
+from robocorba.corba.callers import present_caller
 from robocorba.corba.conversion import events
 from robocorba.corba.conversion.errors import raise_idl, translating
 from robocorba.errors.base import RoboCorbaError
@@ -19,7 +20,7 @@ from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.stubs import RoboCorba__POA
 
-#: Maximum duration of a pull [s]; then it raises TRANSIENT, because the client may be gone.
+#: Maximum duration of a pull [s]; then it raises TRANSIENT, because not every client that has gone is noticed.
 PULL_TIMEOUT_S = 300.0
 
 
@@ -154,7 +155,7 @@ class PullSupplierServant(RoboCorba__POA.EventProxyPullSupplier):
 
     @translating
     def pull(self) -> Any:
-        batch = self._proxy.pull(PULL_TIMEOUT_S)
+        batch = self._proxy.pull(0.0) or self._proxy.pull(PULL_TIMEOUT_S, present_caller())
         if batch is None:
             raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
         return events.plain_event(batch)
