@@ -14,6 +14,7 @@ from robocorba.spatial.arrays import Floats
 
 _STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
 _VELOCITIES = BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
+_FORCES = BodyFields.FORCE | BodyFields.TORQUE
 _read_one = ffi.addressof(lib, "pmSpaceBodyGetIteratorFuncBatched")
 _write_one = ffi.addressof(lib, "pmSpaceBodySetIteratorFuncBatched")
 
@@ -25,14 +26,17 @@ class Bodies:
 
     #: Rows (n, 6) of x, y [m], heading [rad], velocity along x and y [m/s], turn [rad/s].
     state: Floats
-    #: Rows (n, 3) of velocity along x and y [m/s], turn [rad/s], for `write`.
+    #: Rows (n, 3) of velocity along x and y [m/s], turn [rad/s], for `write_velocities`.
     velocities: Floats
+    #: Rows (n, 3) of force along x and y [N], torque [Nm], for `write_forces`.
+    forces: Floats
 
     def __init__(self, space: pymunk.Space) -> None:
         self._space = space
         self._first, self._second = ffi.new("cpBody *[1]"), ffi.new("cpBody *[1]")
         # One of each for good: pymunk never frees the arrays of a Buffer.
-        self._ids, self._reading, self._writing = Buffer(), _Batch(_STATE), _Batch(_VELOCITIES)
+        self._ids, self._reading = Buffer(), _Batch(_STATE)
+        self._velocities, self._forces = _Batch(_VELOCITIES), _Batch(_FORCES)
 
     def rebuild(self) -> list[int]:
         """Allocate zeroed rows for the current bodies; return the ids of the bodies, row by row."""
@@ -40,9 +44,11 @@ class Bodies:
         get_space_bodies(self._space, BodyFields.BODY_ID, self._ids)
         ids: list[int] = np.frombuffer(self._ids.int_buf(), np.uintp).tolist()
         # One spare row, since pymunk reallocates before the last row is full.
-        state, self.velocities = np.zeros((len(ids) + 1, 6)), np.zeros((len(ids), 3))
+        state = np.zeros((len(ids) + 1, 6))
+        self.velocities, self.forces = np.zeros((len(ids), 3)), np.zeros((len(ids), 3))
         self._reading.use(state)
-        self._writing.use(self.velocities)
+        self._velocities.use(self.velocities)
+        self._forces.use(self.forces)
         self.state = state[:-1]
         return ids
 
@@ -61,9 +67,13 @@ class Bodies:
         """Copy the state of all bodies to `state`."""
         self._reading.each(self._space, _read_one)
 
-    def write(self) -> None:
+    def write_velocities(self) -> None:
         """Set the velocities of all bodies from `velocities`."""
-        self._writing.each(self._space, _write_one)
+        self._velocities.each(self._space, _write_one)
+
+    def write_forces(self) -> None:
+        """Apply `forces` to all bodies during the next step."""
+        self._forces.each(self._space, _write_one)
 
 
 class _Batch:

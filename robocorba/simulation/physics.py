@@ -23,20 +23,14 @@ from numpy.typing import NDArray
 from shapely import LineString
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.kernels import kernel
 from robocorba.simulation.bodies import Bodies
 from robocorba.simulation.static_parts import StaticChange, StaticPart, StaticParts, changes_between, static_parts
-from robocorba.spatial.arrays import Floats
+from robocorba.simulation.substeps import MAX_PENETRATION_M, STEP_S, RobotMasses, max_penetration_m, substeps_for
+from robocorba.simulation.velocity_control import BRAKING_M_S2, BRAKING_RAD_S2, control, limit_speeds
 from robocorba.spatial.floor_state import FloorState, in_own_frames
 from robocorba.spatial.grids import segments_of
 from robocorba.spatial.pose import Limits
 
-#: Duration of a step [s].
-STEP_S = 0.02
-#: Coulomb friction coefficient between a sliding body and the floor; our choice.
-GROUND_FRICTION = 0.5
-#: Gravity [m/s^2].
-GRAVITY_M_S2 = 9.81
 #: Overlap that Chipmunk tolerates between touching bodies [m].
 _SLOP_M = 0.001
 #: Packs a command: velocity ahead, to the left [m/s] and turn [rad/s], and the time until which it is valid [s].
@@ -45,8 +39,6 @@ _pack_command = Struct("4d").pack
 _NO_COMMAND = _pack_command(0.0, 0.0, 0.0, math.inf)
 #: Stop as fast as ground friction allows, regardless of the robot's limits.
 _BRAKE = _pack_command(0.0, 0.0, 0.0, -math.inf)
-#: Deceleration by ground friction, of a sliding object and of a braking robot [m/s^2, rad/s^2].
-BRAKING_M_S2, BRAKING_RAD_S2 = GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2
 #: Limits of an object on the floor.
 SLIDING = Limits(0.0, 0.0, BRAKING_M_S2, BRAKING_RAD_S2)
 #: Limits of the static body.
@@ -111,6 +103,7 @@ class FloorPhysics:
         self._ground = self._space.static_body  # pymunk creates it at the first access
         self._bodies: dict[str, pymunk.Body] = {}
         self._robots: dict[str, Limits] = {}
+        self._masses = RobotMasses()
         self._grips: dict[str, _Grip] = {}
         self._names: list[str] = []
         self._static: dict[StaticPart, list[pymunk.Shape]] = {}
@@ -121,6 +114,9 @@ class FloorPhysics:
         #: Last command of each robot, packed: replacing one needs no lock, reading all of them needs no loop.
         self._packed_commands: dict[str, bytes] = {}
         self._name_of: dict[int, str] = {}
+        #: How far each body may move in a substep [m], by its id.
+        self._reach_m: dict[int, float] = {}
+        self._is_moving = False
         self._rebuild_rows()
         self.set_obstacles(obstacles)
 
@@ -192,7 +188,8 @@ class FloorPhysics:
     ) -> None:
         """Add a disc that is stationary until commanded. Raises KeyError if the name is taken."""
         body = pymunk.Body(mass_kg, pymunk.moment_for_circle(mass_kg, 0.0, radius_m))
-        self._add(name, body, [pymunk.Circle(body, radius_m)], pose, limits)
+        self._add(name, body, [pymunk.Circle(body, radius_m)], pose, limits, max_penetration_m(radius_m))
+        self._masses.add(name, body, mass_kg)
 
     def add_object(self, name: str, pose: tuple[float, float, float], outline: BaseGeometry, mass_kg: float) -> None:
         """Add a movable object; `outline` is a polygon in its own frame [m]. Raises KeyError if the name is taken."""
@@ -203,13 +200,15 @@ class FloorPhysics:
         body = pymunk.Body()
         for part in parts:
             part.body = body
-        self._add(name, body, parts, pose, None)
+        half_width_m = shapely.maximum_inscribed_circle(outline).length
+        self._add(name, body, parts, pose, None, max(MAX_PENETRATION_M, half_width_m / 2))
 
     def remove(self, name: str) -> None:
         """Remove a robot or an object with its grips. Raises KeyError for an unknown name."""
         body = self._bodies.pop(name)
-        del self._name_of[body.id]
+        del self._name_of[body.id], self._reach_m[body.id]
         self._robots.pop(name, None)
+        self._masses.remove(name)
         self._packed_commands.pop(name, None)
         for robot in [robot for robot, grip in self._grips.items() if name in (robot, grip.held)]:
             self._remove_grip(robot)
@@ -302,6 +301,7 @@ class FloorPhysics:
         shapes: Sequence[pymunk.Shape],
         pose: tuple[float, float, float],
         limits: Limits | None,
+        reach_m: float,
     ) -> None:
         if name in self._bodies:
             raise KeyError(f"a body {name} exists already")
@@ -309,7 +309,7 @@ class FloorPhysics:
         for shape in shapes:
             shape.friction = 0.3
         self._space.add(body, *shapes)
-        self._bodies[name], self._name_of[body.id] = body, name
+        self._bodies[name], self._name_of[body.id], self._reach_m[body.id] = body, name, reach_m
         if limits:
             self._robots[name] = limits
             self._packed_commands[name] = _NO_COMMAND  # drops a command of an earlier robot of this name
@@ -325,12 +325,25 @@ class FloorPhysics:
         names = [self._name_of.get(id, "") for id in self._batched.rebuild()]  # includes the static body
         self._names, self._row_of = names, {name: row for row, name in enumerate(names)}
         self._limits = np.array([self._limits_of(name) for name in names]).reshape(-1, 4)
+        self._adapt_to_bodies()
         self._held = {robot: grip.held for robot, grip in self._grips.items()}
         self._commands = np.empty((len(names), 4))
         self._commanded = [name if name in self._robots else "" for name in names]
         self._has_changed, self._has_new_commands, self.is_still = False, True, False
         self._rows_at_check = b""
         self._take_snapshot()
+
+    def _adapt_to_bodies(self) -> None:
+        """Choose substeps and iterations by the bodies that are present."""
+        self._masses.apply()
+        self._space.iterations = self._masses.iterations
+        bodies = [self._bodies.get(name) for name in self._names]
+        reach_m = np.array([self._reach_m[body.id] if body else math.inf for body in bodies])
+        self._substeps = substeps_for(self._limits[:, 0].max(), reach_m.min())
+        substep_s = STEP_S / self._substeps
+        self._caps = reach_m / substep_s
+        inertia = [(body.mass, body.moment) if body else (0.0, 0.0) for body in bodies]
+        self._inertia = np.array(inertia).reshape(-1, 2) / substep_s
 
     def touching(self, x: float, y: float, radius_m: float, but: str | None = None) -> str | None:
         """Name of the nearest body that a disc would touch, empty for a static obstacle; None if the disc is free.
@@ -381,16 +394,16 @@ class FloorPhysics:
             self._take_commands()
         self._steps += 1
         self.time = self._steps * STEP_S
-        bodies = self._batched
         if has_new_commands or not self.is_still:
-            control(bodies.state, self._commands, self._limits, self.time, bodies.velocities)
-            self.is_still = self.is_still and not bodies.velocities.any()
+            self._control()
         if self.is_still:
             rows = self.snapshot.rows
             self.snapshot = FloorState(self.name, self.time, self._names, self._row_of, rows, self._held)
             return StepResult([], [])
-        bodies.write()
-        self._space.step(STEP_S)
+        self._space.step(STEP_S / self._substeps)
+        for _ in range(1, self._substeps):
+            self._limit_speeds()
+            self._space.step(STEP_S / self._substeps)
         self._take_snapshot()
         if self._steps % STILL_CHECK_STEPS == 0:
             self._check_whether_still()
@@ -405,11 +418,31 @@ class FloorPhysics:
         """Set `is_still` once all bodies have rested between two checks and Chipmunk remembers no contact.
 
         Then a step is a function without memory that gave its input: further ones cannot give anything else."""
-        if self._grips or self._batched.velocities.any():
+        if self._grips or self._is_moving:
             self._rows_at_check = b""
             return
         before, self._rows_at_check = self._rows_at_check, self.snapshot.rows.tobytes()
         self.is_still = before == self._rows_at_check and not self._batched.has_contacts()
+
+    def _control(self) -> None:
+        """Let the bodies follow their commands in the next step.
+
+        By forces, since Chipmunk first moves bodies by their velocities, then finds contacts, then applies forces: what
+        leads into an obstacle is taken away before anything moves."""
+        bodies = self._batched
+        rows = self._commands, self._limits, self._inertia, self._caps
+        self._is_moving, is_too_fast = control(bodies.state, *rows, self.time, bodies.forces, bodies.velocities)
+        self.is_still = self.is_still and not self._is_moving
+        if is_too_fast:
+            bodies.write_velocities()
+        bodies.write_forces()
+
+    def _limit_speeds(self) -> None:
+        """Slow down bodies that others push faster than a substep holds."""
+        bodies = self._batched
+        bodies.read()
+        if limit_speeds(bodies.state, self._caps, bodies.velocities):
+            bodies.write_velocities()
 
     def set_steps(self, steps: int) -> None:
         """Set the number of passed steps, and the time accordingly."""
@@ -452,40 +485,10 @@ class FloorPhysics:
         self._contacts.append(Contact(self._name_of.get(first, ""), self._name_of.get(second, "")))
 
 
-@kernel
-def control(state: Floats, commands: Floats, limits: Floats, now: float, velocities: Floats) -> None:
-    """Compute velocities (n, 3) for the next step, before contacts.
-
-    They approach the commands (n, 4) from those in `state` (n, 6) within `limits` (n, 4), columns as in Limits.
-    A command is a velocity in the body's frame and the time until which it is valid [s]."""
-    for i in range(len(state)):
-        ahead, left, turn, until = commands[i]
-        if until < now:
-            ahead = left = turn = 0.0
-        # Square roots, sines and cosines dominate the cost, so skip them where possible.
-        if abs(ahead) + abs(left) > limits[i, 0]:
-            # not ahead * limit, which may be infinite
-            share = min(1.0, limits[i, 0] / max(math.hypot(ahead, left), 1e-12))
-            ahead, left = ahead * share, left * share
-        turn = min(max(turn, -limits[i, 1]), limits[i, 1])
-        dx, dy = -state[i, 3], -state[i, 4]
-        if ahead != 0.0 or left != 0.0:
-            c, s = math.cos(state[i, 2]), math.sin(state[i, 2])
-            dx, dy = c * ahead - s * left + dx, s * ahead + c * left + dy
-        is_braking = until == -math.inf
-        max_change = (BRAKING_M_S2 if is_braking else limits[i, 2]) * STEP_S
-        share = 1.0
-        if abs(dx) + abs(dy) > max_change:
-            share = min(1.0, max_change / max(math.hypot(dx, dy), 1e-12))
-        velocities[i, 0] = state[i, 3] + dx * share
-        velocities[i, 1] = state[i, 4] + dy * share
-        max_turn_change = (BRAKING_RAD_S2 if is_braking else limits[i, 3]) * STEP_S
-        velocities[i, 2] = state[i, 5] + min(max(turn - state[i, 5], -max_turn_change), max_turn_change)
-
-
 def warm_up() -> None:
     """Compile or load the kernels, so that the first step takes no longer than the others."""
     physics = FloorPhysics()
+    physics.add_robot("fast", (0.0, 0.0, 0.0), 0.05, 1.0, Limits(speed=1.0))  # needs substeps
     physics.step()
     in_own_frames(physics.snapshot.rows)
 

@@ -1,0 +1,84 @@
+"""The forces by which robots follow their velocity commands, and objects slide to a halt."""
+
+from __future__ import annotations
+
+import math
+
+from robocorba.kernels import kernel
+from robocorba.simulation.substeps import STEP_S
+from robocorba.spatial.arrays import Floats
+
+#: Coulomb friction coefficient between a sliding body and the floor; our choice.
+GROUND_FRICTION = 0.5
+#: Gravity [m/s^2].
+GRAVITY_M_S2 = 9.81
+#: Deceleration by ground friction, of a sliding object and of a braking robot [m/s^2, rad/s^2].
+BRAKING_M_S2, BRAKING_RAD_S2 = GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2
+#: Velocity below which a body rests [m/s, rad/s]: forces take velocities to 0 but for their rounding errors.
+REST = 1e-300
+
+
+@kernel
+def share_within(x: float, y: float, limit: float) -> float:
+    """The factor that shortens a vector to a length of at most `limit`: 1 if it is no longer."""
+    # Square roots, sines and cosines dominate the cost of a step, so skip them where possible.
+    if abs(x) + abs(y) <= limit:
+        return 1.0
+    return min(1.0, limit / max(math.hypot(x, y), 1e-12))
+
+
+@kernel
+def limit_speeds(state: Floats, caps: Floats, velocities: Floats) -> bool:
+    """Whether a body is faster than its cap (n) [m/s]. `velocities` (n, 3): those in `state` (n, 6) within the caps."""
+    is_too_fast = False
+    for i in range(len(state)):
+        share = share_within(state[i, 3], state[i, 4], caps[i])
+        is_too_fast = is_too_fast or share < 1.0
+        velocities[i, 0], velocities[i, 1] = state[i, 3] * share, state[i, 4] * share
+        velocities[i, 2] = state[i, 5]
+    return is_too_fast
+
+
+@kernel
+def control(
+    state: Floats,
+    commands: Floats,
+    limits: Floats,
+    inertia: Floats,
+    caps: Floats,
+    now: float,
+    forces: Floats,
+    velocities: Floats,
+) -> tuple[bool, bool]:
+    """Compute the forces (n, 3) that change the bodies' velocities in the next substep, before contacts.
+
+    Velocities approach the commands (n, 4) from those in `state` (n, 6) within `limits` (n, 4), columns as in Limits.
+    A command is a velocity in the body's frame and the time until which it is valid [s]. inertia: (n, 2) mass [kg] and
+    moment [kg m^2], over the duration of the substep [s].
+
+    Returns whether a body moves or is to move, and whether one is faster than its cap (n) [m/s], as pushed by others;
+    `velocities` (n, 3) are those in `state` within the caps."""
+    is_moving = is_too_fast = False
+    for i in range(len(state)):
+        ahead, left, turn, until = commands[i]
+        if until < now:
+            ahead = left = turn = 0.0
+        share = share_within(ahead, left, limits[i, 0])
+        ahead, left = ahead * share, left * share
+        turn = min(max(turn, -limits[i, 1]), limits[i, 1])
+        share = share_within(state[i, 3], state[i, 4], caps[i])
+        is_too_fast = is_too_fast or share < 1.0
+        vx, vy, turning = state[i, 3] * share, state[i, 4] * share, state[i, 5]
+        velocities[i, 0], velocities[i, 1], velocities[i, 2] = vx, vy, turning
+        dx, dy = -vx, -vy
+        if ahead != 0.0 or left != 0.0:
+            c, s = math.cos(state[i, 2]), math.sin(state[i, 2])
+            dx, dy = c * ahead - s * left + dx, s * ahead + c * left + dy
+        is_braking = until == -math.inf
+        share = share_within(dx, dy, (BRAKING_M_S2 if is_braking else limits[i, 2]) * STEP_S)
+        max_turn_change = (BRAKING_RAD_S2 if is_braking else limits[i, 3]) * STEP_S
+        spin = min(max(turn - turning, -max_turn_change), max_turn_change)
+        is_moving = is_moving or max(abs(vx), abs(vy), abs(turning), abs(dx), abs(dy), abs(spin)) > REST
+        forces[i, 0], forces[i, 1] = dx * share * inertia[i, 0], dy * share * inertia[i, 0]
+        forces[i, 2] = spin * inertia[i, 1]
+    return is_moving, is_too_fast
