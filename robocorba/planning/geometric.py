@@ -11,24 +11,27 @@ import numpy as np
 from robocorba.maps.model import Building
 from robocorba.planning.elevators import RideEstimate, ride
 from robocorba.planning.request import Criterion, PathRequest
+from robocorba.planning.road_rules import NO_LANES
+from robocorba.planning.roads import SAME_PLACE_M
 from robocorba.planning.route import ELEVATOR, NODE, TRAVELS, WAITS, waypoints
 from robocorba.planning.snapshot import BuildingSnapshot
-from robocorba.planning.tangent_graph import NO_LANES, DriveLeg
+from robocorba.planning.tangent_graph import DriveLeg
 from robocorba.planning.turns import Turn
 from robocorba.spatial.arrays import Floats
 from robocorba.spatial.pose import XY
 
-#: A vertex of the search: a floor, and the elevator whose cabin is there or " start" or " goal".
-_Stop = tuple[str, str]
+#: A vertex of the search: a floor, the elevator whose cabin is there or " start" or " goal", and the number of the
+#: place in the cabin.
+_Stop = tuple[str, str, int]
 
 
-def routes(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn, obey_one_way: bool = False) -> list[Floats]:
-    """The shortest route and, as alternatives, those by other elevators; empty if there is none. Drives obey one-way
-    edges only with `obey_one_way`."""
+def routes(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn, obey_rules: bool = False) -> list[Floats]:
+    """The shortest route and, as alternatives, those by other elevators; empty if there is none. Drives obey the
+    rules of edges only with `obey_rules`."""
     for place in (request.start, request.goal):
         if not snapshot.spaces[place.floor].point_is_free(place.x, place.y, request.radius):
             return []
-    best = _find_route(snapshot, request, request.avoid_elevators, turn, obey_one_way)
+    best = _find_route(snapshot, request, request.avoid_elevators, turn, obey_rules)
     if best is None:
         return []
     used = _elevators(snapshot, best)
@@ -37,7 +40,7 @@ def routes(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn, obey_on
         for avoided in combinations(sorted(used), count):
             if len(found) > request.alternatives:
                 return found
-            other = _find_route(snapshot, request, request.avoid_elevators | set(avoided), turn, obey_one_way)
+            other = _find_route(snapshot, request, request.avoid_elevators | set(avoided), turn, obey_rules)
             if other is not None and _elevators(snapshot, other) not in seen:
                 seen.add(_elevators(snapshot, other))
                 found.append(other)
@@ -49,13 +52,13 @@ def _elevators(snapshot: BuildingSnapshot, route: Floats) -> frozenset[str]:
 
 
 def _find_route(
-    snapshot: BuildingSnapshot, request: PathRequest, avoid: frozenset[str], turn: Turn, obey_one_way: bool
+    snapshot: BuildingSnapshot, request: PathRequest, avoid: frozenset[str], turn: Turn, obey_rules: bool
 ) -> Floats | None:
     """Dijkstra over start, cabins and goal. Drives between them are planned when the search needs them."""
     start, goal = request.start, request.goal
     by_time = request.best is Criterion.SHORTEST_TIME
     metres_per_cost = request.speed if by_time else 1.0
-    origin, destination = (start.floor, " start"), (goal.floor, " goal")
+    origin, destination = (start.floor, " start", 0), (goal.floor, " goal", 0)
     at: dict[_Stop, XY] = _cabins(snapshot, request.radius, avoid)
     cabins = list(at)
     at |= {origin: start[1:], destination: goal[1:]}
@@ -76,11 +79,11 @@ def _find_route(
             steps = [
                 (stop, _cost(_ride(snapshot.building, here, stop), by_time), None)
                 for stop in cabins
-                if stop[1] == here[1] and stop not in done
+                if stop[1:] == here[1:] and stop not in done
             ]
         else:
             targets = [stop for stop in at if stop[0] == here[0] and stop not in done]
-            lanes = snapshot.roads.parts[here[0]].lanes if obey_one_way else NO_LANES
+            lanes = snapshot.lanes(here[0]) if obey_rules else NO_LANES
             legs = snapshot.graph(here[0], request.radius).legs(
                 at[here], [at[stop] for stop in targets], lanes=lanes, turn=turn
             )
@@ -94,16 +97,22 @@ def _find_route(
 
 
 def _cabins(snapshot: BuildingSnapshot, radius: float, avoid: frozenset[str]) -> dict[_Stop, XY]:
-    """The place of a robot in each cabin on each floor served: the node in the cabin, else its centre."""
+    """The places of a robot in each cabin on each floor served: those of the nodes in the cabin on any floor, else its
+    centre. A ride does not change the place."""
     found: dict[_Stop, XY] = {}
+    stops: dict[str, list[XY]] = {}
+    for entry in snapshot.building.floors.values():
+        for node in entry.topological.nodes.values():
+            places = stops.setdefault(node.elevator, []) if node.elevator else []
+            if node.elevator and all(math.dist(node.at, place) >= SAME_PLACE_M for place in places):
+                places.append(node.at)
     for name, elevator in snapshot.building.elevators.items():
         if name in avoid:
             continue
         for floor in elevator.floors():
-            nodes = snapshot.building.floors[floor].topological.nodes.values()
-            place = next((node.at for node in nodes if node.elevator == name), elevator.at)
-            if snapshot.spaces[floor].point_is_free(*place, radius):
-                found[floor, name] = place
+            for number, place in enumerate(stops.get(name) or [elevator.at]):
+                if snapshot.spaces[floor].point_is_free(*place, radius):
+                    found[floor, name, number] = place
     return found
 
 
@@ -129,7 +138,7 @@ def _assemble(
     roads = snapshot.roads
     parts: list[Floats] = []
     for here, there in pairwise(reversed(stops)):
-        floor, node, leg = roads.floor_index[here[0]], _node(snapshot, here), parents[there][1]
+        floor, node, leg = roads.floor_index[here[0]], _node(snapshot, here, at[here]), parents[there][1]
         if leg is None:
             wait, travel, _ = _ride(snapshot.building, here, there)
             rows = waypoints(floor, np.array([at[here]], float))
@@ -142,8 +151,9 @@ def _assemble(
     return np.concatenate(parts)
 
 
-def _node(snapshot: BuildingSnapshot, stop: _Stop) -> int:
-    """Index of the node in a cabin, -1 if there is none."""
-    roads, (floor, elevator) = snapshot.roads, stop
-    cabins = {name: node for node, name in reversed(roads.parts[floor].cabins)}
-    return int(roads.offset[roads.floor_index[floor]]) + cabins[elevator] if elevator in cabins else -1
+def _node(snapshot: BuildingSnapshot, stop: _Stop, at: XY) -> int:
+    """Index of the node in a cabin at this place, -1 if there is none."""
+    roads, (floor, elevator, _) = snapshot.roads, stop
+    part, shift = roads.parts[floor], int(roads.offset[roads.floor_index[floor]])
+    here = (node for node, name in part.cabins if name == elevator and math.dist(part.xy[node], at) < SAME_PLACE_M)
+    return next((shift + node for node in here), -1)

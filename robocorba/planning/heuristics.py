@@ -9,7 +9,7 @@ import numpy as np
 
 from robocorba.kernels import kernel
 from robocorba.planning.packing import Packed, numbers, pack, rows
-from robocorba.planning.roads import CLEARANCE, LENGTH, SPEED_LIMIT, TRAVEL, WAIT, RoadMap, RoadmapArrays
+from robocorba.planning.roads import CLEARANCE, DRIVEN, LENGTH, SPEED_LIMIT, TRAVEL, WAIT, RoadMap, RoadmapArrays
 from robocorba.planning.space import TOUCH_M
 from robocorba.spatial.arrays import Floats, Longs
 
@@ -46,7 +46,9 @@ def make_heuristics(
     direct = np.hypot(offset[..., 0], offset[..., 1]) / (1.0 if speed_m_s == COST_IN_METRES else speed_m_s)
     bound = np.where(roads.floor[node, None] == roads.floor[None, node], direct, np.inf)
     measures = roads.measures[rides]
-    costs = measures[:, LENGTH] if speed_m_s == COST_IN_METRES else measures[:, WAIT] + measures[:, TRAVEL]
+    costs = measures[:, LENGTH]
+    if speed_m_s != COST_IN_METRES:
+        costs = measures[:, WAIT] + measures[:, TRAVEL] + np.abs(measures[:, DRIVEN]) / speed_m_s
     np.minimum.at(bound, (np.searchsorted(node, origins), np.searchsorted(node, roads.to[rides])), costs)
     for k in range(len(node)):
         np.minimum(bound, bound[:, k, None] + bound[None, k, :], out=bound)
@@ -78,7 +80,8 @@ def step_cost(roads: RoadmapArrays, edge: int, speed_m_s: float) -> float:
     if speed_m_s == COST_IN_METRES:
         return length
     if roads.elevator[edge] >= 0:
-        return roads.measures[edge, WAIT] + roads.measures[edge, TRAVEL]
+        measures = roads.measures[edge]
+        return measures[WAIT] + measures[TRAVEL] + abs(measures[DRIVEN]) / speed_m_s
     return length / min(speed_m_s, roads.measures[edge, SPEED_LIMIT])
 
 

@@ -15,20 +15,28 @@ from robocorba.lazy_property import lazy_property
 from robocorba.maps.model import Building, FloorMap, PathEdge
 from robocorba.planning.elevators import ride
 from robocorba.planning.request import MAX_RADIUS_M, IndexedNames
+from robocorba.planning.road_rules import make_lanes
 from robocorba.planning.space import FloorSpace, is_ground, line_clearance
 from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.grids import Grid
 
-#: Columns of RoadmapArrays.measures. Waiting and travelling are 0 s for a drive; the length of a ride is its climb.
-LENGTH, CLEARANCE, SPEED_LIMIT, WAIT, TRAVEL = range(5)
+#: Columns of RoadmapArrays.measures. Waiting and travelling are 0 s for a drive. The length of a ride is its climb and
+#: the drive in the cabin between nodes at different places, DRIVEN [m], negative where that comes before the ride.
+LENGTH, CLEARANCE, SPEED_LIMIT, WAIT, TRAVEL, DRIVEN = range(6)
+#: Columns of measures.
+MEASURES = 6
+#: Nodes of a cabin nearer to each other than this are at the same place [m].
+SAME_PLACE_M = 1e-6
 
 #: Clearance of an edge that no robot can use, because an obstacle crosses or encloses it.
 BLOCKED = -1.0
+#: The edge from the first of two nodes to the second.
+AB: Longs = np.array([[0, 1]])
 
 
 class RoadmapArrays(NamedTuple):
     """Nodes sorted by floor: xy (n, 2) [m], floor (n,). Edges of node i are first[i]:first[i + 1]: to (m,), elevator
-    (m,) or -1 for a drive, measures (m, 5) in m, m/s and s. fixed (m,) is 1 for edges that a drive must follow:
+    (m,) or -1 for a drive, measures (m, MEASURES) in m, m/s and s. fixed (m,) is 1 for edges that a drive must follow:
     one-way or with a speed limit."""
 
     xy: Floats
@@ -56,7 +64,7 @@ class FloorRoads:
         declared = np.array([edge.clearance or np.inf for edge in edges])
         limits = np.array([edge.speed_limit or np.inf for edge in edges])
         lengths = np.hypot(*(self.xy[ends[:, 0]] - self.xy[ends[:, 1]]).T) if edges else np.empty(0)
-        measures = np.column_stack([lengths, np.minimum(clear, declared), limits, np.zeros((len(edges), 2))])
+        measures = np.column_stack([lengths, np.minimum(clear, declared), limits, np.zeros((len(edges), 3))])
         one_way = np.array([edge.one_way for edge in edges], bool)
         # Each edge forwards, then each two-way edge backwards.
         self.origin = np.concatenate([ends[:, 0], ends[~one_way, 1]])
@@ -64,9 +72,15 @@ class FloorRoads:
         self.measures = np.concatenate([measures, measures[~one_way]])
         self.edges: list[PathEdge] = edges + [edge for edge in edges if not edge.one_way]
         self.one_way = np.concatenate([one_way, np.zeros(int((~one_way).sum()), bool)])
-        #: The one-way edges (n, 4) [m].
-        self.lanes = np.hstack([self.xy[ends[one_way, 0]], self.xy[ends[one_way, 1]]]).reshape(-1, 4)
-        self.lanes = self.lanes[np.hypot(*(self.lanes[:, 2:] - self.lanes[:, :2]).T) > 0]
+        self._edge_ends = ends
+        #: The edges that have rules (n, LANE_COLUMNS); see road_rules.py.
+        self.lanes = make_lanes(edges, ends, self.xy)
+
+    def lanes_of(self, graph: str) -> Floats:
+        """The lanes for requests of a navigation graph: the edges of others are closed."""
+        if not graph:
+            return self.lanes
+        return make_lanes(self.edges[: len(self._edge_ends)], self._edge_ends, self.xy, graph)
 
 
 @kernel
@@ -116,7 +130,7 @@ class RoadMap:
         links, rides = self._rides(parts)
         origin = np.concatenate([*origins, links[:, 0]])
         to = np.concatenate([*targets, links[:, 1]])
-        measures = np.concatenate([np.empty((0, 5)), *(part.measures for part in parts), rides])
+        measures = np.concatenate([np.empty((0, MEASURES)), *(part.measures for part in parts), rides])
         drives = len(origin) - len(links)
         elevator = np.concatenate([np.full(drives, -1, np.int64), links[:, 2]])
         one_way = np.concatenate([np.empty(0, bool), *(part.one_way for part in parts), np.ones(len(links), bool)])
@@ -149,6 +163,22 @@ class RoadMap:
             for (origin, a), (destination, b) in permutations(places, 2):
                 if origin != destination:
                     wait, travel, climb = ride(building, building.elevators[name], origin, destination)
+                    driven, clearance = self._drive_in_cabin(origin, a, destination, b)
                     links.append((a, b, self.elevators.index(name)))
-                    rides.append((climb, np.inf, np.inf, wait, travel))
-        return np.array(links, np.int64).reshape(-1, 3), np.array(rides, float).reshape(-1, 5)
+                    rides.append((climb + abs(driven), clearance, np.inf, wait, travel, driven))
+        return np.array(links, np.int64).reshape(-1, 3), np.array(rides, float).reshape(-1, MEASURES)
+
+    def _drive_in_cabin(self, origin: str, a: int, destination: str, b: int) -> tuple[float, float]:
+        """DRIVEN [m] and the clearance [m] of the drive between the places of a cabin's nodes on two floors. It comes
+        after the ride, or before it where there is more room."""
+        parts = self.parts[origin], self.parts[destination]
+        local = a - self.offset[self.floor_index[origin]], b - self.offset[self.floor_index[destination]]
+        ends = np.array([part.xy[node] for part, node in zip(parts, local, strict=True)])
+        length = float(np.hypot(*(ends[1] - ends[0])))
+        if length < SAME_PLACE_M:
+            return 0.0, np.inf
+        before, after = (
+            float(_clearances(space.grid, space.borders, space.rings, space.inside, ends, AB, MAX_RADIUS_M)[0])
+            for space in (part.space for part in parts)
+        )
+        return (length, after) if after >= before else (-length, before)

@@ -2,8 +2,9 @@
 
 A route is an array (k, COLUMNS) with one row for each stop: index of the floor, x and y [m], index of the path node
 or -1, and the step to the next stop: index of the elevator or -1 for a drive, speed limit [m/s] (inf for none),
-seconds to wait for the elevator and to travel in it, and 1 if the drive must follow the path edge (one-way or with a
-speed limit), else 0. A route begins and ends with a drive.
+seconds to wait for the elevator and to travel in it, and what the drive follows: OFF_ROAD, a path edge (ON_ROAD), or
+one that it must follow, because it is one-way or has a speed limit (ON_FIXED_ROAD). A route begins and ends with a
+drive.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from robocorba.kernels import kernel
 from robocorba.planning.request import PointKind
 from robocorba.spatial.arrays import Floats
 
-FLOOR, X, Y, NODE, ELEVATOR, LIMIT, WAITS, TRAVELS, FIXED = range(9)
+FLOOR, X, Y, NODE, ELEVATOR, LIMIT, WAITS, TRAVELS, ROAD = range(9)
 COLUMNS = 9
+OFF_ROAD, ON_ROAD, ON_FIXED_ROAD = range(3)
 
 _START, _NODE, _WAYPOINT, _ENTRY, _EXIT, _GOAL = (float(kind.value) for kind in PointKind)
 
@@ -27,6 +29,15 @@ def waypoints(floor: float, places: Floats) -> Floats:
     rows = np.empty((len(places), COLUMNS))
     rows[:] = (floor, 0.0, 0.0, -1.0, -1.0, math.inf, 0.0, 0.0, 0.0)
     rows[:, X : Y + 1] = places
+    return rows
+
+
+def off_road(route: Floats) -> Floats:
+    """The same drives without nodes and speed limits, except the nodes in cabins."""
+    rows = route.copy()
+    rides = rows[:, ELEVATOR] >= 0.0
+    rows[~(rides | np.roll(rides, 1)), NODE] = -1.0
+    rows[:, LIMIT], rows[:, ROAD] = math.inf, OFF_ROAD
     return rows
 
 

@@ -14,9 +14,34 @@ import numpy as np
 from robocorba.kernels import kernel
 from robocorba.planning.heuristics import COST_IN_METRES, HeuristicTables, continues_ride, read_heuristics, step_cost
 from robocorba.planning.packing import Packed
-from robocorba.planning.roads import CLEARANCE, SPEED_LIMIT, TRAVEL, WAIT, RoadmapArrays
-from robocorba.planning.route import COLUMNS, ELEVATOR, FIXED, FLOOR, LIMIT, NODE, TRAVELS, WAITS, X, Y, measure
-from robocorba.planning.space import TOUCH_M, against_one_way, detour_bound, line_free
+from robocorba.planning.road_rules import (
+    RoadRules,
+    breaks_rule,
+    is_slowed,
+    lanes_on,
+    limits_along,
+    slowed_length,
+    tie_lanes,
+)
+from robocorba.planning.roads import CLEARANCE, DRIVEN, SPEED_LIMIT, TRAVEL, WAIT, RoadmapArrays
+from robocorba.planning.route import (
+    COLUMNS,
+    ELEVATOR,
+    FLOOR,
+    LIMIT,
+    NODE,
+    OFF_ROAD,
+    ON_FIXED_ROAD,
+    ON_ROAD,
+    ROAD,
+    TRAVELS,
+    WAITS,
+    X,
+    Y,
+    measure,
+)
+from robocorba.planning.space import TOUCH_M, detour_bound, line_free
+from robocorba.planning.triangulation import doubled
 from robocorba.planning.world import Ground, floor_grid, floor_lanes, floor_point_is_free, unpack
 from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.grids import Grid
@@ -43,13 +68,13 @@ DETOUR, DETOUR_M = 2.5, 1.0
 def _can_drive(
     grid: Grid, lanes: Floats, ax: float, ay: float, bx: float, by: float, radius: float, outbound: bool
 ) -> bool:
-    """Whether a robot can drive straight from a to b or, if not `outbound`, from b to a: the line is free and not
-    against a one-way edge."""
+    """Whether a robot can drive straight from a to b or, if not `outbound`, from b to a: the line is free and breaks no
+    rule of `lanes`."""
     if not line_free(grid, ax, ay, bx, by, radius):
         return False
     if outbound:
-        return not against_one_way(lanes, ax, ay, bx, by, radius)
-    return not against_one_way(lanes, bx, by, ax, ay, radius)
+        return not breaks_rule(lanes, ax, ay, bx, by, radius)
+    return not breaks_rule(lanes, bx, by, ax, ay, radius)
 
 
 @kernel
@@ -67,6 +92,7 @@ def roadmap_connections(
     """The nodes of low..high-1 that a robot can reach in a straight line from (x, y) or, if not `outbound`, from
     which it can reach (x, y): indices, nearest first, and distances [m]. A place on a node is connected to that node
     only, so that the robot obeys its edges."""
+    lanes = tie_lanes(lanes, x, y, radius)
     nodes = np.empty(MAX_CONNECTIONS, np.int64)
     lengths = np.empty(MAX_CONNECTIONS)
     distances = np.empty(high - low)
@@ -107,6 +133,7 @@ def component_connections(
 ) -> tuple[Longs, Floats]:
     """Like roadmap_connections, but the nearest node in sight of each component (n,) of the roadmap, at any
     distance."""
+    lanes = tie_lanes(lanes, x, y, radius)
     distances = np.empty(high - low)
     for i in range(high - low):
         distances[i] = math.hypot(xy[low + i, 0] - x, xy[low + i, 1] - y)
@@ -277,23 +304,24 @@ def _cost_to_go(
 
 
 @kernel
-def cut_corners(grid: Grid, lanes: Floats, points: Floats, fixed: Floats, radius: float) -> Longs:
+def cut_corners(grid: Grid, lanes: Floats, points: Floats, road: Floats, radius: float) -> Longs:
     """Indices of the points (k, 2) that remain when every corner that can be cut is cut.
 
-    fixed[i] > 0 keeps the line from point i to i + 1."""
+    ON_FIXED_ROAD in road[i] keeps the line from point i to i + 1. No cut breaks a rule of `lanes` or follows one with a
+    speed limit."""
     kept = np.empty(points.shape[0], np.int64)
     count, at, last = 0, 0, points.shape[0] - 1
     while at < last:
         kept[count] = at
         count += 1
         far = at + 1
-        if fixed[at] <= 0.0:
-            while far < last and fixed[far] <= 0.0:
+        if road[at] != ON_FIXED_ROAD:
+            while far < last and road[far] != ON_FIXED_ROAD:
                 far += 1
         while far > at + 1:
             ax, ay = points[at]
             bx, by = points[far]
-            if _can_drive(grid, lanes, ax, ay, bx, by, radius, True):
+            if _can_drive(grid, lanes, ax, ay, bx, by, radius, True) and not is_slowed(lanes, ax, ay, bx, by, radius):
                 break
             far -= 1
         at = far
@@ -320,17 +348,19 @@ def find_path(
     detour, else (False, points). The points are empty where this search finds nothing; `topological.routes` then
     searches further or explains. Few parameters, because every argument costs time."""
     world, heuristics = Packed(world_longs, world_floats), Packed(heuristics_longs, heuristics_floats)
+    ground, _ = unpack(world)
+    rules = RoadRules(ground.lanes, ground.first_lane)
     nodes, lengths = np.empty(0, np.int64), np.empty(0)
     start, goal = (start_floor, start_x, start_y), (goal_floor, goal_x, goal_y)
     status, route = find_route(
-        world, heuristics, start, nodes, lengths, goal, nodes, lengths, radius, COST_IN_METRES, True, lengths
+        world, heuristics, rules, start, nodes, lengths, goal, nodes, lengths, radius, COST_IN_METRES, True, lengths
     )
     if status != FOUND:
         return False, route
     route = smoothed(world, route, radius)
     if may_be_detour(world, route):
         return True, route
-    return False, points_of(world, route, radius, speed)
+    return False, points_of(world, with_limits(rules, route, radius), radius, speed)
 
 
 @kernel
@@ -387,6 +417,7 @@ def is_clear(ground: Ground, route: Floats, radius: float) -> bool:
 def find_route(
     world: Packed,
     heuristics: Packed,
+    rules: RoadRules,
     start: tuple[int, float, float],
     starts: Longs,
     start_lengths: Floats,
@@ -402,7 +433,8 @@ def find_route(
     y).
 
     The route is the fastest at `speed_m_s`, or the shortest with COST_IN_METRES; `straight` allows the line from
-    start to goal. If `starts` or `goals` are empty, the search connects that end to the nodes in sight."""
+    start to goal. If `starts` or `goals` are empty, the search connects that end to the nodes in sight. Lengths of
+    connections are metres at `speed_m_s`, see slowed_length."""
     ground, roads = unpack(world)
     start_floor, sx, sy = start
     goal_floor, gx, gy = goal
@@ -410,20 +442,28 @@ def find_route(
         return START_NOT_FREE, NO_ROWS
     if not floor_point_is_free(ground, goal_floor, gx, gy, radius):
         return GOAL_NOT_FREE, NO_ROWS
-    start_grid, start_lanes = floor_grid(ground, start_floor), floor_lanes(ground, start_floor)
+    start_grid, start_lanes = floor_grid(ground, start_floor), lanes_on(rules, start_floor)
+    nothing, straight_m = np.empty(0, np.int64), np.inf
     if straight and start_floor == goal_floor and _can_drive(start_grid, start_lanes, sx, sy, gx, gy, radius, True):
-        nothing = np.empty(0, np.int64)
-        return FOUND, _route_over(roads, start, goal, nothing, nothing)
+        straight_m = _slowed(start_lanes, sx, sy, gx, gy, radius, speed_m_s)
+        if straight_m <= math.hypot(gx - sx, gy - sy):
+            return FOUND, _route_over(roads, start, goal, nothing, nothing)
     if not starts.shape[0]:
         low, high = ground.first_node[start_floor], ground.first_node[start_floor + 1]
         starts, start_lengths = roadmap_connections(start_grid, start_lanes, roads.xy, low, high, sx, sy, radius, True)
-        if not starts.shape[0]:
+        for i in range(starts.shape[0]):
+            nx, ny = roads.xy[starts[i]]
+            start_lengths[i] = _slowed(start_lanes, sx, sy, nx, ny, radius, speed_m_s)
+        if not starts.shape[0] and straight_m == np.inf:
             return START_SEES_NO_NODE, NO_ROWS
     if not goals.shape[0]:
         low, high = ground.first_node[goal_floor], ground.first_node[goal_floor + 1]
-        goal_grid, goal_lanes = floor_grid(ground, goal_floor), floor_lanes(ground, goal_floor)
+        goal_grid, goal_lanes = floor_grid(ground, goal_floor), lanes_on(rules, goal_floor)
         goals, goal_lengths = roadmap_connections(goal_grid, goal_lanes, roads.xy, low, high, gx, gy, radius, False)
-        if not goals.shape[0]:
+        for i in range(goals.shape[0]):
+            nx, ny = roads.xy[goals[i]]
+            goal_lengths[i] = _slowed(goal_lanes, nx, ny, gx, gy, radius, speed_m_s)
+        if not goals.shape[0] and straight_m == np.inf:
             return GOAL_SEES_NO_NODE, NO_ROWS
     cost, nodes, edges = cheapest_route(
         roads,
@@ -439,34 +479,84 @@ def find_route(
         speed_m_s,
         factor,
     )
+    if straight_m < np.inf and straight_m / speed_m_s <= cost:
+        return FOUND, _route_over(roads, start, goal, nothing, nothing)
     if not cost < np.inf:
         return NO_ROUTE, NO_ROWS
     return FOUND, _route_over(roads, start, goal, nodes, edges)
 
 
 @kernel
+def _slowed(lanes: Floats, ax: float, ay: float, bx: float, by: float, radius: float, speed_m_s: float) -> float:
+    """Length of the drive from a to b, see slowed_length; in metres with COST_IN_METRES."""
+    if speed_m_s == COST_IN_METRES or not lanes.shape[0]:
+        return math.hypot(bx - ax, by - ay)
+    return slowed_length(lanes, np.array([[ax, ay], [bx, by]]), radius, speed_m_s)
+
+
+@kernel
 def _route_over(
     roads: RoadmapArrays, start: tuple[int, float, float], goal: tuple[int, float, float], nodes: Longs, edges: Longs
 ) -> Floats:
-    """The route from start over nodes and edges to goal."""
+    """The route from start over nodes and edges to goal. Between nodes at different places of a cabin the robot drives
+    in it, after the ride or before."""
     count = nodes.shape[0] + 2
+    for edge in edges:
+        count += roads.measures[edge, DRIVEN] != 0.0
     route = np.zeros((count, COLUMNS))
     for i in range(count):
         route[i, NODE], route[i, ELEVATOR], route[i, LIMIT] = -1.0, -1.0, np.inf
-        if i == 0:
-            route[i, FLOOR], route[i, X], route[i, Y] = start
-        elif i == count - 1:
-            route[i, FLOOR], route[i, X], route[i, Y] = goal
-        else:
-            node = nodes[i - 1]
-            route[i, FLOOR], route[i, NODE] = roads.floor[node], node
-            route[i, X], route[i, Y] = roads.xy[node]
-        if 0 < i < count - 2:
-            edge = edges[i - 1]
-            route[i, LIMIT], route[i, ELEVATOR] = roads.measures[edge, SPEED_LIMIT], roads.elevator[edge]
-            route[i, WAITS], route[i, TRAVELS] = roads.measures[edge, WAIT], roads.measures[edge, TRAVEL]
-            route[i, FIXED] = roads.fixed[edge]
+    route[0, FLOOR], route[0, X], route[0, Y] = start
+    at = 1
+    for i in range(nodes.shape[0]):
+        node = nodes[i]
+        x, y = roads.xy[node]
+        route[at, FLOOR], route[at, X], route[at, Y], route[at, NODE] = roads.floor[node], x, y, node
+        if i < edges.shape[0]:
+            edge, after = edges[i], nodes[i + 1]
+            driven = roads.measures[edge, DRIVEN]
+            if driven < 0.0:
+                at += 1
+                route[at, FLOOR] = roads.floor[node]
+                route[at, X], route[at, Y] = roads.xy[after]
+            route[at, LIMIT], route[at, ELEVATOR] = roads.measures[edge, SPEED_LIMIT], roads.elevator[edge]
+            route[at, WAITS], route[at, TRAVELS] = roads.measures[edge, WAIT], roads.measures[edge, TRAVEL]
+            route[at, ROAD] = ON_FIXED_ROAD if roads.fixed[edge] else ON_ROAD
+            if driven > 0.0:
+                at += 1
+                route[at, FLOOR], route[at, X], route[at, Y] = roads.floor[after], x, y
+        at += 1
+    route[at, FLOOR], route[at, X], route[at, Y] = goal
     return route
+
+
+@kernel
+def with_limits(rules: RoadRules, route: Floats, radius: float) -> Floats:
+    """The route with the drives off the road split where they begin or cease to follow edges that have a speed limit,
+    which they obey there."""
+    count = route.shape[0]
+    found, size = np.empty((count, COLUMNS)), 0
+    for i in range(count):
+        if size == found.shape[0]:
+            found = doubled(found)
+        found[size] = route[i]
+        size += 1
+        if i == count - 1 or route[i, ELEVATOR] >= 0.0 or route[i, ROAD] != OFF_ROAD:
+            continue
+        lanes = lanes_on(rules, int(route[i, FLOOR]))
+        ax, ay, bx, by = route[i, X], route[i, Y], route[i + 1, X], route[i + 1, Y]
+        if not is_slowed(lanes, ax, ay, bx, by, radius):
+            continue
+        ends, limits = limits_along(lanes, ax, ay, bx, by, radius)
+        found[size - 1, LIMIT] = limits[0]
+        for k in range(1, ends.shape[0]):
+            if size == found.shape[0]:
+                found = doubled(found)
+            found[size] = found[size - 1]
+            found[size, X], found[size, Y] = ax + ends[k - 1] * (bx - ax), ay + ends[k - 1] * (by - ay)
+            found[size, NODE], found[size, LIMIT] = -1.0, limits[k]
+            size += 1
+    return found[:size]
 
 
 @kernel
@@ -482,7 +572,7 @@ def smoothed(world: Packed, route: Floats, radius: float) -> Floats:
             end += 1
         floor = int(route[at, FLOOR])
         grid, lanes = floor_grid(ground, floor), floor_lanes(ground, floor)
-        corners = cut_corners(grid, lanes, route[at : end + 1, X : Y + 1], route[at : end + 1, FIXED], radius)
+        corners = cut_corners(grid, lanes, route[at : end + 1, X : Y + 1], route[at : end + 1, ROAD], radius)
         for corner in corners:
             kept[size] = at + corner
             size += 1
@@ -490,13 +580,14 @@ def smoothed(world: Packed, route: Floats, radius: float) -> Floats:
     rows = route[kept[:size]]
     for k in range(size - 1):
         if kept[k + 1] != kept[k] + 1:
-            rows[k, LIMIT] = np.inf
-    return _without_straight_stops(rows)
+            rows[k, LIMIT], rows[k, ROAD] = np.inf, OFF_ROAD
+    return _without_straight_stops(ground, rows, radius)
 
 
 @kernel
-def _without_straight_stops(route: Floats) -> Floats:
-    """The route without stops at which a drive neither turns nor changes its speed limit."""
+def _without_straight_stops(ground: Ground, route: Floats, radius: float) -> Floats:
+    """The route without stops at which a drive neither turns nor changes its speed limit, unless both parts together
+    would break a rule of edges."""
     count = route.shape[0]
     kept = np.empty(count, np.int64)
     size = 0
@@ -507,7 +598,11 @@ def _without_straight_stops(route: Floats) -> Floats:
             bx, by = route[i + 1, X] - route[i, X], route[i + 1, Y] - route[i, Y]
             straight = abs(ax * by - ay * bx) <= TOUCH_M * (math.hypot(ax, ay) + math.hypot(bx, by))
             if straight and ax * bx + ay * by >= 0.0 and route[i, LIMIT] == route[before, LIMIT]:
-                continue
+                if route[i, ROAD] != OFF_ROAD or route[before, ROAD] != OFF_ROAD:
+                    continue
+                lanes, far = floor_lanes(ground, int(route[i, FLOOR])), route[i + 1]
+                if not breaks_rule(lanes, route[before, X], route[before, Y], far[X], far[Y], radius):
+                    continue
         kept[size] = i
         size += 1
     return route[kept[:size]]

@@ -18,13 +18,14 @@ from robocorba.planning.floor_source import FloorSource
 from robocorba.planning.heuristics import COST_IN_METRES, make_heuristics
 from robocorba.planning.packing import Packed
 from robocorba.planning.request import Path, PathRequest
+from robocorba.planning.road_rules import RoadRules, closing_walls, lanes_on, road_rules
 from robocorba.planning.roads import CLEARANCE, RoadMap
 from robocorba.planning.search import points_of
 from robocorba.planning.space import TOUCH_M, FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.world import pack_world
 from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.pose import SMARTPAL_RADIUS_M
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M, XY
 
 #: Maximum number of cached tangent graphs, one for each floor and radius; the least recently used is dropped.
 MAX_GRAPHS = 64
@@ -54,6 +55,7 @@ class BuildingSnapshot:
         self._lock = threading.Lock()
         self._graphs: OrderedDict[tuple[str, float], TangentGraph] = OrderedDict()
         self._variants: OrderedDict[tuple, BuildingSnapshot] = OrderedDict()
+        self._rules: dict[str, RoadRules] = {}
         self._factors: dict[tuple[frozenset[str], str], Floats] = {}
         self._components: dict[tuple[float, frozenset[str], str], Longs] = {}
         if before:
@@ -90,6 +92,19 @@ class BuildingSnapshot:
                 self._components.clear()
             self._components[key] = known
         return known
+
+    def rules(self, graph: str) -> RoadRules:
+        """The rules of edges for requests of a navigation graph, "" for all edges."""
+        known = self._rules.get(graph)
+        if known is None:
+            if len(self._rules) >= MAX_VARIANTS:
+                self._rules.clear()
+            known = self._rules[graph] = road_rules([part.lanes_of(graph) for part in self.roads.parts.values()])
+        return known
+
+    def lanes(self, floor: str, graph: str = "") -> Floats:
+        """Those of one floor (n, LANE_COLUMNS)."""
+        return lanes_on(self.rules(graph), self.roads.floor_index[floor])
 
     def path(self, route: Floats, request: PathRequest) -> Path:
         """The path of a route. Raises NoPath if the route comes nearer to an obstacle than the radius."""
@@ -134,9 +149,27 @@ class BuildingSnapshot:
                 self._variants.popitem(last=False)
         return made
 
-    def with_one_way_edges_closed(self) -> BuildingSnapshot:
-        """This building with a wall along every one-way edge."""
-        return self._variant("one-way edges closed", _with_walls_on_one_way_edges)
+    def with_roads_closed(self, request: PathRequest) -> BuildingSnapshot | None:
+        """This building with walls along the edges that are closed for the request in a direction, with gaps for
+        robots at start and goal; None if there are none."""
+        walls: dict[str, list[tuple[XY, XY]]] = {}
+        for floor in self.building.floors:
+            places = [place[1:] for place in (request.start, request.goal) if place.floor == floor]
+            if found := closing_walls(self.lanes(floor, request.graph), request.radius, places):
+                walls[floor] = found
+        if not walls:
+            return None
+        key = ("roads closed", *((floor, *found) for floor, found in walls.items()))
+        with self._lock:
+            known = self._variants.get(key)
+        if known:
+            return known
+        changes = [
+            (ElementKind.WALL, floor, f"closed road {i}", Wall(name=f"closed road {i}", a=a, b=b))
+            for floor, found in walls.items()
+            for i, (a, b) in enumerate(found)
+        ]
+        return self._keep_variant(key, BuildingSnapshot(self.building.with_changes(changes), self.version, self))
 
     def with_doors_unlocked(self) -> BuildingSnapshot | None:
         """This building with every door unlocked; None if none is locked."""
@@ -189,15 +222,6 @@ class BuildingSnapshot:
                 self._factors.clear()
             self._factors[avoid_elevators, graph] = known
         return known
-
-
-def _with_walls_on_one_way_edges(entry: FloorMap) -> FloorMap:
-    nodes, walls = entry.topological.nodes, dict(entry.geometrical.walls)
-    for edge in entry.topological.edges.values():
-        if edge.one_way:
-            name = f"one-way edge {edge.name}"
-            walls[name] = Wall(name=name, a=nodes[edge.a].at, b=nodes[edge.b].at)
-    return msgspec.structs.replace(entry, geometrical=msgspec.structs.replace(entry.geometrical, walls=walls))
 
 
 def _with_doors_unlocked(entry: FloorMap) -> FloorMap:

@@ -217,29 +217,3 @@ def is_ground(borders: Floats, rings: Floats, inside: int, x: float, y: float) -
 def point_is_free(grid: Grid, borders: Floats, rings: Floats, inside: int, x: float, y: float, radius: float) -> bool:
     """Whether a point lies on the ground and no segment is nearer than `radius`."""
     return line_free(grid, x, y, x, y, radius) and is_ground(borders, rings, inside, x, y)
-
-
-@kernel
-def against_one_way(lanes: Floats, ax: float, ay: float, bx: float, by: float, radius: float) -> bool:
-    """Whether a drive from a to b goes against a one-way edge: in the opposite direction, within `radius` beside it,
-    for more than the robot's diameter. Crossing is allowed."""
-    for i in range(lanes.shape[0]):
-        px, py, qx, qy = lanes[i]
-        length = math.hypot(qx - px, qy - py)
-        ux, uy = (qx - px) / length, (qy - py) / length
-        along_a, along_b = (ax - px) * ux + (ay - py) * uy, (bx - px) * ux + (by - py) * uy
-        if along_b >= along_a:
-            continue
-        beside_a, beside_b = (ay - py) * ux - (ax - px) * uy, (by - py) * ux - (bx - px) * uy
-        first, last = 0.0, 1.0  # the part of ab that lies beside the edge and within the radius of it
-        for at_a, at_b, low, high in ((along_a, along_b, 0.0, length), (beside_a, beside_b, -radius, radius)):
-            step = at_b - at_a
-            if step == 0.0:
-                if at_a < low or at_a > high:
-                    last = -1.0
-                continue
-            enter, leave = (low - at_a) / step, (high - at_a) / step
-            first, last = max(first, min(enter, leave)), min(last, max(enter, leave))
-        if (last - first) * (along_a - along_b) > 2.0 * radius + TOUCH_M:
-            return True
-    return False

@@ -21,6 +21,7 @@ import numpy as np
 from robocorba.errors.paths import PlanningTimeout
 from robocorba.planning.dead_ends import DeadEnds, near_core
 from robocorba.planning.floor_mesh import FloorMesh
+from robocorba.planning.road_rules import NO_LANES, path_breaks_rule
 from robocorba.planning.space import FloorSpace
 from robocorba.planning.tangent_search import (
     DONE,
@@ -46,7 +47,6 @@ MAX_LINES = 4_000_000
 FIRST_LINES = 4_096
 #: Work of a search between two checks of the deadline [visited triangles]: about 0.1 s.
 BUDGET = 1_000_000
-NO_LANES: Floats = np.empty((0, 4))
 
 
 class DriveLeg(NamedTuple):
@@ -54,6 +54,9 @@ class DriveLeg(NamedTuple):
 
     length: float
     points: Floats
+
+
+NO_LEG = DriveLeg(math.inf, np.empty((0, 2)))
 
 
 class TangentGraph:
@@ -122,6 +125,12 @@ class TangentGraph:
         labels = self._labels
         self._labels = labels._replace(cost=np.empty(room), cost_epoch=np.zeros(room, np.int64))
 
+    def _obeying(self, leg: DriveLeg, lanes: Floats, outbound: bool) -> DriveLeg:
+        """The leg, or none if it breaks a rule on an arc or by lines that continue each other: the search tests each
+        line alone."""
+        points = leg.points if outbound else leg.points[::-1].copy()
+        return NO_LEG if path_breaks_rule(lanes, points, self.radius) else leg
+
     def legs(
         self,
         origin: XY,
@@ -136,8 +145,8 @@ class TangentGraph:
         """The shortest drive from `origin` to each target [m]; all must be free for the radius.
 
         With `enough`, only that many of the shortest drives are certain to be found; none is longer than
-        `max_length_m`. `lanes` (n, 4) are one-way edges that a drive must not go against, from the origin or, if not
-        `outbound`, to it. Raises PlanningTimeout after the deadline of `turn`."""
+        `max_length_m`. `lanes` (n, LANE_COLUMNS) are edges whose rules a drive must not break, from the origin or, if
+        not `outbound`, to it. Raises PlanningTimeout after the deadline of `turn`."""
         if not targets:
             return []
         goals = np.array(targets, float).reshape(-1, 2)
@@ -175,6 +184,7 @@ class TangentGraph:
             finally:
                 self._lock.release()
             if status == DONE:
-                return [DriveLeg(length, corners[first[i] : first[i + 1]]) for i, length in enumerate(lengths.tolist())]
+                legs = [DriveLeg(length, corners[first[i] : first[i + 1]]) for i, length in enumerate(lengths.tolist())]
+                return [self._obeying(leg, lanes, outbound) for leg in legs] if len(lanes) else legs
             if status != NO_ROOM:
                 budget *= 2

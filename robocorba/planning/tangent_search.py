@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from robocorba.kernels import kernel
 from robocorba.planning.dead_ends import DeadEnds, stamp_exit_route
-from robocorba.planning.space import against_one_way, line_free
+from robocorba.planning.road_rules import breaks_rule
+from robocorba.planning.space import line_free
 from robocorba.planning.tangents import SAME_RAD, arc_corners, arc_is_free, free_arc, tangent
 from robocorba.planning.triangulation import Mesh, doubled
 from robocorba.planning.visible_region import Scratch, seen_from
@@ -264,7 +265,7 @@ def search(
     """Status, lengths [m] of the shortest paths from the start to the `enough` nearest goals (n, 2), inf for the
     others, first index (n + 1) of the corners of each, and the corners (k, 2), ends included.
 
-    No path is longer than `limit` or goes against the one-way edges `lanes` (m, 4), driven from the start or, if
+    No path is longer than `limit` or breaks a rule of `lanes` (m, LANE_COLUMNS), driven from the start or, if
     not `outbound`, to it. The search ends with NO_BUDGET after `budget` units of work, and with NO_ROOM if `lines`
     is full."""
     wanted = goals.shape[0]
@@ -350,9 +351,9 @@ def search(
             free = lines.state[line] == FREE
         if free and lanes.shape[0]:
             if outbound:
-                free = not against_one_way(lanes, ax, ay, bx, by, radii.robot)
+                free = not breaks_rule(lanes, ax, ay, bx, by, radii.robot)
             else:
-                free = not against_one_way(lanes, bx, by, ax, ay, radii.robot)
+                free = not breaks_rule(lanes, bx, by, ax, ay, radii.robot)
         if not free:
             continue
         if target < 0:

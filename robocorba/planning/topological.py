@@ -1,4 +1,6 @@
-"""Routes along the topological map, with corners cut and detours replaced by free space where the request allows it."""
+"""Routes along the topological map, with corners cut and detours replaced by free space where the request allows it.
+
+What each mode makes of the rules of edges is in path_planner.idl, what it is to follow an edge in road_rules.py."""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ import numpy as np
 from robocorba.planning import geometric
 from robocorba.planning.heuristics import COST_IN_METRES
 from robocorba.planning.request import Criterion, PathRequest, Place, RouteMode
-from robocorba.planning.route import ELEVATOR, FLOOR, LIMIT, NODE, X, Y, waypoints
+from robocorba.planning.road_rules import slowed_length, tie_lanes
+from robocorba.planning.route import ELEVATOR, FLOOR, LIMIT, NODE, OFF_ROAD, ROAD, X, Y, waypoints
 from robocorba.planning.search import (
     FOUND,
     GOAL_NOT_FREE,
@@ -21,10 +24,11 @@ from robocorba.planning.search import (
     max_free_length,
     roadmap_connections,
     smoothed,
+    with_limits,
 )
 from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.turns import Turn
-from robocorba.planning.world import floor_grid, floor_lanes, unpack
+from robocorba.planning.world import floor_grid, unpack
 from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.pose import XY
 
@@ -58,35 +62,48 @@ IN_SIGHT = Connections((), ())
 
 def routes(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn) -> list[Floats]:
     """The best route and the requested alternatives, in the order found; empty if there is none."""
-    smooth = request.mode is RouteMode.SMOOTHED
+    smooth = request.mode is RouteMode.SMOOTHED and not request.graph
     factor = snapshot.factor(request.avoid_elevators, request.graph)
     best = _find_route(snapshot, request, factor, turn, smooth=smooth, straight=smooth)
     if best is None:
-        leaves_roads = smooth and not request.graph
-        return _through_free_space(snapshot, request, turn) if leaves_roads else []
-    if not request.alternatives:
-        return [best]
-    found: dict[tuple[float, ...], Floats] = {}
+        found = _through_free_space(snapshot, request, turn) if smooth else []
+    else:
+        found = [best, *_alternatives(snapshot, request, factor, turn, best)] if request.alternatives else [best]
+    rules = snapshot.rules(request.graph)
+    return [with_limits(rules, route, request.radius) for route in found]
+
+
+def _alternatives(
+    snapshot: BuildingSnapshot, request: PathRequest, factor: Floats, turn: Turn, best: Floats
+) -> list[Floats]:
+    """Other routes than the best one, found by raising the cost of the edges of those found before."""
+    smooth = request.mode is RouteMode.SMOOTHED and not request.graph
+    found = {_stops(best): best}
     factor = factor.copy() if len(factor) else np.ones(len(snapshot.roads.roads.to))
     for _ in range(1 + 3 * request.alternatives):
         along = _find_route(snapshot, request, factor, turn, smooth=False)
         route = _find_route(snapshot, request, factor, turn, smooth=True) if smooth else along
         if along is None or route is None:
             break
-        found.setdefault(tuple(route[:, [FLOOR, X, Y, NODE]].ravel()), route)
+        found.setdefault(_stops(route), route)
         if len(found) > request.alternatives:
             break
-        _penalize_edges(snapshot, factor, along[1:-1, NODE].astype(np.int64).tolist())
-    return list(found.values())
+        _penalize_edges(snapshot, factor, along[along[:, NODE] >= 0.0, NODE].astype(np.int64).tolist())
+    return list(found.values())[1:]
+
+
+def _stops(route: Floats) -> tuple[float, ...]:
+    return tuple(route[:, [FLOOR, X, Y, NODE]].ravel())
 
 
 def _through_free_space(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn) -> list[Floats]:
-    """The best route and alternatives where the roadmap has none. They obey one-way edges: no drive goes against
-    one. If that fails, all drives avoid one-way edges altogether, because routes in free space turn at walls only."""
-    found = geometric.routes(snapshot, request, turn, obey_one_way=True)
-    if found or not any(len(part.lanes) for part in snapshot.roads.parts.values()):
+    """The best route and alternatives where the roadmap has none. They obey the rules of edges: no drive follows a
+    closed one. If that fails, no drive crosses one either, because routes in free space turn at walls only."""
+    found = geometric.routes(snapshot, request, turn, obey_rules=True)
+    if found:
         return found
-    return geometric.routes(snapshot.with_one_way_edges_closed(), request, turn)
+    closed = snapshot.with_roads_closed(request)
+    return geometric.routes(closed, request, turn) if closed else []
 
 
 def _find_route(
@@ -107,6 +124,7 @@ def _find_route(
     heuristics = snapshot.heuristics_for(speed_m_s, radius, request.avoid_elevators)
     origin = (roads.floor_index[start.floor], start.x, start.y)
     target = (roads.floor_index[goal.floor], goal.x, goal.y)
+    rules = snapshot.rules(request.graph)
     starts = goals = IN_SIGHT
     for attempt in range(3):
         if attempt == 1:
@@ -118,7 +136,7 @@ def _find_route(
         if attempt and not (len(starts.nodes) and len(goals.nodes)):
             continue
         ends = (origin, starts.nodes, starts.lengths, target, goals.nodes, goals.lengths)
-        status, route = find_route(snapshot.world, heuristics, *ends, radius, speed_m_s, straight, factor)
+        status, route = find_route(snapshot.world, heuristics, rules, *ends, radius, speed_m_s, straight, factor)
         if status == FOUND:
             route = _with_corners(route, starts.corners(int(route[1, NODE])), goals.corners(int(route[-2, NODE])))
             break
@@ -129,7 +147,7 @@ def _find_route(
     if not smooth:
         return route
     route = smoothed(snapshot.world, route, radius)
-    return route if request.graph else without_detours(snapshot, request, route, turn)
+    return without_detours(snapshot, request, route, turn)
 
 
 def _with_corners(route: Floats, lead: Floats, tail: Floats) -> Floats:
@@ -141,7 +159,7 @@ def _with_corners(route: Floats, lead: Floats, tail: Floats) -> Floats:
 
 def without_detours(snapshot: BuildingSnapshot, request: PathRequest, route: Floats, turn: Turn) -> Floats:
     """The route with each drive replaced by a sufficiently shorter path through free space (see search.DETOUR),
-    which obeys one-way edges."""
+    which obeys the rules of edges."""
     floors = snapshot.roads.floors
     parts: list[Floats] = []
     at = 0
@@ -154,24 +172,24 @@ def without_detours(snapshot: BuildingSnapshot, request: PathRequest, route: Flo
             floor = floors[int(route[i, FLOOR])]
             a, b = (float(route[at, X]), float(route[at, Y])), (float(route[i, X]), float(route[i, Y]))
             leg = snapshot.graph(floor, request.radius).legs(
-                a, [b], max_length_m=max_length_m, lanes=snapshot.roads.parts[floor].lanes, turn=turn
+                a, [b], max_length_m=max_length_m, lanes=snapshot.lanes(floor), turn=turn
             )[0]
-            if math.isfinite(leg.length) and not _is_slower(request, drive, leg.length):
+            if math.isfinite(leg.length) and not _is_slower(request, drive, leg.points, snapshot.lanes(floor)):
                 first = drive[:1].copy()
-                first[0, LIMIT] = math.inf
+                first[0, LIMIT], first[0, ROAD] = math.inf, OFF_ROAD
                 drive = np.concatenate([first, waypoints(route[i, FLOOR], leg.points[1:-1]), drive[-1:]])
         parts.append(drive)
         at = i + 1
     return np.concatenate(parts)
 
 
-def _is_slower(request: PathRequest, drive: Floats, length_m: float) -> bool:
-    """Whether a drive of this length through free space takes longer than the one along the map, for the shortest
-    time."""
+def _is_slower(request: PathRequest, drive: Floats, points: Floats, lanes: Floats) -> bool:
+    """Whether the drive along these points (k, 2) takes longer than the one along the map, for the shortest time."""
     if request.best is not Criterion.SHORTEST_TIME:
         return False
     steps = np.hypot(*np.diff(drive[:, [X, Y]], axis=0).T)
-    return length_m / request.speed > float((steps / np.minimum(drive[:-1, LIMIT], request.speed)).sum())
+    along_map_s = float((steps / np.minimum(drive[:-1, LIMIT], request.speed)).sum())
+    return slowed_length(lanes, points, request.radius, request.speed) / request.speed > along_map_s
 
 
 def connect_in_sight(snapshot: BuildingSnapshot, request: PathRequest, place: Place, outbound: bool) -> Connections:
@@ -180,12 +198,20 @@ def connect_in_sight(snapshot: BuildingSnapshot, request: PathRequest, place: Pl
     floor = snapshot.roads.floor_index[place.floor]
     low, high = int(ground.first_node[floor]), int(ground.first_node[floor + 1])
     component = snapshot.components(request.radius, request.avoid_elevators, request.graph)
-    grid, lanes = floor_grid(ground, floor), floor_lanes(ground, floor)
+    grid, lanes = floor_grid(ground, floor), snapshot.lanes(place.floor, request.graph)
     near = roadmap_connections(grid, lanes, roads.xy, low, high, *place[1:], request.radius, outbound)
     each = component_connections(grid, lanes, roads.xy, low, high, component, *place[1:], request.radius, outbound)
     found = dict(zip(each[0].tolist(), each[1].tolist(), strict=True))
     found.update(zip(near[0].tolist(), near[1].tolist(), strict=True))
-    return Connections(list(found), list(found.values()))
+    straight = [np.array([place[1:], roads.xy[node]]) for node in found]
+    return Connections(list(found), [_cost_m(request, lanes, points, outbound) for points in straight])
+
+
+def _cost_m(request: PathRequest, lanes: Floats, points: Floats, outbound: bool) -> float:
+    """The length of a drive along points (k, 2), or back if not `outbound`; for the shortest time see slowed_length."""
+    if request.best is Criterion.SHORTEST_TIME and len(lanes):
+        return slowed_length(lanes, points if outbound else points[::-1].copy(), request.radius, request.speed)
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
 def connect_around_corners(
@@ -200,7 +226,7 @@ def connect_around_corners(
     order = low + np.argsort(np.hypot(xy[low:high, 0] - place.x, xy[low:high, 1] - place.y), kind="stable")
     component = snapshot.components(request.radius, request.avoid_elevators, request.graph)
     graph = snapshot.graph(place.floor, request.radius)
-    lanes = roads.parts[place.floor].lanes
+    lanes = tie_lanes(snapshot.lanes(place.floor, request.graph), *place[1:], request.radius)
     if not len(order):
         return IN_SIGHT
     for candidates in (_nearest(order, component), order[NEAR_NODES:MORE_NODES]):
@@ -224,7 +250,8 @@ def connect_around_corners(
             kept.append(i)
             components.add(number)
     corners = [legs[i].points[1:-1] if outbound else legs[i].points[1:-1][::-1] for i in kept]
-    return Connections([nodes[i] for i in kept], [legs[i].length for i in kept], corners)
+    lengths = [_cost_m(request, lanes, legs[i].points, outbound) for i in kept]
+    return Connections([nodes[i] for i in kept], lengths, corners)
 
 
 def _nearest(order: Longs, component: Longs) -> list[int]:

@@ -9,18 +9,19 @@ import numpy as np
 
 from robocorba.kernels import kernel
 from robocorba.planning.packing import Packed, numbers, pack, rows
-from robocorba.planning.roads import RoadmapArrays
+from robocorba.planning.road_rules import LANE_COLUMNS
+from robocorba.planning.roads import MEASURES, RoadmapArrays
 from robocorba.planning.space import FloorSpace, point_is_free
 from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.grids import Grid
 
 
 class Ground(NamedTuple):
-    """Grids, rings and one-way edges of all floors, concatenated.
+    """Grids, rings and edges with rules of all floors, concatenated.
 
     Floor f has frames[f], start[first_cell[f]:first_cell[f + 1]], borders[first_border[f]:first_border[f + 1]],
     rings[first_ring[f]:first_ring[f + 1]], lanes[first_lane[f]:first_lane[f + 1]], and the nodes
-    first_node[f]:first_node[f + 1]. See FloorSpace for their meaning; lanes are one-way edges (n, 4)."""
+    first_node[f]:first_node[f + 1]. See FloorSpace for their meaning, and road_rules for lanes."""
 
     segments: Floats
     start: Longs
@@ -41,7 +42,7 @@ class Ground(NamedTuple):
 def pack_world(
     spaces: Sequence[FloorSpace], lanes: Sequence[Floats], elevations: Floats, roads: RoadmapArrays
 ) -> Packed:
-    """Pack the spaces of the floors, their one-way edges (n, 4) [m] and elevations [m] in floor order, and the
+    """Pack the spaces of the floors, their lanes (n, LANE_COLUMNS) and elevations [m] in floor order, and the
     roadmap."""
     grids = [space.grid for space in spaces]
     first_segment = _firsts([grid.segments for grid in grids])
@@ -92,7 +93,7 @@ def unpack(world: Packed) -> tuple[Ground, RoadmapArrays]:
         rows(world, 7, 6),
         numbers(world, 20),
         numbers(world, 12),
-        rows(world, 3, 4),
+        rows(world, 3, LANE_COLUMNS),
         numbers(world, 13),
         rows(world, 6, 1)[:, 0],
         numbers(world, 19),
@@ -103,7 +104,7 @@ def unpack(world: Packed) -> tuple[Ground, RoadmapArrays]:
         numbers(world, 15),
         numbers(world, 16),
         numbers(world, 17),
-        rows(world, 5, 5),
+        rows(world, 5, MEASURES),
         numbers(world, 18),
     )
     return ground, roads
@@ -118,7 +119,7 @@ def floor_grid(ground: Ground, floor: int) -> Grid:
 
 @kernel
 def floor_lanes(ground: Ground, floor: int) -> Floats:
-    """The one-way edges of one floor."""
+    """The edges of one floor that have rules."""
     return ground.lanes[ground.first_lane[floor] : ground.first_lane[floor + 1]]
 
 

@@ -28,6 +28,7 @@ from robocorba.planning.search import CONNECTION_REACH_M, MAX_CONNECTIONS, ON_NO
 from robocorba.spatial.pose import XY
 from robocorba.testing.fine_grid import SPARE_M, TOLERANCE_M, FineGrid, FloorGeometry
 from robocorba.testing.grid_maps import Cell
+from tests.planning.plain_plan import Plan
 from tests.planning.visibility import VisibilityGraph, cabin_place
 
 Array: TypeAlias = NDArray[np.float64]
@@ -61,6 +62,7 @@ class Judge:
         self._components: dict[tuple[float, bool], dict[tuple[str, int], int]] = {}
         self._exact: dict[float, VisibilityGraph] = {}
         self._roads: dict[tuple[float, float | None, float], nx.DiGraph] = {}
+        self._plans: dict[tuple[float, float], Plan] = {}
         #: Lengths from a cell to all others of its grid; the last few, as each has a million of them.
         self._lengths_from = lru_cache(maxsize=24)(self._compute_lengths_from)
 
@@ -299,14 +301,26 @@ class Judge:
         if not starts or not goals:
             return None
         graph = self.roads(request.radius, speed)
-        graph.add_weighted_edges_from(("start", node, length / (speed or 1.0)) for node, length in starts)
-        graph.add_weighted_edges_from((node, "goal", length / (speed or 1.0)) for node, length in goals)
+        graph.add_weighted_edges_from(
+            ("start", node, self._tie(request, node, length, True)) for node, length in starts
+        )
+        graph.add_weighted_edges_from((node, "goal", self._tie(request, node, length, False)) for node, length in goals)
         try:
             return float(nx.dijkstra_path_length(graph, "start", "goal"))
         except nx.NetworkXNoPath:
             return math.inf
         finally:
             graph.remove_nodes_from(["start", "goal"])
+
+    def _tie(self, request: PathRequest, node: tuple[str, str], length: float, outbound: bool) -> float:
+        """Cost of the straight drive between an end and a node [m or s], with the speed limits of edges beside it."""
+        if request.best is not Criterion.SHORTEST_TIME:
+            return length
+        if (key := (request.radius, request.speed)) not in self._plans:
+            self._plans[key] = Plan(self.building, PathRequest(request.start, request.goal, *key))
+        at = self.building.floors[node[0]].topological.nodes[node[1]].at
+        ends = (request.start[1:], at) if outbound else (at, request.goal[1:])
+        return self._plans[key].floors[node[0]].slowest(*ends)
 
     def _nodes_in_sight(self, place: Place, radius_m: float, outbound: bool) -> list[tuple[tuple[str, str], float]]:
         """The nearest nodes that the planner connects a place to by a straight drive, and their distances [m]."""

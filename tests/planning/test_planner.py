@@ -23,7 +23,18 @@ from robocorba.errors.paths import (
     UnknownFloor,
 )
 from robocorba.maps.geometry import object_geometry
-from robocorba.maps.model import Area, BoxShape, Building, Door, ElementKind, MapObject
+from robocorba.maps.model import (
+    Area,
+    BoxShape,
+    Building,
+    CabinSide,
+    Door,
+    ElementKind,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    MapObject,
+)
 from robocorba.maps.samples import load_sample
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Criterion, PathRequest, Place, PointKind, RouteMode
@@ -31,6 +42,7 @@ from robocorba.planning.roads import BLOCKED, CLEARANCE
 from robocorba.planning.route import waypoints
 from tests.planning.generated import two_halls
 from tests.planning.judge import errors
+from tests.planning.request_judge import objections
 from tests.planning.scenes import edge, node, random_places, room, tower, two_rooms, wall
 
 #: Length of the path around the post in `bent_ring` [m].
@@ -63,6 +75,49 @@ def test_a_path_over_floors() -> None:
     assert off.time == pytest.approx(on.time + 3.0 + 9.0 + 3.0)
     assert off.distance == pytest.approx(on.distance + 8.0)
     assert errors(building, path, request) == []
+
+
+def through_cabin(shelf_on: str = "") -> Building:
+    """An elevator of 6 x 3 m, entered from the west on L1 and left to the east on L2, with nodes at its doors. With
+    `shelf_on`, a shelf on that floor keeps robots from driving in the cabin there."""
+    building = room(20.0, 10.0, node("a", 3, 4.2), node("in", 9, 4.2, "E1"), edge("in", "a"))
+    outline = building.floors["L1"].floor.outline
+    building = building.with_element("", Floor(name="L2", level=1, elevation=4.0, outline=outline))
+    for element in (node("b", 17, 5.8), node("out", 13, 5.8, "E1"), edge("out", "b")):
+        building = building.with_element("L2", element)
+    if shelf_on:
+        shelf = MapObject("shelf", BoxShape((0.5, 2.9)), (11.0, 5.0))
+        building = building.with_element(shelf_on, shelf)
+    doors = (
+        ElevatorDoor(floor="L1", side=CabinSide.LEFT, width=1.2, offset=-0.8),
+        ElevatorDoor(floor="L2", side=CabinSide.RIGHT, width=1.2, offset=0.8),
+    )
+    return building.with_element("", Elevator(name="E1", at=(11.0, 5.0), size=(6.0, 3.0), doors=doors))
+
+
+@pytest.mark.parametrize("best", Criterion)
+@pytest.mark.parametrize("mode", RouteMode)
+@pytest.mark.parametrize("shelf_on", ("", "L1", "L2"))
+def test_the_drive_in_a_cabin_is_part_of_the_path(mode: RouteMode, best: Criterion, shelf_on: str) -> None:
+    """It comes after the ride, or before it where an object is in the way on the other floor."""
+    building = through_cabin(shelf_on)
+    there = PathRequest(Place("L1", 3.0, 4.2), Place("L2", 17.0, 5.8), speed=0.5, mode=mode, best=best)
+    for request in (there, there._replace(start=there.goal, goal=there.start)):
+        path = PathPlanner(building).paths(request)[0]
+        entry, leave = (point for point in path.points if point.elevator)
+        assert (entry.x, entry.y) == (leave.x, leave.y)
+        driven = path.distance - 4.0
+        along_roads = 6.0 + math.hypot(4.0, 1.6) + 4.0
+        assert driven == pytest.approx(along_roads, abs=0.15 if mode is RouteMode.GEOMETRIC else 1e-9)
+        assert path.duration == pytest.approx(driven / 0.5 + (2.5 + 3.0) + (3.0 + 5.0 + 3.0))
+        assert objections(building, PathPlanner(building), request) == ("found", [])
+
+
+def test_an_elevator_whose_cabin_cannot_be_crossed_is_no_way() -> None:
+    building = through_cabin("L1").with_element("L2", MapObject("shelf", BoxShape((0.5, 2.9)), (11.0, 5.0)))
+    for mode in RouteMode:
+        with pytest.raises(NoPath):
+            PathPlanner(building).paths(PathRequest(Place("L1", 3.0, 4.2), Place("L2", 17.0, 5.8), mode=mode))
 
 
 def test_headings_point_to_the_next_point() -> None:

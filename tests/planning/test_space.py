@@ -14,7 +14,7 @@ from shapely import LineString
 
 from robocorba.maps.model import BoxShape, Building, Door, ElementKind, MapObject, Wall
 from robocorba.planning.segments import segments_distance2
-from robocorba.planning.space import FloorSpace, against_one_way, line_clearance, line_free
+from robocorba.planning.space import FloorSpace, line_clearance, line_free
 from robocorba.spatial.grids import build_grid
 from tests.planning.scenes import random_room
 
@@ -97,23 +97,6 @@ def test_an_edited_floor_is_as_if_made_anew(seed: int) -> None:
 def test_an_empty_floor_is_free_everywhere() -> None:
     grid = build_grid(np.empty((0, 4)))
     assert line_free(grid, -1e5, 0.0, 1e5, 0.0, 3.0)
-
-
-@pytest.mark.parametrize(
-    ("line", "refused"),
-    [
-        ((0.0, 0.0, 5.0, 0.0), False),  # along the edge
-        ((5.0, 0.0, 0.0, 0.0), True),  # against it
-        ((5.0, 0.3, 0.0, 0.3), True),  # against it, beside
-        ((5.0, 1.0, 0.0, 1.0), False),  # against it, farther than the radius
-        ((2.5, -2.0, 2.5, 2.0), False),  # across
-        ((2.7, -2.0, 2.5, 2.0), False),  # across, a little backwards
-        ((0.5, 0.0, 0.0, 0.0), False),  # shorter than the robot
-    ],
-)
-def test_one_way(line: tuple[float, ...], refused: bool) -> None:
-    lanes = np.array([[0.0, 0.0, 5.0, 0.0]])
-    assert against_one_way(lanes, *line, 0.4) == refused
 
 
 def _line(points: tuple[float, ...]) -> shapely.Geometry:
