@@ -80,6 +80,6 @@ def _read_origin(origin_file: Path) -> Origin | None:
     with contextlib.suppress(OSError):
         try:
             return decode_json(origin_file.read_bytes(), Origin)
-        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+        except (msgspec.MsgspecError, ValueError) as error:
             set_aside(origin_file, str(error), "a map with edits is taken for one that was not made from --building")
     return None

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
+from typing import Any
 
 import msgspec
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robocorba.decoding import convert, decode_json, decode_msgpack
 
@@ -65,3 +69,24 @@ def test_what_is_wrong_is_named() -> None:
         convert([{"x": None}], list[Point])
     with pytest.raises(msgspec.DecodeError):
         decode_msgpack(b"", Point)
+
+
+class Anything(msgspec.Struct):
+    x: Any = None
+
+
+@pytest.mark.parametrize("depth", [10_000, 1_000_000])
+def test_what_is_nested_too_deeply_is_invalid(depth: int) -> None:
+    with pytest.raises(msgspec.DecodeError, match="nested too deeply"):
+        decode_json(b'{"x": ' + b"[" * depth + b"]" * depth + b"}", Anything)
+    with pytest.raises(msgspec.DecodeError, match="nested too deeply"):
+        decode_msgpack(b"\x81\xa1x" + b"\x91" * depth + b"\x90", Anything)
+
+
+@given(data=st.binary(max_size=200))
+def test_any_bytes_are_decoded_or_invalid(data: bytes) -> None:
+    for decode in (decode_json, decode_msgpack):
+        with contextlib.suppress(msgspec.DecodeError, ValueError):
+            decode(data, Anything)
+        with contextlib.suppress(msgspec.DecodeError, ValueError):
+            decode(b"\x81\xa1x" + data, Anything)

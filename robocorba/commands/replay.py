@@ -23,6 +23,8 @@ from robocorba.settings import InvalidSetting
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.floor_update import FloorView
 
+#: Maximum number of pictures of a video: more than a day at 10 a second.
+MAX_PICTURES = 1_000_000
 #: Renders a floor as PNG, at a time after the start of the recording [s].
 Draw = Callable[[float, FloorView], bytes]
 
@@ -102,11 +104,18 @@ def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px
 def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, width_px: int) -> None:
     """Convert a recording to a video, until stopped.
 
-    Raises UnknownFloor, InvalidPicture, InvalidRecording, VideoError."""
+    Raises UnknownFloor, InvalidPicture, InvalidRecording, InvalidSetting, VideoError."""
     from PIL import Image  # imported here, since it takes a second to load
 
     from robocorba.video import VideoFile
 
+    pictures = recording.duration_s / speed * fps
+    if pictures > MAX_PICTURES:
+        least = recording.duration_s * fps / MAX_PICTURES
+        reason = (
+            f"the film would have {pictures:.0f} pictures, at most {MAX_PICTURES}: choose {math.ceil(least)} or more"
+        )
+        raise InvalidSetting("--speed", f"{speed:g}", reason)
     stop, draw = StopSignal(), painting(recording, width_px)
     size = Image.open(io.BytesIO(draw(0.0, recording.at(0.0, [floor])[floor]))).size
     with VideoFile(file, *size, fps) as video, progress(recording.duration_s) as bar:

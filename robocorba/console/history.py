@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import itertools
 import threading
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -13,7 +14,7 @@ from robocorba.console.frames import Rows, rows_of, whole_frame
 from robocorba.errors.paths import UnknownFloor
 from robocorba.simulation.recording import Recording
 from robocorba.spatial.elevator_state import ElevatorState
-from robocorba.spatial.floor_update import Body, FloorView
+from robocorba.spatial.floor_update import Body, FloorView, memory_of
 
 #: Age beyond which moments are forgotten [s].
 KEPT_S = 1800.0
@@ -21,7 +22,8 @@ KEPT_S = 1800.0
 INTERVAL_S = 0.2
 #: Maximum memory of all moments [bytes]; beyond, the oldest moments of the fullest floor are forgotten.
 MAX_BYTES = 256 * 1024 * 1024
-#: Memory of a moment beside its rows [bytes], as tracemalloc measured it: numbers, a tuple, the head of an array.
+#: Memory of a moment beside its rows, bodies and elevators [bytes], as tracemalloc measured it: numbers, a tuple, the
+#: head of an array.
 MOMENT_BYTES = 300
 
 
@@ -47,9 +49,9 @@ class History:
 
     @classmethod
     def of_recording(cls, recording: Recording) -> History:
-        """The whole recording. Raises InvalidRecording."""
+        """The whole recording. Raises InvalidRecording, and what the recording's `check` raises."""
         history = cls(kept_s=float("inf"))
-        for at_s, views in recording.sampled(INTERVAL_S):
+        for at_s, views in recording.sampled(INTERVAL_S, only_changed=True):
             for view in views.values():
                 history.add(view, recording.began + at_s)
         return history
@@ -77,8 +79,9 @@ class History:
                     (last.bodies if is_same[0] else bodies),
                     (last.elevators if is_same[1] else elevators),
                 )
-            moments.append(Moment(at_s, view.time, view.map_version, bodies, elevators, rows))
-            self._bytes += MOMENT_BYTES + rows.nbytes
+            moment = Moment(at_s, view.time, view.map_version, bodies, elevators, rows)
+            moments.append(moment)
+            self._bytes += _memory(moment, last)
             self._forget(at_s)
 
     def span(self) -> tuple[float, float]:
@@ -120,5 +123,13 @@ class History:
             self._drop(longest, max(1, len(longest) // 10))
 
     def _drop(self, moments: list[Moment], count: int) -> None:
-        self._bytes -= sum(MOMENT_BYTES + moment.rows.nbytes for moment in moments[:count])
+        for moment, following in itertools.zip_longest(moments[:count], moments[1 : count + 1]):
+            self._bytes -= _memory(moment, following)
         del moments[:count]
+
+
+def _memory(moment: Moment, neighbour: Moment | None) -> int:
+    """Memory of a moment without what it shares with its neighbour [bytes]."""
+    bodies = () if neighbour and moment.bodies is neighbour.bodies else moment.bodies
+    elevators = {} if neighbour and moment.elevators is neighbour.elevators else moment.elevators
+    return MOMENT_BYTES + moment.rows.nbytes + memory_of(bodies, elevators)

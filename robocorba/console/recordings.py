@@ -8,6 +8,7 @@ from typing import Any
 
 from robocorba.console.floor_plan import floor_plan
 from robocorba.console.history import History
+from robocorba.decoding import Work
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.maps.model import Building
@@ -15,8 +16,14 @@ from robocorba.simulation.recording import Recording
 
 #: Maximum number of recordings kept in memory; the oldest one gives way to a new one.
 MAX_OPEN = 3
+#: Timeout for the opening of a recording [s]: several minutes for one of MAX_RECORDING on a slow machine.
+OPENING_LIMIT_S = 600.0
 #: Maximum length of a recording's name [characters].
 MAX_NAME = 80
+
+
+class RecordingsBusy(RoboCorbaError):
+    """Another recording is being opened."""
 
 
 class UnknownRecording(RoboCorbaError):
@@ -24,10 +31,10 @@ class UnknownRecording(RoboCorbaError):
 
 
 class OpenRecording:
-    """A recording in memory. Raises InvalidRecording."""
+    """A recording in memory. Raises InvalidRecording, and WorkEnded for work that ends before it has been read."""
 
-    def __init__(self, key: str, name: str, path: Path) -> None:
-        recording = Recording(path)
+    def __init__(self, key: str, name: str, path: Path, work: Work) -> None:
+        recording = Recording(path, work.check)
         self.key, self.name = key, name
         self.building: Building = recording.building
         self.floors = [floor for floor in recording.building.floors if floor in recording.floors]
@@ -48,21 +55,29 @@ class Recordings:
     """The open recordings by key. Thread-safe."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock, self._opening = threading.Lock(), threading.Lock()
         self._open: dict[str, OpenRecording] = {}
         self._count = 0
 
-    def open(self, path: Path, name: str) -> OpenRecording:
-        """Read a recording, under this name. Raises InvalidRecording."""
-        with self._lock:
-            self._count += 1
-            key = f"recording {self._count}"
-        opened = OpenRecording(key, name[:MAX_NAME], path)
-        with self._lock:
-            self._open[key] = opened
-            while len(self._open) > MAX_OPEN:
-                del self._open[next(iter(self._open))]
-        return opened
+    def open(self, path: Path, name: str, work: Work | None = None) -> OpenRecording:
+        """Read a recording, under this name; one at a time, since each takes a core and much memory meanwhile.
+
+        work: by default of OPENING_LIMIT_S from now on. Raises InvalidRecording, WorkEnded, and RecordingsBusy while
+        another one is read."""
+        if not self._opening.acquire(blocking=False):
+            raise RecordingsBusy("another recording is being opened; try again when it is open")
+        try:
+            with self._lock:
+                self._count += 1
+                key = f"recording {self._count}"
+            opened = OpenRecording(key, name[:MAX_NAME], path, work or Work(OPENING_LIMIT_S))
+            with self._lock:
+                self._open[key] = opened
+                while len(self._open) > MAX_OPEN:
+                    del self._open[next(iter(self._open))]
+            return opened
+        finally:
+            self._opening.release()
 
     def get(self, key: str) -> OpenRecording:
         """Raises UnknownRecording."""

@@ -22,6 +22,7 @@ from robocorba.console.calls import Calls
 from robocorba.console.films import Films, InvalidFilm
 from robocorba.console.history import History
 from robocorba.console.kinematics_operations import KinematicsOperations
+from robocorba.console.leaving import in_thread
 from robocorba.console.live_floors import RESOLVE_TIMEOUT_S, LiveFloors
 from robocorba.console.live_missions import LiveMissions
 from robocorba.console.live_plans import LivePlans
@@ -34,7 +35,7 @@ from robocorba.console.operations import Operations
 from robocorba.console.pages import add_pages
 from robocorba.console.process_operations import ProcessOperations
 from robocorba.console.program_operations import ProgramOperations
-from robocorba.console.recordings import Recordings, UnknownRecording
+from robocorba.console.recordings import OPENING_LIMIT_S, Recordings, UnknownRecording
 from robocorba.console.robot_views import RobotViews
 from robocorba.console.settings import ConsoleSettings
 from robocorba.console.simulation_operations import SimulationOperations
@@ -44,6 +45,7 @@ from robocorba.corba.orb import Orb
 from robocorba.corba.remote.mission_control import RemoteMissionControl
 from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.corba.remote.robot_view import RemoteRobotView
+from robocorba.decoding import Work
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import PortInUse, ServiceError
@@ -172,7 +174,8 @@ class Console:
                         raise RoboCorbaError(f"the recording is longer than {MAX_RECORDING // 2**20} MiB")
                     await asyncio.to_thread(file.write, piece)
                 file.flush()
-                opened = await asyncio.to_thread(self.recordings.open, Path(file.name), name)
+                work = Work(OPENING_LIMIT_S)
+                opened = await in_thread(request, work, lambda: self.recordings.open(Path(file.name), name, work))
         except InvalidRecording as error:
             return JSONResponse({"error": f"{name[:80]}: {error.reason}"})
         except (RoboCorbaError, OSError) as error:

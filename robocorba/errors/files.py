@@ -1,4 +1,4 @@
-"""Errors of files that commands write or read."""
+"""Errors of files that are written or read."""
 
 from __future__ import annotations
 
@@ -25,3 +25,15 @@ class OutputIsInput(OutputError):
 
     def __init__(self, path: object) -> None:
         super().__init__(path, "this is the input itself, which is never overwritten; choose another name")
+
+
+class LimitExceeded(RoboCorbaError, ValueError):
+    """A file, or `what` in it, has `size` of `unit`, of which at most `limit` are read."""
+
+    def __init__(self, what: str, size: int | str, limit: int | str, unit: str) -> None:
+        self.what, self.size, self.limit, self.unit = what, size, limit, unit
+        super().__init__(f"{what} has {size} {unit}, at most {limit} are read")
+
+
+class WorkEnded(RoboCorbaError):
+    """Work was ended before it was complete: its time was over, or nobody waits for it any more."""

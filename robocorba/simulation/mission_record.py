@@ -183,7 +183,7 @@ def decoded(document: bytes) -> MissionContent | None:
     """The content of a record; None if it is none of a mission."""
     try:
         return MissionContent.decode(document)
-    except (msgspec.MsgspecError, UnicodeError, RecursionError):
+    except (msgspec.MsgspecError, UnicodeError):
         return None
 
 

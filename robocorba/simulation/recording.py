@@ -11,11 +11,13 @@ from __future__ import annotations
 import contextlib
 import gzip
 import itertools
+import math
 import operator
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from io import BufferedWriter, BytesIO, FileIO
+from io import SEEK_CUR, BufferedWriter, BytesIO, FileIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -26,10 +28,11 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, Message
-from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from robocorba import __version__
+from robocorba.decoding import decompress_gzip, decompress_zstd
+from robocorba.errors.files import LimitExceeded, WorkEnded
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidRecording, UpdateMismatch
@@ -50,7 +53,7 @@ from robocorba.simulation.recorded_entries import (
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_changes import SystemChanges
 from robocorba.spatial.floor_format import dumps, loads
-from robocorba.spatial.floor_update import FloorUpdate, FloorView
+from robocorba.spatial.floor_update import FloorUpdate, FloorView, memory_of
 from robocorba.spatial.posture import Posture
 
 #: MCAP profile of a recording.
@@ -69,6 +72,16 @@ CHUNK_S = 1.0
 MAX_GAP_S = 1.0
 #: Nanoseconds per second.
 NS_PER_S = 1_000_000_000
+#: Maximum size of a map, and of a chunk with its messages, decompressed [bytes]. The recorder writes chunks of 1 MiB,
+#: and larger ones only for a single message: a whole floor with 1,000 bodies has 0.1 MiB.
+MAX_MAP_BYTES, MAX_CHUNK_BYTES = 64 * 2**20, 16 * 2**20
+#: Maximum number of floors. Maximum memory of the bodies and elevators of all floors at one time [bytes]: those of
+#: 1,000 robots take 0.3 MiB.
+MAX_FLOORS, MAX_STATE_BYTES = 1000, 64 * 2**20
+#: Maximum time from the first update to any other one [s]: a year. Players step through it.
+MAX_DURATION_S = 366 * 86400.0
+#: Maximum length of a topic [characters]; names of floors have 80.
+_MAX_TOPIC = 200
 
 SCHEMA = b"""// RoboCorba::FloorUpdate of omni_database.idl in msgpack: a struct is a map from the names of its members,
 // an enumerator its number, counted from 0.
@@ -119,6 +132,15 @@ _RECORD_HEAD = struct.Struct("<BQ")
 #: What a recording has besides updates of floors.
 Entry = Posture | RobotScan | RecordedMission
 _LOADERS: dict[str, Callable[[bytes], Entry]] = {POSTURES: load_posture, SCANS: load_scan, MISSIONS: load_mission}
+
+
+#: Records that are read, and their maximum sizes in the file [bytes]; others are skipped. One that can't be compressed
+#: is a little longer than its content.
+_MAX_RECORDS = {
+    Opcode.HEADER: MAX_CHUNK_BYTES,
+    Opcode.ATTACHMENT: 2 * MAX_MAP_BYTES,
+    Opcode.CHUNK: 2 * MAX_CHUNK_BYTES,
+}
 
 
 class _RecordedMessage(NamedTuple):
@@ -235,10 +257,12 @@ def _translating_write_errors(path: Path) -> Iterator[None]:
 
 
 class Recording:
-    """A recording as far as it was written when this object was created. Raises InvalidRecording."""
+    """A recording as far as it was written when this object was created.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    check: called often during reading; what it raises ends that. Raises InvalidRecording."""
+
+    def __init__(self, path: Path, check: Callable[[], None] = lambda: None) -> None:
+        self.path, self._check = path, check
         #: Names of the recorded floors.
         self.floors: list[str] = []
         #: Number of updates.
@@ -254,7 +278,7 @@ class Recording:
                 raise InvalidRecording(path, "empty, nothing has been recorded yet")
             for record in self._records():
                 if isinstance(record, Attachment) and record.name == MAP_ATTACHMENT:
-                    document = gzip.decompress(record.data)
+                    document = decompress_gzip(record.data, MAX_MAP_BYTES, "its map")
                 elif isinstance(record, _RecordedMessage) and record.floor:
                     self._count_update(record)
             if document is None:
@@ -276,55 +300,75 @@ class Recording:
     def entries(self) -> Iterator[tuple[float, FloorUpdate | Entry]]:
         """Updates of all floors and everything else, in recorded order, each with its time after `began` [s]. Raises
         InvalidRecording."""
+        for at_s, entry, _ in self._entries():
+            yield at_s, entry
+
+    def _entries(self) -> Iterator[tuple[float, FloorUpdate | Entry, int]]:
+        """As `entries`, with the encoded size [bytes]."""
         with self._translating_read_errors():
             for record in self._records():
                 if isinstance(record, _RecordedMessage):
                     load = loads if record.floor else _LOADERS[record.topic]
-                    yield record.log_time / NS_PER_S - self.began, load(record.data)
+                    yield record.log_time / NS_PER_S - self.began, load(record.data), len(record.data)
 
     def changes(self) -> Iterator[SystemChanges]:
         """Everything, in recorded order, what was received at the same time together. Raises InvalidRecording."""
-        for _, recorded in itertools.groupby(self.entries(), key=operator.itemgetter(0)):
-            changes = SystemChanges([], [], [], [])
-            for _, entry in recorded:
-                if isinstance(entry, FloorUpdate):
-                    changes.updates.append(entry)
-                elif isinstance(entry, Posture):
-                    changes.postures.append(entry)
-                elif isinstance(entry, RobotScan):
-                    changes.scans.append(entry)
-                else:
-                    changes.missions.append(MissionState(entry.name, 0, entry.content))
-            yield changes
+        with self._translating_read_errors():
+            for _, recorded in itertools.groupby(self._entries(), key=operator.itemgetter(0)):
+                changes = SystemChanges([], [], [], [])
+                size = 0
+                for _, entry, entry_size in recorded:
+                    size += entry_size
+                    if size > MAX_STATE_BYTES:
+                        raise LimitExceeded("one moment", size, MAX_STATE_BYTES, "bytes")
+                    if isinstance(entry, FloorUpdate):
+                        changes.updates.append(entry)
+                    elif isinstance(entry, Posture):
+                        changes.postures.append(entry)
+                    elif isinstance(entry, RobotScan):
+                        changes.scans.append(entry)
+                    else:
+                        changes.missions.append(MissionState(entry.name, 0, entry.content))
+                yield changes
 
-    def sampled(self, every_s: float, floors: Collection[str] = ()) -> Iterator[tuple[float, dict[str, FloorView]]]:
-        """Times [s] and floors by name, every `every_s` seconds and at the end. Raises UnknownFloor, InvalidRecording.
+    def sampled(
+        self, every_s: float, floors: Collection[str] = (), only_changed: bool = False
+    ) -> Iterator[tuple[float, dict[str, FloorView]]]:
+        """Times [s] and floors by name, every `every_s` seconds and at the end; with `only_changed` without those that
+        are the same as before. Raises UnknownFloor, InvalidRecording.
 
         Yields the same views each time; the next iteration changes them."""
-        views = self._views(floors)
+        views, memory = self._views(floors), Counter[str]()
         count = 0
         for at_s, update in self.updates(floors):
             while count * every_s < at_s:
                 yield count * every_s, views
-                count += 1
-            self._apply(update, views)
+                count = math.ceil(at_s / every_s) if only_changed else count + 1
+                self._check()
+            self._apply(update, views, memory)
         yield self.duration_s, views
 
     def at(self, at_s: float, floors: Collection[str] = ()) -> dict[str, FloorView]:
         """Floors by name at a time after `began` [s]. Raises UnknownFloor, InvalidRecording."""
-        views = self._views(floors)
+        views, memory = self._views(floors), Counter[str]()
         for updated_at_s, update in self.updates(floors):
             if updated_at_s > at_s:
                 break
-            self._apply(update, views)
+            self._apply(update, views, memory)
         return views
 
     def _views(self, floors: Collection[str]) -> dict[str, FloorView]:
         return {floor: FloorView(floor) for floor in floors or self.floors}
 
-    def _apply(self, update: FloorUpdate, views: dict[str, FloorView]) -> None:
+    def _apply(self, update: FloorUpdate, views: dict[str, FloorView], memory: Counter[str]) -> None:
+        """memory: of each floor so far [bytes]."""
         with self._translating_read_errors():
-            views[update.floor].apply(update)
+            view = views[update.floor]
+            view.apply(update)
+            if update.came or update.elevators:
+                memory[update.floor] = memory_of(view.bodies.values(), view.elevators)
+                if memory.total() > MAX_STATE_BYTES:
+                    raise LimitExceeded("the state of its floors", memory.total(), MAX_STATE_BYTES, "bytes")
 
     def _count_update(self, update: _RecordedMessage) -> None:
         at_s = update.log_time / NS_PER_S
@@ -332,22 +376,29 @@ class Recording:
             self.began = at_s
         if update.floor not in self.floors:
             self.floors.append(update.floor)
+            if len(self.floors) > MAX_FLOORS:
+                raise LimitExceeded("it", len(self.floors), MAX_FLOORS, "floors")
         self.count += 1
         self.duration_s = at_s - self.began
+        if abs(self.duration_s) > MAX_DURATION_S:
+            raise LimitExceeded("its duration", f"{abs(self.duration_s):.0f}", f"{MAX_DURATION_S:.0f}", "s")
 
     def _records(self) -> Iterator[Attachment | _RecordedMessage]:
-        channels: dict[int, Channel] = {}
+        topics: dict[int, str] = {}
         for opcode, stream in self._pieces():
             if opcode == Opcode.HEADER and Header.read(stream).profile != PROFILE:
                 raise InvalidRecording(self.path, "not a recording of RoboCorba, but another MCAP file")
             if opcode == Opcode.ATTACHMENT:
                 yield Attachment.read(stream)
             if opcode == Opcode.CHUNK:
-                for record in breakup_chunk(Chunk.read(stream), validate_crc=True):
+                for record in _records_of(Chunk.read(stream)):
+                    self._check()
                     if isinstance(record, Channel):
-                        channels[record.id] = record
-                    elif isinstance(record, Message):
-                        topic = channels[record.channel_id].topic
+                        topics[record.id] = record.topic[: _MAX_TOPIC + 1]
+                    else:
+                        topic = topics[record.channel_id]
+                        if len(topic) > _MAX_TOPIC:
+                            raise LimitExceeded("a topic", f"more than {_MAX_TOPIC}", _MAX_TOPIC, "characters")
                         floor = topic.removeprefix(TOPIC_PREFIX) if topic.startswith(TOPIC_PREFIX) else ""
                         if floor or topic in _LOADERS:
                             yield _RecordedMessage(topic, floor, record.log_time, record.data)
@@ -364,7 +415,14 @@ class Recording:
                     return
                 if length > self._size - file.tell():
                     break
-                yield opcode, ReadDataStream(BytesIO(file.read(length)))
+                self._check()
+                limit = _MAX_RECORDS.get(opcode)
+                if limit is None:
+                    file.seek(length, SEEK_CUR)
+                elif length > limit:
+                    raise LimitExceeded("a record", length, limit, "bytes")
+                else:
+                    yield opcode, ReadDataStream(BytesIO(file.read(length)))
             file.seek(self._size - len(MCAP0_MAGIC))
             if file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC:
                 raise InvalidRecording(
@@ -378,8 +436,35 @@ class Recording:
             yield
         except OSError as error:
             reason = error.strerror or str(error)
+        except LimitExceeded as error:
+            reason = str(error)
+        except WorkEnded:
+            raise
         except _DAMAGE as error:
             reason = f"damaged ({error or type(error).__name__})"
         else:
             return
         raise InvalidRecording(self.path, reason) from None
+
+
+def _records_of(chunk: Chunk) -> Iterator[Channel | Message]:
+    """Channels and messages of a chunk. Raises LimitExceeded, and what _DAMAGE lists."""
+    if chunk.compression == "zstd":
+        data = decompress_zstd(chunk.data, chunk.uncompressed_size, MAX_CHUNK_BYTES, "a chunk")
+    elif not chunk.compression:
+        data = chunk.data
+    else:
+        raise ValueError(f"a chunk is compressed with {chunk.compression[:20]!r}, not zstd")
+    if len(data) > MAX_CHUNK_BYTES:
+        raise LimitExceeded("a chunk", len(data), MAX_CHUNK_BYTES, "bytes")
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("the checksum of a chunk does not fit")
+    stream = ReadDataStream(BytesIO(data))
+    while stream.count < len(data):
+        opcode, length = stream.read1(), stream.read8()
+        if opcode == Opcode.CHANNEL:
+            yield Channel.read(stream)
+        elif opcode == Opcode.MESSAGE:
+            yield Message.read(stream, length)
+        else:
+            stream.read(length)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable, Mapping
 from enum import Enum
 from typing import NamedTuple
 
@@ -54,6 +56,13 @@ class FloorUpdate(NamedTuple):
     went: list[int]
     motions: Motions
     elevators: dict[str, ElevatorState]
+
+
+def memory_of(bodies: Iterable[Body], elevators: Mapping[str, ElevatorState]) -> int:
+    """About how much memory bodies and elevators take [bytes]; measured with tracemalloc."""
+    of_bodies = sum(250 + len(body.name) + 130 * len(body.outline) for body in bodies)
+    texts = itertools.chain.from_iterable((name, *state.riders, *state.queue) for name, state in elevators.items())
+    return of_bodies + 250 * len(elevators) + sum(60 + len(text) for text in texts)
 
 
 class FloorView:

@@ -27,6 +27,7 @@ import msgspec
 from robocorba import __version__, private_files, sqlite_files
 from robocorba.damaged_files import LAST_BACKUP, BackupNote
 from robocorba.decoding import decode_json
+from robocorba.errors.files import LimitExceeded
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.events import channel_store
 from robocorba.maps import store as map_store
@@ -218,6 +219,8 @@ def _unpack(file: Path, folder: Path) -> BackupList:
                     raise ServiceError(f"{file} is damaged: {name} is not what was saved")
                 if damage := _damage(folder / name, name):
                     raise ServiceError(f"{file} is damaged: {name}: {damage}")
+    except LimitExceeded:
+        raise
     except (tarfile.TarError, zlib.error, EOFError, KeyError, ValueError, msgspec.MsgspecError) as error:
         raise ServiceError(f"{file} is damaged, or no backup of RoboCorba ({error})") from None
     except OSError as error:
@@ -242,9 +245,15 @@ def _read_list(archive: tarfile.TarFile) -> BackupList:
 
 
 def _unpack_member(archive: tarfile.TarFile, folder: Path, name: str) -> None:
-    data = archive.extractfile(archive.getmember(name))
-    if data is None:
+    member = archive.getmember(name)
+    data = archive.extractfile(member)
+    if data is None or member.issparse():
         raise ValueError(f"{name} is no file")
+    free = shutil.disk_usage(folder).free
+    if member.size > free:
+        raise LimitExceeded(
+            f"{Path(str(archive.name)).name}: {name}", member.size, free, "bytes (free in the state folder)"
+        )
     target = folder / name
     target.parent.mkdir(exist_ok=True)
     with target.open("wb") as out:

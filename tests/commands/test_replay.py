@@ -109,6 +109,16 @@ def test_what_can_not_be_done_is_one_line(
     assert found.stderr.count("\n") == 1
 
 
+def test_a_film_that_would_not_end_is_refused(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", two_floors()) as recorder:
+        for version, at_s in ((1, 0.0), (2, 300 * 86400.0)):
+            update = FloorUpdate("L1", version - 1, version, at_s, 1, [], [], np.zeros(0, MOTION), {})
+            recorder.write(update, 1.7e9 + at_s)
+    found = run(tmp_path / "a.mcap", "--video", tmp_path / "a.mp4")
+    assert "the film would have 259200000 pictures, at most 1000000: choose 260 or more" in found.stderr
+    assert not (tmp_path / "a.mp4").exists()
+
+
 def test_files_that_are_no_recordings(tmp_path: Path) -> None:
     with Recorder(tmp_path / "empty.mcap", two_floors()):
         pass

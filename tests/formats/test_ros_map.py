@@ -19,6 +19,7 @@ from robocorba.errors.maps import MapFileError
 from robocorba.maps import validation
 from robocorba.maps.formats import read_map, write_map
 from robocorba.maps.formats.grid import Canvas
+from robocorba.maps.formats.ros_picture import MAX_FILE_BYTES
 from robocorba.maps.geometry import free_space
 from robocorba.maps.model import (
     BoxShape,
@@ -236,6 +237,11 @@ def test_pictures_that_are_too_large_or_all_noise_are_refused(tmp_path: Path) ->
     path.write_text(path.read_text().replace("map.png", "map.pgm"))
     (tmp_path / "map.pgm").write_bytes(b"P5\n60000 60000\n255\n" + bytes(1000))
     with pytest.raises(MapFileError, match="too many"):
+        read_map(path)
+    with (tmp_path / "map.pgm").open("wb") as file:
+        file.write(b"P2\n4 4\n255\n")
+        file.truncate(MAX_FILE_BYTES + 1)
+    with pytest.raises(MapFileError, match=f"has {MAX_FILE_BYTES + 1} bytes, at most {MAX_FILE_BYTES} can be read"):
         read_map(path)
     board = (np.indices((1000, 1000)).sum(axis=0) % 2 * 254).astype(np.uint8)
     (tmp_path / "map.pgm").write_bytes(b"P5\n1000 1000\n255\n" + board.tobytes())

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from robocorba.damaged_files import LAST_BACKUP
-from robocorba.errors.files import OutputExists
+from robocorba.errors.files import LimitExceeded, OutputExists, OutputIsInput
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.events.channel_store import ChannelStore, Peer
@@ -162,6 +162,24 @@ def test_what_is_no_backup_changes_nothing(state: Path, tmp_path: Path) -> None:
     for name in ("missing", "state"):
         with pytest.raises(ServiceError, match="there is no backup"):
             restore(tmp_path / name, state)
+    check(state)
+
+
+def test_a_backup_that_does_not_fit_on_the_disk_changes_nothing(
+    state: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "backup"
+    back_up(state, file)
+    usage = shutil.disk_usage(tmp_path)._replace(free=1000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage)
+    with pytest.raises(LimitExceeded, match=r"backup: \S+ has \d+ bytes \(free in the state folder\), at most 1000"):
+        restore(file, state)
+    check(state)
+
+
+def test_a_backup_does_not_replace_what_it_saves(state: Path) -> None:
+    with pytest.raises(OutputIsInput):
+        back_up(state, state / "map.sqlite", overwrite=True)
     check(state)
 
 

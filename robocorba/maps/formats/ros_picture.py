@@ -25,6 +25,8 @@ OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196
 #: the free_thresh of 0.25 that nav2's map_saver writes with it.
 UNKNOWN_SHADE = 205
 _ROWS_PER_BLOCK = 256
+#: Maximum size of a picture's file [bytes]: 8 for each of MAX_CELLS, as 16 bits take as text.
+MAX_FILE_BYTES = 8 * MAX_CELLS
 #: Exceptions of Pillow for damaged files.
 _IMAGE_ERRORS = (OSError, SyntaxError, ValueError, EOFError, IndexError, struct.error, zlib.error)
 
@@ -118,6 +120,8 @@ def _picture(path: Path, item: Item) -> np.ndarray:
     try:
         if not path.is_file():
             raise item.error("there is no picture of that name")
+        if (size := path.stat().st_size) > MAX_FILE_BYTES:
+            raise item.error(f"the picture has {size} bytes, at most {MAX_FILE_BYTES} can be read")
         with open_picture(path, ("PPM", "PNG", "BMP")) as picture:
             columns, rows = picture.size
             if columns * rows > MAX_CELLS:
