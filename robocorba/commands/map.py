@@ -70,7 +70,9 @@ def import_(
             "--topology", help="Generate a topological map, with the present nodes, for every floor that has no edges."
         ),
     ] = False,
-    radius: Annotated[float, typer.Option(metavar="M", help="Robot radius for --topology.")] = SMARTPAL_RADIUS_M,
+    radius: Annotated[
+        float, typer.Option(metavar="M", min=0.0, max=1000.0, help="Robot radius for --topology.")
+    ] = SMARTPAL_RADIUS_M,
     unknown: Annotated[
         UnknownCells, typer.Option("--unknown", help="Whether unknown cells of ROS maps count as blocked or free.")
     ] = UnknownCells.BLOCKED,

@@ -84,6 +84,8 @@ def _object(map_object: MapObject) -> Iterator[str]:
     shape = map_object.shape
     if isinstance(shape, SegmentShape):
         yield from _size("length", shape.length)
+        if map_object.movable:
+            yield "a segment has no width and no mass, so it can't be movable; make it a box or a polygon, or fixed"
     elif isinstance(shape, BoxShape):
         yield from _size("size x", shape.size[0])
         yield from _size("size y", shape.size[1])

@@ -52,4 +52,4 @@ def landing_doors(building: Building, elevator: str, floor: str) -> BaseGeometry
 
 
 def _is_movable(map_object: MapObject) -> bool:
-    return map_object.movable and not isinstance(map_object.shape, SegmentShape)  # a line has no mass
+    return map_object.movable and not isinstance(map_object.shape, SegmentShape)  # in maps of release 0.1

@@ -26,6 +26,8 @@ MAX_NUMBER_LENGTH = 100
 #: comes before the event at which our own, smaller limit is checked.
 _NESTED_TOO_DEEP = "exceeded maximum nesting depth"
 
+#: What msgspec says of a text in place of a number.
+_NUMBER_EXPECTED = ("Expected `float`, got `str`", "Expected `int`, got `str`")
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _NULL, _BOOL, _INT, _FLOAT, _STR = (f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str"))
 T = TypeVar("T")
@@ -70,7 +72,16 @@ class YamlFile:
             unknown = re.fullmatch(r"Object contains unknown field `(.*)`", reason, re.DOTALL)
             if unknown:
                 raise self.error(f"{key}.{unknown[1]}", "there is no such key") from None
+            if reason in _NUMBER_EXPECTED and (hint := number_hint(self.value(key))):
+                reason = hint
             raise self.error(key, f"a key is wrong: {reason}" if of_key else reason) from None
+
+    def value(self, key: str) -> Any:
+        """The value at a key path, or its nearest existing parent."""
+        found = self.data
+        for child in _child_indices(self.data, key.removeprefix("$")):
+            found = found[child] if isinstance(found, list) else list(found.values())[child]
+        return found
 
 
 def read_yaml(path: str | Path, limits: YamlLimits = DEFAULT_LIMITS) -> YamlFile:
@@ -190,6 +201,13 @@ _CONSTRUCTORS: dict[str, Callable[[yaml.ScalarNode], Any]] = {
     _FLOAT: _scalars.construct_yaml_float,
     _BOOL: _scalars.construct_yaml_bool,
 }
+
+
+def number_hint(value: Any) -> str:
+    """What to write instead of a text that other programs print for a number, such as -nan; empty for anything else."""
+    if isinstance(value, str) and value.strip().lstrip("+-").lower() in ("nan", "inf", "infinity", "nan(ind)"):
+        return f"{_short(value)!r} is a text in YAML and no number; write a finite number, such as 0.5"
+    return ""
 
 
 def _too_deep(limits: YamlLimits) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import re
 from typing import Any
 
 import networkx as nx
@@ -329,7 +330,11 @@ def test_missing_keys_of_old_files() -> None:
         (lambda d: d["levels"]["L1"]["vertices"][2].__setitem__(0, "far"), "levels.L1.vertices[2][0]", "a number"),
         (lambda d: d["levels"]["L1"]["vertices"][2].__setitem__(0, math.nan), "levels.L1.vertices[2][0]", "finite"),
         (lambda d: d["levels"]["L1"]["walls"][0].__setitem__(1, 999), "levels.L1.walls[0][1]", "no vertex 999"),
-        (lambda d: d["levels"]["L1"]["lanes"][0].__setitem__(0, -1), "levels.L1.lanes[0][0]", "no vertex -1"),
+        (
+            lambda d: d["levels"]["L1"]["walls"][0].__setitem__(0, "-nan"),
+            "levels.L1.walls[0][0]",
+            "'-nan' is a text in",
+        ),
         (
             lambda d: d["levels"]["L1"]["measurements"][0][2].__setitem__("distance", [3, -1.0]),
             "levels.L1.measurements[0][2].distance[1]",
@@ -354,6 +359,42 @@ def test_errors_name_line_and_key(change: Any, line_key: str, reason: str) -> No
         imported(data)
     assert caught.value.key == line_key
     assert caught.value.line > 0
+
+
+@pytest.mark.parametrize(
+    ("lane", "reason"),
+    [
+        ([8, 99, {}], r"L1 levels.L1.lanes\[0\]\[1\] \(there is no vertex 99; the level has 11\)"),
+        ([-1, 8, {}], r"lanes\[0\]\[0\] \(there is no vertex -1"),
+        ([8], r"lanes\[0\] \(expected at least 2 values"),
+        ("8-9", r"lanes\[0\] \(expected a list"),
+        ([8, "nine"], r"lanes\[0\]\[1\] \(expected a number"),
+        ([8, 9, {"speed_limit": [3, -1.0]}], r"speed_limit\[1\] \(must not be below zero"),
+        ([8, 9, {"speed_limit": [3, "-nan"]}], r"\('-nan' is a text in YAML and no number; write a finite number"),
+        ([8, 9, {"clearance": [3, math.nan]}], r"clearance\[1\] \(expected a finite number"),
+        ([8, 9, {"graph_idx": [2, "x"]}], r"graph_idx\[1\] \(expected a number"),
+        ([8, 9, {"bidirectional": [4, "maybe"]}], r"bidirectional\[1\] \(expected true or false"),
+        ([8, 9, {"bidirectional": [4]}], r"\(expected \[type, value\]"),
+        ([8, 9, {"name": [1, ["x"]]}], r"name\[1\] \(expected a text"),
+        ([8, 8, {}], "from a vertex to itself: 1 left out: L1 start"),
+    ],
+)
+def test_an_odd_lane_is_left_out_and_named(lane: Any, reason: str) -> None:
+    data, plain = small(), imported(small())
+    data["levels"]["L1"]["lanes"].insert(0, lane)
+    found = imported(data)
+    assert found.building == plain.building
+    (loss,) = set(found.losses) - set(plain.losses)
+    assert re.search(reason, loss)
+
+
+def test_a_lane_without_length_is_left_out() -> None:
+    data = small()
+    data["levels"]["L1"]["vertices"] += [[60, 50, 0, "a"], [60, 50, 0, "b"]]
+    data["levels"]["L1"]["lanes"] += [[11, 12, {"graph_idx": [2, 0]}], [8, 11, {"graph_idx": [2, 0]}]]
+    found = imported(data)
+    assert {"start-n9", "start-a"} <= found.building.floors["L1"].topological.edges.keys()
+    assert any("a-b" in loss or "'b'" in loss or "left out: nodes" in loss for loss in found.losses), found.losses
 
 
 def _graph(building: Building, name: str) -> nx.Graph:

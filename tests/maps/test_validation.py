@@ -90,6 +90,7 @@ def test_a_building_in_order_has_no_problems(building: Building) -> None:
         (wall(height=-1.0), "height must be"),
         (Door(name="x", a=(1.0, 1.0), b=(1.0, 1.0)), "it has no length"),
         (thing(SegmentShape(length=0.0)), "length must be"),
+        (thing(SegmentShape(length=1.0), movable=True), "no mass, so it can't be movable; make it a box or a polygon"),
         (thing(BoxShape(size=(1.0, 0.0))), "size y must be"),
         (thing(CircleShape(radius=-1.0)), "radius must be"),
         (thing(PolygonShape(points=BOWTIE)), "the polygon crosses or touches itself near 1, 1"),

@@ -47,7 +47,10 @@ def read(file: YamlFile) -> Imported:
     """The building that a building.yaml describes. Raises MapFileError with line and key."""
     root = Item(file, "$", file.data)
     losses = Losses()
-    levels = [read_level(Item(file, item.key, name).level_name(), item) for name, item in root.need("levels").members()]
+    levels = [
+        read_level(Item(file, item.key, name).level_name(), item, losses)
+        for name, item in root.need("levels").members()
+    ]
     if not levels:
         raise root.need("levels").error("no level")
     if len({level.name for level in levels}) < len(levels):

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
+from robocorba.errors.maps import MapFileError
 from robocorba.maps.formats.yaml_item import Item
+from robocorba.maps.losses import Losses
 from robocorba.spatial.pose import XY
 
 
@@ -60,12 +62,13 @@ class Level:
         return [i for i, vertex in enumerate(self.vertices) if i in ends or vertex.name or vertex.params]
 
 
-#: The lists of a level that hold pairs of vertices.
-LINKS = ("walls", "lanes", "doors", "measurements")
+#: The lists of a level that hold pairs of vertices, beside lanes.
+LINKS = ("walls", "doors", "measurements")
 
 
-def read_level(name: str, item: Item) -> Level:
-    """One level, with checked vertex indices. Raises MapFileError."""
+def read_level(name: str, item: Item, losses: Losses) -> Level:
+    """One level, with checked vertex indices and lanes. A lane that can't be read is left out: a road can be drawn
+    again, while a building without one of its walls would be another one. Raises MapFileError."""
     vertices = [_vertex(vertex) for vertex in item.get("vertices").items()]
     fiducials: dict[str, XY] = {}
     for entry in item.get("fiducials").items():
@@ -77,7 +80,10 @@ def read_level(name: str, item: Item) -> Level:
         name=name,
         elevation=item.get("elevation").number(0.0),
         vertices=vertices,
-        links={kind: [_link(link, len(vertices)) for link in item.get(kind).items()] for kind in LINKS},
+        links={
+            **{kind: [_link(link, len(vertices)) for link in item.get(kind).items()] for kind in LINKS},
+            "lanes": _lanes(name, item.get("lanes"), len(vertices), losses),
+        },
         fiducials=fiducials,
         polygons=[_polygon(entry, len(vertices)) for entry in item.get("floors").items()],
         holes=[_polygon(entry, len(vertices)) for entry in item.get("holes").items()],
@@ -107,6 +113,31 @@ def _link(item: Item, vertices: int) -> Link:
     row = _row(item, 2)
     a, b = _index(row[0], vertices), _index(row[1], vertices)
     return Link(item, a, b, params(row[2]) if len(row) > 2 else {})
+
+
+def _lanes(level: str, item: Item, vertices: int, losses: Losses) -> list[Link]:
+    found: list[Link] = []
+    for lane in item.items():
+        try:
+            link = _link(lane, vertices)
+            _check_lane(link)
+        except MapFileError as error:
+            losses.add("lanes that can't be read, left out: {names}", f"{level} {error.key} ({error.reason})")
+        else:
+            found.append(link)
+    return found
+
+
+def _check_lane(lane: Link) -> None:
+    """Raises MapFileError for a parameter that a building keeps and that has another type or range."""
+    lane.text("name")
+    for name in ("speed_limit", "clearance"):
+        if name in lane.params and lane.params[name].number() < 0:
+            raise lane.params[name].error("must not be below zero")
+    if "graph_idx" in lane.params:
+        lane.params["graph_idx"].integer()
+    for name in ("bidirectional", "is_bidirectional"):
+        flag(lane.params, name)
 
 
 def _polygon(item: Item, vertices: int) -> list[int]:

@@ -114,7 +114,7 @@ def _merged_lanes(
     directions_of: dict[tuple[str, float, float, str], list[bool]] = {}
     for lane in lanes:
         graph = _graph(lane, graphs)
-        key = graph, _non_negative(lane, "speed_limit"), _non_negative(lane, "clearance"), lane.text("name")
+        key = graph, _number(lane, "speed_limit"), _number(lane, "clearance"), lane.text("name")
         both = flag(lane.params, "bidirectional") or flag(lane.params, "is_bidirectional")
         forward, backward = both or lane.a == start, both or lane.a != start
         directions = directions_of.setdefault(key, [False, False])
@@ -135,10 +135,5 @@ def _graph(lane: Link, graphs: dict[int, str]) -> str:
     return graphs.get(index, str(index))
 
 
-def _non_negative(lane: Link, name: str) -> float:
-    if name not in lane.params:
-        return 0.0
-    value = lane.params[name].number()
-    if value < 0:
-        raise lane.params[name].error("must not be below zero")
-    return value
+def _number(lane: Link, name: str) -> float:
+    return lane.params[name].number() if name in lane.params else 0.0

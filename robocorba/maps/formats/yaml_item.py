@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from typing import Any
 
 from robocorba.errors.maps import MapFileError
 from robocorba.maps.element_rules import MAX_NAME
-from robocorba.maps.yaml_file import YamlFile
+from robocorba.maps.yaml_file import YamlFile, number_hint
 
 #: Maximum absolute value of numbers. Larger ones are no position in a building in any unit.
 MAX_NUMBER = 1e9
@@ -72,9 +73,11 @@ class Item:
         if isinstance(value, str) and len(value) < 40 and _NUMBER.fullmatch(value):
             value = float(value)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise self.error("expected a number")
+            raise self.error(number_hint(value) or "expected a number")
         if not -MAX_NUMBER <= value <= MAX_NUMBER:
-            raise self.error("the number is too large" if abs(value) > MAX_NUMBER else "expected a finite number")
+            raise self.error(
+                "the number is too large" if MAX_NUMBER < abs(value) < math.inf else "expected a finite number"
+            )
         return float(value)
 
     def integer(self) -> int:
