@@ -7,12 +7,14 @@ import math
 import threading
 from collections.abc import Callable
 
+from robocorba.background import Background, end_process
+
 _log = logging.getLogger(__name__)
 
 
 class Repeating:
-    """Calls `task` again and again, every_s [s] after the end of the previous call, or when it is woken; logs
-    exceptions and continues.
+    """Calls `task` again and again, every_s [s] after the end of the previous call, or when it is woken. A call that
+    raises is logged, and made again after the same pause: what the task keeps up to date gets old meanwhile.
 
     every_s: a number, or a function that is asked after each call; infinite: only when woken."""
 
@@ -20,7 +22,7 @@ class Repeating:
         self._name, self._task, self._every_s = name, task, every_s
         self._closing = False
         self._woken = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread = Background(name, self._run, end_process)
 
     def start(self) -> Repeating:
         self._thread.start()

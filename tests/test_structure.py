@@ -36,6 +36,7 @@ DOMAIN = {
 COMMON = {
     "robocorba.__version__",
     "robocorba.backoff",
+    "robocorba.background",
     "robocorba.cores",
     "robocorba.damaged_files",
     "robocorba.decoding",
@@ -74,6 +75,21 @@ ENVIRONMENT_IN = (
     "robocorba/kinematics/mujoco_headless.py",
     "robocorba/testing/",
 )
+
+#: Threads are started by robocorba.background, which reports their failures. Elsewhere are pools whose results, errors
+#: included, their user waits for, and a thread that nobody misses.
+THREADS_ELSEWHERE = {
+    "robocorba/background.py": "all others use it",
+    "robocorba/commands/event_stats.py": "waits for all results",
+    "robocorba/commands/status.py": "waits for all results",
+    "robocorba/console/calls.py": "answers each call with its result or error",
+    "robocorba/console/robot_views.py": "a view that fails is disconnected",
+    "robocorba/console/system_state.py": "a request that fails is the problem of its row",
+    "robocorba/control/smartpal_adaptor.py": "waits for all results",
+    "robocorba/events/proxies.py": "waits for all results",
+    "clients/demo.py": "prints a hint",
+}
+_THREADS = {"Thread", "Timer", "ThreadPoolExecutor", "ProcessPoolExecutor", "start_new_thread"}
 
 
 def faults(path: str, text: str) -> list[str]:
@@ -127,6 +143,14 @@ def decodes(text: str) -> list[str]:
         if name in ("msgspec.convert", "msgspec.json.Decoder", "msgspec.msgpack.Decoder")
         or (name in ("msgspec.json.decode", "msgspec.msgpack.decode") and call.keywords)
     )
+
+
+def starts_threads(text: str) -> list[str]:
+    """How a source starts threads past robocorba.background."""
+    nodes = list(ast.walk(ast.parse(text)))
+    called = [node.func for node in nodes if isinstance(node, ast.Call)]
+    bases = [base for node in nodes if isinstance(node, ast.ClassDef) for base in node.bases]
+    return sorted({name.rpartition(".")[2] for name in map(ast.unparse, called + bases)} & _THREADS)
 
 
 def imports(path: str, tree: ast.Module) -> Iterator[str]:
@@ -214,6 +238,17 @@ def test_one_place_decodes_into_types() -> None:
     assert {path for path, calls in past.items() if calls} == {"robocorba/decoding.py"}
     assert decodes("msgspec.json.decode(a)\nmsgspec.convert(a, T)") == ["msgspec.convert"]
     assert decodes("msgspec.msgpack.decode(a, type=T)") == ["msgspec.msgpack.decode"]
+
+
+def test_one_place_starts_threads() -> None:
+    found = {file.relative_to(ROOT).as_posix(): starts_threads(file.read_text()) for file in PRODUCT.values()}
+    outside = {path for path, ways in found.items() if ways and not path.startswith("robocorba/testing/")}
+    assert outside == set(THREADS_ELSEWHERE)
+    pools = {path for path in outside if found[path] == ["ThreadPoolExecutor"]}
+    assert outside - pools == {"robocorba/background.py", "clients/demo.py"}
+    assert starts_threads("import threading\nthreading.Thread(target=f).start()") == ["Thread"]
+    assert starts_threads("class A(Thread): pass\nTimer(1.0, f)") == ["Thread", "Timer"]
+    assert starts_threads("threading.current_thread()\na: threading.Thread") == []
 
 
 @pytest.mark.parametrize("file", OURS.values(), ids=lambda file: file.relative_to(ROOT).as_posix())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
 import os
 import subprocess
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from robocorba.background import Background
 from robocorba.console.defects import DEFECT
 from robocorba.console.frames import Rows
 from robocorba.console.history import Moment
@@ -112,7 +114,7 @@ class _Film:
         self.phase, self.problem = "making", ""
         self._began_s, self._ended_s = time.monotonic(), 0.0
         self._is_cancelled = threading.Event()
-        self._thread = threading.Thread()
+        self._thread: Background | None = None
 
     @property
     def is_under_way(self) -> bool:
@@ -123,13 +125,13 @@ class _Film:
         return (self._ended_s or time.monotonic()) - self._began_s
 
     def start(self, building: Building, floor: str, moments: Sequence[Moment], end_s: float, speed: float) -> None:
-        work = building, floor, moments, end_s, speed
-        self._thread = threading.Thread(target=self._make, args=work, name="console film", daemon=True)
+        work = functools.partial(self._make, building, floor, moments, end_s, speed)
+        self._thread = Background("console film", work, lambda reason: None)  # `_make` shows the problem
         self._thread.start()
 
     def cancel(self) -> None:
         self._is_cancelled.set()
-        if self._thread.is_alive():
+        if self._thread is not None:
             self._thread.join(5.0)
 
     def remove(self) -> None:
@@ -145,8 +147,6 @@ class _Film:
             problem = self._run(arguments)
         except (RoboCorbaError, OSError) as error:
             problem = str(error)
-        except Exception:  # the thread ends here: the page gets an answer, the log the trace
-            _log.exception("a film failed")
         finally:
             self.recording.unlink(missing_ok=True)
             self._ended_s = time.monotonic()

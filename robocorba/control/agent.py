@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeVar
 
+from robocorba.background import Background
 from robocorba.collision_avoidance.neighbours import Nearby
 from robocorba.control import model_switcher
 from robocorba.control.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
@@ -266,7 +268,7 @@ class ControlAgent:
             robot = self.robot
             if for_own_mission:
                 part = make(robot)
-                threading.Thread(target=part.run, name="own part", daemon=True).start()
+                Background("own part", part.run, functools.partial(self._task_failed, part)).start()
                 return part
             robot.execution.reset(False)
             part = make(robot)
@@ -438,13 +440,18 @@ class ControlAgent:
                 self._changed()
 
         self._task = task
-        self._thread = threading.Thread(target=run, name="program", daemon=True)
+        self._thread = Background("program", run, functools.partial(self._task_failed, task))
         self._thread.start()
         if controller := self._controller:
             controller.wake()
         if (reason := self.stopped) and self._robot:  # the stop may have come before there was a task to abort
             self._robot.execution.abort(reason)
         self._changed()
+
+    def _task_failed(self, task: Task, reason: str) -> None:
+        """A task has ended by a defect: stop the robot, unless the task has ended safely and reports why."""
+        if task.report.result is ProgramResult.NO_RESULT:
+            self.stop(reason)
 
     @property
     def _report(self) -> ProgramReport:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from robocorba.background import Background
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.realtime import use_realtime_scheduling
 from robocorba.errors.base import RoboCorbaError
@@ -135,7 +136,7 @@ class HighController:
         self.argv = argv
         with self._adaptor_in_use:
             self._begin()
-        self._thread = threading.Thread(target=self._run, name="high controller", daemon=True)
+        self._thread = Background("high controller", self._run, self._fail)
         self._thread.start()
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import singledispatchmethod
 from typing import Any, NamedTuple, Protocol
 
+from robocorba.background import Background
 from robocorba.control.agent_state import IconBegun, ProgramReport, ProgramResult
 from robocorba.control.execution_control import CHECK_INTERVAL_S, Aborted, SensorStop
 from robocorba.control.robot import Robot
@@ -224,7 +225,10 @@ class Runner:
                     self._robot.execution.interrupt(SensorStop(icon, reason))
                     return
 
-        watcher = threading.Thread(target=watch, name="sensor stop", daemon=True)
+        def blind(reason: str) -> None:
+            self._robot.execution.interrupt(MotionFailed(reason))
+
+        watcher = Background("sensor stop", watch, blind)
         watcher.start()
         try:
             yield

@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import math
-import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
@@ -18,6 +17,7 @@ from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
+from robocorba.background import Background
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import AdaptorFailed
@@ -381,7 +381,9 @@ def _stop_all(units: SmartPalUnits) -> None:
         else:
             del failures[unit]
 
-    threads = [threading.Thread(target=stop, args=(unit,), name=f"stop {unit}", daemon=True) for unit in units.names]
+    threads = [
+        Background(f"stop {unit}", partial(stop, unit), partial(failures.__setitem__, unit)) for unit in units.names
+    ]
     for thread in threads:
         thread.start()
     deadline = time.monotonic() + _STOP_LIMIT_S

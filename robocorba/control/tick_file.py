@@ -8,12 +8,12 @@ import contextlib
 import csv
 import logging
 import queue
-import threading
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
 
+from robocorba.background import Background
 from robocorba.errors.base import RoboCorbaError
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.motion.robot_state import ActorCommand, RobotState
@@ -58,7 +58,7 @@ class TickFile:
             raise RoboCorbaError(f"can't create {file}: {error.strerror or error}") from None
         self._waiting: queue.Queue[Tick | None] = queue.Queue(MAX_QUEUED)
         self._remaining, self.dropped = max_ticks, 0
-        self._thread = threading.Thread(target=self._write, name="tick file", daemon=True)
+        self._thread = Background("tick file", self._write, self._end)
         self._thread.start()
 
     def __enter__(self) -> TickFile:
@@ -99,7 +99,12 @@ class TickFile:
                     if self._waiting.empty():
                         self._file.flush()  # for readers of the growing file
         except OSError as error:
-            _log.warning("stopped recording to %s: %s", self._file.name, error)
+            self._end(str(error))
+
+    def _end(self, reason: str) -> None:
+        """Record no more."""
+        self._remaining = 0
+        _log.warning("stopped recording to %s: %s", self._file.name, reason)
 
 
 def _row(tick: Tick) -> list[str]:

@@ -19,6 +19,7 @@ from robocorba.corba.conversion.bounded_any import invoke
 from robocorba.corba.ior import address_of
 from robocorba.corba.naming_contexts import NamingContexts, resolve
 from robocorba.errors.services import NotReachable
+from robocorba.repeating import Repeating
 from robocorba.settings import Address, RoleNaming
 
 #: Interval at which a process checks that its names are still bound to its objects [s]. With the calls of a check, a
@@ -250,8 +251,11 @@ class BoundNames:
         self._bound: set[str] = set()
         #: Number of thefts of a path since its last log line, and the time of that line [s].
         self._thefts: dict[str, tuple[int, float]] = {}
-        self._thread: threading.Thread | None = None
-        self._closing = threading.Event()
+        self._is_started = False
+        self._failures = 0
+        self._binding = Repeating(
+            "bindings", self._bind, lambda: BACKOFF.pause_s(self._failures) or BINDING_CHECK_INTERVAL_S
+        )
         #: Set as soon as all names have been bound.
         self.are_bound = threading.Event()
 
@@ -260,8 +264,8 @@ class BoundNames:
 
         owns_names: whether the names belong to this process now, and are taken back from others; must not block."""
         self._served, self._owns_names = served, owns_names
-        self._thread = threading.Thread(target=self._run, name="bindings", daemon=True)
-        self._thread.start()
+        self._binding.start()
+        self._is_started = True
 
     def add(self, name: str, reference: Any) -> None:
         """Bind another name, within BINDING_CHECK_INTERVAL_S if it can be bound. It must not be bound by this yet."""
@@ -273,23 +277,18 @@ class BoundNames:
 
     def close(self) -> None:
         """Unbind all names, except those that another server has bound since."""
-        self._closing.set()
-        if self._thread:
-            self._thread.join()
+        self._binding.close()
+        if self._is_started:
             self._unbind(self._served)
 
-    def _run(self) -> None:
+    def _bind(self) -> None:
         """Bind all names at start; later those that were lost or stolen."""
-        failures = 0
-        while True:
-            errors = failures_of(self._check, self._served.items())
-            if errors and not failures:
-                _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(errors[0]))
-            failures = failures + 1 if errors else 0
-            if not errors:
-                self.are_bound.set()
-            if self._closing.wait(BACKOFF.pause_s(failures) or BINDING_CHECK_INTERVAL_S):
-                return
+        errors = failures_of(self._check, self._served.items())
+        if errors and not self._failures:
+            _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(errors[0]))
+        self._failures = self._failures + 1 if errors else 0
+        if not errors:
+            self.are_bound.set()
 
     def _check(self, name: str, reference: Any) -> None:
         if self._served.get(name) is not reference:

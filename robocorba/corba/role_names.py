@@ -14,6 +14,7 @@ from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion.names import role_references
 from robocorba.corba.guard import Guard
 from robocorba.corba.naming import PROBE_TIMEOUT_S, NamingService, failures_of
+from robocorba.repeating import Repeating
 from robocorba.roles import Role
 from robocorba.stubs import RoboCorba
 
@@ -32,16 +33,20 @@ class HeldNames:
         self._names, self._guard = names, guard
         self._served: dict[str, Mapping[Role, Any]] = {}
         self._owns_names: Callable[[], bool] = lambda: True
-        self._thread: threading.Thread | None = None
-        self._closing = threading.Event()
+        self._bound: set[str] = set()
+        self._failures = 0
+        self._is_started = False
+        self._announcing = Repeating(
+            "bindings", self._announce_all, lambda: BACKOFF.pause_s(self._failures) or ANNOUNCEMENT_INTERVAL_S
+        )
         #: Set as soon as all names have been bound.
         self.are_bound = threading.Event()
 
     def start(self, served: dict[str, Mapping[Role, Any]], owns_names: Callable[[], bool]) -> None:
         """Begin to announce names with the references of each role, while `owns_names`; returns immediately."""
         self._served, self._owns_names = served, owns_names
-        self._thread = threading.Thread(target=self._run, name="bindings", daemon=True)
-        self._thread.start()
+        self._announcing.start()
+        self._is_started = True
 
     def withdraw(self, name: str) -> None:
         """Unbind one of them."""
@@ -50,31 +55,24 @@ class HeldNames:
 
     def close(self) -> None:
         """Unbind all names, except those that somebody else has bound since."""
-        self._closing.set()
-        if self._thread:
-            self._thread.join()
+        self._announcing.close()
+        if self._is_started:
             self._unbind(list(self._served))
 
-    def _run(self) -> None:
-        bound: set[str] = set()
-        failures = 0
+    def _announce_all(self) -> None:
+        errors = failures_of(self._announce, self._served.items() if self._owns_names() else ())
+        if errors and not self._failures:
+            _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(errors[0]))
+        self._failures = self._failures + 1 if errors else 0
+        if self._bound.issuperset(list(self._served)):
+            self.are_bound.set()
 
-        def announce(name: str, references: Mapping[Role, Any]) -> None:
-            path = self._names.path(name)
-            self._registry().announce(path, role_references(references), self._guard.proof(path))
-            if name not in bound:
-                bound.add(name)
-                _log.info("bound %s at %s", path, self._names.address)
-
-        while True:
-            errors = failures_of(announce, self._served.items() if self._owns_names() else ())
-            if errors and not failures:
-                _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(errors[0]))
-            failures = failures + 1 if errors else 0
-            if bound.issuperset(list(self._served)):
-                self.are_bound.set()
-            if self._closing.wait(BACKOFF.pause_s(failures) or ANNOUNCEMENT_INTERVAL_S):
-                return
+    def _announce(self, name: str, references: Mapping[Role, Any]) -> None:
+        path = self._names.path(name)
+        self._registry().announce(path, role_references(references), self._guard.proof(path))
+        if name not in self._bound:
+            self._bound.add(name)
+            _log.info("bound %s at %s", path, self._names.address)
 
     def _unbind(self, names: list[str]) -> None:
         def withdraw(path: str) -> None:

@@ -20,6 +20,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from robocorba.background import Background
 from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.events.account import Account, Totals
 from robocorba.events.event import EventBatch, merged
@@ -117,7 +118,7 @@ class Feed:
         self._problem = "not joined yet"
         self._joins = self._packets = self._bytes = 0
         self._busy = False
-        self._thread: threading.Thread | None = None
+        self._thread: Background | None = None
 
     # ---- called with the lock ----
 
@@ -178,7 +179,7 @@ class Feed:
         self._next_position = 1
         self._append([])
         if self._thread is None:
-            self._thread = threading.Thread(target=self._run, name=f"feed of {self.peer}", daemon=True)
+            self._thread = Background(f"feed of {self.peer}", self._run, self._thread_failed)
             self._thread.start()
         self._changed.notify()
         return self.session, 1
@@ -321,6 +322,13 @@ class Feed:
     def _run(self) -> None:
         while (transmission := self._wait_for_transmission()) is not None:
             self._send(transmission, is_inline=False)
+
+    def _thread_failed(self, reason: str) -> None:
+        """The feed's thread has ended, and the session with it: the next join starts another."""
+        with self._lock:
+            self._thread, self._busy, self._is_ready = None, False, False
+            self._problem, self._failed_at = reason, time.monotonic()
+            self.session = uuid.uuid4().hex
 
     def _wait_for_transmission(self) -> _Transmission | None:
         """The next packet to send, retransmissions first; None at the end of the feed."""

@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable, Hashable
 from typing import Protocol
 
+from robocorba.background import Background
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
@@ -175,7 +176,7 @@ class ForeignLink:
         self._loss = _Loss()
         #: Whether it returned nothing of what was pushed to it, and has not pushed since.
         self._is_silent = False
-        self._thread = threading.Thread(target=self._maintain_link, name=f"foreign {self.name}", daemon=True)
+        self._thread = Background(f"foreign {self.name}", self._maintain_link, self._set_problem)
 
     def start(self) -> None:
         with self._channel.lock:

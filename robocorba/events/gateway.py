@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
+from robocorba.background import Background
 from robocorba.errors.events import InvalidPeer, SessionOver
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account, Totals
@@ -97,7 +98,7 @@ class Gateway:
         self._account = Account()
         self._joins = self._packets = self._bytes = self._duplicates = 0
         self._lag_s = 0.0
-        self._thread = threading.Thread(target=self._maintain_link, name=f"gateway of {peer}", daemon=True)
+        self._thread = Background(f"gateway of {peer}", self._maintain_link, self._set_problem)
 
     def start(self) -> None:
         self._thread.start()

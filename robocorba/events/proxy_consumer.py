@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 
+from robocorba.background import Background
 from robocorba.errors.events import (
     ClientGone,
     Disconnected,
@@ -17,7 +18,7 @@ from robocorba.errors.events import (
     Unconfirmed,
 )
 from robocorba.events.account import Account
-from robocorba.events.clients import ClientPort, SupplierPort
+from robocorba.events.clients import SupplierPort
 from robocorba.events.event import EventBatch
 from robocorba.events.policies import PollingPolicy
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
@@ -109,9 +110,11 @@ class ProxyPullConsumer(ProxyConsumer):
         self._policy = policy
         self._ended = threading.Event()
 
-    def connect(self, client: ClientPort | None) -> None:
+    def connect(self, client: SupplierPort) -> None:
         super().connect(client)
-        threading.Thread(target=self._run, args=(client,), name=f"from {self.id}", daemon=True).start()
+        Background(
+            f"from {self.id}", lambda: self._run(client), lambda reason: self._on_client_lost(self, reason)
+        ).start()
 
     def end(self) -> None:
         super().end()

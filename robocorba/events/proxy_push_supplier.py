@@ -23,6 +23,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
+from robocorba.background import Background
 from robocorba.errors.events import ClientGone, EventError, InternalFault, NotDelivered, Refused, Unconfirmed
 from robocorba.events.call_limiter import CallLimiter
 from robocorba.events.clients import ConsumerPort
@@ -87,7 +88,7 @@ class ProxyPushSupplier(ProxySupplier):
         self._mean_s = 0.0
         #: Events that arrive before this time are a flood [s, time.perf_counter].
         self._flood_until = 0.0
-        self._thread: threading.Thread | None = None
+        self._thread: Background | None = None
         #: The items of a call without an answer, which is to be repeated; they are in flight meanwhile.
         self._unanswered: Sequence[QueueItem] = ()
         #: How many times the current call has been, or is to be, repeated.
@@ -149,7 +150,7 @@ class ProxyPushSupplier(ProxySupplier):
         if not is_stalled and not (self.condition is ProxyCondition.CONNECTED and has_work):
             return
         if self._thread is None:
-            self._thread = threading.Thread(target=self._run, name=f"to {self.id}", daemon=True)
+            self._thread = Background(f"to {self.id}", self._run, self._thread_failed)
             self._thread.start()
         elif not is_stalled:  # else it wakes up when the next probe is due
             self._changed.notify()
@@ -169,6 +170,21 @@ class ProxyPushSupplier(ProxySupplier):
                     self._call(client, items, timeout_s)
             if client.takes_batches and COALESCE_ABOVE < self._queue.length < min(CALL_EVENTS, self.policy.size // 2):
                 time.sleep(self._delivery.coalesce_s)
+
+    def _thread_failed(self, reason: str) -> None:
+        """The proxy's thread has ended: the consumer is stalled, so that the next one probes it first."""
+        with self._lock:
+            self._thread, self._busy, self.problem = None, False, reason
+            self.account.discarded += self._in_flight
+            self._unanswered, self._in_flight, self._repeats = (), 0, 0
+            self.failures += 1
+            if self.condition is ProxyCondition.CONNECTED:
+                self.condition, self._inline = ProxyCondition.STALLED, 0
+                self._room.notify_all()
+            is_lost = self.failures >= self._delivery.max_failures and not self.name
+            self._wake()
+        if is_lost:
+            self._on_client_lost(self, reason)
 
     def _next_task(self) -> tuple[ConsumerPort, list[QueueItem]] | None:
         """Client and items to deliver; no items if the client must be probed; None when there is no more work."""

@@ -33,6 +33,13 @@ class MakingWay:
             result, reason = ProgramResult.ABORTED, str(error)
         except RoboCorbaError as error:
             result, reason = ProgramResult.FAILED, str(error)
+        except Exception as error:
+            result, reason = ProgramResult.FAILED, f"{type(error).__name__}: {error}"
+            raise
+        finally:
+            self._end(result, reason)
+
+    def _end(self, result: ProgramResult, reason: str) -> None:
         self.report = self.report._replace(
             result=result, reason=reason, icons_done=int(not reason), seconds=time.monotonic() - self._began
         )

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import msgspec
 
+from robocorba.background import Background
 from robocorba.control.agent import ControlAgent
 from robocorba.errors.events import EventError
 from robocorba.errors.robots import RobotError
@@ -59,7 +60,7 @@ class MissionAgent:
         #: Whether on_orphaned was called since the leader fell silent.
         self._is_announced = False
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="missions", daemon=True)
+        self._thread = Background("missions", self._run, lambda reason: agent.stop(reason))
 
     def start(self) -> MissionAgent:
         self._thread.start()
@@ -104,6 +105,7 @@ class MissionAgent:
                 self._closing.wait(RETRY_S)
             except Exception:  # one bad message must not end the thread
                 _log.exception("handling a mission message failed")
+                self._closing.wait(RETRY_S)
 
     def _subscribe(self) -> None:
         member = self._member

@@ -12,6 +12,7 @@ from typing import Protocol
 import msgspec
 from msgspec.structs import replace
 
+from robocorba.background import Background
 from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed, MissionTakenOver
@@ -65,7 +66,7 @@ class MissionRecorder:
         self._writing = threading.Lock()
         self._versions: dict[str, int] = {}
         self._is_closing = False
-        self._thread: threading.Thread | None = None
+        self._thread: Background | None = None
 
     def record(self, name: str, content: MissionContent) -> None:
         """Write this state of a mission soon, in place of one that was not written yet. Does not block."""
@@ -76,7 +77,7 @@ class MissionRecorder:
             while len(self._waiting) > MAX_WAITING:
                 del self._waiting[next(iter(self._waiting))]
             if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="mission records", daemon=True)
+                self._thread = Background("mission records", self._run, self._thread_failed)
                 self._thread.start()
             self._changed.notify_all()
 
@@ -110,6 +111,11 @@ class MissionRecorder:
                     self._waiting.setdefault(name, content)
                 pause_s = self._backoff.pause_s(failures) if failures else WRITE_PAUSE_S
                 self._changed.wait_for(lambda: self._is_closing, pause_s)
+
+    def _thread_failed(self, reason: str) -> None:
+        """The next record starts another thread."""
+        with self._changed:
+            self._thread = None
 
     def _write(self, name: str, content: MissionContent) -> bool:
         """Whether the state need not be written again."""

@@ -7,8 +7,10 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
+from robocorba.background import Background
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
@@ -59,7 +61,7 @@ class Succession:
         self._robot, self._records, self._leads = robot, records, leads
         self._successor, self._policy = successor, policy
         self._lock = threading.Lock()
-        self._waiting: dict[str, threading.Thread] = {}
+        self._waiting: dict[str, Background] = {}
         self._closing = threading.Event()
 
     def begin(self, mission: str, term: int) -> None:
@@ -68,7 +70,8 @@ class Succession:
         with self._lock:
             if self._closing.is_set() or mission in self._waiting:
                 return
-            thread = threading.Thread(target=self._run, args=(mission, term), name="succession", daemon=True)
+            # If it fails, the next robot takes its turn.
+            thread = Background("succession", partial(self._run, mission, term), lambda reason: None)
             self._waiting[mission] = thread
             thread.start()
 
@@ -90,8 +93,6 @@ class Succession:
                     _log.info("mission %s: %s", mission, error)
                 self._closing.wait(self._policy.interval_s)
             _log.info("mission %s: this robot has not taken it over within %g s", mission, self._policy.limit_s)
-        except Exception:  # the robot goes on
-            _log.exception("taking over mission %s failed", mission)
         finally:
             with self._lock:
                 del self._waiting[mission]

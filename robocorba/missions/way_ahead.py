@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
+from robocorba.background import Background
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.missions.clearing import Requests
@@ -81,7 +82,8 @@ class WayAhead:
             self._since = self._since if self.blocker else now
             self.blocker, self._requests = ahead, None
             if ahead.is_robot:
-                threading.Thread(target=self._find_requests, args=(ahead.name,), name="aside", daemon=True).start()
+                # Without an answer it is not asked to step aside, and the carry waits for its limit.
+                Background("aside", partial(self._find_requests, ahead.name), lambda reason: None).start()
         return 0.0
 
     def _find_requests(self, robot: str) -> None:

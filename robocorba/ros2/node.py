@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import array
-import threading
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -15,6 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
+from robocorba.background import Background, end_process
 from robocorba.errors.services import ServiceError
 from robocorba.settings import limit_ros_discovery
 
@@ -43,7 +43,7 @@ class RosNode:
             raise ServiceError(f"ROS 2 can't be started: {error}") from None
         self._executor = MultiThreadedExecutor(THREADS, context=self.context)
         self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._executor.spin, name="ROS 2", daemon=True)
+        self._thread = Background("ROS 2", self._executor.spin, end_process)
 
     @property
     def domain(self) -> int:

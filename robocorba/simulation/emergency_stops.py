@@ -12,12 +12,12 @@ import math
 import os
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import msgspec
 
+from robocorba.background import Workers
 from robocorba.decoding import decode_json
 from robocorba.errors.simulation import SessionExpired, UnknownRobot
 from robocorba.repeating import Repeating
@@ -140,7 +140,8 @@ class EmergencyStops:
         )
         self._lock = threading.Lock()
         self._names: dict[str, _Name] = {}
-        self._callers = ThreadPoolExecutor(CALLERS, "emergency-stops")
+        # A robot whose call fails is not confirmed, and is called again by the next stop.
+        self._callers = Workers("emergency-stops", CALLERS, lambda reason: None)
         #: Held while the file is written, which is apart from the lock: stops don't wait for a disk.
         self._writing = threading.Lock()
         self._written: object = None
@@ -168,7 +169,7 @@ class EmergencyStops:
         """Write the last stops; robots are stopped afterwards too, but no more targets are called."""
         with self._lock:
             self._is_closed = True
-        self._callers.shutdown(wait=False, cancel_futures=True)
+        self._callers.close(wait=False)
         self._writer.close()
         self._write()
 

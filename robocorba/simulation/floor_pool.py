@@ -16,6 +16,7 @@ from itertools import count
 from typing import Protocol
 
 from robocorba import cores
+from robocorba.background import Background, end_process
 from robocorba.simulation.physics import StepResult
 
 #: Steps after which the pool decides anew whether threads share the next ones.
@@ -210,7 +211,7 @@ class _Helper:
         self._wake_up.acquire()
         #: Guards the end of an idle thread.
         self._lock = threading.Lock()
-        self._thread: threading.Thread | None = None
+        self._thread: Background | None = None
         self._closing = False
 
     def help(self, turn: _Turn) -> None:
@@ -218,7 +219,7 @@ class _Helper:
         with self._lock:
             self._turn = turn
             if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="floors", daemon=True)
+                self._thread = Background("floors", self._run, end_process)
                 self._thread.start()
             if self._wake_up.locked():
                 self._wake_up.release()

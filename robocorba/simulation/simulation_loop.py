@@ -12,6 +12,7 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
+from robocorba.background import Background, end_process
 from robocorba.errors.simulation import InvalidChoice, SimulationBusy
 from robocorba.simulation.physics import STEP_S
 
@@ -54,7 +55,7 @@ class SimulationLoop:
         self._steps = self._counted = 0
         self._counted_at = 0.0
         self._closing = False
-        self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
+        self._thread = Background("simulation", self._run, end_process)
 
     def start(self) -> None:
         self._thread.start()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 
+from robocorba.background import Background, end_process
 from robocorba.errors.services import ServiceError
 from robocorba.simulation.store import SimulationStore
 from robocorba.simulation.world_record import WorldRecord
@@ -25,7 +26,7 @@ class StateWriter:
         self._number = self._written = 0
         self._problem: ServiceError | None = None
         self._is_closing = False
-        self._thread = threading.Thread(target=self._run, name="state-writer", daemon=True)
+        self._thread = Background("state-writer", self._run, end_process)
 
     def start(self) -> None:
         self._thread.start()

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from robocorba.background import Background, end_process
 from robocorba.kinematics.smartpal import ARM_JOINTS, Side
 from robocorba.smartpal_stand_in.arm import Arm
 from robocorba.smartpal_stand_in.dynamics import STEP_S, Dynamics
@@ -74,7 +75,7 @@ class RealTime:
     def __init__(self, step: Callable[[], None]) -> None:
         self._step = step
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="dynamics", daemon=True)
+        self._thread = Background("dynamics", self._run, end_process)
 
     def start(self) -> None:
         self._thread.start()

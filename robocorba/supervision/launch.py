@@ -8,11 +8,12 @@ import queue
 import shlex
 import subprocess
 import sys
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from robocorba.background import Background
 
 #: Time from SIGTERM to SIGKILL [s].
 GRACE_PERIOD_S = 15.0
@@ -94,7 +95,8 @@ class LoggedProcess(ChildProcess):
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         with log.open("a") as stderr:
             super().__init__(*command, stdout=subprocess.PIPE, stderr=stderr, **options)
-        self._reader = threading.Thread(target=self._read, name=f"stdout of {log.stem}", daemon=True)
+        # Without its reader the process is of no use: readers of lines find its end.
+        self._reader = Background(f"stdout of {log.stem}", self._read, lambda reason: self._lines.put(""))
         self._reader.start()
 
     def __exit__(self, *raised: object) -> None:

@@ -37,11 +37,20 @@ class Watched(RobotAdaptor):
         self.commands: list[ActorCommand] = []
         self.failure: Exception | None = None
         self.stops = 0
+        self.defect: Exception | None = None
+        self.is_virtual = False
         self.hangs = threading.Event()
         self.goes_on = threading.Event()
         #: What happens at the same time, before the adaptor has started, and before it is read.
         self.before_start: Callable[[], None] = lambda: None
         self.before_read: Callable[[], None] = lambda: None
+
+    @property
+    def is_in_building(self) -> bool:  # type: ignore[override]
+        """Asked by the control loop, between the calls of the adaptor."""
+        if self.defect:
+            raise self.defect
+        return self.is_virtual
 
     def start(self, argv: Sequence[str]) -> bool:
         if self.failure:
@@ -113,7 +122,7 @@ def test_commands_keep_the_cap_and_the_acceleration(high: HighController, adapto
 
 
 def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor: Watched) -> None:
-    adaptor.is_in_building = True
+    adaptor.is_virtual = True
     high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
     time.sleep(IDLE_AFTER_S + 0.3)
     began, count = time.monotonic(), len(adaptor.commands)
@@ -123,6 +132,15 @@ def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor
     count = len(adaptor.commands)
     high.move(DriveAt((0.1, 0.0, 0.0), 1.0))
     assert len(adaptor.commands) - count > 2 * 1.0 / IDLE_TICK_S
+
+
+def test_a_control_loop_that_ends_by_a_defect_stops_the_robot(high: HighController, adaptor: Watched) -> None:
+    adaptor.defect = ValueError("a fault")
+    eventually(lambda: bool(high.stopped), "the stop")
+    assert "internal fault in 'high controller' (ValueError: a fault)" in high.stopped
+    eventually(lambda: adaptor.stops > 0, "the adaptor's stop")
+    with pytest.raises(IllegalOrder, match="is stopped: internal fault"):
+        high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
 
 
 def test_a_motion_that_fails_is_reported_and_the_robot_stops(high: HighController) -> None:
@@ -405,7 +423,7 @@ def test_the_end_ends_a_motion(adaptor: Watched) -> None:
 @pytest.fixture
 def resting(adaptor: Watched) -> Iterator[HighController]:
     """A controller that rests."""
-    adaptor.is_in_building = True
+    adaptor.is_virtual = True
     limits = BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED
     high = HighController(adaptor, *limits, rests=lambda: True)
     high.start(())

@@ -117,6 +117,22 @@ def test_a_sensor_stops_what_is_inside_and_the_program_goes_on(smartpal: Robot) 
     assert state.x == pytest.approx(7.5 - 0.4 - 0.3, abs=0.06)  # the shelf, the robot's rim, the distance
 
 
+@at(6.5, 8.0, 0.0)
+def test_a_watch_that_ends_by_a_defect_ends_the_program(smartpal: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The robot would drive on without it."""
+
+    def fail(sensor: str) -> float:
+        raise ValueError("a fault")
+
+    monkeypatch.setattr(smartpal.sensors, "nearest_m", fail)
+    builder = ProgramBuilder("stop")
+    with builder.stop_if_closer("front", 0.3):
+        builder.mbase_velocity(0.2, 0.0, 0.0, 30.0)
+    report, _ = run(smartpal, builder)
+    assert report.result is ProgramResult.FAILED
+    assert "internal fault in 'sensor stop' (ValueError: a fault)" in report.reason
+
+
 def test_conditions_of_sensors_and_results(smartpal: Robot) -> None:
     builder = ProgramBuilder("conditions")
     builder.wait_until(icons.FartherThan("front", 0.5), 2.0)

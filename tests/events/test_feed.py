@@ -436,6 +436,25 @@ def test_the_end_discards_all_that_waits_and_ends_the_thread(at: Setting) -> Non
     assert not thread.is_alive()
 
 
+def test_a_thread_that_ends_by_a_defect_ends_the_session(at: Setting) -> None:
+    class Broken(EventHeader):
+        def __eq__(self, other: object) -> bool:
+            raise ValueError("a fault")
+
+        __hash__ = EventHeader.__hash__
+
+    for number in (1, 2):  # merging them compares their headers
+        at.accept(EventBatch(Broken("t", "s", "lab"), [time.time()], [b"1"], number, epoch=EPOCH))
+    session = at.join()
+    at.renew(1)
+    eventually(lambda: "ValueError: a fault" in at.problem(), what="the problem")
+    with pytest.raises(SessionOver):
+        at._acknowledge(session, 2)
+    at.connect()
+    at.publish()
+    eventually(lambda: at.gateway.payloads() == [1], what="a later event")
+
+
 def test_a_fault_of_a_translator_does_not_end_the_feed(at: Setting) -> None:
     class Broken(Gateway):
         def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:

@@ -192,6 +192,36 @@ def test_failures_never_end_a_durable_subscription(channel: Channel) -> None:
     assert proxy.failures == 0
 
 
+def test_a_proxy_whose_thread_ends_by_a_defect_goes_on(channel: Channel) -> None:
+    def fail() -> bool:
+        raise ValueError("a fault")
+
+    consumer = Consumer(answer=failing(NotDelivered("asleep")))
+    consumer.is_alive = fail
+    proxy = push_supplier_of(channel, consumer, delivery=replace(IMPATIENT, max_failures=10**9))
+    publish(channel, 1)
+    eventually(lambda: proxy.failures > 3)
+    assert "ValueError: a fault" in proxy.problem
+    assert proxy.condition is ProxyCondition.STALLED
+    consumer.is_alive = lambda: True
+    eventually(lambda: is_settled(proxy))
+    assert (received(consumer), proxy.problem) == ([1], "")
+
+
+def test_a_consumer_is_lost_by_a_defect_too(channel: Channel) -> None:
+    def fail(items: Sequence[QueueItem]) -> None:
+        raise ValueError("a fault")
+
+    lost = LostClients()
+    consumer = Consumer(takes_batches=False, answer=fail)
+    proxy = push_supplier_of(channel, consumer, on_client_lost=lost)
+    for number in range(10):
+        publish(channel, number)
+    eventually(lambda: lost.reasons)
+    assert "ValueError: a fault" in lost.reasons[0]
+    assert is_balanced(totals(proxy))
+
+
 def test_a_stalled_consumer_loses_the_oldest_events_and_delays_no_other(channel: Channel) -> None:
     is_stalled = threading.Event()
     is_stalled.set()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 import shapely
 from hypothesis import given, settings
@@ -73,7 +75,7 @@ class Scene:
         self.now = 100.0
         self.asked: list[str] = []
         monkeypatch.setattr(way_ahead, "time", self)
-        monkeypatch.setattr(way_ahead.threading, "Thread", _AtOnce)
+        monkeypatch.setattr(way_ahead, "Background", _AtOnce)
         self.way = WayAhead(self, self._ask)  # type: ignore[arg-type]
 
     def monotonic(self) -> float:
@@ -94,11 +96,8 @@ class Scene:
 
 
 class _AtOnce:
-    def __init__(self, target: object, args: tuple[str, ...], **_: object) -> None:
-        self._run = lambda: target(*args)  # type: ignore[operator]
-
-    def start(self) -> None:
-        self._run()
+    def __init__(self, name: str, work: Callable[[], object], on_failure: Callable[[str], object]) -> None:
+        self.start = work
 
 
 def test_the_pace_follows_what_is_ahead(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,6 +38,13 @@ def test_lines(tmp_path: Path) -> None:
     assert not child.is_running
 
 
+def test_output_that_cannot_be_read_is_the_end_of_the_process(tmp_path: Path) -> None:
+    """Its readers would wait for lines that never come."""
+    code = "import sys, time; sys.stdout.buffer.write(b'\\xff\\n'); sys.stdout.flush(); time.sleep(60)"
+    with LoggedProcess(tmp_path / "log", sys.executable, "-c", code) as child:
+        assert child.read_line(60.0) == ""
+
+
 def test_environment_folder_cores_and_log(tmp_path: Path) -> None:
     code = "import os, sys; print(os.sched_getaffinity(0), os.getcwd(), dict(os.environ)); sys.exit('out of order')"
     core = max(os.sched_getaffinity(0))

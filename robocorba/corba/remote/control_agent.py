@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
+from robocorba.background import Background
 from robocorba.control.agent_state import AgentState, IconBegun
 from robocorba.corba.conversion import robot
 from robocorba.corba.orb import Orb
@@ -128,7 +129,7 @@ def order_all(orb: Orb, names: Sequence[str], order: Callable[[RemoteAgent], Non
         except RoboCorbaError as error:
             failed[name] = str(error)
 
-    threads = [threading.Thread(target=call, args=(name,), daemon=True) for name in names]
+    threads = [Background(f"order to {name}", partial(call, name), partial(failed.__setitem__, name)) for name in names]
     for thread in threads:
         thread.start()
     deadline = time.monotonic() + ORDER_LIMIT_S

@@ -8,15 +8,14 @@ simulation server is found by its name."""
 from __future__ import annotations
 
 import contextlib
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from omniORB import CORBA
 
+from robocorba.background import Background, Workers
 from robocorba.corba.conversion import simulation
 from robocorba.corba.event_client import EventClient
 from robocorba.corba.guard import Guard
@@ -125,11 +124,14 @@ class _Stop:
             return Verdict(name, False, f"{what}; it is not logged on", name in self._addresses.targets)
         return Verdict(name, False, f"{what}; {self._problem}")
 
-    @staticmethod
-    def _start(way: Callable[[], None]) -> threading.Thread:
-        thread = threading.Thread(target=way, name=way.__name__, daemon=True)
+    def _start(self, way: Callable[[], None]) -> Background:
+        thread = Background(way.__name__.strip("_"), way, self._note)
         thread.start()
         return thread
+
+    def _note(self, reason: str) -> None:
+        """A way has failed: robots that no other way shows to stand have this problem."""
+        self._problem = reason
 
     # ---- the ways ----
 
@@ -169,10 +171,11 @@ class _Stop:
                 self._answers[name] = stop_at(self._orb, record.target, self._reason)
 
         targets = self._addresses.targets
-        with ThreadPoolExecutor(CALLERS) as callers:
-            for name in self._names or targets:
-                if name in targets and targets[name].target:
-                    callers.submit(stop, name, targets[name])
+        callers = Workers("stop target", CALLERS, self._note)
+        for name in self._names or targets:
+            if name in targets and targets[name].target:
+                callers.submit(stop, name, targets[name])
+        callers.finish()
 
     def _by_names(self) -> None:
         with contextlib.suppress(NotReachable):

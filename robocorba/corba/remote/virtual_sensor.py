@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from omniORB import CORBA
 
+from robocorba.background import Workers
 from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.simulation.load_balance import LoadBalance
@@ -30,7 +30,8 @@ class RemoteSensors:
     def __init__(self, balance: LoadBalance) -> None:
         self._balance = balance
         self._waiting = threading.Semaphore(MAX_WAITING)
-        self._dismissals = ThreadPoolExecutor(1, "sensor-dismissals")
+        # A server that was not notified keeps an object for a robot that nobody calls.
+        self._dismissals = Workers("sensor-dismissals", 1, lambda reason: None)
 
     def find(self, robot: str) -> Any:
         """Reference of a robot's sensor in a server that answers. Raises CORBA.TRANSIENT if there is none."""
@@ -64,7 +65,7 @@ class RemoteSensors:
         self._dismissals.submit(self._send_dismissal, reference, robot)
 
     def close(self) -> None:
-        self._dismissals.shutdown(cancel_futures=True)
+        self._dismissals.close()
 
     @staticmethod
     def _send_dismissal(reference: Any, robot: str) -> None:
