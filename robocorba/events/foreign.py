@@ -17,6 +17,7 @@ from collections.abc import Callable, Hashable
 from typing import Protocol
 
 from robocorba.background import Background
+from robocorba.errors.events import InternalFault
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel
@@ -241,10 +242,12 @@ class ForeignLink:
             try:
                 on_disconnected = functools.partial(loss.report, "it has disconnected our consumer")
                 port = self._attach(self._echoes, self.receive, on_disconnected)
+                self._use(port, loss)
             except NotReachable as error:
                 loss.report(str(error))
-            else:
-                self._use(port, loss)
+            except Exception as error:  # a defect must not end the link permanently
+                _log.exception("foreign channel %s", self.name)
+                loss.report(str(InternalFault(error)))
             if self._ended.is_set():
                 return
             self._set_problem(loss.reason)
@@ -255,21 +258,24 @@ class ForeignLink:
         """Deliver to the foreign channel until the connection ends."""
         self._port = port
         self._echoes.reset_silence()
-        with self._channel.lock:
-            self.proxy.connect(port.consumer)
-        self.connections += 1
-        if not self._is_silent:  # else its next event shows that it can call us again
-            self._set_problem("")
-        while not loss.wait(self._policy.check_interval_s):
-            if not port.is_alive():
-                loss.report("it does not answer")
-            elif self._echoes.silent_s() > self._policy.return_s:
-                self._is_silent = True
-                loss.report(f"it has returned no event for {self._policy.return_s:g} s: can it call {port.address}?")
-        with self._channel.lock:
-            if self.proxy.client is port.consumer:
-                self.proxy.leave()
-        port.disconnect()
+        try:
+            with self._channel.lock:
+                self.proxy.connect(port.consumer)
+            self.connections += 1
+            if not self._is_silent:  # else its next event shows that it can call us again
+                self._set_problem("")
+            while not self._ended.is_set() and not loss.wait(self._policy.check_interval_s):
+                if not port.is_alive():
+                    loss.report("it does not answer")
+                elif self._echoes.silent_s() > self._policy.return_s:
+                    self._is_silent = True
+                    limit_s = self._policy.return_s
+                    loss.report(f"it has returned no event for {limit_s:g} s: can it call {port.address}?")
+        finally:
+            with self._channel.lock:
+                if self.proxy.client is port.consumer:
+                    self.proxy.leave()
+            port.disconnect()
 
     def _set_problem(self, problem: str) -> None:
         if problem != self.problem:

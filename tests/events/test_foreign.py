@@ -113,6 +113,10 @@ def test_why_a_connection_ended_is_shown(link: ForeignLink, peer: ForeignChannel
     peer.connections[0].on_disconnected()
     eventually(lambda: link.problem == "it is away", what="the problem")
     assert link.problem_of_delivery() == "it is away"
+    peer.problem = ValueError("a fault")
+    eventually(lambda: "internal fault (ValueError: a fault)" in link.problem, what="the defect")
+    peer.problem = None
+    eventually(lambda: not link.problem, what="the next connection")
 
 
 def test_a_channel_that_returns_nothing_is_down_until_it_pushes(
