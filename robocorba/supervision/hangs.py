@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import signal
 import time
 from collections.abc import Callable
@@ -17,6 +18,8 @@ from robocorba.supervision.starter import Child
 CALLS = 5
 #: States of a process that a debugger or SIGSTOP holds.
 _HELD = (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP)
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ async def watch_for_hang(process: Child, is_alive: Callable[[], None] | None, li
             if failures >= CALLS and silent_s >= limit.limit_s and not (limit.spares_held and _is_held(process.pid)):
                 process.send_signal(signal.SIGKILL)
                 return f"was killed: no answer for {silent_s:.0f} s ({error})"
+        except Exception:  # a defect of the check says nothing of the process, and must not end the watch
+            _log.exception("a check whether process %d hangs failed", process.pid)
         else:
             answered, failures = time.monotonic(), 0
 

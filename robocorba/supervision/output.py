@@ -64,7 +64,10 @@ class Pipe:
 
 def _handle(line: bytes, handle: Callable[[str], None]) -> None:
     if text := line.decode(errors="backslashreplace").strip():
-        handle(text)
+        try:
+            handle(text)
+        except Exception:  # nobody would read on, and the process would stop at a full pipe
+            _log.exception("a line that a process has printed was not handled")
 
 
 class ReadyLine:
