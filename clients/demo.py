@@ -42,6 +42,7 @@ from robocorba.corba.orb import Orb
 from robocorba.corba.remote.mission_control import RemoteMissionControl
 from robocorba.corba.remote.mission_world import RemoteWorld
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.places import place
 from robocorba.errors.robots import MissionFailed
 from robocorba.errors.services import StartFailed
 from robocorba.maps.samples import sample_path
@@ -166,7 +167,7 @@ def play(
         with _starting("Robots", console):
             _start_robots(stack, scene, naming, state, logs)
         for name, robot in scene.robots.items():
-            console.print(f"  {name} at {FLOOR}:{robot.x:g},{robot.y:g} in sub-network {robot.channel}")
+            console.print(f"  {name} at {place(FLOOR, robot.x, robot.y)} in sub-network {robot.channel}")
         _show_path(orb, scene, console)
         camera = Camera(orb, [FLOOR], WIDTH_PX)
         (folder / BEFORE).write_bytes(camera.png())
@@ -193,8 +194,8 @@ def _start_robots(stack: contextlib.ExitStack, scene: DemoScene, naming: Address
     """Start the leader first, so that on a new machine only one robot compiles the kernels. Raises StartFailed."""
     running = {}
     for name, robot in scene.robots.items():
-        place = ("--floor", FLOOR, "--at", f"{robot.x},{robot.y},{robot.heading}", "--channel", robot.channel)
-        command = (robocorba(), "robot", name, *place, "--naming", str(naming), "--state", str(state))
+        options = ("--floor", FLOOR, "--at", f"{robot.x},{robot.y},{robot.heading}", "--channel", robot.channel)
+        command = (robocorba(), "robot", name, *options, "--naming", str(naming), "--state", str(state))
         running[name] = stack.enter_context(ReadyProcess(logs / f"robot-{name}.log", *command))
         if name == LEADER:
             running[name].wait_ready()
@@ -240,9 +241,9 @@ def _carry(orb: Orb, goal: Destination, camera: Camera, folder: Path, console: C
     Raises MissionFailed if it does not end within MISSION_TIMEOUT_S."""
     control, world = RemoteMissionControl(orb), RemoteWorld(orb)
     total_m = goal_error(world.movable(TABLE), goal).off_m
-    place = f"{goal.floor}:{goal.x:g},{goal.y:g}"
+    goal_text = place(goal.floor, goal.x, goal.y)
     console.print(
-        f"[bold]Mission[/bold]: robocorba mission start move-table --table {TABLE} --to {place} --leader {LEADER}"
+        f"[bold]Mission[/bold]: robocorba mission start move-table --table {TABLE} --to {goal_text} --leader {LEADER}"
     )
     name = control.start(LEADER, msgspec.json.encode(MoveTable(TABLE, goal)).decode())
     began, printed = time.monotonic(), ""

@@ -136,7 +136,7 @@ def _line(icon: Icon, at: str, omitted: set[str]) -> Text:
 
 def _value(value: Any) -> str:
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return f"{value:.6f}".rstrip("0").rstrip(".")
     return value if isinstance(value, str) else msgspec.json.encode(value).decode()
 
 

@@ -103,7 +103,7 @@ class BaseMovements(Movements):
             else:
                 return self._with_clearance(request._replace(mode=mode), found).points
         assert first
-        raise objects.explained(first, request, self._planner.paths)
+        raise objects.explained(first)
 
     def _with_clearance(self, request: PathRequest, found: Path) -> Path:
         """The path with the widest clearance that is hardly longer than `found`."""

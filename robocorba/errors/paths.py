@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from robocorba.errors.base import FieldError, RoboCorbaError
 from robocorba.errors.maps import describe
+from robocorba.errors.places import place
 
 
 class PathError(RoboCorbaError):
@@ -41,7 +42,7 @@ class NotFree(PathError):
         self.which, self.floor, self.x, self.y = which, floor, x, y
         self.obstacle, self.clearance_m, self.required_m = obstacle, clearance_m, required_m
         super().__init__(
-            f"{which} {floor}:{x:g},{y:g} is not free: {clearance_m:.3f} m to {obstacle}, {required_m:.3f} m needed"
+            f"{which} {place(floor, x, y)} is not free: {clearance_m:.3f} m to {obstacle}, {required_m:.3f} m needed"
         )
 
 

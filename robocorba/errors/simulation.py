@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from robocorba.errors.base import FieldError, RoboCorbaError
+from robocorba.errors.places import place
 
 
 class SimulationError(RoboCorbaError):
@@ -18,7 +19,7 @@ class PlaceTaken(SimulationError):
 
     def __init__(self, floor: str, x: float, y: float, blocker: str) -> None:
         self.floor, self.x, self.y, self.blocker = floor, x, y, blocker
-        super().__init__(f"{floor} ({x:g}, {y:g}) is not free: {blocker or 'a wall'}")
+        super().__init__(f"{place(floor, x, y)} is not free: {blocker or 'a wall'}")
 
 
 class NameTaken(SimulationError):

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from robocorba.errors.maps import InvalidElement, UnknownElement
+from robocorba.errors.places import near
 from robocorba.maps.collisions import TOUCH_M, Collision, blockages
 from robocorba.maps.geometry import bounds
 from robocorba.maps.model import KIND_OF, Building, ElementKind, Elevator
@@ -87,7 +88,7 @@ def blocked(building: Building) -> Iterator[MapFinding]:
                 (floor, x, y),
                 "blocked: " + "; ".join(collision.reason for collision in collisions),
                 f"blocked {kind.value}s of {floor} ({{n}}): {{names}}",
-                f"{name} ({causes} {_position(x, y)})",
+                f"{name} ({causes} {near(x, y)})",
             )
 
 
@@ -118,15 +119,11 @@ def _nodes(building: Building, floor: str, reach: Reachability) -> Iterator[MapF
         yield finding(name, "it has no edge", "without an edge")
     for (first, *more), cause in reach.separate_parts(floor):
         reason = f"{robot} can't drive between it{_count_of(more)} and the rest of {floor}: {cause}"
-        subject = f"{first}{_count_of(more)} {_position(*nodes[first].at)} ({cause})"
+        subject = f"{first}{_count_of(more)} {near(*nodes[first].at)} ({cause})"
         yield finding(first, reason, f"not connected with the rest of it for {robot}", subject)
     for direction, names in reach.one_way(floor).items():
         for name in names:
             yield finding(name, f"it can be {direction}", f"that can be {direction}")
-
-
-def _position(x: float, y: float) -> str:
-    return f"near {round(x, 2):g}, {round(y, 2):g}"
 
 
 def _count_of(more: list[str]) -> str:
@@ -138,7 +135,7 @@ def _plan(building: Building, floor: str, radius_m: float) -> Iterator[MapFindin
     for defect in plan_defects(building, floor, radius_m):
         where, summary = (floor, *defect.at), f"{defect.group} ({{n}}): {{names}}"
         on_floor, name = (floor, defect.name) if defect.name else ("", floor)
-        subject = f"{defect.name} {_position(*defect.at)}".lstrip()
+        subject = f"{defect.name} {near(*defect.at)}".lstrip()
         yield MapFinding(defect.kind, on_floor, name, where, defect.reason, summary, subject)
 
 

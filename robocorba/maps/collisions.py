@@ -14,6 +14,7 @@ import shapely
 from shapely import LineString, STRtree
 
 from robocorba.errors.maps import InvalidElement, describe
+from robocorba.errors.places import near
 from robocorba.maps.derived import Derived
 from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import KIND_OF, Building, PathEdge, PathNode, TopologicalMap
@@ -114,7 +115,7 @@ class Collision(NamedTuple):
             inside = self.obstacle.geometry.geom_type == "Polygon"
             return f"it stands {'inside' if inside else 'on'} {self.cause}"
         x, y = self.at()
-        return f"it leads through {self.cause} near {x:g}, {y:g}"
+        return f"it leads through {self.cause} {near(x, y)}"
 
     def error(self) -> InvalidElement:
         """The collision as a broken rule."""

@@ -14,6 +14,7 @@ from typing import Any
 import shapely
 from shapely import LineString, Polygon
 
+from robocorba.errors.places import metres, near
 from robocorba.maps.model import (
     Area,
     BoxShape,
@@ -171,7 +172,7 @@ def _number(what: str, value: float, low: float = -MAX_NUMBER, high: float = MAX
     if math.isnan(value) or value in (math.inf, -math.inf):
         yield f"{what} is not a finite number"
     else:
-        yield f"{what} must be from {low:g} to {high:g}, not {value}"
+        yield f"{what} must be from {metres(low)} to {metres(high)}, not {value}"
 
 
 def _size(what: str, value: float) -> Iterator[str]:
@@ -207,7 +208,7 @@ def _polygon(what: str, points: Sequence[XY]) -> Iterator[str]:
         yield f"{what} encloses no area"
     elif not shape.is_valid:
         spot = re.search(r"\[(\S+) (\S+)\]", shapely.is_valid_reason(shape))
-        yield f"{what} crosses or touches itself" + (f" near {float(spot[1]):g}, {float(spot[2]):g}" if spot else "")
+        yield f"{what} crosses or touches itself" + (f" {near(float(spot[1]), float(spot[2]))}" if spot else "")
     elif shape.area < MIN_LENGTH**2:
         yield f"{what} encloses no area"
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import shapely
 
+from robocorba.errors.places import metres
 from robocorba.spatial.pose import XY
 
 #: Maximum number of corners.
@@ -24,7 +25,7 @@ def check_polygon(field: str, polygon: Sequence[XY], make_error: Callable[[str, 
         raise make_error(field, f"{len(polygon)} corners are not between 3 and {MAX_CORNERS}")
     for i, corner in enumerate(polygon):
         if not all(math.isfinite(value) and abs(value) <= MAX_COORDINATE_M for value in corner):
-            raise make_error(f"{field}[{i}]", f"{corner} is not a point within {MAX_COORDINATE_M:g} m")
+            raise make_error(f"{field}[{i}]", f"{corner} is not a point within {metres(MAX_COORDINATE_M)} m")
     shape = shapely.Polygon(polygon)
     if not shape.is_valid or shape.area == 0:
         raise make_error(field, f"not a simple polygon: {shapely.is_valid_reason(shape)}")

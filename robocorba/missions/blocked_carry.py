@@ -17,6 +17,7 @@ from shapely import LineString
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.paths import Blocker
+from robocorba.errors.places import place
 from robocorba.errors.robots import ImpossibleCarry
 from robocorba.maps.geometry import landing_line
 from robocorba.maps.model import Elevator
@@ -60,7 +61,7 @@ def why_not_free(which: str, pose: Pose, part: str, near: ObstacleInMargin, marg
     """The error for an obstacle too near to a part of the body at `which`: the start or the goal."""
     needed = f"{near.distance_m:.2f} m from {part}, {margin_m:.2f} m needed" if near.distance_m else f"is in {part}"
     return ImpossibleCarry(
-        f"{which} {pose.floor}:{pose.x:g},{pose.y:g} is not free for {part}", [_blocker(near, pose.floor, needed)]
+        f"{which} {place(pose.floor, pose.x, pose.y)} is not free for {part}", [_blocker(near, pose.floor, needed)]
     )
 
 

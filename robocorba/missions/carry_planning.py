@@ -15,6 +15,7 @@ import shapely
 from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from robocorba.errors.places import metres
 from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import Building, Elevator, Floor
@@ -94,7 +95,7 @@ def plan_carries(
         if pose.floor not in building.floors:
             raise InvalidCarry(field, f"there is no floor {pose.floor[:80]!r}")
         if not all(map(math.isfinite, pose[1:])) or max(abs(pose.x), abs(pose.y)) > MAX_COORDINATE_M:
-            raise InvalidCarry(field, f"{pose[1:]} is not finite or beyond {MAX_COORDINATE_M:g} m")
+            raise InvalidCarry(field, f"{pose[1:]} is not finite or beyond {metres(MAX_COORDINATE_M)} m")
     obstacles = BuildingObstacles(building, name, blocked or {})
     held_open = obstacles.held_open(start.floor, outline, start[1:])
     routes = list(_elevator_routes(building, start, goal))

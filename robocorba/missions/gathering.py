@@ -61,7 +61,7 @@ class GatheringPaths:
         try:
             return self._find(start, goal)
         except PathError as error:
-            raise self._obstacles.explained(error, self._request(start, goal), self._world.paths) from None
+            raise self._obstacles.explained(error) from None
 
     def _find(self, start: Place, goal: Place) -> Path:
         request = self._request(start, goal)

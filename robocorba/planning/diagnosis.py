@@ -9,33 +9,61 @@ import numpy as np
 import shapely
 
 from robocorba.errors.paths import Blocker
-from robocorba.maps.model import Building
+from robocorba.maps.geometry import Obstacle, object_geometry
+from robocorba.maps.model import Building, PathEdge
 from robocorba.planning import geometric, topological
 from robocorba.planning.request import Path, PathRequest, Place, PointKind, RouteMode
-from robocorba.planning.snapshot import BuildingSnapshot
-from robocorba.planning.space import FloorSpace
+from robocorba.planning.snapshot import FORBIDDEN, BuildingSnapshot
 from robocorba.planning.turns import Turn
 from robocorba.spatial.arrays import Longs
 from robocorba.spatial.pose import XY
 
 #: Radius of a thin robot [m]: if it has a path where the real one has none, gaps are too narrow.
 THIN_M = 0.02
-#: Maximum number of nodes of a component, and of one-way edges, that a diagnosis names.
-MAX_NODES_NAMED, MAX_ONE_WAY_NAMED = 4, 16
+#: Maximum number of nodes of a component, and of edges, that a diagnosis names.
+MAX_NODES_NAMED, MAX_EDGES_NAMED = 4, 16
+#: Number of nearest nodes to which a diagnosis searches a drive.
+MAX_NODES_TRIED = 16
 #: A drive leads through a doorway if it passes within this distance [m].
 DOORWAY_M = 0.3
 
 
-def obstacle_at(space: FloorSpace, x: float, y: float, radius: float) -> tuple[str, float]:
-    """The obstacle that a robot of this radius [m] would touch at a point, and its distance [m], 0 inside it."""
-    point = shapely.Point(x, y)
+def obstacle_at(snapshot: BuildingSnapshot, place: Place, radius: float) -> tuple[str, float]:
+    """The obstacle that a robot of this radius [m] would touch at a place, and its distance [m], 0 inside it."""
+    space, point = snapshot.spaces[place.floor], shapely.Point(place[1:])
+
+    def name_of(item: Obstacle) -> str:
+        area = snapshot.avoided.get((place.floor, item.name)) if item.kind == "object" else None
+        if area is None:
+            return f"{item.kind} {item.name}"
+        return area.name if area.reason == FORBIDDEN else f"area {area.name}, which {area.reason}"
+
     for item in space.owners:
         if item.geometry.geom_type == "Polygon" and item.geometry.contains(point):
-            return f"{item.kind} {item.name}", 0.0
-    if not space.is_ground(x, y):
+            return name_of(item), 0.0
+    if not space.is_ground(place.x, place.y):
         return f"the outside of floor {space.floor}", 0.0
-    distance, nearest = space.nearest(x, y, radius + 1e-6)
-    return (f"{nearest.kind} {nearest.name}" if nearest else "nothing"), distance
+    distance, nearest = space.nearest(place.x, place.y, radius + 1e-6)
+    return (name_of(nearest) if nearest else "nothing"), distance
+
+
+def areas_in_the_way(
+    snapshot: BuildingSnapshot, free: BuildingSnapshot, request: PathRequest, turn: Turn
+) -> list[Blocker]:
+    """The areas that a request avoids on the best path that it would have without any; none if it has no path then.
+    `free` and `request` are without the areas."""
+    find = geometric.routes if request.mode is RouteMode.GEOMETRIC else topological.routes
+    found = find(free, request, turn)
+    blockers: dict[tuple[str, str], Blocker] = {}
+    for here, there in pairwise(free.path(found[0], request).points if found else ()):
+        if here.floor != there.floor:
+            continue
+        drive = shapely.LineString([here[3:5], there[3:5]])
+        for (floor, name), area in snapshot.avoided.items():
+            solid = snapshot.building.floors[floor].geometrical.objects[name]
+            if floor == here.floor and object_geometry(solid).distance(drive) < request.radius:
+                blockers[floor, name] = area
+    return list(blockers.values())
 
 
 def explain_no_path(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn) -> tuple[str, list[Blocker]]:
@@ -50,6 +78,8 @@ def explain_no_path(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn
     if on_roads:
         for which, place, outbound in (("start", start, True), ("goal", goal, False)):
             if not len(topological.connect_around_corners(snapshot, request, place, outbound, turn).nodes):
+                if roads := _roads_between(snapshot, request, place, turn):
+                    return f"the {which} reaches a path node only along or across closed edges", roads
                 return f"the {which} reaches no path node", _why_unreachable(snapshot, request, place, turn)
     thin = request._replace(radius=min(THIN_M, request.radius), avoid_elevators=frozenset(), graph="", alternatives=0)
     if on_roads:
@@ -65,8 +95,8 @@ def explain_no_path(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn
         return "locked doors block every path", locked
     if on_roads:
         return "start and goal are not connected", _unconnected(snapshot, request, turn)
-    if found:
-        return "one-way edges forbid every path", _one_way_edges(building, request)
+    if found and (edges := [*_closed_edges(building, request), *_one_way_edges(building, request)]):
+        return "the rules of edges forbid every path", edges[:MAX_EDGES_NAMED]
     floors = dict.fromkeys((start.floor, goal.floor))
     return "start and goal are not connected", [
         Blocker("floor", "", floor, "its walls leave no passage") for floor in floors
@@ -129,10 +159,8 @@ def _narrow_places(
     for edge in entry.topological.edges.values():
         if {edge.a, edge.b} != nodes:
             continue
-        if edge.clearance and edge.clearance < request.radius:
-            found.append(Blocker("edge", floor, edge.name, f"is for robots of at most {edge.clearance:g} m radius"))
-        if request.graph and edge.graphs and request.graph not in edge.graphs:
-            found.append(Blocker("edge", floor, edge.name, f"is not of graph {request.graph}"))
+        if reason := _why_closed(edge, request):
+            found.append(Blocker("edge", floor, edge.name, reason))
     if space.line_is_free(*a, *b, request.radius):
         return found
     line = shapely.LineString([a, b])
@@ -155,6 +183,44 @@ def _narrow_places(
     return found
 
 
+def _why_closed(edge: PathEdge, request: PathRequest) -> str:
+    """Why a request must not use an edge in any direction, "" if it may."""
+    if edge.clearance and edge.clearance < request.radius:
+        return f"is for robots of at most {edge.clearance:g} m radius"
+    return (
+        f"is not of graph {request.graph}" if request.graph and edge.graphs and request.graph not in edge.graphs else ""
+    )
+
+
+def _closed_edges(building: Building, request: PathRequest) -> list[Blocker]:
+    """The edges on the floors of start and goal that are closed for the request."""
+    return [
+        Blocker("edge", floor, edge.name, reason)
+        for floor in dict.fromkeys((request.start.floor, request.goal.floor))
+        for edge in building.floors[floor].topological.edges.values()
+        if (reason := _why_closed(edge, request))
+    ]
+
+
+def _roads_between(snapshot: BuildingSnapshot, request: PathRequest, place: Place, turn: Turn) -> list[Blocker]:
+    """The closed and one-way edges beside the shortest drive between a place and a node, if only rules of edges forbid
+    it."""
+    topology, space = snapshot.building.floors[place.floor].topological, snapshot.spaces[place.floor]
+    nodes = [node.at for node in topology.nodes.values() if space.point_is_free(*node.at, request.radius)]
+    nearest = sorted(nodes, key=lambda at: math.dist(at, place[1:]))[:MAX_NODES_TRIED]
+    legs = snapshot.graph(place.floor, request.radius).legs(place[1:], nearest, turn=turn)
+    best = min(legs, key=lambda leg: leg.length, default=None)
+    if best is None or not math.isfinite(best.length):
+        return []
+    drive = shapely.LineString(best.points)
+    return [
+        Blocker("edge", place.floor, edge.name, reason)
+        for edge in topology.edges.values()
+        if (reason := _why_closed(edge, request) or ("is one-way" if edge.one_way else ""))
+        and drive.distance(shapely.LineString([topology.nodes[edge.a].at, topology.nodes[edge.b].at])) < request.radius
+    ][:MAX_EDGES_NAMED]
+
+
 def _distinguishable(first: float, second: float) -> tuple[str, str]:
     """Two lengths with as many digits as show the difference, at least two."""
     for digits in range(2, 9):
@@ -171,7 +237,7 @@ def _why_unreachable(snapshot: BuildingSnapshot, request: PathRequest, place: Pl
         return [Blocker("floor", "", place.floor, "has no path nodes; build its topological map")]
     nodes = sorted(entry.topological.nodes.values(), key=lambda node: math.dist(node.at, place[1:]))
     thin = snapshot.graph(place.floor, min(THIN_M, request.radius))
-    legs = thin.legs(place[1:], [node.at for node in nodes[:16]], turn=turn)
+    legs = thin.legs(place[1:], [node.at for node in nodes[:MAX_NODES_TRIED]], turn=turn)
     best = min(legs, key=lambda leg: leg.length)
     if not math.isfinite(best.length):
         return [Blocker("floor", "", place.floor, "its walls enclose the place")]
@@ -209,4 +275,4 @@ def _one_way_edges(building: Building, request: PathRequest) -> list[Blocker]:
         for floor in dict.fromkeys((request.start.floor, request.goal.floor))
         for edge in building.floors[floor].topological.edges.values()
         if edge.one_way
-    ][:MAX_ONE_WAY_NAMED]
+    ][:MAX_EDGES_NAMED]

@@ -116,12 +116,12 @@ class PathPlanner:
         start, goal = (Place(place.floor, float(place.x), float(place.y)) for place in (request.start, request.goal))
         request = request._replace(start=start, goal=goal, radius=float(request.radius), speed=float(request.speed))
         with self._turn(request) as turn:
-            snapshot = snapshot.variant_for(request)
+            on_map, snapshot = snapshot, snapshot.variant_for(request)
             is_geometric = request.mode is RouteMode.GEOMETRIC
             routes = (geometric if is_geometric else topological).routes(snapshot, request, turn)
             paths = [snapshot.path(route, request) for route in routes]
             if not paths:
-                _explain(snapshot, request, turn)
+                _explain(snapshot, on_map, request, turn)
             if is_geometric:
                 paths[0] = min([paths[0], *_smoothed(snapshot, request, turn)], key=cost_of(request))
         return sorted(paths, key=cost_of(request))
@@ -158,11 +158,17 @@ def warm_up_room() -> Building:
     return building
 
 
-def _explain(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn) -> NoReturn:
-    """Raise NotFree or NoPath with the reason why there is no path."""
+def _explain(snapshot: BuildingSnapshot, on_map: BuildingSnapshot, request: PathRequest, turn: Turn) -> NoReturn:
+    """Raise NotFree or NoPath with the reason why there is no path. `snapshot`: `on_map` for the request."""
     for which, place in (("start", request.start), ("goal", request.goal)):
         space = snapshot.spaces[place.floor]
         if not space.point_is_free(place.x, place.y, request.radius):
-            obstacle, clearance = diagnosis.obstacle_at(space, place.x, place.y, request.radius)
+            obstacle, clearance = diagnosis.obstacle_at(snapshot, place, request.radius)
             raise NotFree(which, *place, obstacle, clearance, request.radius)
+    if snapshot.avoided:
+        without = request._replace(avoid_areas=(), forbidden_areas=(), alternatives=0)
+        free = on_map.variant_for(without)
+        if areas := diagnosis.areas_in_the_way(snapshot, free, without, turn):
+            raise NoPath("areas that the request avoids block every path", areas)
+        snapshot, request = free, without
     raise NoPath(*diagnosis.explain_no_path(snapshot, request, turn))

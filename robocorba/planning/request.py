@@ -7,6 +7,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from robocorba.errors.paths import InvalidPoint, InvalidRequest, UnknownFloor
+from robocorba.errors.places import metres
 from robocorba.maps.model import Building
 from robocorba.maps.polygons import MAX_COORDINATE_M, check_polygon
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M, XY, Limits
@@ -137,7 +138,7 @@ def check_place(building: Building, which: str, place: Place) -> None:
     """Raise InvalidPoint or UnknownFloor unless the place could be in the building."""
     for field, value in (("x", place.x), ("y", place.y)):
         if not abs(value) <= MAX_COORDINATE_M:
-            raise InvalidPoint(which, field, f"{value!r} is not a number within {MAX_COORDINATE_M:g} m")
+            raise InvalidPoint(which, field, f"{value!r} is not a number within {metres(MAX_COORDINATE_M)} m")
     _check_floor(building, which, place.floor)
 
 

@@ -205,7 +205,7 @@ def limits_along(lanes: Floats, ax: float, ay: float, bx: float, by: float, radi
     ends, limits = np.empty(marks.shape[0]), np.empty(marks.shape[0])
     size, before = 0, 0.0
     for mark in marks:
-        if mark <= before:
+        if mark <= before + TOUCH_M:
             continue
         limit = np.inf
         for i in range(count):

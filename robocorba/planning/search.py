@@ -586,8 +586,8 @@ def smoothed(world: Packed, route: Floats, radius: float) -> Floats:
 
 @kernel
 def _without_straight_stops(ground: Ground, route: Floats, radius: float) -> Floats:
-    """The route without stops at which a drive neither turns nor changes its speed limit, unless both parts together
-    would break a rule of edges."""
+    """The route without stops at which a drive neither turns nor changes its speed limit. A drive off the road remains
+    two where both together would follow an edge that is closed or slow."""
     count = route.shape[0]
     kept = np.empty(count, np.int64)
     size = 0
@@ -598,10 +598,11 @@ def _without_straight_stops(ground: Ground, route: Floats, radius: float) -> Flo
             bx, by = route[i + 1, X] - route[i, X], route[i + 1, Y] - route[i, Y]
             straight = abs(ax * by - ay * bx) <= TOUCH_M * (math.hypot(ax, ay) + math.hypot(bx, by))
             if straight and ax * bx + ay * by >= 0.0 and route[i, LIMIT] == route[before, LIMIT]:
-                if route[i, ROAD] != OFF_ROAD or route[before, ROAD] != OFF_ROAD:
+                if route[i, ROAD] != OFF_ROAD and route[before, ROAD] != OFF_ROAD:
                     continue
                 lanes, far = floor_lanes(ground, int(route[i, FLOOR])), route[i + 1]
-                if not breaks_rule(lanes, route[before, X], route[before, Y], far[X], far[Y], radius):
+                line = (route[before, X], route[before, Y], far[X], far[Y])
+                if not breaks_rule(lanes, *line, radius) and not is_slowed(lanes, *line, radius):
                     continue
         kept[size] = i
         size += 1

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from robocorba.errors.paths import NoPath
+from robocorba.errors.paths import Blocker, NoPath
 from robocorba.maps.model import Building, ElementKind, FloorMap, MapObject, PolygonShape, Wall
 from robocorba.maps.movable import movables
 from robocorba.planning.floor_source import FloorSource
@@ -32,6 +32,8 @@ MAX_GRAPHS = 64
 #: Maximum number of cached variants of the building (with forbidden areas, without movables); the oldest is dropped.
 MAX_VARIANTS = 8
 
+#: Why an area blocks.
+AVOIDED, FORBIDDEN = "is avoided by the request", "is forbidden by the request"
 NO_FACTOR: Floats = np.empty(0)
 
 
@@ -40,6 +42,8 @@ class BuildingSnapshot:
 
     def __init__(self, building: Building, version: int, before: BuildingSnapshot | None = None) -> None:
         self.building, self.version = building, version
+        #: The areas that the requests of this variant avoid, by floor and the name of the solid object in their place.
+        self.avoided: dict[tuple[str, str], Blocker] = {}
         self.spaces: dict[str, FloorSpace] = {}
         for floor in building.floors:
             known = before.spaces.get(floor) if before else None
@@ -128,19 +132,25 @@ class BuildingSnapshot:
         if known:
             return known
         building = _without_movables(self.building, floors)
-        named = [
-            (floor, f"area {name}", building.floors[floor].geometrical.areas[name].polygon)
+        areas = [
+            (Blocker("area", floor, name, AVOIDED), building.floors[floor].geometrical.areas[name].polygon)
             for floor, name in request.avoid_areas
         ]
-        numbered = enumerate(request.forbidden_areas)
-        unnamed = [(floor, f"forbidden area {i}", polygon) for i, (floor, polygon) in numbered]
-        for floor, name, polygon in named + unnamed:
-            taken = building.floors[floor].geometrical.objects
+        areas += [
+            (Blocker("area", floor, f"forbidden area {i}", FORBIDDEN), polygon)
+            for i, (floor, polygon) in enumerate(request.forbidden_areas)
+        ]
+        avoided: dict[tuple[str, str], Blocker] = {}
+        for area, polygon in areas:
+            name, taken = area.name, building.floors[area.floor].geometrical.objects
             while name in taken:
                 name += "'"
             solid = MapObject(name=name, shape=PolygonShape(points=polygon), at=(0.0, 0.0))
-            building = building.with_element(floor, solid)
-        return self._keep_variant(key, BuildingSnapshot(building, self.version, self))
+            building = building.with_element(area.floor, solid)
+            avoided[area.floor, name] = area
+        made = BuildingSnapshot(building, self.version, self)
+        made.avoided = avoided
+        return self._keep_variant(key, made)
 
     def _keep_variant(self, key: tuple, made: BuildingSnapshot) -> BuildingSnapshot:
         with self._lock:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import shapely
 
 from robocorba.errors.paths import Blocker, NoPath, NotFree, PathError
 from robocorba.maps.polygons import FloorArea
-from robocorba.planning.request import Path, PathRequest
+from robocorba.planning.request import PathRequest
 from robocorba.spatial.pose import XY
 
 #: How the path planning agent names the forbidden areas of a request, which it counts from 0.
-_AREA = re.compile(r"(?:object )?forbidden area (\d+)'*")
+_AREA = re.compile(r"forbidden area (\d+)")
 
 
 class TemporaryObstacles(NamedTuple):
@@ -45,45 +44,26 @@ class TemporaryObstacles(NamedTuple):
             if where == floor and shapely.Polygon(corners).distance(line) < radius_m
         ]
 
-    def explained(
-        self, error: PathError, request: PathRequest, find_paths: Callable[[PathRequest], Sequence[Path]]
-    ) -> PathError:
-        """The planner's error for a request with these obstacles, with their names in place of their numbers.
-
-        If there is a path without them, NoPath names those that block it; `find_paths` asks the planner for it."""
+    def explained(self, error: PathError) -> PathError:
+        """The planner's error for a request with these obstacles, with their names in place of their numbers."""
         if isinstance(error, NotFree):
             if (name := self._name_of(error.obstacle)) is None:
                 return error
             obstacle = f"{name}, which stands there now"
             return NotFree(error.which, error.floor, error.x, error.y, obstacle, error.clearance_m, error.required_m)
-        if not isinstance(error, NoPath) or not self.names:
+        names = [self._name_of(blocker.name) for blocker in error.blockers] if isinstance(error, NoPath) else []
+        if not isinstance(error, NoPath) or not any(names):
             return error
-        names = [self._name_of(blocker.name) for blocker in error.blockers]
-        if not any(names):
-            found = self._in_the_way(request, find_paths)
-            return NoPath(f"no path for a robot of radius {request.radius:g} m", found) if found else error
         blockers = [
-            Blocker(blocker.kind, blocker.floor, name, f"{blocker.reason}, where it stands now") if name else blocker
+            Blocker("object", blocker.floor, name, "stands in the way now") if name else blocker
             for blocker, name in zip(error.blockers, names, strict=True)
         ]
-        return NoPath(error.reason, blockers)
+        unique = {(blocker.kind, blocker.floor, blocker.name): blocker for blocker in blockers}
+        return NoPath("objects and robots at their present places block every path", list(unique.values()))
 
     def _name_of(self, obstacle: str) -> str | None:
         found = _AREA.fullmatch(obstacle)
         return self.names[int(found[1])] if found and int(found[1]) < len(self.names) else None
-
-    def _in_the_way(self, request: PathRequest, find_paths: Callable[[PathRequest], Sequence[Path]]) -> list[Blocker]:
-        """The obstacles on the path that there would be without any."""
-        try:
-            free = find_paths(self._replace(forbidden_areas=()).added_to(request))[0]
-        except PathError:
-            return []
-        found: dict[tuple[str, str], Blocker] = {}
-        for here, there in pairwise(free.points):
-            if here.floor == there.floor:
-                for name in self.near_line(here.floor, [(here.x, here.y), (there.x, there.y)], request.radius):
-                    found[here.floor, name] = Blocker("object", here.floor, name, "stands in the way now")
-        return list(found.values())
 
 
 NO_OBSTACLES = TemporaryObstacles()

@@ -151,7 +151,7 @@ class BaseChecks:
         try:
             return self._distance_m(self._planner, request)
         except PathError as planners:
-            error = self._obstacles.explained(planners, request, self._planner.paths)
+            error = self._obstacles.explained(planners)
             if isinstance(error, UnknownFloor | InvalidPoint | NotFree) and error.which == "start" and start != goal:
                 parameter = ""
             elif isinstance(error, UnknownFloor):

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 import shapely
 
 from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.places import xy
 from robocorba.errors.simulation import CannotGrip, InvalidChoice, PlaceTaken, UnknownBody, UnknownRobot
 from robocorba.maps.model import MapObject
 from robocorba.maps.movable import object_outline
@@ -159,7 +160,7 @@ class Occupants:
         if not math.isfinite(at[0] + at[1]):
             raise CannotGrip(object_name, f"({at[0]}, {at[1]}) is not a finite point")
         x, y, _ = robot.physics.pose(robot.body)
-        point = f"({at[0]:g}, {at[1]:g})"
+        point = f"({xy(*at)})"
         distance_m = math.hypot(at[0] - x, at[1] - y)
         if distance_m > MAX_REACH_M:
             raise CannotGrip(object_name, f"{point} is {distance_m:.2f} m away; hands reach {MAX_REACH_M:g} m")

@@ -358,10 +358,12 @@ class Plan:
 
 
 def footprint(item: MapObject) -> BaseGeometry:
-    """An object's footprint in the floor's frame; a circle as a polygon within it."""
+    """An object's footprint in the floor's frame; a circle as a polygon of 32 sides around it."""
     shape: BaseGeometry
     if isinstance(item.shape, CircleShape):
-        return Point(item.at).buffer(item.shape.radius, quad_segs=32)
+        turns = 2 * math.pi * (np.arange(32) + 0.5) / 32
+        corners = item.shape.radius / math.cos(math.pi / 32) * np.column_stack([np.cos(turns), np.sin(turns)])
+        return translate(rotate(Polygon(corners), item.heading, origin=(0.0, 0.0), use_radians=True), *item.at)
     if isinstance(item.shape, SegmentShape):
         shape = LineString([(-item.shape.length / 2, 0.0), (item.shape.length / 2, 0.0)])
     elif isinstance(item.shape, BoxShape):

@@ -209,7 +209,8 @@ def _judged_drive(plan: Plan, a: PathPoint, b: PathPoint) -> tuple[list[str], fl
     faults, least = [], 0.0
     for x, y, limit in spans:
         if limit:
-            least += (y - x) / min(speed, limit)
+            is_followed = (a.node and b.node) or y - x > 2 * plan.request.radius + TOLERANCE_M
+            least += (y - x) / (min(speed, limit) if is_followed else speed)
             continue
         ends = [
             (at[0] + share * (to[0] - at[0]), at[1] + share * (to[1] - at[1])) for share in (x / length, y / length)

@@ -40,6 +40,7 @@ from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Criterion, PathRequest, Place, PointKind, RouteMode
 from robocorba.planning.roads import BLOCKED, CLEARANCE
 from robocorba.planning.route import waypoints
+from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from tests.planning.generated import two_halls
 from tests.planning.judge import errors
 from tests.planning.request_judge import objections
@@ -327,7 +328,52 @@ def test_areas_are_avoided() -> None:
         assert avoiding.distance > 8.5
     with pytest.raises(NotFree) as refusal:
         planner.paths(PathRequest(ends[0], Place("L1", 5.0, 1.0), avoid_areas=(("L1", "kitchen"),)))
-    assert refusal.value.obstacle == "object area kitchen"
+    assert refusal.value.obstacle == "area kitchen, which is avoided by the request"
+
+
+@pytest.mark.parametrize("mode", RouteMode)
+def test_areas_that_block_every_path_are_named(mode: RouteMode) -> None:
+    nodes = [node("a", 1, 1), node("b", 4, 1), node("c", 9, 1)]
+    across = ((4.5, -1.0), (5.5, -1.0), (5.5, 7.0), (4.5, 7.0))
+    beside = ((0.0, 5.0), (2.0, 5.0), (2.0, 6.0), (0.0, 6.0))
+    wet = [Area(name="wet floor", polygon=across), Area(name="rug", polygon=beside)]
+    planner = PathPlanner(room(10.0, 6.0, *nodes, edge("a", "b"), edge("b", "c"), *wet))
+    request = PathRequest(WEST, EAST, mode=mode)
+    for areas, blocker in (
+        ({"avoid_areas": (("L1", "rug"), ("L1", "wet floor"))}, ("wet floor", "is avoided by the request")),
+        ({"forbidden_areas": (("L1", beside), ("L1", across))}, ("forbidden area 1", "is forbidden by the request")),
+    ):
+        with pytest.raises(NoPath, match="areas that the request avoids block every path") as refusal:
+            planner.paths(request._replace(**areas))
+        assert [(b.kind, b.floor, b.name, b.reason) for b in refusal.value.blockers] == [("area", "L1", *blocker)]
+    table = TemporaryObstacles((("L1", across),), (), ("table",))
+    assert [str(b) for b in table.explained(refusal.value).blockers] == [str(b) for b in refusal.value.blockers]
+    with pytest.raises(NoPath) as refusal:
+        planner.paths(table.added_to(request))
+    named = table.explained(refusal.value)
+    assert isinstance(named, NoPath)
+    assert [str(b) for b in named.blockers] == ["object 'table' on L1: stands in the way now"]
+
+
+def test_walls_are_named_where_avoided_areas_are_not_the_cause() -> None:
+    building = two_rooms(1.2).without(ElementKind.DOOR, "L1", "door")
+    polygon = ((3.0, 5.0), (4.0, 5.0), (4.0, 6.0), (3.0, 6.0))
+    with pytest.raises(NoPath) as refusal:
+        PathPlanner(building).paths(PathRequest(WEST, EAST, forbidden_areas=(("L1", polygon),)))
+    assert "its walls leave no passage" in str(refusal.value)
+
+
+def test_places_in_messages_keep_millimetres_far_from_the_origin() -> None:
+    with pytest.raises(NotFree, match=r"goal L1:368742\.123,912345\.679 is not free"):
+        PathPlanner(room()).shortest(WEST, Place("L1", 368742.1234, 912345.6789))
+
+
+def test_edges_that_forbid_a_connection_to_the_map_are_named() -> None:
+    nodes = [node("a", 2, 5), node("b", 18, 5), node("c", 18, 9)]
+    edges = [edge("a", "b", graphs=("g",)), edge("b", "c", graphs=("h",))]
+    planner = PathPlanner(room(20.0, 5.9, wall("w", 0.0, 4.1, 17.0, 4.1), *nodes, *edges))
+    with pytest.raises(NoPath, match="'a-b' on L1: is not of graph h"):
+        planner.paths(PathRequest(Place("L1", 10.0, 5.0), Place("L1", 18.0, 3.0), graph="h"))
 
 
 @settings(deadline=None, max_examples=15)

@@ -91,7 +91,7 @@ def test_a_robot_drives_along_a_path_and_rides(system: Running, launch: Launcher
     [
         ((place(WEST), place(WALLED)), "goal L1:10,2 is not free: 0.000 m to wall w, 0.400 m needed"),
         ((place(WEST), "L9:1,1"), "goal: there is no floor 'L9'; known are L1, L2"),
-        ((place(WEST), "L1:nan,1"), "goal.x: nan is not a number within 1e+06 m"),
+        ((place(WEST), "L1:nan,1"), "goal.x: nan is not a number within 1000000 m"),
         ((place(WEST), "L1"), "goal: 'L1' is not of the form FLOOR:X,Y, such as L1:3,4"),
         ((place(WEST), place(EAST), "--radius", "5"), "robotRadius: 5.0 is not between 0 and 3 m"),
         ((place(WEST), place(EAST), "--graph", "tram"), "navigationGraph: no edge belongs to a graph 'tram'"),

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from robocorba.errors.places import xy
 from robocorba.maps.formats.openrmf_alignment import Alignment, align_levels, metres, reference_level
 from robocorba.maps.formats.openrmf_file import Level, flag, params, read_level
 from robocorba.maps.formats.openrmf_lanes import UniqueNames, lanes_of
@@ -98,7 +99,7 @@ def _alignments(root: Item, levels: list[Level], reference: Level, losses: Losse
     given = params(root.get("parameters"))
     offset = tuple(given[key].number() if key in given else 0.0 for key in ("offset_x", "offset_y"))
     if any(offset):
-        losses.add(f"coordinates: the file's offset {offset[0]:g}, {offset[1]:g} was subtracted")
+        losses.add(f"coordinates: the file's offset {xy(*offset)} was subtracted")
     return {level.name: metres((offset[0], offset[1])) for level in levels}
 
 
