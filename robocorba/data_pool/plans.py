@@ -8,11 +8,10 @@ from typing import NamedTuple
 import msgspec
 
 from robocorba.errors.robots import InvalidPlan, StalePlan, UnknownPlan
+from robocorba.maps.element_rules import name_violations
 
 #: Maximum number of plans.
 MAX_PLANS = 100
-#: Maximum length of a plan's name [characters].
-MAX_NAME = 200
 #: Maximum size of one plan's content [bytes].
 MAX_CONTENT = 1024 * 1024
 #: Maximum size of all contents [bytes], so that one CORBA message holds them.
@@ -39,10 +38,8 @@ class Plans:
 
         content: msgpack. expected_version: the version that this one replaces, 0 for a new plan. Raises InvalidPlan;
         StalePlan where the stored version differs."""
-        if not 0 < len(name) <= MAX_NAME:
-            raise InvalidPlan("name", f"has {len(name)} characters, not 1 to {MAX_NAME}")
-        if not name.isprintable():  # a NUL or a lone surrogate does not fit into a CORBA string
-            raise InvalidPlan("name", f"{name!r} can't be printed")
+        for reason in name_violations("it", name):
+            raise InvalidPlan("name", reason)
         if len(content) > MAX_CONTENT:
             raise InvalidPlan("content", f"has {len(content)} bytes, more than {MAX_CONTENT}")
         try:

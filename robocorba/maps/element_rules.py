@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+import unicodedata
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
@@ -53,7 +54,9 @@ def violations(element: Element) -> Iterator[str]:
 
 
 def name_violations(what: str, text: str) -> Iterator[str]:
-    """Why `text` is not a valid name (1 to MAX_NAME printable characters). `what` names it in messages."""
+    """Why `text` is not a valid name: 1 to MAX_NAME printable characters, no blank at its ends, and the one spelling of
+    its characters that Unicode calls NFC, so that two names that look the same are the same. `what` names it in
+    messages."""
     if not text:
         yield f"{what} is empty"
     elif len(text) > MAX_NAME:
@@ -61,6 +64,10 @@ def name_violations(what: str, text: str) -> Iterator[str]:
     elif not text.isprintable():
         wrong = next(letter for letter in text if not letter.isprintable())
         yield f"{what} holds the unprintable character U+{ord(wrong):04X}"
+    elif text != text.strip():
+        yield f"{what} {text[:80]!r} begins or ends with a blank; write {text.strip()[:80]!r}"
+    elif not unicodedata.is_normalized("NFC", text):
+        yield f"{what} {text[:80]!r} is not in Unicode's normal form NFC; compose its characters"
 
 
 def _floor(floor: Floor) -> Iterator[str]:

@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 
 from robocorba.errors.simulation import InvalidMission, NoRoom, StaleMission, UnknownMission
+from robocorba.maps.element_rules import name_violations
 from robocorba.record_file import RecordFile
 from robocorba.simulation.registry import Description
 from robocorba.simulation.world_record import WorldRecord
@@ -21,8 +22,6 @@ APPLICATION_ID = 0x526F4373
 SCHEMA_VERSION = 1
 #: Maximum number of missions.
 MAX_MISSIONS = 1000
-#: Maximum length of a mission's name [characters].
-MAX_MISSION_NAME = 200
 #: Maximum size of one mission's document [bytes].
 MAX_DOCUMENT = 1024 * 1024
 #: Maximum size of all documents [bytes], so that one CORBA message holds them.
@@ -134,8 +133,8 @@ class SimulationStore(RecordFile):
         """Store a mission if `mission.version` is the stored version, 0 for a new mission; return its new version.
 
         Raises InvalidMission, StaleMission; NoRoom if others have to be removed first."""
-        if not 0 < len(mission.name) <= MAX_MISSION_NAME:
-            raise InvalidMission("name", f"has {len(mission.name)} characters, not 1 to {MAX_MISSION_NAME}")
+        for reason in name_violations("it", mission.name):
+            raise InvalidMission("name", reason)
         if len(mission.document) > MAX_DOCUMENT:
             raise InvalidMission("document", f"has {len(mission.document)} bytes; at most {MAX_DOCUMENT}")
         with self._writing_missions:

@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
-from robocorba.corba.servants.control_agent import MAX_MISSION_NAME, RobotAgentServant
+from robocorba.corba.servants.control_agent import RobotAgentServant
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
+from robocorba.maps.element_rules import MAX_NAME
 from robocorba.planning.request import PathPoint, PointKind
 from robocorba.programs import program
 from robocorba.programs.graphic_programming import ProgramBuilder
@@ -138,9 +139,9 @@ def test_a_mission_is_started_from_the_json_of_an_icon(servant: RobotAgentServan
         servant.startMission("carry-2", CARRY)
 
 
-@pytest.mark.parametrize("name", ["", "x" * (MAX_MISSION_NAME + 1)])
+@pytest.mark.parametrize("name", ["", "x" * (MAX_NAME + 1), " carry", "a\nb"])
 def test_a_mission_has_a_name(servant: RobotAgentServant, agent: Agent, name: str) -> None:
-    with pytest.raises(RoboCorba.InvalidProgram, match="characters"):
+    with pytest.raises(RoboCorba.InvalidProgram, match="its name"):
         servant.startMission(name, CARRY)
     assert agent.missions == []
 

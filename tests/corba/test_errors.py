@@ -25,11 +25,12 @@ from robocorba.stubs import RoboCorba
 
 #: Errors that end within their process: reported in a program's or mission's result, in the log or on stderr.
 LOCAL = {
-    *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed", "OutputExists", "OutputIsInput"),
+    *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed"),
     *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide", "GridTooLarge"),
     *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed"),
     *("GoalReached", "InTheWay", "MissionTakenOver"),
     *("NotDelivered", "Unconfirmed", "Refused", "InternalFault", "ClientGone", "RobotHeld"),
+    *("OutputExists", "OutputIsInput", "LimitExceeded", "WorkEnded"),
 }
 
 

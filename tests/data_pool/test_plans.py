@@ -128,3 +128,9 @@ def test_one_of_several_concurrent_writers_wins() -> None:
     for thread in threads:
         thread.join(60.0)
     assert sorted(won) == list(range(plans.get("p").version))
+
+
+@pytest.mark.parametrize("name", ["", " A", "A ", "a\nb", "e\u0301", "x" * 201])
+def test_names_that_look_like_others_are_refused(name: str) -> None:
+    with pytest.raises(InvalidPlan, match="name: it "):
+        Plans().put(name, b"\x01")

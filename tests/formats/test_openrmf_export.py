@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import unicodedata
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -40,8 +42,9 @@ from robocorba.maps.yaml_file import parse_yaml
 from tests.formats.rmf_files import real_file
 from tests.formats.ros_files import BLACK, WHITE, write_ros
 
+NFC = functools.partial(unicodedata.normalize, "NFC")
 numbers = st.floats(0.0, 4.0, allow_subnormal=False)
-words = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1, max_size=8)
+words = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1, max_size=8).map(NFC)
 names = words | st.sampled_from(["1", "yes", "~", "null", "1e-05", "0x1f", "w0", "n1", "a: b", "- x", "'", "[1]"])
 leaves = st.sampled_from([kind for kind in DoorKind if kind is not DoorKind.OPENING])
 

@@ -458,3 +458,9 @@ def test_the_office() -> None:
     assert {"pantry", "lounge", "supplies", "coe"} <= floor.topological.nodes.keys()
     assert (len(floor.topological.nodes), len(floor.topological.edges)) == (29, 30)
     assert nx.is_connected(_graph(result.building, "0"))
+
+
+def test_blanks_around_names_and_other_spellings_are_no_other_names() -> None:
+    data = small()
+    data["levels"]["L1"]["vertices"][8][3] = " cafe\u0301 "
+    assert "caf\u00e9" in imported(data).building.floors["L1"].topological.nodes

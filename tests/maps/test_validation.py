@@ -77,6 +77,11 @@ def test_a_building_in_order_has_no_problems(building: Building) -> None:
     [
         (wall(name=""), "the name is empty"),
         (wall(name="x" * 201), "the name has 201 characters, at most 200"),
+        (wall(name=" A"), "the name ' A' begins or ends with a blank; write 'A'"),
+        (wall(name="A "), "begins or ends with a blank"),
+        (wall(name="A\u00a0"), "the unprintable character U+00A0"),
+        (wall(name="e\u0301"), "is not in Unicode's normal form NFC"),
+        (PathNode(name="n", at=(1.0, 1.0), elevator="E "), "elevator 'E ' begins or ends with a blank"),
         (wall(name="a\nb"), "unprintable character U+000A"),
         (wall(name="a\ud800"), "unprintable character U+D800"),
         (Floor(name="L:1", level=9, elevation=9.0), "must not hold ':'"),

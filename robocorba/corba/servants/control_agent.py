@@ -11,9 +11,9 @@ from robocorba.corba.conversion.errors import translating
 from robocorba.corba.server_release import ServerServant
 from robocorba.errors.robots import InvalidProgram
 from robocorba.errors.services import NotReachable
+from robocorba.maps.element_rules import name_violations
 from robocorba.programs import program
 from robocorba.programs.report import report_of
-from robocorba.simulation.store import MAX_MISSION_NAME
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 
@@ -85,8 +85,8 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
 
     @translating
     def startMission(self, mission: str, icon: str) -> None:
-        if not 1 <= len(mission) <= MAX_MISSION_NAME:
-            raise InvalidProgram("", "mission", f"its name has {len(mission)} characters, not 1 to {MAX_MISSION_NAME}")
+        for reason in name_violations("its name", mission):
+            raise InvalidProgram("", "mission", reason)
         self._agent.start_mission(mission, program.of_icon(icon))
 
     @translating

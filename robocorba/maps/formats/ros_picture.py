@@ -139,7 +139,8 @@ def named_file(item: Item, what: str, absolute_paths: bool) -> Path:
     absolute path. Raises MapFileError for any other name."""
     if not isinstance(item.value, str) or not item.value:
         raise item.error(f"expected the name of {what}")
-    named = Path(item.text())
+    item.text()  # checks it; the file may have another spelling of the same characters
+    named = Path(item.value)
     if ".." in named.parts or (named.is_absolute() and not absolute_paths):
         where = "in the folder of the file or below" + (", or have an absolute path" if absolute_paths else "")
         raise item.error(f"{what} must lie {where}, not at {item.text()[:200]!r}")

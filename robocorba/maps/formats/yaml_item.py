@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -95,10 +96,10 @@ class Item:
         return number
 
     def text(self) -> str:
-        """The value as a name. Numbers and YAML keywords are accepted as text."""
+        """The value as a name, in NFC and without blanks at its ends. Numbers and YAML keywords are names too."""
         if isinstance(self.value, (dict, list)) or (isinstance(self.value, int) and abs(self.value) > MAX_NUMBER):
             raise self.error("expected a text")
-        text = "" if self.value is None else str(self.value)
+        text = "" if self.value is None else unicodedata.normalize("NFC", str(self.value)).strip()
         if len(text) > MAX_NAME:
             raise self.error(f"longer than {MAX_NAME} characters")
         if not text.isprintable():
