@@ -6,7 +6,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 from urllib.parse import quote, unquote
 
@@ -29,6 +29,8 @@ BINDING_CHECK_INTERVAL_S = 1.0
 STOLEN_S = 2.5
 #: Interval between two log lines about the same stolen name [s].
 THEFT_LOG_INTERVAL_S = 60.0
+#: Interval between two log lines about names that can't be bound [s]: over a bad link that changes all the time.
+OUTAGE_LOG_INTERVAL_S = 60.0
 #: Timeout of a single call to the naming service, and of a call that probes an object [s].
 PROBE_TIMEOUT_S = 1.0
 #: Pauses between attempts to resolve or bind names.
@@ -97,14 +99,17 @@ class NamingService:
         Raises NotReachable."""
         try:
             found = resolve(self._root(call_timeout_s), self._components(name))
-            if found is None:
-                raise NotReachable(f"{name} is bound to nil at {self.address}")
-            set_call_timeout(found, call_timeout_s)
-            reference = found._narrow(interface)
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
             raise NotReachable(f"the naming service at {self.address} does not know {name}") from None
         except CORBA.SystemException as error:
-            raise NotReachable(f"{name} at {self.address} does not answer ({describe(error)})") from None
+            raise self._unanswered(error) from None
+        if found is None:
+            raise NotReachable(f"{name} is bound to nil at {self.address}")
+        try:
+            set_call_timeout(found, call_timeout_s)
+            reference = found._narrow(interface)
+        except CORBA.SystemException as error:
+            raise NotReachable(f"{name} is {self._unanswered_by(found, error)}") from None
         if reference is None:
             raise NotReachable(f"what is bound to {name} at {self.address} is not a {interface._NP_RepositoryId}")
         set_call_timeout(reference, call_timeout_s)
@@ -116,9 +121,13 @@ class NamingService:
         Retries for `timeout_s` while the naming service does not answer, then raises NotReachable."""
         deadline = time.monotonic() + timeout_s
         try:
-            bindings = BACKOFF.call(lambda: self._bindings(path, deadline), timeout_s, CORBA.SystemException)
+            bindings = BACKOFF.call(
+                lambda: self._bindings(path, deadline), timeout_s, CORBA.SystemException, _ContextAway
+            )
         except CosNaming.NamingContext.NotFound:
             return []
+        except _ContextAway as away:
+            raise NotReachable(f"the naming context {self.path(path)} is {away}") from None
         except CORBA.SystemException as error:
             raise self._unanswered(error) from None
         return sorted(binding.binding_name[0].id for binding in bindings)
@@ -174,10 +183,21 @@ class NamingService:
     def _unanswered(self, error: CORBA.SystemException) -> NotReachable:
         return NotReachable(f"the naming service at {self.address} does not answer ({describe(error)})")
 
+    def _unanswered_by(self, found: Any, error: CORBA.SystemException) -> str:
+        """What is wrong with an object that the naming service itself has found."""
+        server = f"its server at {self.address_bound(found)} does not answer"
+        return f"bound at {self.address}, but {server} ({describe(error)})"
+
     def _bindings(self, path: str, deadline: float) -> list[Any]:
         found = resolve(self._root(_remaining_s(deadline)), self._components(path))
         if found is None:
             raise CORBA.INV_OBJREF
+        try:
+            return self._listed(found, deadline)
+        except CORBA.SystemException as error:  # it may be another server's, or have a wrong address
+            raise _ContextAway(self._unanswered_by(found, error)) from None
+
+    def _listed(self, found: Any, deadline: float) -> list[Any]:
         context = found._unchecked_narrow(CosNaming.NamingContext)
         set_call_timeout(context, PROBE_TIMEOUT_S)
         bindings, rest = invoke(context, CosNaming.NamingContext, "list", _PAGE_SIZE)
@@ -227,7 +247,7 @@ class NamingService:
             if reference._non_existent():
                 raise _Retryable("its server answers that the object does not exist")
         except CORBA.SystemException as error:
-            raise _Retryable(f"bound at {self.address}, but its server does not answer ({describe(error)})") from None
+            raise _Retryable(self._unanswered_by(found, error)) from None
         return reference
 
 
@@ -252,7 +272,7 @@ class BoundNames:
         #: Number of thefts of a path since its last log line, and the time of that line [s].
         self._thefts: dict[str, tuple[int, float]] = {}
         self._is_started = False
-        self._failures = 0
+        self._failures, self._outages = 0, BindingOutages(names.address)
         self._binding = Repeating(
             "bindings", self._bind, lambda: BACKOFF.pause_s(self._failures) or BINDING_CHECK_INTERVAL_S
         )
@@ -284,8 +304,7 @@ class BoundNames:
     def _bind(self) -> None:
         """Bind all names at start; later those that were lost or stolen."""
         errors = failures_of(self._check, self._served.items())
-        if errors and not self._failures:
-            _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(errors[0]))
+        self._outages.note(errors)
         self._failures = self._failures + 1 if errors else 0
         if not errors:
             self.are_bound.set()
@@ -326,6 +345,32 @@ class BoundNames:
             _log.warning("cannot unbind names at %s (%s)", self._names.address, describe(errors[0]))
 
 
+class BindingOutages:
+    """Logs that names can't be bound, once for each outage and at most once in OUTAGE_LOG_INTERVAL_S, and that they are
+    bound again. address: of the naming service. clock: the time [s]."""
+
+    def __init__(self, address: Address, clock: Callable[[], float] = time.monotonic) -> None:
+        self._address, self._clock = address, clock
+        self._is_out = self._is_logged = False
+        self._logged_at, self._unlogged = -math.inf, 0
+
+    def note(self, errors: Sequence[CORBA.Exception]) -> None:
+        """Note the errors of an attempt."""
+        if not errors:
+            if self._is_out and self._is_logged:
+                _log.info("names are bound at %s again", self._address)
+            self._is_out = False
+        elif not self._is_out:
+            self._is_out = True
+            self._is_logged = self._clock() - self._logged_at >= OUTAGE_LOG_INTERVAL_S
+            if not self._is_logged:
+                self._unlogged += 1
+                return
+            more = f"; {self._unlogged} times more since the last line" if self._unlogged else ""
+            _log.warning("cannot bind names at %s (%s); retrying%s", self._address, describe(errors[0]), more)
+            self._logged_at, self._unlogged = self._clock(), 0
+
+
 def failures_of(do: Callable[..., None], arguments: Iterable[tuple[Any, ...]]) -> list[CORBA.Exception]:
     """Call `do` with each of these arguments; the errors. One that fails does not stop the others, unless the naming
     service does not answer."""
@@ -342,6 +387,10 @@ def failures_of(do: Callable[..., None], arguments: Iterable[tuple[Any, ...]]) -
 
 class _Retryable(Exception):
     """An attempt to resolve failed for a reason that may be temporary."""
+
+
+class _ContextAway(Exception):
+    """The server of a naming context does not answer."""
 
 
 class _OtherKind(_Retryable):

@@ -13,7 +13,7 @@ from robocorba.backoff import Backoff
 from robocorba.corba.calls import describe, set_call_timeout
 from robocorba.corba.conversion.names import role_references
 from robocorba.corba.guard import Guard
-from robocorba.corba.naming import PROBE_TIMEOUT_S, NamingService, failures_of
+from robocorba.corba.naming import PROBE_TIMEOUT_S, BindingOutages, NamingService, failures_of
 from robocorba.repeating import Repeating
 from robocorba.roles import Role
 from robocorba.stubs import RoboCorba
@@ -34,7 +34,7 @@ class HeldNames:
         self._served: dict[str, Mapping[Role, Any]] = {}
         self._owns_names: Callable[[], bool] = lambda: True
         self._bound: set[str] = set()
-        self._failures = 0
+        self._failures, self._outages = 0, BindingOutages(names.address)
         self._is_started = False
         self._announcing = Repeating(
             "bindings", self._announce_all, lambda: BACKOFF.pause_s(self._failures) or ANNOUNCEMENT_INTERVAL_S
@@ -61,8 +61,7 @@ class HeldNames:
 
     def _announce_all(self) -> None:
         errors = failures_of(self._announce, self._served.items() if self._owns_names() else ())
-        if errors and not self._failures:
-            _log.warning("cannot bind names at %s (%s); retrying", self._names.address, describe(errors[0]))
+        self._outages.note(errors)
         self._failures = self._failures + 1 if errors else 0
         if self._bound.issuperset(list(self._served)):
             self.are_bound.set()

@@ -207,3 +207,55 @@ def test_a_name_of_another_kind_is_told(bound: list[Any], monkeypatch: pytest.Mo
         names.resolve("PathPlanner", RoboCorba.PathPlanner, 60.0, None)
     with pytest.raises(NotReachable, match=wrong):
         names.resolve("PathPlanner", RoboCorba.PathPlanner, 0.0, None)
+
+
+def test_an_outage_is_logged_once_and_a_bad_link_once_a_minute(caplog: pytest.LogCaptureFixture) -> None:
+    now = 0.0
+    outages = module.BindingOutages(Address("127.0.0.1", 2809), lambda: now)
+    failed = [CORBA.TIMEOUT()]
+    with caplog.at_level(logging.INFO):
+        for _ in range(10):
+            outages.note(failed)
+        outages.note([])
+        for _ in range(20):  # the link changes every second for 40 s
+            now += 2.0
+            outages.note(failed)
+            outages.note([])
+        now += 60.0
+        outages.note(failed)
+    assert caplog.messages == [
+        "cannot bind names at 127.0.0.1:2809 (TIMEOUT); retrying",
+        "names are bound at 127.0.0.1:2809 again",
+        "cannot bind names at 127.0.0.1:2809 (TIMEOUT); retrying; 20 times more since the last line",
+    ]
+
+
+class Away:
+    """An object, or a naming context, whose server does not answer."""
+
+    def _narrow(self, interface: object) -> None:
+        raise CORBA.TRANSIENT()
+
+    def _unchecked_narrow(self, interface: object) -> Away:
+        return self
+
+
+def test_a_server_at_a_wrong_address_is_not_taken_for_the_naming_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "set_call_timeout", lambda reference, timeout_s: None)
+    monkeypatch.setattr(module, "resolve", lambda context, name: Away())
+
+    def unanswered(*arguments: object) -> None:
+        raise CORBA.TRANSIENT()
+
+    monkeypatch.setattr(module, "invoke", unanswered)
+    names = NamingService(lambda uri: Away(), Address("127.0.0.1", 2809), "RoboCorba")
+    monkeypatch.setattr(names, "address_bound", lambda reference: "10.9.9.9:80")
+    away = r"bound at 127\.0\.0\.1:2809, but its server at 10\.9\.9\.9:80 does not answer \(TRANSIENT\)"
+    for call in (
+        lambda: names.resolve("PathPlanner", RoboCorba.PathPlanner, 0.0, None),
+        lambda: names.resolve_once("PathPlanner", RoboCorba.PathPlanner, 1.0),
+        lambda: names.names("Robots", 0.0),
+    ):
+        with pytest.raises(NotReachable, match=away) as refused:
+            call()
+        assert "the naming service" not in str(refused.value)
