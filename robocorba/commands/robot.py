@@ -59,10 +59,10 @@ def _stop(orb: Orb, names: list[str], settings: Settings) -> bool:
 
 
 def _reset(orb: Orb, names: list[str]) -> bool:
-    from robocorba.corba.remote.control_agent import RemoteAgent, order_all, robots
+    from robocorba.corba.remote.control_agent import CALM, RemoteAgent, order_all, robots
 
     is_fine = True
-    for name, problem in order_all(orb, names or robots(orb), RemoteAgent.reset_stop):
+    for name, problem in order_all(orb, names or robots(orb), RemoteAgent.reset_stop, CALM):
         line(name, problem or "may move again", err=bool(problem))
         is_fine &= not problem
     return is_fine

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import NamedTuple
 
 from robocorba.background import Background
 from robocorba.control.agent_state import AgentState, IconBegun
@@ -21,8 +23,21 @@ from robocorba.stubs import RoboCorba
 CALL_TIMEOUT_S = 3.0
 #: Timeout of calls that check a program or start an adaptor [s].
 SLOW_CALL_TIMEOUT_S = 40.0
-#: Timeout for finding a robot that gets an order together with others, and for all their confirmations [s].
-ORDER_RESOLVE_S, ORDER_LIMIT_S = 1.0, 5.0
+
+
+class OrderLimits(NamedTuple):
+    """How robots get an order together. at_once: of them at a time. Timeouts for finding each, and for all [s]."""
+
+    at_once: int
+    resolve_s: float
+    all_s: float
+
+
+#: An emergency stop: nobody waits for others.
+URGENT = OrderLimits(10_000, 1.0, 5.0)
+#: A restart: 200 at once, each of which calls the simulation server, kept the naming service and that server so busy
+#: that some were not found in time, and stayed stopped.
+CALM = OrderLimits(16, 5.0, 60.0)
 
 
 class RemoteAgent:
@@ -119,20 +134,26 @@ def robots(orb: Orb) -> list[str]:
     return orb.names(ROBOTS)
 
 
-def order_all(orb: Orb, names: Sequence[str], order: Callable[[RemoteAgent], None]) -> Iterator[tuple[str, str]]:
-    """Give an order to robots at the same time; each name with the reason if the robot did not confirm, else empty."""
-    failed: dict[str, str] = {}
+def order_all(
+    orb: Orb, names: Sequence[str], order: Callable[[RemoteAgent], None], limits: OrderLimits = URGENT
+) -> Iterator[tuple[str, str]]:
+    """Give an order to robots; each name with the reason if the robot did not confirm, else empty."""
+    results: dict[str, str] = {}
+    places, deadline = threading.Semaphore(limits.at_once), time.monotonic() + limits.all_s
 
     def call(name: str) -> None:
-        try:
-            order(RemoteAgent(orb, name, ORDER_RESOLVE_S))
-        except RoboCorbaError as error:
-            failed[name] = str(error)
+        with places:
+            if time.monotonic() >= deadline:
+                return
+            try:
+                order(RemoteAgent(orb, name, limits.resolve_s))
+                results[name] = ""
+            except RoboCorbaError as error:
+                results[name] = str(error)
 
-    threads = [Background(f"order to {name}", partial(call, name), partial(failed.__setitem__, name)) for name in names]
-    for thread in threads:
+    calls = [Background(f"order to {name}", partial(call, name), partial(results.__setitem__, name)) for name in names]
+    for thread in calls:
         thread.start()
-    deadline = time.monotonic() + ORDER_LIMIT_S
-    for name, thread in zip(names, threads, strict=True):
+    for name, thread in zip(names, calls, strict=True):
         thread.join(max(0.0, deadline - time.monotonic()))
-        yield name, f"did not answer within {ORDER_LIMIT_S:g} s" if thread.is_alive() else failed.get(name, "")
+        yield name, results.get(name, f"did not answer within {limits.all_s:g} s")
