@@ -13,6 +13,7 @@ from robocorba.commands.options import State, administrator
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.administrator import RemoteAdministrator
+from robocorba.printing import line
 from robocorba.settings import Settings
 
 app = typer.Typer(help="Set limit and pace of the simulation, and log robots off.", no_args_is_help=True)
@@ -30,9 +31,26 @@ def limit(
 
 @app.command()
 def evict(robot: str, state: State = None) -> None:
-    """Log a robot off."""
+    """Log a robot off and keep it out, also after a restart, until `admit`."""
     with _administrator(state) as simulation:
-        simulation.evict(robot)
+        was_here = simulation.keep_out(robot)
+        done = "is logged off and kept out" if was_here else "is kept out; it was not logged on"
+        line(robot, f"{done}. To let it in again: robocorba simulation admit {robot}")
+
+
+@app.command()
+def admit(
+    robot: Annotated[str, typer.Argument(help="Default: list the robots that are kept out.")] = "", state: State = None
+) -> None:
+    """Let a robot in again that `evict` keeps out."""
+    with _administrator(state) as simulation:
+        if not robot:
+            for name in simulation.kept_out():
+                line(name)
+        elif simulation.admit(robot):
+            line(robot, "may log on again")
+        else:
+            line(robot, "was not kept out")
 
 
 @app.command()

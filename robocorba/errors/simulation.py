@@ -14,6 +14,14 @@ class InvalidDescription(FieldError, SimulationError):
     """A field of a robot's description is out of range: `field` names it, `reason` explains."""
 
 
+class RobotKeptOut(InvalidDescription):
+    """An administrator keeps robots called `name` out."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        super().__init__("name", f"an administrator keeps {name} out, until `robocorba simulation admit {name}`")
+
+
 class PlaceTaken(SimulationError):
     """A robot at `x`, `y` [m] on `floor` would overlap `blocker`: a robot, an object, or (empty) a static obstacle."""
 

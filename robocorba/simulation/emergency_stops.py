@@ -21,7 +21,7 @@ from robocorba.background import Workers
 from robocorba.decoding import decode_json
 from robocorba.errors.simulation import SessionExpired, UnknownRobot
 from robocorba.repeating import Repeating
-from robocorba.simulation.registry import is_valid_name
+from robocorba.simulation.registry import name_fault
 from robocorba.stop_latch import EMERGENCY_STOP, StopLatch
 
 if TYPE_CHECKING:  # `robocorba stop` does without the physics
@@ -316,7 +316,7 @@ class EmergencyStops:
         """What holds a name without a robot; None if there is no room for it. Requires the lock."""
         if name not in self._names:
             absent = sum(not known.registration for known in self._names.values())
-            if absent >= MAX_ABSENT or not is_valid_name(name):
+            if absent >= MAX_ABSENT or name_fault(name):
                 return None
         return self._names.setdefault(name, _Name())
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
+import threading
 import time
 from collections.abc import Callable, Iterable
 
@@ -19,7 +20,7 @@ from robocorba.simulation.attended_time import AttendedTime
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.load_balance import LoadBalance
 from robocorba.simulation.omni_database import OmniDatabase
-from robocorba.simulation.registry import Description, Registry, RobotClient
+from robocorba.simulation.registry import Description, Registry, RobotClient, name_fault
 from robocorba.simulation.robot_scans import LastScan, RobotScan
 from robocorba.simulation.server_state import ServerState
 from robocorba.simulation.session import Session
@@ -34,6 +35,8 @@ from robocorba.spatial.pose import Pose
 DEFAULT_LIMIT = 300
 #: Highest limit that an administrator may set.
 MAX_ROBOTS = 10_000
+#: Maximum number of names that an administrator keeps out.
+MAX_KEPT_OUT = 1000
 #: Interval between writes of all poses [s]. A kill loses at most twice as much.
 WRITE_INTERVAL_S = 0.1
 #: Interval between checks of leases [s].
@@ -66,6 +69,8 @@ class ManagementAgent:
         settings = store.settings() or AdministratorSettings(DEFAULT_LIMIT)
         self._lease_time = AttendedTime()
         self.registry = Registry(settings.limit, self._lease_time)
+        self.registry.kept_out |= store.kept_out()
+        self._keeping_out = threading.Lock()
         self.simulated = SimulatedBuilding(edited_map)
         self.database = OmniDatabase(self.simulated)
         self.database.map_version = map_version
@@ -109,7 +114,8 @@ class ManagementAgent:
     # ---- robots ----
 
     def register(self, description: Description) -> Session:
-        """Log a robot on. Raises NameTaken, ServerFull, UnknownFloor, PlaceTaken, SimulationBusy, ServiceError."""
+        """Log a robot on. Raises RobotKeptOut, NameTaken, ServerFull, UnknownFloor, PlaceTaken, SimulationBusy,
+        ServiceError."""
         session = self.loop.do(lambda: self._log_on(description))
         try:
             self._store.save_client(ClientRecord.of(session.client.key, session.client.since, description))
@@ -148,6 +154,35 @@ class ManagementAgent:
     def evict(self, name: str) -> None:
         """Log a robot off. Raises UnknownRobot, SimulationBusy, ServiceError."""
         self._log_off_durably(self.registry.find(name))
+
+    def keep_out(self, name: str) -> bool:
+        """Log a robot off and refuse its name from now on, also after a restart; whether it was logged on. Raises
+        InvalidChoice, SimulationBusy, ServiceError."""
+        if fault := name_fault(name):
+            raise InvalidChoice("robot", fault)
+        with self._keeping_out:
+            if name not in self.registry.kept_out and len(self.registry.kept_out) >= MAX_KEPT_OUT:
+                raise InvalidChoice("robot", f"{MAX_KEPT_OUT} names are kept out already; admit some")
+            self._store.keep_out(name)
+            self.loop.do(lambda: self.registry.kept_out.add(name))
+        with contextlib.suppress(UnknownRobot, SessionExpired):
+            self.evict(name)
+            return True
+        return False
+
+    def admit(self, name: str) -> bool:
+        """Let a name in again; whether it was kept out. Raises SimulationBusy, ServiceError."""
+        with self._keeping_out:
+            was_kept_out = name in self.registry.kept_out
+            self._store.admit(name)
+            self.loop.do(lambda: self.registry.kept_out.discard(name))
+            return was_kept_out
+
+    @property
+    def kept_out(self) -> list[str]:
+        """The names that are kept out, sorted."""
+        with self._keeping_out:
+            return sorted(self.registry.kept_out)
 
     def robots_near(self, thing: str) -> list[str]:
         """The names of all robots: those on the floor of a body first, the nearest of them first."""
@@ -247,7 +282,7 @@ class ManagementAgent:
         """Restore the building and the sessions from the store, before the simulation thread starts."""
         records = self._store.clients()
         # A kill between a log-off and its write can leave two records of one name: the later one counts.
-        clients = {record.name: record for record in records}
+        clients = {record.name: record for record in records if record.name not in self.registry.kept_out}
         world = self._store.world() or self.simulated.record()
         # The world record may hold the pose of an earlier robot of the same name.
         robots = {
@@ -258,8 +293,9 @@ class ManagementAgent:
         world = msgspec.structs.replace(world, robots=robots)
         self.simulated.restore(world, [record.description for record in clients.values()])
         for record in records:
-            is_restored = record.name in self.simulated.occupants.robots  # else its floor was removed from the map
-            if is_restored and clients[record.name] is record:
+            # Else its floor was removed from the map, or a kill came before its log-off was written.
+            is_restored = record.name in self.simulated.occupants.robots
+            if is_restored and clients.get(record.name) is record:
                 self._open_session(self.registry.restore(record.description, record.key, record.since))
             else:
                 self._store.forget_client(record.key)

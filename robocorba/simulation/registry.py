@@ -11,18 +11,28 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from robocorba.errors.simulation import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
+from robocorba.errors.simulation import (
+    InvalidDescription,
+    NameTaken,
+    RobotKeptOut,
+    ServerFull,
+    SessionExpired,
+    UnknownRobot,
+)
 from robocorba.spatial.pose import Limits, Pose
 
 #: Lease of a robot [s]: it is logged off after this time without a call.
 LEASE_S = 2.0
 #: Maximum length of a robot's name [characters].
 MAX_NAME = 60
+_NAME = re.compile(rf"[A-Za-z0-9_][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}")
 
 
-def is_valid_name(name: str) -> bool:
-    """Whether a robot may log on by this name."""
-    return re.fullmatch(rf"[A-Za-z0-9_][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}", name) is not None
+def name_fault(name: str) -> str:
+    """Why this can't be the name of a robot; empty if it can."""
+    if _NAME.fullmatch(name):
+        return ""
+    return f"{name[:80]!r} is not 1 to {MAX_NAME} letters, digits or . _ -"
 
 
 @dataclass(frozen=True)
@@ -36,8 +46,8 @@ class Description:
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
-        if not is_valid_name(self.name):
-            raise InvalidDescription("name", f"{self.name[:80]!r} is not 1 to {MAX_NAME} letters, digits or . _ -")
+        if fault := name_fault(self.name):
+            raise InvalidDescription("name", fault)
         for name, value, maximum in (
             ("x", self.pose.x, 1e6),
             ("y", self.pose.y, 1e6),
@@ -131,6 +141,8 @@ class Registry:
         self._by_key: dict[str, RobotClient] = {}
         self._by_name: dict[str, RobotClient] = {}
         self.limit = limit
+        #: Names that an administrator keeps out.
+        self.kept_out: set[str] = set()
 
     def __len__(self) -> int:
         return len(self._by_key)
@@ -141,14 +153,16 @@ class Registry:
         return list(self._by_key.values())
 
     def check(self, description: Description) -> None:
-        """Check that a robot may log on. Raises NameTaken, ServerFull."""
+        """Check that a robot may log on. Raises RobotKeptOut, NameTaken, ServerFull."""
+        if description.name in self.kept_out:
+            raise RobotKeptOut(description.name)
         if description.name in self._by_name:
             raise NameTaken(description.name)
         if len(self) >= self.limit:
             raise ServerFull(self.limit, len(self), self._next_slot_s())
 
     def register(self, description: Description) -> RobotClient:
-        """Log a robot on. Raises NameTaken, ServerFull."""
+        """Log a robot on. Raises RobotKeptOut, NameTaken, ServerFull."""
         self.check(description)
         secret = secrets.token_urlsafe(24)
         client = RobotClient(description, digest_of(secret), time.time(), self._clock, secret)

@@ -99,6 +99,16 @@ class SimulationStore(RecordFile):
     def save_settings(self, settings: AdministratorSettings) -> None:
         self.save("choices", "", settings)
 
+    def kept_out(self) -> set[str]:
+        """Names of robots that an administrator keeps out."""
+        return set(self.all("kept out", str))
+
+    def keep_out(self, name: str) -> None:
+        self.save("kept out", name, name)
+
+    def admit(self, name: str) -> None:
+        self.delete("kept out", name)
+
     def administrator(self) -> str:
         """The digest of the administrators' secret; empty if there is none yet."""
         return next(iter(self.all("administrator", str)), "")

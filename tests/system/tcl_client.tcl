@@ -491,6 +491,9 @@ subject administrator {
     $administrator evict T
     refused CORBA/OBJECT_NOT_EXIST {} {$robot heartbeat}
     refused UnknownRobot {name T} {$administrator evict T}
+    check {![$administrator keepOut T]}
+    check {"T" in [$administrator keptOut]}
+    check {[$administrator admit T]}
     set robot [register T 4.0 4.0 L2]
     $robot deregister
     refused CORBA/OBJECT_NOT_EXIST {} {$robot deregister}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -25,6 +26,7 @@ from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import LoggedProcess, module_command
+from robocorba.testing.heartbeats import heartbeats
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually, read_json
 from robocorba.testing.simulation import about
 
@@ -71,7 +73,7 @@ def test_the_command_prints_and_draws(system: Running, launch: Launcher, tmp_pat
         assert min(picture.size) > 100
 
 
-def test_a_robot_drives_along_a_path_and_rides(system: Running, launch: Launcher) -> None:
+def test_a_robot_drives_along_a_path_and_rides(system: Running, system_orb: Orb, launch: Launcher) -> None:
     simulation, state = (ROBOCORBA, "simulation"), ("--state", str(system.state))
     # A ride is lost 15 s of simulated time after the doors opened: faster, a busy machine takes longer to drive in.
     assert run(launch, *simulation, "pace", "2", *state) == (0, "", "")
@@ -83,7 +85,23 @@ def test_a_robot_drives_along_a_path_and_rides(system: Running, launch: Launcher
     assert out.splitlines()[:2] == ["A calls E1", "A is on L2"]
     assert out.splitlines()[2].startswith("A has arrived: L2 (")
     code, out, err = run(launch, *simulation, "evict", "A", *state)
-    assert (code, out, err) == (1, "", "robocorba simulation: no robot called A is logged on\n")
+    again = "To let it in again: robocorba simulation admit A"
+    assert (code, out, err) == (0, f"A\tis kept out; it was not logged on. {again}\n", "")
+    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer, 30.0)
+    robot = about("A", float(WEST[1]), float(WEST[2]))
+    with pytest.raises(RoboCorba.InvalidDescription) as refused:
+        server.registerRobot(robot)
+    assert refused.value.reason == "an administrator keeps A out, until `robocorba simulation admit A`"
+    assert run(launch, *simulation, "admit", *state) == (0, "A\n", "")
+    assert run(launch, *simulation, "admit", "A", *state) == (0, "A\tmay log on again\n", "")
+    session = server.registerRobot(robot)
+    with contextlib.closing(heartbeats(lambda: [session])):
+        code, out, err = run(launch, *simulation, "evict", "A", *state)
+    assert (code, out, err) == (0, f"A\tis logged off and kept out. {again}\n", "")
+    with pytest.raises(CORBA.OBJECT_NOT_EXIST):
+        session.heartbeat()
+    assert run(launch, *simulation, "admit", "A", *state) == (0, "A\tmay log on again\n", "")
+    assert run(launch, *simulation, "admit", "A", *state) == (0, "A\twas not kept out\n", "")
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,18 @@ class RemoteAdministrator:
         """Raises UnknownRobot."""
         self._administrator.call(lambda administrator: administrator.evict(robot))
 
+    def keep_out(self, robot: str) -> bool:
+        """Log a robot off and keep it out; whether it was logged on. Raises InvalidChoice."""
+        return bool(self._administrator.call(lambda administrator: administrator.keepOut(robot)))
+
+    def admit(self, robot: str) -> bool:
+        """Let a robot in again; whether it was kept out."""
+        return bool(self._administrator.call(lambda administrator: administrator.admit(robot)))
+
+    def kept_out(self) -> list[str]:
+        """The names of robots that are kept out, sorted."""
+        return list(self._administrator.call(lambda administrator: administrator.keptOut()))
+
     def set_pace(self, pace: float) -> None:
         """Raises InvalidChoice."""
         self._administrator.call(lambda administrator: administrator.setPace(pace))

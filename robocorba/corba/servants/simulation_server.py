@@ -303,3 +303,15 @@ class SimulationAdministratorServant(RoboCorba__POA.SimulationAdministrator):
     @translating
     def step(self, steps: int) -> None:
         self._agent.loop.step(steps)
+
+    @translating
+    def keepOut(self, robot: str) -> bool:
+        return self._agent.keep_out(robot)
+
+    @translating
+    def admit(self, robot: str) -> bool:
+        return self._agent.admit(robot)
+
+    @translating
+    def keptOut(self) -> list[str]:
+        return self._agent.kept_out

@@ -84,6 +84,8 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
     on_administrator = {
         "place": [example(OTHER, pose)],
         "evict": [example("nobody")],
+        "keepOut": [example("outsider")],
+        "admit": [example("outsider")],
         "setPace": [example(1.0)],
         "setLimit": [example(200)],
         "step": [example(1)],
