@@ -27,7 +27,7 @@ from robocorba.data_pool.plans import Plans
 from robocorba.data_pool.pool import DataPool
 from robocorba.decoding import convert
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import MissionFailed, StalePlan
+from robocorba.errors.robots import IllegalOrder, MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
 from robocorba.missions import carry_planning
@@ -46,7 +46,7 @@ from robocorba.missions.succession import Succession
 from robocorba.missions.transport import Transport
 from robocorba.planning.request import Place
 from robocorba.programs.icons import Icon, kind
-from robocorba.programs.program import of_icon
+from robocorba.programs.program import Program, of_icon
 from robocorba.simulation.mission_record import MissionContent, new_mission_name
 from robocorba.spatial.pose import Pose2D
 
@@ -72,6 +72,7 @@ class Cooperation:
         self._closing.callback(self._channel.close)
         self._world = RemoteWorld(orb)
         self._records = RemoteDatabase(orb, RECORD_RESOLVE_S)
+        self._leaders = RemoteLeaders(orb)
         self._recorder = MissionRecorder(self._records)
         self._closing.callback(self._recorder.close)
         #: Set by `start` if the robot has an event channel.
@@ -79,8 +80,9 @@ class Cooperation:
         self._pool: DataPool | None = None
         self._missions: MissionAgent | None = None
         self._lock = threading.Lock()
-        #: The mission that the robot leads; guarded by the lock.
+        #: The mission that the robot leads, and the terms in which it will claim missions; guarded by the lock.
         self._led = ""
+        self._terms: dict[str, int] = {}
 
     def start(self, agent: ControlAgent, pool: DataPool) -> None:
         """Be available for missions, if the robot has an event channel."""
@@ -98,7 +100,7 @@ class Cooperation:
                     return pose_in_robot_frame((item.x, item.y, item.heading), (own.x, own.y, own.heading))
             return None
 
-        succession = Succession(self._name, self._records, RemoteLeaders(self._orb).leads, _Successor(agent, self))
+        succession = Succession(self._name, self._records, self._leaders.leads, _Successor(agent, self))
         self._closing.callback(succession.close)
         transport = Transport(channel, self._name)
         self._missions = missions = MissionAgent(transport, agent, locate, on_orphaned=succession.begin).start()
@@ -129,6 +131,25 @@ class Cooperation:
         """Whether the robot holds an object for a mission whose leader is silent."""
         return self._missions is not None and self._missions.is_holding_for(mission)
 
+    def lead_mission(self, mission: str, program: Program, term: int = 0) -> None:
+        """Lead a mission in the term in which it is offered, 0 if that is not known. Raises InvalidProgram,
+        IllegalOrder."""
+        if self._agent is None:
+            raise IllegalOrder("lead a mission", "has no event channel; start it with --channel")
+        agent = self._agent
+        self.claim(mission, term, lambda: agent.start_mission(mission, program))
+
+    def claim(self, mission: str, term: int, start: Callable[[], None]) -> None:
+        """Begin, by `start`, to lead a mission in this term."""
+        with self._lock:
+            self._terms[mission] = term
+        try:
+            start()
+        except RoboCorbaError:
+            with self._lock:
+                self._terms.pop(mission, None)
+            raise
+
     def abort_mission(self, mission: str) -> None:
         """Abort the mission if the robot leads it at present. Raises UnknownMission."""
         with self._lock:  # so that it can't end meanwhile, and another program begin
@@ -138,7 +159,7 @@ class Cooperation:
 
     def cooperate(self, icon: Icon, mission: str = "") -> None:
         """Lead a mission to its end; `mission` names it, empty for a new name. One that another robot leads is taken
-        over.
+        over if the robot claims it in its present term, and that robot does not answer.
 
         Raises MissionFailed with the reason, NotReachable."""
         OWN_CLOCK.synchronize()
@@ -147,7 +168,9 @@ class Cooperation:
             kind=kind(icon), about=about, leader=self._name, icon=msgspec.to_builtins(icon), begun=begun
         )
         if mission:
-            content = claimed(self._records, mission, content)
+            with self._lock:
+                term = self._terms.pop(mission, 0)
+            content = claimed(self._records, mission, content, term, self._leaders.leads)
         else:
             mission = new_mission_name(self._name)
         led = LedMission(self._recorder, mission, content)
@@ -273,7 +296,8 @@ class _Successor:
     def can_lead(self, mission: str) -> bool:
         return self._agent.is_free or self._cooperation.is_holding_for(mission)
 
-    def lead(self, mission: str, icon: dict[str, Any]) -> None:
+    def lead(self, mission: str, icon: dict[str, Any], term: int) -> None:
         """Raises RobotError."""
         program = of_icon(msgspec.json.encode(icon).decode())
-        self._agent.take_over(mission, program, goes_on=self._cooperation.is_holding_for(mission))
+        goes_on = self._cooperation.is_holding_for(mission)
+        self._cooperation.claim(mission, term, lambda: self._agent.take_over(mission, program, goes_on))

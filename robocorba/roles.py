@@ -84,7 +84,7 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         (EVERYBODY, "_get_release _get_name _get_state _get_program _get_channel _get_pool _get_path _get_mission"),
         (EVERYBODY, "iconsFrom adaptors"),
         (OPERATORS, "checkProgram loadProgram run pause resume step abort stop resetStop drive"),
-        (OPERATORS, "startMission abortMission switchAdaptor setSpeedCap"),
+        (OPERATORS, "startMission leadMission abortMission switchAdaptor setSpeedCap"),
     ),
     "RobotAdaptor": _rules(
         (EVERYBODY, "read"),

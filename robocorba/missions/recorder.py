@@ -16,6 +16,7 @@ from robocorba.background import Background
 from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed, MissionTakenOver
+from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.report import ASKING, RECOVERING, MissionReport, PhaseTimes
@@ -39,6 +40,8 @@ BACKOFF = Backoff(0.25, 2.0)
 MAX_WAITING = 20
 #: Time for the last writes when the recorder is closed [s].
 CLOSE_LIMIT_S = 3.0
+#: How often a claim is made of a record that others write at the same time.
+CLAIM_TRIALS = 5
 #: The phase after one that failed.
 ENDING = "ending safely"
 
@@ -146,29 +149,52 @@ class MissionRecorder:
                 del self._versions[name]
 
 
-def claimed(records: MissionRecords, name: str, new: MissionContent) -> MissionContent:
-    """The record of a mission that the leader of `new` leads from now on: as stored, taken over from another leader,
-    or `new` if there is none.
+def claimed(
+    records: MissionRecords,
+    name: str,
+    new: MissionContent,
+    term: int = 0,
+    leads: Callable[[str, str], bool] = lambda leader, mission: True,
+) -> MissionContent:
+    """The record of a mission that the leader of `new` leads from now on; `new` if there is none.
 
-    Raises MissionTakenOver if another robot is faster, MissionFailed if it has ended, NotReachable."""
-    try:
-        stored = records.mission(name)
-    except UnknownMission:
-        return new
-    before = decoded(stored.document)
-    if before is None:
-        return new
+    term: the one in which it was asked to lead the mission, or whose leader is silent; 0 if it begins the mission. A
+    claim that comes too late has an older one. leads: whether a robot answers that it leads a mission; such a one is
+    never displaced. Raises MissionTakenOver if another robot leads it, MissionFailed if it has ended, NotReachable."""
+    for _ in range(CLAIM_TRIALS):
+        try:
+            stored = records.mission(name)
+        except UnknownMission:
+            if term:
+                raise MissionFailed(f"{name} is not offered any more") from None
+            return new
+        before = decoded(stored.document)
+        if before is None:
+            return new
+        content = _claim(name, before, new, term, leads)
+        try:
+            records.put_mission(Mission(name, stored.version, content.encode()))
+        except StaleMission:  # somebody has written it since: look at it again
+            continue
+        return content
+    raise NotReachable(f"the record of {name} changes all the time")
+
+
+def _claim(
+    name: str, before: MissionContent, new: MissionContent, term: int, leads: Callable[[str, str], bool]
+) -> MissionContent:
+    """What the leader of `new` may store in place of a record. Raises MissionTakenOver, MissionFailed."""
     if not before.is_running:
         raise MissionFailed(f"{name} has ended already: {before.reason or before.result.value}")
+    if term not in (0, before.term):
+        raise MissionTakenOver(before.leader, before.term)
+    if before.is_offered and before.leader == new.leader:
+        return replace(new, term=before.term)
     if before.leader == new.leader:
         return replace(before, icon=new.icon)
-    content = before.taken_over(new.leader, f"{before.leader} was silent", new.begun)
-    try:
-        records.put_mission(Mission(name, stored.version, content.encode()))
-    except StaleMission:
-        _check_leader(records.mission(name), content)
-        raise MissionFailed(f"{before.leader} leads {name} again") from None
-    return content
+    if not term or before.is_offered or leads(before.leader, name):
+        raise MissionTakenOver(before.leader, before.term)
+    return before.taken_over(new.leader, f"{before.leader} was silent", new.begun)
 
 
 def _check_leader(stored: Mission, content: MissionContent) -> None:

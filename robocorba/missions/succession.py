@@ -41,8 +41,9 @@ class Successor(Protocol):
     def can_lead(self, mission: str) -> bool:
         """Whether it can lead a mission now."""
 
-    def lead(self, mission: str, icon: dict[str, Any]) -> None:
-        """Begin to lead a mission, by its cooperative icon, unless another robot does. Raises RobotError."""
+    def lead(self, mission: str, icon: dict[str, Any], term: int) -> None:
+        """Begin to lead a mission, by its cooperative icon, unless its term is not this one any more or its leader
+        answers. Raises RobotError."""
 
 
 class Succession:
@@ -114,7 +115,7 @@ class Succession:
             return False
         _log.warning("mission %s: its leader %s is silent; %s takes it over", mission, content.leader, self._robot)
         try:
-            self._successor.lead(mission, content.icon)
+            self._successor.lead(mission, content.icon, term)
         except RobotError as error:
             _log.warning("mission %s: %s can't lead it: %s", mission, self._robot, error)
             return False

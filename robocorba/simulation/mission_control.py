@@ -39,8 +39,9 @@ _log = logging.getLogger(__name__)
 class Leaders(Protocol):
     """The robots, as mission control calls them. All methods raise NotReachable within a few seconds."""
 
-    def start(self, leader: str, mission: str, icon: str) -> None:
-        """Let a robot lead a mission. Raises InvalidProgram, IllegalOrder."""
+    def start(self, leader: str, mission: str, icon: str, term: int) -> None:
+        """Let a robot lead a mission in this term; it refuses if the record has another one by then. Raises
+        InvalidProgram, IllegalOrder."""
 
     def abort(self, leader: str, mission: str) -> None:
         """Abort a mission. Raises UnknownMission if the robot does not lead it."""
@@ -61,17 +62,17 @@ class MissionControl:
     def start(self, leader: str, icon: str) -> str:
         """Let a robot lead the mission of a cooperative icon in JSON, without a name the nearest free one; return the
         mission's name. Raises NoLeader; InvalidProgram, IllegalOrder as the robot."""
-        begun = time.time()
-        content = _content(leader, icon, begun)
+        content = _content(leader, icon, time.time())
+        name = new_mission_name(leader or content.about)
         with self._calling():
-            if leader:
-                name = new_mission_name(leader)
-                self._leaders.start(leader, name, icon)
-            else:
-                name = new_mission_name(content.about)
-                leader = self._lead_by_nearest(content.about, name, icon)
-        with contextlib.suppress(InvalidMission):  # no room: the mission runs, as its leader's own record would show
-            self.missions.begin(name, msgspec.structs.replace(content, leader=leader))
+            try:
+                if leader:
+                    self._offer(name, content, icon)
+                else:
+                    self._offer_to_nearest(name, content, icon)
+            except RoboCorbaError:
+                if self.missions.withdraw(name):
+                    raise
         return name
 
     def abort(self, name: str) -> None:
@@ -91,17 +92,26 @@ class MissionControl:
                     raise NoLeader(f"robot {content.leader} does not lead mission {name[:80]!r} any more") from None
             time.sleep(ABORT_PAUSE_S)
 
-    def _lead_by_nearest(self, about: str, name: str, icon: str) -> str:
-        """Let the robot nearest to an object lead a mission that can; return its name. Raises NoLeader,
-        InvalidProgram."""
+    def _offer(self, name: str, content: MissionContent, icon: str) -> None:
+        """Let `content.leader` lead a mission. What it was asked is in the record before, so that a robot that answers
+        too late can't lead it. Raises NoLeader, InvalidProgram, IllegalOrder, NotReachable."""
+        try:
+            self.missions.offer(name, content)
+        except InvalidMission as error:
+            raise NoLeader(f"it can't be recorded: {error}") from None
+        self._leaders.start(content.leader, name, icon, content.term)
+        self.missions.accept(name, content)
+
+    def _offer_to_nearest(self, name: str, content: MissionContent, icon: str) -> None:
+        """Let the robot nearest to the mission's object lead it that can. Raises NoLeader, InvalidProgram."""
         reasons = []
-        for robot in self._nearest(about)[:MAX_ASKED]:
+        content = msgspec.structs.replace(content, term=0)
+        for robot in self._nearest(content.about)[:MAX_ASKED]:
+            content = content.offered_to(robot)
             try:
-                self._leaders.start(robot, name, icon)
+                return self._offer(name, content, icon)
             except (IllegalOrder, NotReachable) as error:
                 reasons.append(f"{robot}: {error}")
-            else:
-                return robot
         raise NoLeader("no robot can lead it" + "".join(f"; {reason}" for reason in reasons))
 
     @contextlib.contextmanager
@@ -188,12 +198,15 @@ class LeaderWatch:
         gone, icon = state.content.leader, state.content.icon
         others = [robot for robot in self._nearest(state.content.about) if robot != gone]
         for robot in others[:MAX_ASKED] if icon else ():
-            given = None if self._is_closed else self._missions.give(state, robot, f"{gone} was gone")
+            # Just before: it may have come back, or have accepted without its answer being received.
+            if self._is_closed or self._led_by(state.content.leader) == state.name:
+                return
+            given = self._missions.give(state, robot, f"{gone} was gone")
             if given is None:
                 return
             state = given
             try:
-                self._leaders.start(robot, state.name, json.dumps(icon))
+                self._leaders.start(robot, state.name, json.dumps(icon), state.content.term)
             except RoboCorbaError as error:
                 _log.info("mission %s: its leader %s is gone, and %s", state.name, gone, error)
             else:

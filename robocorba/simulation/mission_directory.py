@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import threading
 import time
@@ -10,7 +9,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from robocorba.errors.simulation import NoRoom, StaleMission, UnknownMission
+from robocorba.errors.simulation import NoLeader, NoRoom, UnknownMission
 from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState, decoded
 from robocorba.simulation.store import Mission, SimulationStore
 
@@ -23,7 +22,8 @@ _log = logging.getLogger(__name__)
 class MissionDirectory:
     """The missions in `store`, which nobody else changes. Thread-safe. clock: POSIX time [s].
 
-    A mission whose document is no MissionContent is stored like the others, but is in none of the lists here."""
+    A mission whose document is no MissionContent is stored like the others, but is in none of the lists here, and so is
+    one that is offered to a robot."""
 
     def __init__(self, store: SimulationStore, clock: Callable[[], float] = time.time) -> None:
         self._store, self._clock = store, clock
@@ -33,7 +33,11 @@ class MissionDirectory:
         #: Without plans and reports.
         self._states: dict[str, MissionState] = {}
         for mission in sorted(store.missions(), key=_last_time):
-            self._note(mission)
+            content = decoded(mission.document)
+            if content and content.is_offered:  # by an earlier process, which has ended: nobody waits for the answer
+                store.remove_mission(mission.name)
+            else:
+                self._note(mission)
 
     # ---- the Omni database ----
 
@@ -107,10 +111,30 @@ class MissionDirectory:
         report = MissionContent.decode(stored.document).report if stored else None
         return msgspec.json.encode(content.brief_report(name) if report is None else report).decode()
 
-    def begin(self, name: str, content: MissionContent) -> None:
-        """Store a new mission, unless its leader has done so. Raises InvalidMission if there is no room."""
-        with contextlib.suppress(StaleMission):
-            self.put_mission(Mission(name, 0, content.encode()))
+    def offer(self, name: str, content: MissionContent) -> None:
+        """Store a mission that `content.leader` is asked to lead next, in place of an earlier offer. Raises
+        InvalidMission if there is no room, NoLeader if another robot has accepted it."""
+        content = msgspec.structs.replace(content, is_offered=True)
+        with self._lock:
+            stored = self._store.mission(name)
+            if stored and not self._is_offered(name):
+                raise NoLeader(f"mission {name[:80]!r} has a leader")
+            self.put_mission(Mission(name, stored.version if stored else 0, content.encode()))
+
+    def accept(self, name: str, content: MissionContent) -> None:
+        """Store that `content.leader` leads the mission that it was offered, unless that robot has done so."""
+        with self._lock:
+            stored = self._store.mission(name)
+            if stored and self._is_offered(name):
+                self.put_mission(Mission(name, stored.version, content.encode()))
+
+    def withdraw(self, name: str) -> bool:
+        """Remove a mission that is offered, so that no robot can accept it any more. False if one has."""
+        with self._lock:
+            if not self._is_offered(name):
+                return self._store.mission(name) is None
+            self.remove_mission(name)
+            return True
 
     def give(self, state: MissionState, robot: str, reason: str) -> MissionState | None:
         """Let another robot lead a mission, unless it has changed since `state`; returns its state, None if it has."""
@@ -147,9 +171,14 @@ class MissionDirectory:
 
     # ---- implementation; the lock is held ----
 
+    def _is_offered(self, name: str) -> bool:
+        stored = self._store.mission(name)
+        content = decoded(stored.document) if stored else None
+        return content is not None and content.is_offered
+
     def _note(self, mission: Mission) -> None:
         content = decoded(mission.document)
-        if content is None:
+        if content is None or content.is_offered:
             self._states.pop(mission.name, None)
             return
         self._version += 1

@@ -22,7 +22,7 @@ Count = Annotated[int, Meta(ge=0, le=2**31 - 1)]
 #: Maximum number of members, phases, leaders and faults; of the latter three the first ones are left out.
 MAX_MEMBERS, MAX_PHASES, MAX_LEADERS, MAX_FAULTS = 100, 1000, 20, 20
 #: Members of a record that the IDL's MissionState does not have: a state by mission control has their defaults.
-RECORD_ONLY = ("format", "leaders", "icon", "attempts", "faults", "plan", "report")
+RECORD_ONLY = ("format", "is_offered", "leaders", "icon", "attempts", "faults", "plan", "report")
 #: Maximum length of the leader's part in a new mission's name [characters].
 MAX_LEADER = 150
 
@@ -65,16 +65,18 @@ class LeaderRecord(Struct, frozen=True):
 class MissionContent(Struct, frozen=True, kw_only=True):
     """The state of a mission. Unknown fields are ignored, so that later releases may add some.
 
-    kind: tag of the cooperative icon. about: the object that it moves. term: increments with each change of the leader;
-    who leads in a lower one is not obeyed. leaders: those since the first change, the present one last. icon: the
-    cooperative icon, for a robot that takes over. attempts: number of the last attempt. faults: what ended the attempts
-    before. plan: of the present attempt, a CooperativePlan. phases_in_all: 0 before there is a plan. begun, ended: as
-    of a phase. report: at the end, see docs/mission.md."""
+    kind: tag of the cooperative icon. about: the object that it moves. is_offered: mission control has offered it to
+    `leader`, which has not accepted it yet. term: increments with each change of the leader, and with each robot to
+    which it is offered; who leads in a lower one is not obeyed. leaders: those since the first change, the present
+    one last. icon: the cooperative icon, for a robot that takes over. attempts: number of the last attempt. faults:
+    what ended the attempts before. plan: of the present attempt, a CooperativePlan. phases_in_all: 0 before there is a
+    plan. begun, ended: as of a phase. report: at the end, see docs/mission.md."""
 
     format: Literal[1] = 1
     kind: Text
     about: Text
     leader: Text
+    is_offered: bool = False
     term: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 1
     leaders: Annotated[tuple[LeaderRecord, ...], Meta(max_length=MAX_LEADERS)] = ()
     icon: dict[str, Any] | None = None
@@ -128,6 +130,10 @@ class MissionContent(Struct, frozen=True, kw_only=True):
         term = self.term + 1
         leaders = (*self.all_leaders, LeaderRecord(robot, term, at, reason[:MAX_TEXT]))[-MAX_LEADERS:]
         return msgspec.structs.replace(self, leader=robot, term=term, leaders=leaders)
+
+    def offered_to(self, robot: str) -> MissionContent:
+        """A mission that nobody has led, offered to another robot, in the next term."""
+        return msgspec.structs.replace(self, leader=robot, term=self.term + 1)
 
     def ended_as(self, result: MissionResult, reason: str, at: float) -> MissionContent:
         """The mission with its end at POSIX time `at` [s]; a phase that runs ends with it."""

@@ -42,11 +42,6 @@ class Agent:
         self.checked.append(program)
         return self.report
 
-    def start_mission(self, mission: str, program: Program) -> None:
-        if self.missions:
-            raise IllegalOrder("run a program", "runs a program")
-        self.missions.append((mission, program))
-
     def abort(self) -> None:
         self.aborted += 1
 
@@ -54,6 +49,14 @@ class Agent:
 class Missions:
     mission = "carry-1"
     aborted = ""
+
+    def __init__(self) -> None:
+        self.led: list[tuple[str, Program, int]] = []
+
+    def lead_mission(self, mission: str, program: Program, term: int = 0) -> None:
+        if self.led:
+            raise IllegalOrder("run a program", "runs a program")
+        self.led.append((mission, program, term))
 
     def abort_mission(self, mission: str) -> None:
         if mission != self.mission:
@@ -131,26 +134,32 @@ def test_channel_and_mission(servant: RobotAgentServant) -> None:
     assert (servant._get_channel(), servant._get_mission()) == ("a", "carry-1")
 
 
-def test_a_mission_is_started_from_the_json_of_an_icon(servant: RobotAgentServant, agent: Agent) -> None:
-    servant.startMission("carry-1", CARRY)
-    ((name, started),) = agent.missions
-    assert (name, len(started.icons)) == ("carry-1", 1)
+@pytest.mark.parametrize("term", [0, 7])
+def test_a_mission_is_started_from_the_json_of_an_icon(
+    servant: RobotAgentServant, missions: Missions, term: int
+) -> None:
+    if term:
+        servant.leadMission("carry-1", CARRY, term)
+    else:
+        servant.startMission("carry-1", CARRY)
+    ((name, started, found),) = missions.led
+    assert (name, len(started.icons), found) == ("carry-1", 1, term)
     with pytest.raises(RoboCorba.IllegalOrder):
         servant.startMission("carry-2", CARRY)
 
 
 @pytest.mark.parametrize("name", ["", "x" * (MAX_NAME + 1), " carry", "a\nb"])
-def test_a_mission_has_a_name(servant: RobotAgentServant, agent: Agent, name: str) -> None:
+def test_a_mission_has_a_name(servant: RobotAgentServant, missions: Missions, name: str) -> None:
     with pytest.raises(RoboCorba.InvalidProgram, match="its name"):
         servant.startMission(name, CARRY)
-    assert agent.missions == []
+    assert missions.led == []
 
 
 @pytest.mark.parametrize("icon", ["", "{", f"{CARRY}, {CARRY}", '{"icon": "move_table"}'])
-def test_a_mission_is_one_readable_icon(servant: RobotAgentServant, agent: Agent, icon: str) -> None:
+def test_a_mission_is_one_readable_icon(servant: RobotAgentServant, missions: Missions, icon: str) -> None:
     with pytest.raises(RoboCorba.InvalidProgram):
         servant.startMission("carry-1", icon)
-    assert agent.missions == []
+    assert missions.led == []
 
 
 def test_a_mission_is_aborted_by_its_name(servant: RobotAgentServant, agent: Agent, missions: Missions) -> None:

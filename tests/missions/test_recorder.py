@@ -168,16 +168,57 @@ def test_a_mission_is_led_by_one_robot_in_a_term(database: Database, recorder: M
 # ---- who leads ----
 
 
+def is_silent(leader: str, mission: str) -> bool:
+    """The leader does not answer."""
+    return False
+
+
 def test_a_new_mission_is_claimed(database: Database) -> None:
     assert claimed(database, "m", NEW) is NEW
 
 
 def test_a_mission_of_another_leader_is_taken_over(database: Database) -> None:
     database.missions["m"] = 7, replace(content(1), leader="B", attempts=3)
-    taken = claimed(database, "m", NEW)
+    taken = claimed(database, "m", NEW, 1, is_silent)
     assert database.missions["m"] == (8, taken)
     assert (taken.leader, taken.term, taken.attempts) == ("A", 2, 3)
     assert claimed(database, "m", replace(NEW, icon={"icon": "move_table"})).term == 2, "its own"
+
+
+def test_a_leader_that_answers_is_not_displaced(database: Database) -> None:
+    database.missions["m"] = 7, replace(content(1), leader="B")
+    asked = []
+
+    def leads(leader: str, mission: str) -> bool:
+        asked.append((leader, mission))
+        return True
+
+    with pytest.raises(MissionTakenOver, match="B has taken the mission over, in term 1"):
+        claimed(database, "m", NEW, 1, leads)
+    assert asked == [("B", "m")]
+
+
+def test_a_request_that_comes_late_displaces_nobody(database: Database) -> None:
+    """It waited in a socket while the mission was given to others, even to the same robot again."""
+    database.missions["m"] = 7, replace(content(1), leader="B", term=3)
+    with pytest.raises(MissionTakenOver, match="B has taken the mission over, in term 3"):
+        claimed(database, "m", NEW, 2, is_silent)
+    with pytest.raises(MissionTakenOver):
+        claimed(database, "m", NEW)  # without a term nobody is displaced
+    database.missions["m"] = 8, replace(content(1), leader="A", term=4)
+    with pytest.raises(MissionTakenOver):
+        claimed(database, "m", NEW, 2, is_silent)
+    assert claimed(database, "m", NEW, 4, is_silent).term == 4
+    with pytest.raises(MissionFailed, match="gone is not offered any more"):
+        claimed(database, "gone", NEW, 1, is_silent)
+
+
+def test_an_offered_mission_is_accepted_by_its_robot_only(database: Database) -> None:
+    database.missions["m"] = 7, replace(content(1), leader="A", term=2, is_offered=True)
+    with pytest.raises(MissionTakenOver):
+        claimed(database, "m", replace(NEW, leader="B"), 2, is_silent)
+    assert claimed(database, "m", NEW, 2, is_silent) == replace(NEW, term=2)
+    assert database.missions["m"] == (8, replace(NEW, term=2))
 
 
 def test_only_one_robot_takes_a_mission_over(database: Database) -> None:
@@ -194,7 +235,7 @@ def test_only_one_robot_takes_a_mission_over(database: Database) -> None:
     late = Late()
     late.missions["m"] = 7, replace(content(1), leader="B")
     with pytest.raises(MissionTakenOver, match="C has taken the mission over, in term 2"):
-        claimed(late, "m", NEW)
+        claimed(late, "m", NEW, 1, is_silent)
     assert late.missions["m"][0] == 8
 
 

@@ -53,7 +53,8 @@ class Robot:
     def can_lead(self, mission: str) -> bool:
         return not self.is_busy
 
-    def lead(self, mission: str, icon: dict[str, Any]) -> None:
+    def lead(self, mission: str, icon: dict[str, Any], term: int) -> None:
+        assert self._database.content and term == self._database.content.term
         if self.refusals:
             self.refusals -= 1
             raise IllegalOrder("lead a mission", "is stopped")

@@ -47,7 +47,7 @@ class Robots:
         self.aborted: list[str] = []
         self.called: list[str] = []
 
-    def start(self, leader: str, mission: str, icon: str) -> None:
+    def start(self, leader: str, mission: str, icon: str, term: int) -> None:
         if self.refusal:
             raise self.refusal
         self.mission_of(leader)
@@ -246,8 +246,8 @@ def test_a_mission_is_started_and_listed_at_once(missions: MissionDirectory) -> 
 
 def test_the_leaders_own_record_is_not_replaced(missions: MissionDirectory) -> None:
     class Quick(Robots):
-        def start(self, leader: str, mission: str, icon: str) -> None:
-            put(missions, mission, RUNNING)
+        def start(self, leader: str, mission: str, icon: str, term: int) -> None:
+            put(missions, mission, RUNNING, missions.stored(mission).version)
 
     name = MissionControl(missions, Quick()).start("A", ICON)
     assert missions.mission(name).content == RUNNING
@@ -266,7 +266,7 @@ def test_a_refusal_leaves_no_record(missions: MissionDirectory) -> None:
 
 def test_robots_that_hang_do_not_occupy_the_server(missions: MissionDirectory) -> None:
     class Hanging(Robots):
-        def start(self, leader: str, mission: str, icon: str) -> None:
+        def start(self, leader: str, mission: str, icon: str, term: int) -> None:
             if leader != "C":
                 control.start(chr(ord(leader) + 1), icon)
 
@@ -347,10 +347,10 @@ class Choosy(Robots):
         super().__init__(**lead)
         self._refusing = refusing
 
-    def start(self, leader: str, mission: str, icon: str) -> None:
+    def start(self, leader: str, mission: str, icon: str, term: int) -> None:
         if leader in self._refusing:
             raise IllegalOrder("run a program", "runs a program")
-        super().start(leader, mission, icon)
+        super().start(leader, mission, icon, term)
 
 
 def test_the_nearest_robot_that_can_leads(missions: MissionDirectory) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from omniORB import CORBA
+
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import translated
 from robocorba.errors.services import NotReachable
@@ -22,11 +24,14 @@ class RemoteLeaders:
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
 
-    def start(self, leader: str, mission: str, icon: str) -> None:
-        """Let a robot lead a mission. Raises InvalidProgram, IllegalOrder."""
+    def start(self, leader: str, mission: str, icon: str, term: int) -> None:
+        """Let a robot lead a mission in this term. Raises InvalidProgram, IllegalOrder."""
         agent = self._agent(leader, START_TIMEOUT_S)
         with translated(f"robot {leader}"):
-            agent.startMission(mission, icon)
+            try:
+                agent.leadMission(mission, icon, term)
+            except CORBA.BAD_OPERATION:  # a robot of release 0.1.0
+                agent.startMission(mission, icon)
 
     def abort(self, leader: str, mission: str) -> None:
         """Abort a mission. Raises UnknownMission if the robot does not lead it."""

@@ -13,6 +13,7 @@ from robocorba.errors.robots import InvalidProgram
 from robocorba.errors.services import NotReachable
 from robocorba.maps.element_rules import name_violations
 from robocorba.programs import program
+from robocorba.programs.program import Program
 from robocorba.programs.report import report_of
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
@@ -22,6 +23,10 @@ class Missions(Protocol):
 
     @property
     def mission(self) -> str: ...
+
+    def lead_mission(self, mission: str, program: Program, term: int = 0) -> None:
+        """Lead a mission; term: the one in which it is offered, 0 if that is not known. Raises InvalidProgram,
+        IllegalOrder."""
 
     def abort_mission(self, mission: str) -> None:
         """Abort the mission if the robot leads it at present. Raises UnknownMission."""
@@ -85,9 +90,16 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
 
     @translating
     def startMission(self, mission: str, icon: str) -> None:
+        self._lead(mission, icon, 0)
+
+    @translating
+    def leadMission(self, mission: str, icon: str, term: int) -> None:
+        self._lead(mission, icon, term)
+
+    def _lead(self, mission: str, icon: str, term: int) -> None:
         for reason in name_violations("its name", mission):
             raise InvalidProgram("", "mission", reason)
-        self._agent.start_mission(mission, program.of_icon(icon))
+        self._missions.lead_mission(mission, program.of_icon(icon), term)
 
     @translating
     def abortMission(self, mission: str) -> None:

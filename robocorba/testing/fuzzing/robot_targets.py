@@ -37,6 +37,7 @@ def of_agents(system: FuzzedSystem) -> Iterator[Target]:
         "loadProgram": documents,
         "checkProgram": documents,
         "startMission": [example("m", json.dumps(icon)) for icon in MISSIONS],
+        "leadMission": [example("m", json.dumps(icon), 1) for icon in MISSIONS],
         "abortMission": [example("m")],
         "iconsFrom": [example(0)],
         "setSpeedCap": [example(0.5)],
@@ -46,7 +47,7 @@ def of_agents(system: FuzzedSystem) -> Iterator[Target]:
     }
 
     def reset(name: str, result: Any) -> None:
-        if name in ("run", "startMission", "step", "resume", "drive"):
+        if name in ("run", "startMission", "leadMission", "step", "resume", "drive"):
             system.agent.abort()
         if name == "stop":
             system.agent.resetStop()
