@@ -93,7 +93,7 @@ class SimulationServer:
         self._state, host, channel = settings.server.state, settings.server.endpoint.host, settings.channel
         self.agent = ManagementAgent(
             *(remote_map.building, remote_map.version, store),
-            *(self._publish, self._session_began, self._session_ended),
+            *(self._publish, self._session_began, self._session_ended, remote_map.lineage),
         )
         self._announcer = Announcer(orb, channel, self.agent.database) if channel else None
         self._stops = EmergencyStops(
@@ -221,8 +221,9 @@ class SimulationServer:
     def _follow_map(self) -> None:
         with contextlib.suppress(NotReachable):
             self._map.follow()
-            if self._map.version != self.agent.state.map_version:  # also after a failed attempt
-                self.agent.follow_map(self._map.building, self._map.version)
+            present = self.agent.state.map_version
+            if self._map.version != present:  # also after a failed attempt
+                self.agent.follow_map(self._map.building, self._map.version, self._map.lineage(present))
                 self._monitor = Monitor(self.agent, self._map.building)
 
 

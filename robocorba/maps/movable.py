@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 
 import shapely
 import shapely.affinity
@@ -11,6 +12,9 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.geometry import landing_line, object_geometry, obstacles
 from robocorba.maps.model import Building, MapObject, SegmentShape
+
+#: Maximum number of names that a message lists.
+MAX_LISTED = 40
 
 
 def fixed_obstacles(building: Building, floor: str) -> list[BaseGeometry]:
@@ -26,17 +30,33 @@ def fixed_obstacles(building: Building, floor: str) -> list[BaseGeometry]:
 def movables(building: Building) -> dict[str, tuple[MapObject, str]]:
     """Objects that can be pushed and carried, with their floor on the map, by a unique name: the name on the map,
     or FLOOR/NAME if several floors have an object of this name."""
-    found = [
-        (map_object, floor)
+    found = {
+        full_name(floor, map_object.name): (map_object, floor)
         for floor, entry in building.floors.items()
         for map_object in entry.geometrical.objects.values()
         if _is_movable(map_object)
-    ]
-    many = Counter(map_object.name for map_object, _ in found)
-    return {
-        (map_object.name if many[map_object.name] == 1 else f"{floor}/{map_object.name}"): (map_object, floor)
-        for map_object, floor in found
     }
+    many = Counter(map_object.name for map_object, _ in found.values())
+    return {
+        # A name may look like the full name of another object.
+        (item.name if many[item.name] == 1 and item.name not in found else full): (item, floor)
+        for full, (item, floor) in found.items()
+    }
+
+
+def full_name(floor: str, name: str) -> str:
+    """FLOOR/NAME: names an object by its floor on the map. Floors have no slash in their names."""
+    return f"{floor}/{name}"
+
+
+def not_found(name: str, known: Iterable[str]) -> str:
+    """Why there is no movable object of a name. known: the names of `movables`."""
+    alternatives = sorted(each for each in known if each.endswith(f"/{name}"))
+    if len(alternatives) > 1:
+        return f"several floors have an object {name[:80]!r}: write {' or '.join(alternatives)}"
+    listed = sorted(known)[:MAX_LISTED]
+    more = ", ..." if len(listed) == MAX_LISTED else ""
+    return f"there is no object {name[:80]!r} that can be carried; there are {', '.join(listed) or 'none'}{more}"
 
 
 def object_outline(map_object: MapObject) -> Polygon:

@@ -19,7 +19,7 @@ from robocorba.errors.places import metres
 from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.model import Building, Elevator, Floor
-from robocorba.maps.movable import movables, object_outline
+from robocorba.maps.movable import movables, not_found, object_outline
 from robocorba.missions.blocked_carry import Attempt, FailedSearch, why_impossible, why_not_free
 from robocorba.missions.formation import ARMS_WIDTH_M, BACK_OFF_M, MARGIN_M, SHORT_BACK_OFFS_M, Formation, formations
 from robocorba.missions.obstacles import Blocked, BuildingObstacles, FloorObstacles, placed
@@ -164,7 +164,7 @@ def _outline_and_pose(building: Building, carried: str | Polygon) -> tuple[Polyg
         return carried, None
     known = movables(building)
     if carried not in known:
-        raise InvalidCarry("object", f"there is no movable {carried[:80]!r}; there are {', '.join(known) or 'none'}")
+        raise InvalidCarry("object", not_found(carried, known))
     entry, floor = known[carried]
     return object_outline(entry), Pose(floor, *entry.at, entry.heading)
 

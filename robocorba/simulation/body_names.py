@@ -1,19 +1,19 @@
-"""Names of the physical bodies of robots and movable objects: those that nobody moves have none."""
+"""Keys of bodies in the physics, which stay while they are there: those that nobody moves have none."""
 
 from __future__ import annotations
 
-#: Prefix of the names of robots' bodies.
+#: Prefix of the keys of robots' bodies.
 _ROBOT = "robot/"
 
 
 def robot_body(robot: str) -> str:
-    """Name of a robot's body."""
+    """Key of a robot's body: robots keep their names."""
     return f"{_ROBOT}{robot}"
 
 
-def object_body(name: str) -> str:
-    """Name of an object's body."""
-    return f"object/{name}"
+def object_body(number: int) -> str:
+    """Key of an object's body, by its number: edits of the map change names."""
+    return f"object/{number}"
 
 
 def is_robot(body: str) -> bool:
@@ -22,5 +22,5 @@ def is_robot(body: str) -> bool:
 
 
 def owner(body: str) -> str:
-    """Name of the robot or object of a body."""
+    """Name of the robot of a robot's body."""
     return body.partition("/")[2]

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import NamedTuple
 
+from robocorba.maps.lineage import SAME_NAMES, Lineage
 from robocorba.maps.model import Building
 from robocorba.maps.movable import fixed_obstacles, movables
 from robocorba.simulation.body_names import owner
@@ -20,6 +22,14 @@ from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.static_parts import static_parts
 from robocorba.simulation.world_record import WorldRecord
 from robocorba.spatial.pose import Pose
+
+
+class MapUpdate(NamedTuple):
+    """What an edit of the map did beside the map: the names of the robots that were removed with their floors, and
+    events."""
+
+    removed: list[str]
+    events: list[SimulationEvent]
 
 
 class SimulatedBuilding:
@@ -46,44 +56,53 @@ class SimulatedBuilding:
 
     # ---- the map ----
 
-    def preparations(self, building: Building) -> Iterator[Callable[[], None]]:
+    def preparations(self, building: Building, lineage: Lineage = SAME_NAMES) -> Iterator[Callable[[], None]]:
         """Calls that make most of the work of `update`, each within milliseconds: the simulation goes on between them,
         and obstacles appear one after the other. Any thread may ask for the next one while no other updates the map."""
-        for name, physics in self.occupants.floors.items():
-            if name in building.floors and self._obstacles_differ(building, self.building, name):
-                for change in physics.changes_to(static_parts(fixed_obstacles(building, name))):
+        kept = lineage.floors(building.floors)
+        for before, physics in self.occupants.floors.items():
+            if before in kept and self._obstacles_differ(building, kept[before], self.building, before):
+                for change in physics.changes_to(static_parts(fixed_obstacles(building, kept[before]))):
                     yield partial(physics.change_obstacles, change)
+        stayed = {kept[before] for before in self.occupants.floors if before in kept}
         added = {
-            name: FloorPhysics(fixed_obstacles(building, name), 0, name)
-            for name in building.floors.keys() - self.occupants.floors
+            name: FloorPhysics(fixed_obstacles(building, name), 0, name) for name in building.floors.keys() - stayed
         }
         self._prepared = building, added
 
-    def _obstacles_differ(self, building: Building, before: Building, floor: str) -> bool:
-        return building.floors[floor] is not before.floors.get(floor) or (
-            building.elevators_through(floor) != before.elevators_through(floor)
+    def _obstacles_differ(self, building: Building, floor: str, before: Building, former: str) -> bool:
+        return building.floors[floor] is not before.floors.get(former) or (
+            building.elevators_through(floor) != before.elevators_through(former)
         )
 
-    def update(self, building: Building) -> list[str]:
-        """Use an edited map; return the names of the robots that were removed with their floors.
+    def update(self, building: Building, lineage: Lineage = SAME_NAMES) -> MapUpdate:
+        """Use an edited map. lineage: which of its elements are those of the present map.
 
-        Objects that the edit did not change keep their simulated poses. Rides of a changed elevator are lost."""
+        Nothing moves that the edit does not move. Rides of a changed elevator are lost."""
         before, self.building = self.building, building
         (prepared_for, prepared), self._prepared = self._prepared, (None, {})
-        removed = [robot.name for robot in self.occupants.robots.values() if robot.floor not in building.floors]
+        kept = {former: now for former, now in lineage.floors(building.floors).items() if former in before.floors}
+        removed = [robot.name for robot in self.occupants.robots.values() if robot.floor not in kept]
         for robot in removed:
             self.remove(robot)
-        floors = {**(prepared if prepared_for is building else {}), **self.occupants.floors}
-        for name in building.floors.keys() - self.occupants.floors:
-            floors.setdefault(name, FloorPhysics((), self._steps, name)).set_steps(self._steps)
-        self.occupants.floors = {name: floors[name] for name in building.floors}
+        floors = {kept[former]: physics for former, physics in self.occupants.floors.items() if former in kept}
+        for name in building.floors.keys() - floors:
+            is_prepared = prepared_for is building and name in prepared
+            floors[name] = prepared[name] if is_prepared else FloorPhysics((), self._steps, name)
+            floors[name].set_steps(self._steps)
+        former_names = {now: former for former, now in kept.items()}
         for name in building.floors if prepared_for is not building else ():
-            if self._obstacles_differ(building, before, name):
-                self.occupants.floors[name].set_obstacles(fixed_obstacles(building, name))
-        self.occupants.update_objects(movables(before), movables(building))
-        self.elevators.update(building, self.time)
+            if self._obstacles_differ(building, name, before, former_names.get(name, "")):
+                floors[name].set_obstacles(fixed_obstacles(building, name))
+        self.occupants.use_floors({name: floors[name] for name in building.floors}, kept)
+        lost = self.occupants.update_objects(movables(building), lineage)
+        self.reservations.rename_floors(kept)
+        self.elevators.update(building, self.time, lineage, kept)
         self.refresh()
-        return removed
+        reason = "the map was edited"
+        return MapUpdate(
+            removed, [SimulationEvent(self.time, floor, "grip lost", (robot,), reason) for robot, floor in lost]
+        )
 
     # ---- robots ----
 
@@ -133,7 +152,7 @@ class SimulatedBuilding:
             for first, second in contacts:
                 self.occupants.count_collision(first, second)
                 self.occupants.count_collision(second, first)
-                bodies = tuple(owner(body) for body in (first, second) if body)
+                bodies = tuple(self.occupants.name_of(body) for body in (first, second) if body)
                 events.append(SimulationEvent(self.time, name, "collision", bodies))
             for robot in lost:
                 events.append(SimulationEvent(self.time, name, "grip lost", (owner(robot),)))
@@ -177,8 +196,8 @@ class SimulatedBuilding:
         self._steps = world.steps
         for physics in self.occupants.floors.values():
             physics.set_steps(world.steps)
-        for name, pose in world.objects.items():
-            self.occupants.move_object(name, Pose(*pose))
+        for name, record in world.objects.items():
+            self.occupants.restore_object(name, record)
         for description in robots:
             self.occupants.restore_robot(description, world.robots.get(description.name))
         present = self.occupants.robots.keys()

@@ -14,7 +14,7 @@ stay open until all are inside or the limit expires.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Container
+from collections.abc import Callable, Collection, Container, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -107,7 +107,7 @@ class Cabin:
         doorway: Callable[[], Doorway] = lambda: Doorway.FREE,
     ) -> None:
         self.elevator, self.heights = elevator, heights
-        self._doorway = doorway
+        self.doorway = doorway
         self.now = now
         self.doors = Doors.CLOSED
         self.floor = min(heights, key=lambda name: heights[name])
@@ -123,6 +123,19 @@ class Cabin:
         self.boarding: list[RideSession] = []
         #: Robot and reason of each session that the elevator ended, since the robot was too late.
         self.ended: list[tuple[str, str]] = []
+
+    def heights_on(self, floors: Mapping[str, str]) -> dict[str, float]:
+        """The heights of the served floors with other names of floors, by the present ones; without those that have
+        none."""
+        return {floors[floor]: height for floor, height in self.heights.items() if floor in floors}
+
+    def rename(self, elevator: Elevator, floors: Mapping[str, str]) -> None:
+        """Follow an edit of names: the elevator with its new ones, and those of all served floors, by the present
+        ones."""
+        self.elevator, self.heights = elevator, self.heights_on(floors)
+        self.floor, self._target = floors[self.floor], floors.get(self._target, "")
+        for session in self.sessions.values():
+            session.origin, session.destination = floors[session.origin], floors[session.destination]
 
     def start_open(self, floor: str) -> None:
         """Start at a floor with open doors, since something is between them."""
@@ -323,7 +336,7 @@ class Cabin:
                     direction = "in" if session.phase is RidePhase.BOARDING else "out"
                     self.cancel(session.robot, f"did not drive {direction} within {session.limit_s:g} s")
             if not self._start_alighting_and_boarding():
-                if self._doorway() is not Doorway.FREE:
+                if self.doorway() is not Doorway.FREE:
                     self._stay_open()
                     return False
                 self._set_doors(Doors.CLOSING)
@@ -374,7 +387,7 @@ class Cabin:
         """Sessions that wait on this floor, suit the cabin's trip and fit in, oldest call first; only those of parties
         while an object obstructs the doors."""
         waiting = [s for s in self.sessions.values() if s.phase is RidePhase.WAITING and s.origin == self.floor]
-        if waiting and self._doorway() is Doorway.OBSTRUCTED:
+        if waiting and self.doorway() is Doorway.OBSTRUCTED:
             waiting = [session for session in waiting if session.party]
         riders = self._riders_after_stop()
         leading = self._leading(waiting if is_held_open else self.sessions.values())

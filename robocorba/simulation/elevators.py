@@ -6,14 +6,18 @@ A cabin moves all bodies within its shaft; these belong to the floor where the r
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from functools import partial
+from itertools import count
 
+import msgspec
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.simulation import InvalidRide
 from robocorba.maps.geometry import shaft_polygon
-from robocorba.maps.model import Building, Elevator
+from robocorba.maps.lineage import SAME_NAMES, Lineage
+from robocorba.maps.model import Building, ElementKind, Elevator
 from robocorba.maps.movable import landing_doors
 from robocorba.simulation.body_names import is_robot, robot_body
 from robocorba.simulation.elevator import Cabin, Doorway, RidePhase, RideStatus
@@ -39,42 +43,69 @@ class Elevators:
         self.rides: Mapping[str, RideStatus] = {}
         #: Those of the map.
         self._served: Mapping[str, Elevator] = {}
-        self._last: dict[str, tuple[str, Doors]] = {}
-        self._shafts: dict[str, shapely.Polygon] = {}
-        #: Lines of closed doors, by elevator and floor.
-        self._landings: dict[tuple[str, str], BaseGeometry] = {}
+        self._shafts: dict[str, _Shaft] = {}
         self._idle: set[str] = set()
+        self._numbers = count()
 
-    def update(self, building: Building, now: float) -> None:
-        """Use an edited map at a simulated time [s]. Rides of a changed elevator are lost."""
+    def update(
+        self, building: Building, now: float, lineage: Lineage = SAME_NAMES, floors: Mapping[str, str] | None = None
+    ) -> None:
+        """Use an edited map at a simulated time [s]. Rides of an elevator are lost if more than names have changed.
+
+        lineage: which of its elevators are those of the present map. floors: names of its floors by their present
+        ones, by default the same."""
+        floors = floors or {name: name for name in building.floors}
         before, self._served = self._served, building.elevators
-        for name in [name for name in self.cabins if building.elevators.get(name) != before[name]]:
-            self._remove(name, before[name])
+        former_shafts, shafts = dict(self._shafts), {}
+        changed: dict[str, str] = {}
         for name, elevator in building.elevators.items():
+            origin = lineage.origin(ElementKind.ELEVATOR, "", name)
+            former = origin.name if origin else ""
             heights = {floor: building.floors[floor].floor.elevation for floor in elevator.floors()}
-            if name not in self.cabins or self.cabins[name].heights != heights:
-                landings = {floor: landing_doors(building, name, floor) for floor in heights}
-                self._add(name, Cabin(elevator, heights, now, partial(self._doorway, name)), landings)
-
-    def _add(self, name: str, cabin: Cabin, landings: Mapping[str, BaseGeometry]) -> None:
-        self.cabins[name] = cabin
-        self._shafts[name] = shaft_polygon(cabin.elevator)
-        self._last[name] = (cabin.floor, Doors.CLOSED)
-        for floor, landing in landings.items():
-            self._landings[name, floor] = landing
-            is_kept_open = self._occupants.floors[floor].is_crossed(landing) or self._is_anything_left(name, floor)
-            if is_kept_open and cabin.doors is not Doors.OPEN:
-                cabin.start_open(floor)
-                self._last[name] = (floor, Doors.OPEN)
+            shaft = former_shafts.get(former)
+            if (
+                shaft
+                and _renamed(before[former], name, floors) == elevator
+                and shaft.cabin.heights_on(floors) == heights
+            ):
+                shafts[name] = former_shafts.pop(former)
+                shaft.cabin.rename(elevator, floors)
+                shaft.rename(floors)
             else:
-                self._close_landing(name, floor)
+                changed[name] = floors.get(shaft.cabin.floor, "") if shaft else ""
+        for shaft in former_shafts.values():
+            self._remove(shaft, floors)
+        for name, former_floor in changed.items():
+            elevator = building.elevators[name]
+            heights = {floor: building.floors[floor].floor.elevation for floor in elevator.floors()}
+            landings = {floor: landing_doors(building, name, floor) for floor in heights}
+            shafts[name] = self._added(Cabin(elevator, heights, now), landings, former_floor)
+        self._shafts = shafts
+        self.cabins = {name: shafts[name].cabin for name in building.elevators}
 
-    def _remove(self, name: str, elevator: Elevator) -> None:
-        for floor in elevator.floors():
-            self._landings.pop((name, floor), None)
-            if floor in self._occupants.floors:
-                self._occupants.floors[floor].open_door(f"landing/{name}")
-        del self.cabins[name], self._last[name], self._shafts[name]
+    def _added(self, cabin: Cabin, landings: dict[str, BaseGeometry], former_floor: str) -> _Shaft:
+        """The shaft of a new cabin, which starts open on a floor where something is in its doors or its shaft: the
+        former floor if it is there, too."""
+        polygon, last = shaft_polygon(cabin.elevator), (cabin.floor, Doors.CLOSED)
+        shaft = _Shaft(next(self._numbers), cabin, polygon, landings, last)
+        cabin.doorway = partial(self._doorway, shaft)
+        for floor in sorted(landings, key=lambda floor: floor != former_floor):
+            if cabin.doors is not Doors.OPEN and self._is_in_use(shaft, floor):
+                cabin.start_open(floor)
+                shaft.last = (floor, Doors.OPEN)
+            else:
+                self._close_landing(shaft, floor)
+        return shaft
+
+    def _is_in_use(self, shaft: _Shaft, floor: str) -> bool:
+        """Whether a body is in a shaft or its doorway on a floor."""
+        is_crossed = self._occupants.floors[floor].is_crossed(shaft.landings[floor])
+        return is_crossed or bool(self._occupants.within(shaft.polygon, floor))
+
+    def _remove(self, shaft: _Shaft, floors: Mapping[str, str]) -> None:
+        for floor in shaft.landings:
+            if physics := self._occupants.floors.get(floors.get(floor, "")):
+                physics.open_door(shaft.door)
 
     # ---- rides ----
 
@@ -143,7 +174,7 @@ class Elevators:
         if len(self.states) == len(self.cabins) == len(idle) and idle == self._idle:
             return
         for name in idle - self._idle:
-            if self._is_anything_left(name, self.cabins[name].floor):
+            if self._is_anything_left(self._shafts[name]):
                 self.cabins[name].open()
                 idle.remove(name)
         self._idle = idle
@@ -153,7 +184,7 @@ class Elevators:
     def _detect_entry_and_exit(self, name: str, cabin: Cabin) -> None:
         """Advance the rides of robots that are completely inside or completely outside the cabin, with what they
         hold."""
-        shaft = self._shafts[name]
+        shaft = self._shafts[name].polygon
         for session in list(cabin.sessions.values()):
             if session.phase not in (RidePhase.BOARDING, RidePhase.ALIGHTING):
                 continue
@@ -175,39 +206,42 @@ class Elevators:
             return False
         of_party = {robot_body(session.robot) for session in cabin.sessions.values() if session.party == party}
         return any(
-            is_robot(body) and body not in of_party for body in self._occupants.within(self._shafts[name], cabin.floor)
+            is_robot(body) and body not in of_party
+            for body in self._occupants.within(self._shafts[name].polygon, cabin.floor)
         )
 
     def _apply_cabin_state(self, name: str, cabin: Cabin) -> None:
         """Open and close landing doors by the cabin's state; move the bodies in it when it changes floors."""
-        before, doors = self._last[name]
+        shaft = self._shafts[name]
+        before, doors = shaft.last
         if (cabin.floor, cabin.doors) == (before, doors):
             return
-        self._last[name] = (cabin.floor, cabin.doors)
+        shaft.last = (cabin.floor, cabin.doors)
         if cabin.floor != before:
-            self._occupants.transfer(self._occupants.within(self._shafts[name], before), before, cabin.floor)
+            self._occupants.exchange(shaft.polygon, before, cabin.floor)
         if cabin.doors is Doors.OPEN:
-            self._occupants.floors[cabin.floor].open_door(f"landing/{name}")
+            self._occupants.floors[cabin.floor].open_door(shaft.door)
         elif doors is Doors.OPEN:
-            self._close_landing(name, before)
+            self._close_landing(shaft, before)
 
-    def _doorway(self, elevator: str) -> Doorway:
+    def _doorway(self, shaft: _Shaft) -> Doorway:
         """What is between the open doors of an elevator."""
-        floor = self.cabins[elevator].floor
-        physics, landing = self._occupants.floors[floor], self._landings[elevator, floor]
-        if physics.is_obstructed(landing) or self._is_anything_left(elevator, floor):
+        floor = shaft.cabin.floor
+        physics, landing = self._occupants.floors[floor], shaft.landings[floor]
+        if physics.is_obstructed(landing) or self._is_anything_left(shaft):
             return Doorway.OBSTRUCTED
         return Doorway.IN_USE if physics.is_crossed(landing) else Doorway.FREE
 
-    def _is_anything_left(self, elevator: str, floor: str) -> bool:
-        """Whether an object is within an elevator's shaft on a floor that no robot with a ride there holds."""
-        objects = self._occupants.floors[floor].objects_within(self._shafts[elevator])
-        riders = map(robot_body, self.cabins[elevator].riders()) if objects else ()
-        held = {grip[0] for rider in riders if (grip := self._occupants.floors[floor].held(rider))}
+    def _is_anything_left(self, shaft: _Shaft) -> bool:
+        """Whether an object that no robot with a ride there holds is within a shaft on the cabin's floor."""
+        physics = self._occupants.floors[shaft.cabin.floor]
+        objects = physics.objects_within(shaft.polygon)
+        riders = map(robot_body, shaft.cabin.riders()) if objects else ()
+        held = {grip[0] for rider in riders if (grip := physics.held(rider))}
         return not held.issuperset(objects)
 
-    def _close_landing(self, elevator: str, floor: str) -> None:
-        self._occupants.floors[floor].close_door(f"landing/{elevator}", self._landings[elevator, floor])
+    def _close_landing(self, shaft: _Shaft, floor: str) -> None:
+        self._occupants.floors[floor].close_door(shaft.door, shaft.landings[floor])
 
     # ---- records ----
 
@@ -222,9 +256,38 @@ class Elevators:
                 cabin.restore(records[name], now, robots)
                 for session in cabin.sessions.values():
                     session.longest_wait_s = now - session.called_at + longest_wait_s(cabin, session.robot)
+                shaft = self._shafts[name]
                 for floor in cabin.heights:
-                    self._close_landing(name, floor)
-                self._last[name] = (cabin.floor, Doors.CLOSED)
+                    self._close_landing(shaft, floor)
+                shaft.last = (cabin.floor, Doors.CLOSED)
                 self._apply_cabin_state(name, cabin)
             else:
                 cabin.now = now
+
+
+@dataclass
+class _Shaft:
+    """The shaft of an elevator. number: its identity while names change. landings: lines of its closed doors, by floor.
+    last: floor and doors of the cabin, as they were applied last."""
+
+    number: int
+    cabin: Cabin
+    polygon: shapely.Polygon
+    landings: dict[str, BaseGeometry]
+    last: tuple[str, Doors]
+
+    @property
+    def door(self) -> str:
+        """Its door on a floor, for the physics."""
+        return f"landing/{self.number}"
+
+    def rename(self, floors: Mapping[str, str]) -> None:
+        """Follow the names of floors, by their present ones."""
+        self.landings = {floors[floor]: landing for floor, landing in self.landings.items()}
+        self.last = (floors[self.last[0]], self.last[1])
+
+
+def _renamed(elevator: Elevator, name: str, floors: Mapping[str, str]) -> Elevator:
+    """An elevator with other names: its own, and those of floors by their present ones."""
+    doors = tuple(msgspec.structs.replace(door, floor=floors.get(door.floor, "")) for door in elevator.doors)
+    return msgspec.structs.replace(elevator, name=name, doors=doors)

@@ -14,12 +14,14 @@ import msgspec
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import InvalidChoice, SessionExpired, SimulationError, UnknownRobot
+from robocorba.maps.lineage import SAME_NAMES, Lineage
 from robocorba.maps.model import Building
 from robocorba.simulation import omni_database, physics
 from robocorba.simulation.attended_time import AttendedTime
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.load_balance import LoadBalance
 from robocorba.simulation.omni_database import OmniDatabase
+from robocorba.simulation.record_names import with_present_names
 from robocorba.simulation.registry import Description, Registry, RobotClient, name_fault
 from robocorba.simulation.robot_scans import LastScan, RobotScan
 from robocorba.simulation.server_state import ServerState
@@ -53,7 +55,8 @@ class ManagementAgent:
 
     publish: called with each event in the simulation thread; must not block. session_began: called in that thread
     with each new session before its robot can use it, but not with restored ones. session_ended: called with each ended
-    session. After `start`, everything is thread-safe except `step`. Leases run from `begin_leases` on."""
+    session. lineage_since: says which elements of the map are those of an earlier version. After `start`, everything is
+    thread-safe except `step`. Leases run from `begin_leases` on."""
 
     def __init__(
         self,
@@ -63,6 +66,7 @@ class ManagementAgent:
         publish: Callable[[SimulationEvent], None] = lambda event: None,
         session_began: Callable[[Session], None] = lambda session: None,
         session_ended: Callable[[Session], None] = lambda session: None,
+        lineage_since: Callable[[int], Lineage] = lambda version: SAME_NAMES,
     ) -> None:
         self._store, self._publish = store, publish
         self._session_began, self._session_ended = session_began, session_ended
@@ -84,7 +88,7 @@ class ManagementAgent:
         self._event_rate = 0.0
         self._writer = StateWriter(store)
         self._are_leases_running = False
-        self._restore()
+        self._restore(lineage_since)
 
     def start(self) -> None:
         """Start simulated time and the writer."""
@@ -245,18 +249,22 @@ class ManagementAgent:
 
     # ---- the map ----
 
-    def follow_map(self, edited_map: Building, version: int) -> None:
+    def follow_map(self, edited_map: Building, version: int, lineage: Lineage = SAME_NAMES) -> None:
         """Use an edited map; log off the robots on removed floors. The simulation goes on meanwhile, however large the
-        edit is. One thread at a time. Raises SimulationBusy."""
+        edit is. lineage: which of its elements are those of the present map. One thread at a time.
+
+        Raises SimulationBusy."""
 
         def change() -> None:
-            for name in self.simulated.update(edited_map):
+            removed, events = self.simulated.update(edited_map, lineage)
+            self._report(events)
+            for name in removed:
                 client = self.registry.find(name)
                 self._close_session(client)
                 self._writer.forget(client.key)
             self.database.map_version = version
 
-        for preparation in self.simulated.preparations(edited_map):
+        for preparation in self.simulated.preparations(edited_map, lineage):
             self.loop.do(preparation)
         self.loop.do(change)
 
@@ -278,12 +286,14 @@ class ManagementAgent:
 
     # ---- internals, in the caller's thread ----
 
-    def _restore(self) -> None:
+    def _restore(self, lineage_since: Callable[[int], Lineage]) -> None:
         """Restore the building and the sessions from the store, before the simulation thread starts."""
         records = self._store.clients()
         # A kill between a log-off and its write can leave two records of one name: the later one counts.
         clients = {record.name: record for record in records if record.name not in self.registry.kept_out}
         world = self._store.world() or self.simulated.record()
+        if world.map_version not in (0, self.database.map_version):
+            world = with_present_names(world, self.simulated.building, lineage_since(world.map_version))
         # The world record may hold the pose of an earlier robot of the same name.
         robots = {
             name: robot
@@ -364,7 +374,7 @@ class ManagementAgent:
 
     def _record(self) -> WorldRecord:
         keys = {client.name: client.key for client in self.registry.clients}
-        return msgspec.structs.replace(self.simulated.record(), keys=keys)
+        return msgspec.structs.replace(self.simulated.record(), keys=keys, map_version=self.database.map_version)
 
     def _housekeeping(self) -> None:
         self._lease_time.attend()

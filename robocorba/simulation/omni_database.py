@@ -163,7 +163,8 @@ class _FloorVersions:
         for row, name in enumerate(bodies):
             if name in kept and np.array_equal(rows[row], self._rows[row_before[name]]):
                 moved_in[row] = self._moved_in[row_before[name]]
-        self._departed.extend((version, body.number) for name, body in self._bodies.items() if name not in kept)
+        numbers = {body.number for body in bodies.values()}  # those that are not kept have another name or outline
+        self._departed.extend((version, body.number) for body in self._bodies.values() if body.number not in numbers)
         while len(self._departed) > MAX_DEPARTED:
             self._oldest = self._departed.popleft()[0]
         self._arrived_in = {name: self._arrived_in[name] if name in kept else version for name in bodies}

@@ -381,6 +381,16 @@ class FloorPhysics:
         self._packed_commands[name] = _BRAKE
         self._has_new_commands = True
 
+    def rename(self, name: str) -> None:
+        """Take another name."""
+        if name != self.name:
+            self.name = name
+            self.renew()
+
+    def renew(self) -> None:
+        """Let readers of `snapshot` look at all bodies again."""
+        self._has_changed = True
+
     @property
     def size(self) -> int:
         """Number of bodies."""

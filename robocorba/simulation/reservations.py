@@ -34,6 +34,8 @@ MAX_LIMIT_S = 600.0
 KEPT_S = 20.0
 #: Maximum number of alternatives of a request.
 MAX_ALTERNATIVES = 4
+#: The floor of areas whose floor is gone while another one has its name.
+GONE = ""
 #: Each area is shrunk by this margin [m], so that rounding does not make adjacent areas overlap.
 EDGE_M = 0.001
 
@@ -195,6 +197,16 @@ class Reservations:
                 self._grant()
                 return
         raise InvalidReservation("former", f"nothing is kept of {former[:80]!r}")
+
+    def rename_floors(self, names: Mapping[str, str]) -> None:
+        """Follow the map: names of its floors by their former ones. Areas of floors that are gone block nobody."""
+
+        def now(floor: str) -> str:
+            return names.get(floor, GONE if floor in names.values() else floor)
+
+        for request in (*self.requests.values(), *self._kept):
+            request.areas = tuple((now(floor), polygon) for floor, polygon in request.areas)
+            request.shapes = {now(floor): shape for floor, shape in request.shapes.items()}
 
     def _release_others(self, request: QueuedRequest) -> None:
         """The areas of a request have changed: others that no longer overlap it do not wait for it any more."""

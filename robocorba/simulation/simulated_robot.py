@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from robocorba.errors.simulation import InvalidCommand
-from robocorba.simulation.body_names import owner, robot_body
+from robocorba.simulation.body_names import robot_body
 from robocorba.simulation.physics import FloorPhysics
 from robocorba.simulation.registry import Description
 from robocorba.spatial.pose import RobotMotion
@@ -22,17 +22,25 @@ MAX_JOINTS = 64
 
 
 class SimulatedRobot:
-    """A robot in the building. Its methods and `holding` are thread-safe."""
+    """A robot in the building. Its methods and `holding` are thread-safe. name_of: names an object by its body."""
 
     __slots__ = (
-        *("_held", "_last", "body", "collisions", "description", "floor", "number", "physics", "posture"),
+        *("_held", "_last", "_name_of", "body", "collisions", "description", "floor", "number", "physics", "posture"),
         *("_stops", "touched"),
     )
 
-    def __init__(self, description: Description, number: int, floor: str, physics: FloorPhysics) -> None:
+    def __init__(
+        self,
+        description: Description,
+        number: int,
+        floor: str,
+        physics: FloorPhysics,
+        name_of: Callable[[str], str],
+    ) -> None:
         self.description, self.number = description, number
         self.body = robot_body(description.name)
         self.floor, self.physics = floor, physics
+        self._name_of = name_of
         self.collisions = 0
         #: Name of the robot or object of the last collision; empty for a static obstacle.
         self.touched = ""
@@ -83,8 +91,8 @@ class SimulatedRobot:
         """Name of the held object after the last step; empty for none."""
         snapshot = self.physics.snapshot
         if self.body in snapshot.row_of:  # else it was just added or is changing floors
-            self._held = owner(snapshot.held.get(self.body, ""))
-        return self._held
+            self._held = snapshot.held.get(self.body, "")
+        return self._name_of(self._held)
 
     def state(self) -> RobotMotion:
         """Pose and velocity after the last step."""

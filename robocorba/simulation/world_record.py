@@ -16,6 +16,16 @@ class RobotRecord(msgspec.Struct, frozen=True, array_like=True):
     collisions: int = 0
 
 
+class ObjectRecord(msgspec.Struct, frozen=True, array_like=True):
+    """An object's pose [m, rad]. map_pose: the one that it had on the map; None in records of earlier releases."""
+
+    floor: str
+    x: float
+    y: float
+    heading: float
+    map_pose: tuple[str, float, float, float] | None = None
+
+
 class RideRecord(msgspec.Struct, frozen=True, array_like=True):
     """A ride. called_at: simulated time [s]. inside: whether the robot is in the cabin."""
 
@@ -53,13 +63,17 @@ class ReservationRecord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class WorldRecord(msgspec.Struct, frozen=True, array_like=True):
-    """The world after `steps` steps: robots, movable objects (floor, x, y, heading) and elevators, by name."""
+    """The world after `steps` steps: robots, elevators, and movable objects that are not where the map has them.
+
+    All by name. Objects have the name FLOOR/NAME of the map; in records of earlier releases that of `movables`."""
 
     steps: int
     robots: dict[str, RobotRecord]
-    objects: dict[str, tuple[str, float, float, float]]
+    objects: dict[str, ObjectRecord]
     cabins: dict[str, CabinRecord]
     #: Digests of the secrets of the robots' sessions, by name.
     keys: dict[str, str] = {}
     #: In the order of the requests.
     reservations: list[ReservationRecord] = []
+    #: Version of the map whose names these are; 0 in records of earlier releases.
+    map_version: int = 0

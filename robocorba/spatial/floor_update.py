@@ -44,8 +44,8 @@ class Body(NamedTuple):
 class FloorUpdate(NamedTuple):
     """Changes of a floor from version `since` to `version`; the whole floor if `since` is WHOLE.
 
-    time: simulated [s]. came: added bodies. went: numbers of removed bodies. motions: rows of MOTION of moved bodies.
-    elevators: changed elevators that serve the floor, by name."""
+    time: simulated [s]. came: bodies that were added, or have another name or outline. went: numbers of removed bodies.
+    motions: rows of MOTION of moved bodies. elevators: changed elevators that serve the floor, by name."""
 
     floor: str
     since: int

@@ -78,8 +78,8 @@ class Crowd:
 
     def carried(self, thing: str, to: tuple[float, float]) -> None:
         """Move an object to another place."""
-        before, floor = self.world.occupants.objects[thing]
-        self.world.occupants.move_object(thing, Pose(floor, *to, before.heading))
+        item = self.world.occupants.objects[thing]
+        self.world.occupants.move_object(thing, Pose(item.floor, *to, item.map_object.heading))
         for _ in range(FOLLOW_STEPS):
             self._step()
 

@@ -35,7 +35,7 @@ def crowd(floor: str = "L2") -> Place:
 def all_obstacles(place: Place, floor: str) -> dict[str, list[BaseGeometry]]:
     """Shapes of all obstacles except robots, by name."""
     building, physics = place.world.building, place.world.occupants.floors[floor]
-    movable = {item.name for item, _ in place.world.occupants.objects.values()}
+    movable = {item.map_object.name for item in place.world.occupants.objects.values()}
     found: dict[str, list[BaseGeometry]] = {}
     for item in obstacles(building, floor):
         if item.kind != "object" or item.name not in movable:
@@ -43,10 +43,10 @@ def all_obstacles(place: Place, floor: str) -> dict[str, list[BaseGeometry]]:
     for name, state in place.world.elevators.states_on(floor).items():
         if state.floor != floor or state.doors is not Doors.OPEN:
             found.setdefault(name, []).append(landing_doors(building, name, floor))
-    for name, (item, object_floor) in place.world.occupants.objects.items():
-        if object_floor == floor:
-            x, y, heading = physics.pose(f"object/{name}")
-            turned = shapely.affinity.rotate(object_outline(item), heading, (0, 0), use_radians=True)
+    for name, item in place.world.occupants.objects.items():
+        if item.floor == floor:
+            x, y, heading = physics.pose(item.body)
+            turned = shapely.affinity.rotate(object_outline(item.map_object), heading, (0, 0), use_radians=True)
             found.setdefault(name, []).append(shapely.affinity.translate(turned, x, y))
     return found
 
@@ -83,7 +83,7 @@ def _scenes() -> list[Place]:
         for one in place.world.occupants.robots.values():
             one.command(0.3, 0.1 * number, 0.3, 5.0)
         place.run(2.0 * number)
-        assert place.world.occupants.floors["L2"].pose("object/plate")[0] > 2.1
+        assert place.world.occupants.object_pose("plate").x > 2.1
     scenes[3].world.add(robot("caller", "L2", 5.0, 2.0))
     scenes[3].world.elevators.call("caller", "E1", "L1")
     while scenes[3].world.elevators.states["E1"].doors is not Doors.OPEN:

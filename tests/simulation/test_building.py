@@ -117,13 +117,15 @@ def test_an_edit_of_the_map_is_followed(world: SimulatedBuilding) -> None:
     enter(world, "B", "L2", 5.0, 2.0, 0.0)
     world.occupants.robots["A"].command(0.5, 0.0, 0.0, 5.0)
     run(world, 0.5)
-    before = world.occupants.objects["T1"]
+    before = world.occupants.objects["T1"].number
     edited = world.building.with_element("L1", Wall("W2", (6.5, 0.0), (6.5, 4.0)))
-    assert world.update(edited) == []
+    assert world.update(edited) == ([], [])
     run(world, 4.0)
     assert world.occupants.pose("A").x == pytest.approx(6.1, abs=0.02)
-    assert world.occupants.objects["T1"] == before
-    assert world.update(edited.without(ElementKind.FLOOR, "", "L2").without(ElementKind.ELEVATOR, "", "E1")) == ["B"]
+    assert world.occupants.objects["T1"].number == before
+    assert world.update(
+        edited.without(ElementKind.FLOOR, "", "L2").without(ElementKind.ELEVATOR, "", "E1")
+    ).removed == ["B"]
     assert not world.elevators.cabins and list(world.occupants.floors) == ["L1"]
     world.occupants.robots["A"].command(-0.5, 0.0, 0.0, 5.0)
     run(world, 1.0)
@@ -134,13 +136,14 @@ def test_an_object_that_was_moved_stays_there_until_the_map_moves_it(world: Simu
     enter(world, "A", "L1", 1.0, 2.0)
     world.occupants.robots["A"].command(0.5, 0.0, 0.0, 3.0)
     run(world, 3.0)
-    pushed = world.record().objects["T1"]
-    assert pushed[1] > 2.1
+    pushed = world.record().objects["L1/T1"]
+    assert pushed.x > 2.1
     world.update(world.building.with_element("L1", Wall("W2", (9.0, 0.0), (9.0, 1.0))))
-    assert world.record().objects["T1"] == pushed
+    assert world.record().objects["L1/T1"] == pushed
     moved = MapObject("T1", BoxShape((1.0, 0.6)), (2.0, 8.0), movable=True)
     world.update(world.building.with_element("L1", moved))
-    assert world.record().objects["T1"] == ("L1", 2.0, 8.0, 0.0)
+    assert world.record().objects == {}
+    assert world.occupants.object_pose("T1") == Pose("L1", 2.0, 8.0, 0.0)
 
 
 def test_a_prepared_edit_leaves_little_to_do(world: SimulatedBuilding) -> None:
@@ -165,7 +168,15 @@ def test_objects_of_one_name_on_two_floors_are_two() -> None:
     table = MapObject("T1", BoxShape((0.4, 0.4)), (2.0, 8.0), movable=True)
     world = SimulatedBuilding(tower().with_element("L2", table))
     assert set(world.occupants.objects) == {"L1/T1", "L2/T1"}
-    run(world, 0.1)
+    with pytest.raises(InvalidChoice, match=r"'T1': write L1/T1 or L2/T1"):
+        world.place("T1", Pose("L1", 6.0, 2.0))
+    world.place("L2/T1", Pose("L1", 2.0, 2.9))
+    enter(world, "A", "L1", 1.0, 2.0)
+    with pytest.raises(CannotGrip, match=r"'T1': write L1/T1 or L2/T1"):
+        world.occupants.grip("A", "T1", (1.6, 2.0))
+    world.place("L2/T1", Pose("L2", 2.0, 8.0))
+    world.occupants.grip("A", "T1", (1.6, 2.0))  # there is only one on its floor
+    assert world.occupants.robots["A"].holding == "L1/T1"
 
 
 def test_a_record_restores_robots_grips_and_rides(world: SimulatedBuilding) -> None:
@@ -230,13 +241,13 @@ def test_an_object_is_placed_and_those_who_held_it_learn_so(world: SimulatedBuil
     events = world.place("T1", Pose("L2", 2.0, 7.0, 1.0))
     assert [(event.kind, event.who) for event in events] == [("grip lost", ("A",)), ("placed", ("T1",))]
     assert world.occupants.robots["A"].holding == ""
-    assert world.occupants.objects["T1"][1] == "L2"
-    assert world.occupants.floors["L2"].pose("object/T1") == pytest.approx((2.0, 7.0, 1.0))
+    assert world.occupants.objects["T1"].floor == "L2"
+    assert world.occupants.object_pose("T1") == pytest.approx(Pose("L2", 2.0, 7.0, 1.0))
     world.place("T1", Pose("L1", 2.0, 2.0, 0.3))
     world.occupants.grip("A", "T1", (1.5, 2.0))
     events = world.place("A", Pose("L1", 7.0, 2.0, 0.0))
     assert [(event.kind, event.who) for event in events] == [("grip lost", ("A",)), ("placed", ("A",))]
-    assert world.occupants.floors["L1"].pose("object/T1") == pytest.approx((2.0, 2.0, 0.3))
+    assert world.occupants.object_pose("T1") == pytest.approx(Pose("L1", 2.0, 2.0, 0.3))
 
 
 @pytest.mark.parametrize(
@@ -262,7 +273,7 @@ def test_a_body_may_be_placed_over_its_own_place(world: SimulatedBuilding) -> No
     enter(world, "A", "L1", 7.0, 2.0)
     world.place("A", Pose("L1", 7.1, 2.0, 0.0))
     world.place("T1", Pose("L1", 2.1, 2.0, 0.0))
-    assert world.occupants.floors["L1"].pose("object/T1") == pytest.approx((2.1, 2.0, 0.0))
+    assert world.occupants.object_pose("T1") == pytest.approx(Pose("L1", 2.1, 2.0, 0.0))
 
 
 def test_an_impossible_placing_is_refused(world: SimulatedBuilding) -> None:

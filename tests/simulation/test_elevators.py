@@ -173,7 +173,7 @@ def test_doors_with_something_between_them_on_the_map_begin_open() -> None:
     world = with_a_box((5.0, 4.0))
     run(world, 5.0)
     assert (world.elevators.cabins["E1"].floor, world.elevators.cabins["E1"].doors) == ("L2", Doors.OPEN)
-    assert world.occupants.floors["L2"].pose("object/box") == pytest.approx((5.0, 4.0, 0.0), abs=1e-9)
+    assert world.occupants.object_pose("box") == pytest.approx(Pose("L2", 5.0, 4.0, 0.0), abs=1e-9)
     enter(world, "A", "L1", 5.0, 2.5, math.pi / 2)
     world.occupants.robots["A"].command(0.5, 0.0, 0.0, 5.0)
     run(world, 6.0)
@@ -219,7 +219,7 @@ def test_doors_never_close_on_arms_that_hold_something() -> None:
     run(world, 0.5)
     gap = (
         world.occupants.pose("A").y + world.occupants.robots["A"].description.radius_m,
-        world.occupants.floors["L2"].pose("object/box")[1] - 0.2,
+        world.occupants.object_pose("box").y - 0.2,
     )
     assert gap[0] < 4.0 < gap[1]
     run(world, 30.0)
@@ -329,7 +329,7 @@ def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPa
     world.step()
     assert world.occupants.robots["A"].holding == "T2"
     assert set(seen) == {"T2"}
-    assert world.occupants.objects["T2"][1] == "L2"
+    assert world.occupants.objects["T2"].floor == "L2"
 
 
 def test_a_robot_has_left_the_cabin_once_what_it_holds_has() -> None:
@@ -344,7 +344,7 @@ def test_a_robot_has_left_the_cabin_once_what_it_holds_has() -> None:
         with_object_in_doors += world.occupants.pose("A").y < 4.0 - 0.5
     assert with_object_in_doors > 10
     assert world.occupants.robots["A"].holding == "T2"
-    assert world.occupants.robots["A"].physics.pose("object/T2")[1] < 4.0 - 0.2
+    assert world.occupants.object_pose("T2").y < 4.0 - 0.2
 
 
 def test_the_shaft_of_an_elevator_blocks_no_floor_above_it(world: SimulatedBuilding) -> None:

@@ -333,7 +333,7 @@ def test_a_placed_body_is_there_after_a_kill(store: SimulationStore) -> None:
         agent.place("A", Pose("L1", 6.0, 2.0, 0.0))
     after = ManagementAgent(tower(), 7, store)  # the first one was not closed
     assert after.simulated.occupants.pose("A") == pytest.approx(Pose("L2", 3.0, 3.0, 1.0))
-    assert after.simulated.occupants.floors["L1"].pose("object/T1") == pytest.approx((6.0, 2.0, 1.0))
+    assert after.simulated.occupants.object_pose("T1") == pytest.approx(Pose("L1", 6.0, 2.0, 1.0))
 
 
 def test_postures_reservations_and_scans_of_a_robot_end_with_its_session(agent: ManagementAgent) -> None:

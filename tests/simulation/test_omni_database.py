@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import UpdateMismatch
+from robocorba.maps.model import BoxShape, MapObject
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.physics import STEP_S
@@ -62,6 +63,19 @@ def test_updates_hold_the_whole_floor_then_changes() -> None:
     world.remove("A")
     world.refresh()
     view.apply(database.changes("L1", view.version))
+    assert same(view, world)
+
+
+def test_a_renamed_object_is_the_same_body() -> None:
+    world = SimulatedBuilding(tower())
+    database, view = OmniDatabase(world), FloorView("L1")
+    view.apply(database.floor("L1"))
+    number = world.occupants.objects["T1"].number
+    world.update(world.building.with_element("L2", MapObject("T1", BoxShape((0.4, 0.4)), (2.0, 8.0), movable=True)))
+    update = database.changes("L1", view.version)
+    assert [(body.number, body.name) for body in update.came] == [(number, "L1/T1")]
+    assert update.went == []
+    view.apply(update)
     assert same(view, world)
 
 

@@ -9,7 +9,14 @@ import pytest
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.simulation.store import MAX_DOCUMENT, AdministratorSettings, ClientRecord, Mission, SimulationStore
-from robocorba.simulation.world_record import CabinRecord, ReservationRecord, RideRecord, RobotRecord, WorldRecord
+from robocorba.simulation.world_record import (
+    CabinRecord,
+    ObjectRecord,
+    ReservationRecord,
+    RideRecord,
+    RobotRecord,
+    WorldRecord,
+)
 from tests.simulation.places import robot
 
 
@@ -17,7 +24,7 @@ def test_all_records_are_restored(tmp_path: Path) -> None:
     world = WorldRecord(
         9,
         {"A": RobotRecord("L1", 1.0, 2.0, 0.5, ("T1", 1.1, 2.2), 3)},
-        {"T1": ("L1", 0.1, 0.2, 0.3)},
+        {"L1/T1": ObjectRecord("L1", 0.1, 0.2, 0.3, ("L1", 0.0, 0.0, 0.0))},
         {"E1": CabinRecord("L1", [RideRecord("A", "L1", "L2", 0.4, 7.5, True, "table", 2)])},
         reservations=[ReservationRecord("A", (("L1", ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0))),), 60.0, None)],
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from itertools import chain
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from robocorba.corba.remote.remote_object import RemoteObject, translated
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.maps.edits import MapChange
+from robocorba.maps.lineage import FOLLOWED, SAME_NAMES, Lineage
 from robocorba.maps.model import Building, ElementKind
 from robocorba.maps.pages import (
     EVERYTHING,
@@ -41,6 +43,8 @@ _TOPOLOGICAL_KINDS = (ElementKind.NODE, ElementKind.EDGE)
 _FLOOR_KINDS = (ElementKind.FLOOR, ElementKind.ELEVATOR, ElementKind.WALL, ElementKind.OBJECT, ElementKind.DOOR)
 #: Maximum number of attempts to load a building while others replace it.
 MAX_LOADS = 3
+
+_log = logging.getLogger(__name__)
 
 
 class RemoteMap:
@@ -71,6 +75,24 @@ class RemoteMap:
         except CORBA.SystemException as error:
             raise NotReachable(f"the map editor does not answer ({describe(error)})") from None
         return self.version != before
+
+    def lineage(self, since: int) -> Lineage:
+        """Which elements of the copy are those of an earlier version; by their names if its changes are not kept any
+        more. Raises NotReachable."""
+        part, changes, position = maps.selection(Selection(FOLLOWED)), list[MapChange](), ChangePosition(since)
+        try:
+            while position.since < self.version:
+                page = self._editor.readChanges(maps.position(position), part, 0)
+                changes += maps.changes_of(page.changes)
+                position = maps.position_of(page.next)
+                if page.isLast:
+                    break
+        except RoboCorba.VersionUnavailable:
+            _log.warning("the changes of the map since version %d are not kept any more: elements go by names", since)
+            return SAME_NAMES
+        except CORBA.SystemException as error:
+            raise NotReachable(f"the map editor does not answer ({describe(error)})") from None
+        return Lineage(change for change in changes if change.version <= self.version)
 
     def _load(self) -> None:
         """Load the building at least as it is now."""

@@ -15,7 +15,7 @@ from robocorba.corba.remote.path_planner import RemotePlanner
 from robocorba.errors.robots import MissionFailed
 from robocorba.maps.geometry import Obstacle
 from robocorba.maps.model import Building
-from robocorba.maps.movable import movables
+from robocorba.maps.movable import movables, not_found
 from robocorba.missions.obstacles import placed
 from robocorba.missions.world import MovableObject, StandingRobot
 from robocorba.planning.request import Path, PathRequest
@@ -48,8 +48,7 @@ class RemoteWorld:
             if found.name == name:
                 height_m = on_map[name][0].height if name in on_map else 0.0
                 return found._replace(height_m=height_m)
-        known = ", ".join(sorted(found.name for found in self._movables())) or "none"
-        raise MissionFailed(f"there is no object {name[:80]!r} that can be carried; there are {known}")
+        raise MissionFailed(not_found(name, [found.name for found in self._movables()]))
 
     def others(self, carried: str) -> dict[str, list[Obstacle]]:
         """All movable objects except `carried`, by floor."""
