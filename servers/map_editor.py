@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with Orb(settings.naming, settings.endpoint) as orb:
             servant = MapEditorServant(sessions, orb)
             CallLimit(READING).apply(servant, "elements", "editsSince")
-            CallLimit(ANALYSING).apply(servant, "exportMap", "check", "checkFloor")
+            CallLimit(ANALYSING).apply(servant, "exportMap", "check", "checkFloor", "buildTopologicalMap")
             keeping = Repeating("keep", lambda: keep(sessions), KEEP_INTERVAL_S).start()
             orb.serve({"MapEditor": servant, "PathPlanner": PathPlannerServant(planner)})
             with closing(keeping):

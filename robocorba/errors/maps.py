@@ -96,6 +96,16 @@ class ServerBusy(MapError):
     """The map editor serves long requests of others; nothing was done. Try again."""
 
 
+class TooSlow(MapError):
+    """`what` takes longer than `limit_s`; nothing was changed."""
+
+    def __init__(self, what: str, limit_s: float) -> None:
+        self.what, self.limit_s = what, limit_s
+        super().__init__(
+            f"{what} takes longer than {limit_s:g} s: is the map drawn in metres? `robocorba map` works without a limit"
+        )
+
+
 class ReplyTooLarge(MapError):
     """The answer does not fit into a message; read it in pages."""
 

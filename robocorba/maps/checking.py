@@ -5,8 +5,11 @@ A finding is not a broken rule: the building can be served, and the finding disa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
+
+import shapely
+from shapely import Polygon
 
 from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.errors.places import near
@@ -15,10 +18,13 @@ from robocorba.maps.geometry import bounds
 from robocorba.maps.model import KIND_OF, Building, ElementKind, Elevator
 from robocorba.maps.plan_defects import plan_defects
 from robocorba.maps.reachability import Reachability
+from robocorba.maps.time_limit import no_limit
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Radii of robots that a floor can be checked for [m].
 MIN_RADIUS_M, MAX_RADIUS_M = 0.05, 5.0
+#: A floor is hardly larger than this, or smaller [m²]: the largest buildings have about 1 km².
+MAX_FLOOR_M2, MIN_FLOOR_M2 = 1e6, 5.0
 
 
 class MapFinding(NamedTuple):
@@ -36,23 +42,33 @@ class MapFinding(NamedTuple):
     subject: str
 
 
-def findings(building: Building, radius_m: float = SMARTPAL_RADIUS_M) -> list[MapFinding]:
-    """Blocked nodes and edges, all that a robot of `radius_m` can't reach, and defects of the plans."""
-    return _of_roads(building, radius_m) + [
-        each for floor in building.floors for each in _plan(building, floor, radius_m)
-    ]
+def findings(
+    building: Building, radius_m: float = SMARTPAL_RADIUS_M, check_time: Callable[[], None] = no_limit
+) -> list[MapFinding]:
+    """Blocked nodes and edges, all that a robot of `radius_m` can't reach, and defects of the plans. `check_time` is
+    called often, and may raise an error to end the work."""
+    found = _of_roads(building, radius_m, check_time)
+    for floor in building.floors:
+        for finding in _plan(building, floor, radius_m):
+            check_time()
+            found.append(finding)
+    return found
 
 
-def _of_roads(building: Building, radius_m: float) -> list[MapFinding]:
+def _of_roads(building: Building, radius_m: float, check_time: Callable[[], None]) -> list[MapFinding]:
     """Blocked nodes and edges, and all that a robot of `radius_m` can't reach, floor by floor."""
-    reach = Reachability(building, radius_m)
+    reach = Reachability(building, radius_m, check_time)
     found = list(blocked(building))
     for floor in building.floors:
+        check_time()
         found += _nodes(building, floor, reach)
+    found += _in_other_units(building)
     return found + list(_floors(building, reach)) + list(_elevators(building, reach))
 
 
-def floor_findings(building: Building, floor: str, radius_m: float) -> list[MapFinding]:
+def floor_findings(
+    building: Building, floor: str, radius_m: float, check_time: Callable[[], None] = no_limit
+) -> list[MapFinding]:
     """The findings of one floor and of the elevators that serve it, which are placed on it.
 
     Raises UnknownElement, InvalidElement for the radius."""
@@ -62,7 +78,7 @@ def floor_findings(building: Building, floor: str, radius_m: float) -> list[MapF
         reason = f"the radius of the robot must be from {MIN_RADIUS_M:g} to {MAX_RADIUS_M:g} m, not {radius_m:g}"
         raise InvalidElement(ElementKind.FLOOR.value, "", floor, reason)
     found = []
-    for finding in _of_roads(building, radius_m):
+    for finding in _of_roads(building, radius_m, check_time):
         if finding.kind is ElementKind.ELEVATOR:
             if floor in building.elevators[finding.name].floors():
                 found.append(finding._replace(where=(floor, *finding.where[1:])))
@@ -137,6 +153,18 @@ def _plan(building: Building, floor: str, radius_m: float) -> Iterator[MapFindin
         on_floor, name = (floor, defect.name) if defect.name else ("", floor)
         subject = f"{defect.name} {near(*defect.at)}".lstrip()
         yield MapFinding(defect.kind, on_floor, name, where, defect.reason, summary, subject)
+
+
+def _in_other_units(building: Building) -> Iterator[MapFinding]:
+    """Floors that are larger than any building."""
+    for floor, entry in building.floors.items():
+        outline = entry.floor.outline
+        plan = Polygon(outline) if outline else shapely.box(*bounds(building, floor))
+        if plan.area > MAX_FLOOR_M2:
+            unit = "millimetres" if plan.area * 1e-6 >= MIN_FLOOR_M2 else "centimetres"
+            reason = f"it is {plan.area * 1e-6:,.0f} km² large: is it drawn in {unit} instead of metres?"
+            where, summary = (floor, plan.centroid.x, plan.centroid.y), "very large floors ({n}): {names}"
+            yield MapFinding(ElementKind.FLOOR, "", floor, where, reason, summary, f"{floor} ({reason[6:]})")
 
 
 def _floors(building: Building, reach: Reachability) -> Iterator[MapFinding]:

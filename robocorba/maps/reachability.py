@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from robocorba.errors.maps import describe
 from robocorba.maps.collisions import TOUCH_M, all_paths, obstacle_label
 from robocorba.maps.geometry import Obstacle, obstacles
 from robocorba.maps.model import Building
+from robocorba.maps.time_limit import no_limit
 from robocorba.spatial.pose import XY
 
 IN_ONLY, OUT_ONLY = "entered but not left", "left but not entered"
@@ -41,8 +42,9 @@ class EdgeClearance(NamedTuple):
 class Reachability:
     """Reachability on the roadmap of `building` for a robot of `radius_m`."""
 
-    def __init__(self, building: Building, radius_m: float) -> None:
-        self._building, self.radius_m = building, radius_m
+    def __init__(self, building: Building, radius_m: float, check_time: Callable[[], None] = no_limit) -> None:
+        """`check_time` is called often, and may raise an error to end the work."""
+        self._building, self.radius_m, self._check_time = building, radius_m, check_time
         nodes = ((floor, name) for floor, entry in building.floors.items() for name in entry.topological.nodes)
         self._index = {node: i for i, node in enumerate(nodes)}
         self._stops = _stops(building)
@@ -130,6 +132,7 @@ class Reachability:
 
     def _edges_closed(self, floor: str) -> dict[str, EdgeClearance]:
         """Edges that are blocked or too narrow for the robot."""
+        self._check_time()
         paths = all_paths(self._building.floors[floor].topological)
         closed = {
             edge.name: EdgeClearance(edge.clearance, f"is for robots of at most {edge.clearance:g} m")
@@ -169,8 +172,12 @@ class Reachability:
         lifts = [lift.at for lift in self._building.elevators.values() if floor in lift.floors()]
         anchors = np.array([*(nodes[name].at for name in parts[0]), *lifts])
         enclosures = _Enclosures(obstacles(self._building, floor), self.radius_m, anchors)
-        rest = (name for part in parts[1:] for name in part if name not in self._too_close[floor])
-        return [name for name in rest if enclosures.is_enclosed(nodes[name].at)]
+        enclosed = []
+        for name in (name for part in parts[1:] for name in part if name not in self._too_close[floor]):
+            self._check_time()
+            if enclosures.is_enclosed(nodes[name].at):
+                enclosed.append(name)
+        return enclosed
 
     def _nearest(self, floor: str, shapes: NDArray[np.object_]) -> dict[int, tuple[float, str]]:
         """For each shape closer to an obstacle than the radius: the distance [m] and name of the nearest obstacle."""

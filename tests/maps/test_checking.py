@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
+from robocorba.errors.maps import TooSlow
 from robocorba.maps.checking import MapFinding, blocked, findings, summaries
 from robocorba.maps.model import (
     Building,
@@ -21,6 +22,7 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.maps.samples import SAMPLES, load_sample
+from robocorba.maps.time_limit import TimeLimit
 from robocorba.testing.buildings import grid, two_floors, with_all
 
 APART = "nodes of L1 not connected with the rest of it for a robot of radius 0.40 m (1): "
@@ -189,3 +191,24 @@ def test_a_floor_whose_road_map_no_elevator_connects() -> None:
             "L2",
         )
     ]
+
+
+@pytest.mark.parametrize(
+    ("scale", "sentence"),
+    [
+        (1000.0, "very large floors (1): L1 (200 km² large: is it drawn in millimetres instead of metres?)"),
+        (100.0, "very large floors (1): L1 (2 km² large: is it drawn in centimetres instead of metres?)"),
+        (50.0, ""),
+    ],
+)
+def test_a_floor_that_is_larger_than_any_building(scale: float, sentence: str) -> None:
+    outline = tuple((x * scale, y * scale) for x, y in OUTLINE)
+    building = with_all(Building("b"), [("", Floor(name="L1", level=1, elevation=0.0, outline=outline))])
+    assert reported(building) == ((sentence,) if sentence else ())
+
+
+def test_a_check_ends_at_its_time_limit() -> None:
+    now = iter(range(1000))
+    with pytest.raises(TooSlow, match="the check takes longer than 3 s"):
+        findings(load_sample("five-floors"), check_time=TimeLimit("the check", 3.0, lambda: float(next(now))).check)
+    assert next(now) == 5

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, Point, Polygon
 
-from robocorba.errors.maps import InvalidElement, UnknownElement
+from robocorba.errors.maps import InvalidElement, TooSlow, UnknownElement
 from robocorba.maps import geometry, validation
 from robocorba.maps.collisions import blockages
 from robocorba.maps.formats import read_map
@@ -37,7 +37,9 @@ from robocorba.maps.model import (
     with_topology,
 )
 from robocorba.maps.samples import SAMPLES, load_sample
+from robocorba.maps.time_limit import TimeLimit
 from robocorba.maps.topology import topological_map
+from robocorba.maps.topology.sites import Sites
 from robocorba.spatial.pose import XY
 from tests.formats.rmf_files import real_file
 
@@ -295,6 +297,35 @@ def test_a_shaft_without_a_door_here_has_no_nodes() -> None:
 def test_a_radius_must_be_positive(radius: float) -> None:
     with pytest.raises(InvalidElement, match="radius"):
         topological_map(one_floor(), "L1", radius)
+
+
+@pytest.mark.parametrize("metres", [1.0, 50.0, 1000.0])
+def test_the_work_follows_the_content_of_a_floor_and_not_its_size(metres: float) -> None:
+    """The sites of the Voronoi diagram are most of the work. A door of 0.9 m is found in a hall of 20 km."""
+    width, depth, middle = 20.0 * metres, 10.0 * metres, 10.0 * metres
+    wall, door = ((middle, 0.0), (middle, depth)), ((middle, 4.0 * metres), (middle, 4.0 * metres + 0.9))
+    building = one_floor(width, depth, [wall], [door])
+    sites = Sites([item.geometry for item in geometry.obstacles(building, "L1")], RADIUS)
+    assert len(sites.xy) < 3000
+    roads = topological_map(building, "L1", RADIUS)
+    assert len(list(nx.connected_components(graph_of(roads)))) == 1
+    assert any(math.dist(node.at, (middle, 4.0 * metres + 0.45)) < 0.06 for node in roads.nodes.values())
+
+
+def test_sites_are_dense_where_obstacles_are_near_each_other() -> None:
+    corridor = [LineString([(0, 0), (100, 0)]), LineString([(0, 1), (10, 1)])]
+    sites = Sites(corridor, RADIUS).xy
+    gaps = np.diff(np.sort(sites[sites[:, 1] == 0.0, 0]))
+    assert gaps.max() > 5.0
+    assert gaps[:40].max() <= 0.2 + 1e-9
+
+
+def test_the_work_ends_at_its_time_limit() -> None:
+    now = iter(np.arange(0.0, 100.0, 0.5))
+    limit = TimeLimit("the topological map of L1", 10.0, lambda: float(next(now)))
+    with pytest.raises(TooSlow, match="the topological map of L1 takes longer than 10 s"):
+        topological_map(load_sample("five-floors"), "L1", check_time=limit.check)
+    assert next(now) == 11.0
 
 
 def test_no_room_and_no_floor() -> None:

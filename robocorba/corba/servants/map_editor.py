@@ -16,6 +16,7 @@ from robocorba.maps.edit_session import EditSession, EditSessions
 from robocorba.maps.long_requests import LongRequests
 from robocorba.maps.model import ElementKind
 from robocorba.maps.pages import MAX_PAGE
+from robocorba.maps.time_limit import TimeLimit
 from robocorba.maps.transactions import Transaction
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
@@ -272,18 +273,24 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
         # Imported here: it takes 0.5 s to load, and a server must restart quickly.
         from robocorba.maps.topology import topological_map
 
-        return self._editor.replace_topology(onFloor, topological_map(self._editor.building, onFloor, robotRadius))
+        check_time = TimeLimit(f"the topological map of {onFloor[:80]}").check
+        roads = topological_map(self._editor.building, onFloor, robotRadius, check_time=check_time)
+        return self._editor.replace_topology(onFloor, roads)
 
+    @translating
     def check(self) -> list[Any]:
         from robocorba.maps.checking import findings  # imported here for the same reason
 
-        return maps.findings(findings(self._editor.building)[:MAX_FINDINGS])
+        check_time = TimeLimit("the check of the building").check
+        return maps.findings(findings(self._editor.building, check_time=check_time)[:MAX_FINDINGS])
 
     @translating
     def checkFloor(self, onFloor: str, robotRadius: float) -> list[Any]:
         from robocorba.maps.checking import floor_findings  # imported here for the same reason
 
-        return maps.findings(floor_findings(self._editor.building, onFloor, robotRadius)[:MAX_FINDINGS])
+        check_time = TimeLimit(f"the check of {onFloor[:80]}").check
+        found = floor_findings(self._editor.building, onFloor, robotRadius, check_time)
+        return maps.findings(found[:MAX_FINDINGS])
 
     @translating
     def exportMap(self) -> str:

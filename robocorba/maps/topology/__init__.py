@@ -8,7 +8,7 @@ its edges sweep is free, so an edge never jumps to the other side of an obstacle
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Sequence
 from itertools import chain, count
 
 import shapely
@@ -18,6 +18,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.maps import geometry
 from robocorba.maps.model import Building, PathEdge, PathNode, TopologicalMap, with_topology
+from robocorba.maps.time_limit import no_limit
 from robocorba.maps.topology.axis import connect_components, draw_axis
 from robocorba.maps.topology.coverage import add_coverage_nodes
 from robocorba.maps.topology.doorways import add_cabin_nodes, add_doorway_nodes, add_given_nodes
@@ -34,7 +35,11 @@ MIN_RADIUS_M, MAX_RADIUS_M = 0.05, 1000.0
 
 
 def topological_map(
-    building: Building, floor: str, radius_m: float = SMARTPAL_RADIUS_M, given: Sequence[PathNode] = ()
+    building: Building,
+    floor: str,
+    radius_m: float = SMARTPAL_RADIUS_M,
+    given: Sequence[PathNode] = (),
+    check_time: Callable[[], None] = no_limit,
 ) -> TopologicalMap:
     """Nodes and edges for a robot of `radius_m`, from the floor's geometrical map and the `given` nodes only.
 
@@ -43,7 +48,8 @@ def topological_map(
     there is a node in the cabin of each elevator that serves the floor (`cabin-E1`), and one in front
     of it. The others are n1, n2, ... in reading order. All `given` nodes are kept under their own names.
     A given node has no edge if the robot does not fit there, or if another one or a cabin's node has the
-    same position. The result is deterministic.
+    same position. The result is deterministic. The time follows the number of obstacles, not their size; `check_time`
+    is called often, and may raise an error to end the work.
 
     Raises UnknownElement for an unknown floor, InvalidElement if the radius is not from MIN_RADIUS_M to
     MAX_RADIUS_M, or if the floor has no free space for the robot.
@@ -58,7 +64,7 @@ def topological_map(
     space = _free_space(building, floor, radius_m)
     if space.is_empty:
         raise InvalidElement("floor", "", floor, f"no free space for a robot of radius {radius_m:g} m")
-    roadmap = RoadmapGraph(space, radius_m)
+    roadmap = RoadmapGraph(space, radius_m, check_time)
     draw_axis(roadmap, _obstacle_lines(building, floor, radius_m))
     for elevator in building.elevators.values():
         if floor in elevator.floors():

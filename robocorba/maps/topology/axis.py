@@ -13,13 +13,12 @@ from shapely import Point, Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.maps.topology.roadmap import RoadmapGraph, midpoint
+from robocorba.maps.topology.sites import Sites
 from robocorba.spatial.pose import XY
 
-#: Maximum distance of sample points along the obstacles [radii], unless that takes more than MAX_SITES.
-SITE_SPACING_RADII = 0.4
-MAX_SITES = 200_000
 #: Minimum distance of the two sites of an axis segment [radii]. Segments between closer sites lead into a gap or
-#: away from a single wall. Every value below 2 keeps the connectivity of the free space (lambda medial axis).
+#: away from a single wall, as those between two sites on one side of an obstacle do. Every value below 2 keeps the
+#: connectivity of the free space (lambda medial axis).
 MIN_SITE_DISTANCE_RADII = 1.5
 
 #: A node of a bridge: a node of the roadmap, or the midpoint of a triangle's side.
@@ -28,18 +27,20 @@ BridgePoint: TypeAlias = int | XY
 
 def draw_axis(roadmap: RoadmapGraph, outlines: list[BaseGeometry]) -> None:
     """Add the free part of the medial axis of the outlines."""
-    step = max(SITE_SPACING_RADII * roadmap.radius, float(shapely.length(outlines).sum()) / MAX_SITES)
-    sites = shapely.get_coordinates(shapely.segmentize(outlines, step))
-    sites = np.unique(np.round(sites, 7), axis=0)
+    found = Sites(outlines, roadmap.radius)
+    sites = found.xy
     centre = sites.mean(axis=0)  # qhull is most precise near the origin
     if len(sites) < 5 or np.linalg.matrix_rank(sites - centre) < 2:
         return
-    diagram = Voronoi(sites - centre)
+    roadmap.check_time()
+    diagram = Voronoi(found.shifted(centre))
+    roadmap.check_time()
     corners = diagram.vertices + centre
     ends = np.asarray(diagram.ridge_vertices)
     pair = diagram.ridge_points
     apart = np.linalg.norm(sites[pair[:, 0]] - sites[pair[:, 1]], axis=1)
     kept = np.flatnonzero((ends >= 0).all(axis=1) & (apart >= MIN_SITE_DISTANCE_RADII * roadmap.radius))
+    kept = kept[~found.on_one_side(pair[kept])]
     kept = kept[shapely.covers(roadmap.space, shapely.linestrings(corners[ends[kept]]))]
     numbers: dict[int, int] = {}
     for ridge in kept.tolist():
@@ -80,6 +81,7 @@ def _bridge(roadmap: RoadmapGraph, room: Polygon, targets: list[int], nodes_in_r
     graph = _bridge_graph(roadmap, room, nodes_in_room)
     added: dict[XY, int] = {}
     for target in targets[1:]:
+        roadmap.check_time()
         nodes = []
         for step in nx.shortest_path(graph, targets[0], target, weight="weight"):
             if not isinstance(step, int) and step not in added:

@@ -18,6 +18,8 @@ from robocorba.maps.topology.roadmap import SAME_POINT_M, Array, RoadmapGraph
 MAX_UNSEEN_SHARE = 0.01
 #: Approximate number of sample points.
 MAX_SAMPLES = 2000
+#: Maximum number of points of the grid from which they are taken.
+MAX_GRID = 100_000
 #: Nearest nodes whose visibility is tested, and nearest edges tried for a new node, for each sample point.
 NEAREST_NODES, NEAREST_EDGES = 16, 12
 
@@ -45,9 +47,10 @@ def add_coverage_nodes(roadmap: RoadmapGraph) -> None:
 
 
 def _grid(space: BaseGeometry, most: int) -> Array:
-    """Free points on a regular grid: about `most`, at most four per square metre."""
-    pitch = max(0.5, math.sqrt(space.area / most))
+    """Free points on a regular grid: about `most`, at most four per square metre; fewer where the space is a small
+    share of its bounding box."""
     x0, y0, x1, y1 = space.bounds
+    pitch = max(0.5, math.sqrt(space.area / most), math.sqrt((x1 - x0) * (y1 - y0) / MAX_GRID))
     x, y = np.meshgrid(np.arange(x0 + pitch / 2, x1, pitch), np.arange(y0 + pitch / 2, y1, pitch))
     points = np.column_stack([x.ravel(), y.ravel()])
     return points[shapely.contains_xy(space, points)]

@@ -31,6 +31,7 @@ def prune(roadmap: RoadmapGraph) -> None:
     waiting = [(_gain(roadmap, end), end[0], end) for end in _dead_ends(roadmap, list(graph))]
     heapq.heapify(waiting)
     while waiting:
+        roadmap.check_time()
         gain, tip, end = heapq.heappop(waiting)
         if tip not in graph or gain >= 0:
             continue
@@ -104,6 +105,7 @@ def cut_small_loops(roadmap: RoadmapGraph) -> None:
         a, b = edges[i]
         length = graph.edges[a, b]["length"]
         graph.remove_edge(a, b)
+        roadmap.check_time()
         most = max(0.0, MIN_LOOP_RADII * roadmap.radius - length)
         if b not in nx.single_source_dijkstra_path_length(graph, a, cutoff=most, weight="length"):
             graph.add_edge(a, b, length=length)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import count
 
 import networkx as nx
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from shapely import Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
+from robocorba.maps.time_limit import no_limit
 from robocorba.spatial.pose import XY
 
 #: A bend is straightened if its distance from the chord is below this share of its clearance.
@@ -29,8 +31,9 @@ class RoadmapGraph:
     `fixed` (never moved or merged away), `elevator` (name, for a node in a cabin), `given_name`
     (name of a given node). Pruning keeps the fixed nodes and those in `hubs`."""
 
-    def __init__(self, space: BaseGeometry, radius_m: float) -> None:
-        self.space, self.radius = space, radius_m
+    def __init__(self, space: BaseGeometry, radius_m: float, check_time: Callable[[], None] = no_limit) -> None:
+        """`check_time` raises an error if the construction takes too long."""
+        self.space, self.radius, self.check_time = space, radius_m, check_time
         self.rooms: list[Polygon] = [room for room in shapely.get_parts(space).tolist() if room.area > 0]
         self.graph: nx.Graph[int] = nx.Graph()
         self.hubs: set[int] = set()
@@ -76,6 +79,7 @@ class RoadmapGraph:
 
     def is_free(self, *points: XY) -> bool:
         """Whether the convex hull of points is free."""
+        self.check_time()
         return bool(shapely.covers(self.space, shapely.convex_hull(shapely.multipoints(points))))
 
     def can_move(self, node: int, to: XY, but: int = -1) -> bool:
