@@ -92,8 +92,13 @@ class SimulationServer:
         self._orb, self._store, self._map = orb, store, remote_map
         self._state, host, channel = settings.server.state, settings.server.endpoint.host, settings.channel
         self.agent = ManagementAgent(
-            *(remote_map.building, remote_map.version, store),
-            *(self._publish, self._session_began, self._session_ended, remote_map.lineage),
+            remote_map.building,
+            remote_map.version,
+            store,
+            publish=self._publish,
+            session_began=self._session_began,
+            session_ended=self._session_ended,
+            lineage_since=remote_map.lineage,
         )
         self._announcer = Announcer(orb, channel, self.agent.database) if channel else None
         self._stops = EmergencyStops(
