@@ -343,9 +343,10 @@ class HighController:
             self._adaptor.write(command)
             self._on_command(state, command)
         except RobotHeld as error:
-            self._on_held(str(error))
-        except RobotLost as error:
             if not self.stopped:  # a stop makes the adaptor's calls fail, and has set its own reason
+                self._on_held(str(error))
+        except RobotLost as error:
+            if not self.stopped:
                 self.lose(str(error))
         except AdaptorFailed as error:
             self._fail(str(error))
@@ -354,7 +355,7 @@ class HighController:
             self._fail(f"{type(error).__name__}: {error}")
 
     def _fail(self, reason: str) -> None:
-        if not self.stopped:  # as above
+        if not self.stopped:
             self.emergency_stop(reason)
 
     def _wait_if_idle(self) -> bool:

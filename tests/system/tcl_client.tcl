@@ -367,6 +367,18 @@ itcl::class StopTarget {
     }
 }
 
+itcl::class NumberedStopTarget {
+    inherit StopTarget
+    public variable last 0
+
+    public method stopNumbered {reason number} {
+        set answer [list stopped 1 confirmed 1 reason $reason]
+        set last $number
+        served RoboCorba::StopTarget stopNumbered
+        return $answer
+    }
+}
+
 subject registration {
     answer simulation_release $simulation release
     refused NameTaken [list name $robot_name] {register $robot_name 8.0 1.0}
@@ -464,7 +476,7 @@ subject emergency_stop {
     $robot reportStopTarget $target 1
     set stopped [lindex [$simulation stopRobots {T nobody} {a test}] 0]
     check {[get $stopped robot] eq "T" && [get $stopped held]}
-    until {[$robot heartbeat] eq {} && [get [lindex [$simulation stopRobots T {a test}] 0] confirmed]}
+    until {[$robot heartbeat] eq {} && [get [lindex [$simulation stopStates T] 0] confirmed]}
     check {[$target answer] eq {stopped 1 confirmed 1 reason {a test}}}
     refused InvalidCommand {field stopped} {$robot command {ahead 0.1 left 0.0 turn 0.0} 0.5}
     $robot resetStop
@@ -472,6 +484,17 @@ subject emergency_stop {
     $simulation stopRobots T again
     $administrator resetStop T
     $robot command {ahead 0.0 left 0.0 turn 0.0} 0.5
+    check {[get [$robot hold] number] == 2 && ![get [$robot hold] held]}
+    check {[$robot reportStop {by itself} now] && $now eq {held 1 number 3 reason {by itself}}}
+    check {![$robot reportStop again now] && [get $now number] == 3}
+    set target [serve [NumberedStopTarget #auto]]
+    $robot reportStopTarget $target 1
+    $simulation stopRobots T later
+    check {[get [$robot endStops 3] reason] eq "later"}
+    until {[$robot heartbeat] eq {} && [get [lindex [$simulation stopStates T] 0] confirmed]}
+    check {![get [$robot endStops 4] held]}
+    $robot command {ahead 0.0 left 0.0 turn 0.0} 0.5
+    $administrator resetStop nobody
     refused UnknownRobot {name nobody} {$administrator resetStop nobody}
 }
 

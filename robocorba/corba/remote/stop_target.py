@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
+import logging
 
 from omniORB import CORBA
 
+from robocorba.corba.calls import describe
 from robocorba.corba.conversion import simulation
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import translated
@@ -15,6 +16,8 @@ from robocorba.stubs import RoboCorba
 #: Timeout of a stop [s]: the robot's adaptor may take a second to confirm it.
 CALL_TIMEOUT_S = 3.0
 
+_log = logging.getLogger(__name__)
+
 
 def stop_at(orb: Orb, target: str, reason: str, number: int = 0) -> StopAnswer:
     """Stop the robot whose stop target is at a URI. number: of the simulation server's stop; 0 for another caller's.
@@ -22,6 +25,10 @@ def stop_at(orb: Orb, target: str, reason: str, number: int = 0) -> StopAnswer:
     reference = orb.reference(target, RoboCorba.StopTarget, CALL_TIMEOUT_S)
     with translated("the robot"):
         if number:
-            with contextlib.suppress(CORBA.BAD_OPERATION):  # of an earlier release
+            try:
                 return simulation.stop_answer_of(reference.stopNumbered(reason, number))
+            except (CORBA.TIMEOUT, CORBA.TRANSIENT, CORBA.COMM_FAILURE, CORBA.OBJECT_NOT_EXIST):
+                raise
+            except CORBA.SystemException as error:  # of an earlier release; ORBs answer in different ways
+                _log.info("a stop target does not know numbers of stops: %s", describe(error))
         return simulation.stop_answer_of(reference.stop(reason))

@@ -1,0 +1,491 @@
+"""After a stop nothing but a later reset lets a robot move, whatever happens at the same time.
+
+All sides are real, without their threads: whatever calls another side passes a point at which other operations run
+first, as if another thread had been quicker. A later reset is one that began after the stop."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from robocorba.control import agent as agent_module
+from robocorba.control import emergency_stop, high_controller, model_switcher
+from robocorba.control.adaptor import RobotAdaptor
+from robocorba.control.agent import ControlAgent
+from robocorba.control.agent_state import AgentCondition
+from robocorba.control.high_controller import HighController
+from robocorba.control.model_switcher import AdaptorContext
+from robocorba.control.session import SessionState
+from robocorba.control.simulated_adaptor import SimulatedAdaptor
+from robocorba.errors.robots import IllegalOrder, RobotError, RobotHeld, RobotLost, ServerAway
+from robocorba.errors.simulation import InvalidCommand
+from robocorba.kinematics.smartpal import JOINTS
+from robocorba.motion.robot_state import ActorCommand, RobotState, Velocity
+from robocorba.planning.planner import PathPlanner
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.simulation import emergency_stops
+from robocorba.simulation.emergency_stops import EmergencyStops, StopAnswer, StopHold
+from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.simulation.registry import Pose
+from robocorba.simulation.session import Session
+from robocorba.simulation.store import SimulationStore
+from tests.control.places import Channel, eventually
+from tests.simulation.places import robot, tower
+
+NAME = "A"
+LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.0, 600.0).program()
+TOWER = tower()
+ADAPTORS = ("simulated", "driver")
+#: What may happen at a point: the number of points before it, and what.
+MEANWHILE = (
+    "stop",
+    "stop at the server",
+    "deliver",
+    "report",
+    "reset",
+    "lose",
+    "come back",
+    "expire",
+    "restart server",
+)
+meanwhile = st.lists(st.tuples(st.integers(0, 8), st.sampled_from(MEANWHILE)), max_size=3)
+
+
+class Steps:
+    """Takes the place of Repeating: its task runs when the test says so."""
+
+    tasks: ClassVar[dict[str, Callable[[], None]]] = {}
+
+    def __init__(self, name: str, task: Callable[[], None], every_s: object) -> None:
+        self.tasks[name] = task
+
+    def start(self) -> Steps:
+        return self
+
+    def wake(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+class Calls:
+    """Takes the place of an executor: its calls wait in `waiting`."""
+
+    waiting: ClassVar[deque[Callable[[], None]]] = deque()
+
+    def __init__(self, count: int, name: str) -> None:
+        self.waiting.clear()
+
+    def submit(self, call: Callable[..., None], *arguments: Any) -> None:
+        self.waiting.append(lambda: call(*arguments))
+
+    def shutdown(self, **options: bool) -> None:
+        self.waiting.clear()
+
+
+class Stepped(HighController):
+    """Its control cycles are called by the test, and no time passes."""
+
+    last: ClassVar[Stepped | None] = None
+    _silent_s = 0.0
+
+    def start(self, argv: Sequence[str]) -> None:
+        with self._adaptor_in_use:
+            self._begin()
+        Stepped.last = self
+
+    def cycle(self) -> None:
+        if self.is_lost:
+            with contextlib.suppress(RobotError), self._adaptor_in_use:
+                self._begin()
+        self._tick()
+
+    @property
+    def is_moving(self) -> bool:
+        return self._motion is not None
+
+
+class Driver(RobotAdaptor):
+    """An actual robot, which stands or drives where its body is."""
+
+    def __init__(self, world: World) -> None:
+        self._world, self._is_started = world, False
+
+    def start(self, argv: Sequence[str]) -> bool:
+        self._world.point()
+        self._world.is_driving = False
+        self._is_started = True
+        self._world.point()
+        return True
+
+    def stop(self) -> bool:
+        self._world.point()
+        was_started, self._is_started = self._is_started, False
+        self._world.is_driving = False
+        self._world.point()
+        return was_started
+
+    def read(self, state: RobotState) -> bool:
+        self._world.point()
+        if self._is_started:
+            at = self._world.session.latest.at
+            state.x, state.y, state.heading = at[1:]
+            state.joints = state.joint_velocities = np.zeros(len(JOINTS))
+        return self._is_started
+
+    def write(self, command: ActorCommand) -> bool:
+        self._world.point()
+        if self._is_started:
+            self._world.is_driving = any(command.velocity)
+        return self._is_started
+
+
+class RobotSession:
+    """A BuildingSession, as the one over CORBA: away is the server, for this robot."""
+
+    def __init__(self, world: World) -> None:
+        self._world, self._key = world, ""
+        self.latest = SessionState(0.0, Pose("L1", 7.0, 2.0), (0.0, 0.0, 0.0), "", None, 0, "")
+
+    def _call(self) -> Session:
+        self._world.point()
+        if self._world.is_away:
+            raise ServerAway("away")
+        found = self._world.agent.sessions.get(self._key)
+        if found is None:
+            raise RobotLost("logged off")
+        return found
+
+    def log_on(self, at: Pose | None = None) -> None:
+        try:
+            self._call()
+        except ServerAway:
+            raise
+        except RobotLost:
+            if NAME in {session.name for session in self._world.agent.sessions.values()}:
+                raise RobotLost("the name is taken") from None
+            self._world.point()
+            self._key = self._world.agent.register(robot(NAME)).client.key
+
+    def log_off(self) -> None:
+        with contextlib.suppress(RobotLost):
+            self._call().deregister()
+
+    def heartbeat(self) -> None:
+        self._call()
+
+    def state(self) -> SessionState:
+        self._call()
+        return self.latest
+
+    def command(self, velocity: Velocity, valid_s: float) -> None:
+        session = self._call()
+        try:
+            session.command(*velocity, valid_s)
+        except InvalidCommand as error:
+            raise RobotHeld(error.reason) from None
+        self._world.body_moves = any(velocity)
+        self._world.point()
+
+    def brake(self) -> None:
+        self._call().brake()
+        self._world.body_moves = False
+
+    def announce_body(self, is_robot: bool) -> None:
+        self._world.stops.report_target(self._call(), "target", is_robot)
+
+    def hold(self) -> StopHold:
+        with self._world.calling_about_stops():
+            return self._world.stops.hold(self._call())
+
+    def report_stop(self, reason: str) -> tuple[bool, StopHold]:
+        with self._world.calling_about_stops():
+            session, until = self._call(), self._world.moment()
+            answer = self._world.stops.report_stop(session, reason)
+            for stop in self._world.standing:
+                stop.is_durable |= stop.began < until
+            self._world.point()
+            if self._world.is_away:  # the answer is lost
+                raise ServerAway("away")
+            return answer
+
+    def end_stops(self, number: int) -> StopHold:
+        with self._world.calling_about_stops():
+            hold = self._world.stops.end(self._call(), number)
+            self._world.point()
+            if self._world.is_away:
+                raise ServerAway("away")
+            return hold
+
+
+class Stop:
+    """A stop that no later reset has ended. is_durable: it outlives the robot's process."""
+
+    def __init__(self, began: int, is_durable: bool) -> None:
+        self.began, self.is_durable = began, is_durable
+
+
+class World:
+    """The robot's process, the simulation server, and what stands by the model: `standing`."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._now = folder, 0
+        self.standing: list[Stop] = []
+        self.script: list[tuple[int, str]] = []
+        self.is_away = self.is_driving = self.body_moves = False
+        self._calls_about_stops = 0
+        self._server = contextlib.ExitStack()
+        self.start_server()
+        self.start_robot()
+
+    def close(self) -> None:
+        self.script, self.is_away = [], False
+        self.control.abort()
+        assert Stepped.last
+        Stepped.last.close()
+        eventually(lambda: not self.is_running, "the program's end")
+        self._server.close()
+
+    def moment(self) -> int:
+        self._now += 1
+        return self._now
+
+    # ---- what happens at the same time ----
+
+    def point(self) -> None:
+        if not self.script:
+            return
+        count, what = self.script[0]
+        if count:
+            self.script[0] = count - 1, what
+            return
+        del self.script[0]
+        script, self.script = self.script, []  # not within each other
+        self.happen(what)
+        self.script = script
+
+    @contextlib.contextmanager
+    def calling_about_stops(self) -> Iterator[None]:
+        """The reporter has to wait meanwhile."""
+        self._calls_about_stops += 1
+        try:
+            yield
+        finally:
+            self._calls_about_stops -= 1
+
+    def happen(self, what: str) -> None:
+        if what == "stop":
+            self.stop()
+        elif what == "stop at the server":
+            self.stop_at_server()
+        elif what == "deliver":
+            self.deliver()
+        elif what == "report":
+            if not self._calls_about_stops:
+                Steps.tasks["emergency stop"]()
+        elif what == "reset":
+            self.reset()
+        elif what == "lose":
+            self.is_away = True
+        elif what == "come back":
+            self.is_away = False
+        elif what == "expire":
+            with contextlib.suppress(Exception):
+                self.agent.evict(NAME)
+                self.body_moves = False
+        else:
+            self.start_server()
+
+    # ---- the sides ----
+
+    def start_server(self) -> None:
+        """Also after kill -9."""
+        self._server.close()
+        store = self._server.enter_context(SimulationStore(self._folder / "simulation.sqlite"))
+        self.agent = ManagementAgent(
+            *(TOWER, 1, store),
+            session_began=lambda session: self.stops.admit(session),
+            session_ended=lambda session: self.stops.forget(session),
+        )
+        self.body_moves = False
+        self.stops = EmergencyStops(
+            *(self._folder / "stops.json", lambda: list(self.agent.sessions.values()), lambda: True, self._stop_target),
+        )
+        self.stops.start()
+
+    def _stop_target(self, target: str, reason: str, number: int) -> StopAnswer:
+        if self.is_away or self.control is None:
+            raise TimeoutError
+        self.control.stop(reason, number)
+        return self.control.stop_answer
+
+    def start_robot(self) -> None:
+        """Also after kill -9."""
+        self.control: Any = None
+        self.session: Any = RobotSession(self)
+        self.session.log_on()
+        self.control = ControlAgent(AdaptorContext(NAME, self.session, self), PathPlanner(TOWER), Channel())
+        self.control.start("simulated")
+        self.control.load(LONG)
+
+    def make(self, name: str, context: AdaptorContext) -> RobotAdaptor:
+        return SimulatedAdaptor(self.session) if name == "simulated" else Driver(self)
+
+    @property
+    def is_running(self) -> bool:
+        return self.control.is_busy or self.control._is_running
+
+    # ---- operations ----
+
+    def stop(self) -> None:
+        stop = Stop(self.moment(), False)
+        self.control.stop("button")
+        self.standing.append(stop)
+
+    def stop_at_server(self) -> None:
+        stop = Stop(self.moment(), True)
+        self.stops.stop([NAME], "fire")
+        self.body_moves = False
+        self.standing.append(stop)
+
+    def deliver(self) -> None:
+        if Calls.waiting:
+            Calls.waiting.popleft()()
+
+    def reset(self) -> None:
+        began = self.moment()
+        try:
+            self.control.reset_stop()
+        except RobotError:
+            return
+        self.standing = [stop for stop in self.standing if stop.began > began]
+
+    def kill_robot(self) -> None:
+        assert Stepped.last
+        self.script = []
+        Stepped.last.close()  # ends the thread of its program
+        eventually(lambda: not self.is_running, "the program's end")
+        self.is_driving = self.body_moves = self.is_away = False
+        with contextlib.suppress(Exception):
+            self.agent.evict(NAME)
+        self.standing = [stop for stop in self.standing if stop.is_durable]
+        self.start_robot()
+
+    def settle(self) -> None:
+        """Until the program's thread waits for its motion, or has ended."""
+        controller, paused = Stepped.last, AgentCondition.PAUSED
+        assert controller
+        eventually(
+            lambda: not self.is_running or controller.is_moving or self.control.state.condition is paused, "settled"
+        )
+
+
+class Stops(RuleBasedStateMachine):
+    """A robot with stops, resets, losses, switches and restarts."""
+
+    @initialize()
+    def begin(self) -> None:
+        self._closing = contextlib.ExitStack()
+        patch = self._closing.enter_context(pytest.MonkeyPatch.context())
+        patch.setattr(agent_module, "HighController", Stepped)
+        for module in (agent_module, emergency_stop, emergency_stops):
+            patch.setattr(module, "Repeating", Steps)
+        patch.setattr(emergency_stops, "ThreadPoolExecutor", Calls)
+        patch.setattr(high_controller, "REFRESH_LIMIT_S", 0.0)
+        patch.setattr(high_controller, "END_LIMIT_S", 0.0)  # a reset within another one does not wait for it
+        patch.setattr(model_switcher, "make", lambda name, context: context.orb.make(name, context))
+        folder = self._closing.enter_context(tempfile.TemporaryDirectory())
+        self.world = World(Path(folder))
+        self._closing.callback(self.world.close)
+
+    def teardown(self) -> None:
+        if hasattr(self, "_closing"):
+            self._closing.close()
+
+    @rule(script=meanwhile, by_server=st.booleans(), is_reported=st.booleans())
+    def stop(self, script: list[tuple[int, str]], by_server: bool, is_reported: bool) -> None:
+        self.world.script = script
+        if by_server:
+            self.world.stop_at_server()
+            self.world.deliver()
+        else:
+            self.world.stop()
+        if is_reported:
+            self.world.happen("report")
+
+    @rule(script=meanwhile)
+    def reset(self, script: list[tuple[int, str]]) -> None:
+        self.world.script = script
+        self.world.reset()
+
+    @rule(script=meanwhile, adaptor=st.sampled_from(ADAPTORS))
+    def switch(self, script: list[tuple[int, str]], adaptor: str) -> None:
+        self.world.script = script
+        with contextlib.suppress(Exception):  # a server that is away at the wrong moment ends both attempts
+            self.world.control.switch(adaptor, ())
+
+    @rule(script=meanwhile, number=st.integers(1, 3))
+    def cycle(self, script: list[tuple[int, str]], number: int) -> None:
+        self.world.script = script
+        for _ in range(number):
+            assert Stepped.last
+            Stepped.last.cycle()
+
+    @rule(what=st.sampled_from(MEANWHILE))
+    def happen(self, what: str) -> None:
+        self.world.happen(what)
+
+    @rule()
+    def renew_lease(self) -> None:
+        Steps.tasks["lease"]()
+
+    @rule(is_stepping=st.booleans())
+    def run(self, is_stepping: bool) -> None:
+        with contextlib.suppress(RobotError):
+            self.world.control.run(is_stepping)
+        self.world.settle()
+
+    @rule(order=st.sampled_from(["pause", "resume", "abort"]))
+    def order(self, order: str) -> None:
+        with contextlib.suppress(IllegalOrder):
+            getattr(self.world.control, order)()
+        self.world.settle()
+
+    @rule()
+    def drive(self) -> None:
+        with contextlib.suppress(RobotError):
+            self.world.control.drive((0.1, 0.0, 0.0), 5.0)
+        self.world.settle()
+
+    @rule()
+    def kill_robot(self) -> None:
+        self.world.kill_robot()
+
+    @invariant()
+    def holds(self) -> None:
+        if not hasattr(self, "world"):
+            return
+        world, controller = self.world, Stepped.last
+        assert controller
+        world.script = []
+        for _ in range(2):
+            controller.cycle()
+        if world.standing:
+            assert not world.is_driving and not world.body_moves, "it moves"
+            held = any(record.held for record in emergency_stops.read_records(world._folder / "stops.json").values())
+            assert world.control.stopped or held, "a stop is lost"
+
+
+TestStops = Stops.TestCase
+TestStops.settings = settings(deadline=None, max_examples=60, stateful_step_count=30)
