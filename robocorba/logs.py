@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
+import select
 import sys
 import threading
 from datetime import datetime
@@ -28,6 +29,9 @@ MAX_BYTES = 5 * 1024 * 1024
 OLD_FILES = 3
 #: Size of the end of a log file that `last_lines` reads [bytes].
 MAX_TAIL = 512 * 1024
+
+#: Longest line on stderr [characters], of up to four bytes each. With a line before it, it fits into PIPE_BUF bytes.
+MAX_STDERR_LINE = 1000
 
 #: All control characters, whatever some reader treats as a line break, the characters that overrule the direction of
 #: text, by which a line could be shown in another order, and surrogates, which can't be written. All but the first 32,
@@ -48,7 +52,7 @@ def setup(name: str, folder: Path, with_stderr: bool = True) -> None:
         old.close()
     root.setLevel(logging.INFO)
     root.addHandler(_file(name, folder))
-    stderr = logging.StreamHandler()
+    stderr = _Stderr()
     stderr.setLevel(logging.WARNING)
     stderr.setFormatter(_StderrFormatter())
     if with_stderr:
@@ -148,6 +152,32 @@ class _LogFile(RotatingFileHandler):
         return io.TextIOWrapper(raw, self.encoding, self.errors, write_through=True)
 
 
+class _Stderr(logging.StreamHandler[Any]):
+    """Never waits for whoever reads stderr: a full pipe that nobody reads would hold up each thread that logs, such as
+    one that stops a robot. What does not fit is left out and counted; the log file has it."""
+
+    _lost = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if not _accepts_line(self.stream):
+            self._lost += 1
+            return
+        lost, self._lost = self._lost, 0
+        if lost:
+            self.stream.write(f"WARNING {lost} lines before this one are missing: nobody read them\n")
+        super().emit(record)
+
+
+def _accepts_line(stream: Any) -> bool:
+    """Whether a line can be written at once: a pipe that accepts anything accepts PIPE_BUF bytes."""
+    writable = select.poll()
+    try:
+        writable.register(stream, select.POLLOUT)
+        return bool(writable.poll(0))
+    except (OSError, TypeError, ValueError):  # no descriptor, which a test may have put here
+        return True
+
+
 class _FileFormatter(logging.Formatter):
     def __init__(self, process: str) -> None:
         super().__init__("%(message)s")
@@ -160,7 +190,7 @@ class _FileFormatter(logging.Formatter):
 
 class _StderrFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
-        return f"{record.levelname} {one_line(record.getMessage())}"
+        return f"{record.levelname} {one_line(record.getMessage())}"[:MAX_STDERR_LINE]
 
 
 def _log_uncaught(

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,35 @@ def test_an_event_is_a_line_with_time_level_and_process(tmp_path: Path) -> None:
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d INFO test first.*third \S+", lines[0])
     assert lines[1].endswith(" WARNING test careful")
     assert result.stderr == "WARNING careful\n"
+
+
+def test_nobody_waits_for_a_reader_of_stderr(tmp_path: Path) -> None:
+    """A pipe holds 64 KiB; what does not fit is in the file, and counted when somebody reads again."""
+    code = (
+        "import logging; from pathlib import Path; from robocorba import logs\n"
+        f"logs.setup('test', Path({str(tmp_path)!r}))\n"
+        "for number in range(2000): logging.warning('%d %s', number, 'x' * 100)\n"
+        "logging.warning('y' * 5000)\n"
+        "print('done', flush=True)\n"
+        "input()\n"
+        "logging.warning('last')"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout and process.stderr and process.stdin
+        stdout, waiting = process.stdout, threading.Timer(60.0, process.kill)
+        waiting.start()
+        assert stdout.readline() == "done\n"
+        read = [process.stderr.readline() for _ in range(100)]
+        process.stdin.write("\n")
+        process.stdin.close()
+        read += process.stderr.readlines()
+        waiting.cancel()
+    assert read[0].startswith("WARNING 0 x") and read[-1] == "WARNING last\n"
+    (gap,) = (line for line in read if "lines before this one are missing" in line)
+    assert int(gap.split()[1]) == 2002 - len(read) + 1
+    assert len((tmp_path / "test.log").read_text().splitlines()) == 2002
 
 
 def test_what_ends_the_process_is_logged_with_its_traceback(tmp_path: Path) -> None:

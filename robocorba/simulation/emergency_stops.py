@@ -221,10 +221,10 @@ class EmergencyStops:
                 known.latch.stop(reason)
         for session in stopped:
             session.robot.hold_by(present[session.name].latch)
-        if new:
-            _log.warning("emergency stop of %s: %s", ", ".join(new), reason)
-            self._publish(new if wanted else (), reason)
         self._call_targets(present)
+        if new:
+            self._publish(new if wanted else (), reason)
+            _log.warning("emergency stop of %s: %s", ", ".join(new), reason)
         self._write_now()
         return [self.state(session) for session in stopped]
 
