@@ -47,10 +47,12 @@ def drive(robot: Any, path: Sequence[Any], report: Callable[[str], None] = lambd
         if point.kind == RoboCorba.ELEVATOR_EXIT:
             _wait(robot, lambda state: state.riding.phase == RoboCorba.ALIGHTING, f"{point.elevator} did not arrive")
             report(f"is on {point.position.floor}")
-        _go_to(robot, point.position)
+        _go_to(robot, point.position, point.elevator if point.kind == RoboCorba.ELEVATOR_ENTRY else "")
 
 
-def _go_to(robot: Any, goal: Any) -> None:
+def _go_to(robot: Any, goal: Any, cabin_of: str = "") -> None:
+    """Drive straight to a point. cabin_of: the elevator into whose cabin that is; the robot drives only while it has a
+    ride."""
     state = robot.state()
     deadline = state.time + POINT_TIMEOUT_S
     while math.dist((state.at.x, state.at.y), (goal.x, goal.y)) > TOLERANCE_M:
@@ -58,6 +60,9 @@ def _go_to(robot: Any, goal: Any) -> None:
             raise NotArrived(
                 f"({goal.x:.2f}, {goal.y:.2f}) on {goal.floor} was not reached; touched {state.touched or 'a wall'}"
             )
+        if cabin_of and state.riding.phase == RoboCorba.NO_RIDE:
+            robot.brake()
+            raise NotArrived(f"{cabin_of}: the ride was lost on the way into the cabin")
         robot.command(_towards(state.at, goal), VALID_S)
         time.sleep(COMMAND_INTERVAL_S)
         state = robot.state()

@@ -7,19 +7,14 @@ import logging
 import math
 import random
 from collections.abc import Callable, Sequence
-from itertools import accumulate, pairwise, product
-
-import shapely
-from shapely import LineString, Point, Polygon
-from shapely.ops import substring
+from itertools import product
 
 from robocorba.collision_avoidance.giving_way import Blocked, GiveWay
 from robocorba.collision_avoidance.neighbours import Nearby, OtherRobot
 from robocorba.collision_avoidance.stepping_aside import place_aside
-from robocorba.control.movements import Movements
-from robocorba.errors.base import RoboCorbaError
+from robocorba.control.elevator_rides import RideMovements, check_boarding_time, split_at_doors
 from robocorba.errors.paths import PathError
-from robocorba.errors.robots import MotionFailed, RobotLost
+from robocorba.errors.robots import MotionFailed
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 from robocorba.motion.driving import Drive, DriveAt, DriveBy, StopBase
@@ -28,15 +23,8 @@ from robocorba.motion.robot_state import Velocity
 from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES
 from robocorba.programs.base_checks import CONTACT_M, Planner
-from robocorba.simulation.elevator import RidePhase
 from robocorba.spatial.pose import XY
 
-#: Distance from the middle of a cabin at which a robot calls the elevator [m], at least.
-ELEVATOR_CALL_DISTANCE_M = 2.0
-#: Gap between a robot that waits for an elevator and its doors [m].
-DOOR_GAP_M = 0.1
-#: Timeout of a ride, and of waiting for the elevator beyond its announced longest wait [s, robot's clock].
-ELEVATOR_LIMIT_S = 300.0
 #: Clearances that are tried for a path [m], widest first, because the base cuts corners.
 PATH_CLEARANCES_M = (0.06, 0.03, 0.0)
 #: Maximum length of a path with clearance: this factor of the shortest path plus this distance [m].
@@ -51,7 +39,7 @@ REPLAN_INTERVAL_S = 0.5
 _log = logging.getLogger(__name__)
 
 
-class BaseMovements(Movements):
+class BaseMovements(RideMovements):
     """Mixin of Robot, which sets the attributes. Without `_nearby` the base does not give way to other robots."""
 
     _planner: Planner
@@ -168,10 +156,23 @@ class BaseMovements(Movements):
                 state = self.controller.state
                 shaft = self._nearby.shaft(point.elevator) if self._nearby else None
                 outside, inside = split_at_doors([(state.x, state.y), *leg], shaft)
+                check_boarding_time(point.elevator, [outside[-1], *inside], speeds[-len(inside) :], limit)
                 self._drive(outside, None, limit, speeds[: len(outside)])
                 self._ride(point.elevator, after.floor, inside, limit, speeds[-len(inside) :])
                 leg, speeds = [], []
         self._drive(leg, heading, limit, speeds)
+
+    def _ride(
+        self, elevator: str, destination: str, inside: Sequence[XY], limit: float, speeds: Sequence[float]
+    ) -> None:
+        """Ride to another floor. inside: the way into the cabin, with limits on the segment before each point."""
+
+        def drive(points: Sequence[XY], around: Callable[[Motion], Motion]) -> None:
+            limits = speeds if points is inside else None
+            self.move(around(self._giving_way(Drive(points, None, limit, BASE_LIMITS, limits), points[-1])))
+
+        shaft = self._nearby.shaft(elevator) if self._nearby else None
+        self.ride(elevator, destination, inside, shaft, drive)
 
     # ---- on this floor ----
 
@@ -224,71 +225,9 @@ class BaseMovements(Movements):
         cap = self.controller.speed_cap
         return min(limit, cap) if limit else cap
 
-    # ---- elevators ----
-
-    def call_elevator(
-        self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
-    ) -> None:
-        """Reserve a ride from this floor, and wait until the doors are open. party: name of a group of `size` robots
-        that ride together. boarding_s: time that it needs to drive in, and to drive out; 0 if that is unknown. Raises
-        InvalidRide, ElevatorFull."""
-        self.session.call_elevator(elevator, destination, party, size, boarding_s)
-        self.session.state()  # the latest state now has the ride
-        limit_s = ELEVATOR_LIMIT_S + self.session.longest_elevator_wait_s()
-        self.wait_for_ride(RidePhase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}", limit_s)
-
-    def _ride(
-        self, elevator: str, destination: str, inside: Sequence[XY], limit: float, speeds: Sequence[float]
-    ) -> None:
-        """Ride to another floor. inside: the way into the cabin."""
-        try:
-            self.call_elevator(elevator, destination)
-            self._drive(inside, None, limit, speeds)
-            self.wait_for_ride(RidePhase.ALIGHTING, f"{elevator} did not arrive at {destination}")
-        except RoboCorbaError:
-            with contextlib.suppress(RobotLost):
-                self.session.cancel_elevator()
-            raise
-
-    def wait_for_ride(
-        self,
-        phase: RidePhase,
-        otherwise: str,
-        limit_s: float = ELEVATOR_LIMIT_S,
-        check: Callable[[], None] = lambda: None,
-    ) -> None:
-        """Wait until the ride has come to this phase, or beyond: who calls from within the cabin boards at once.
-        otherwise: text of the MotionFailed if it has not within `limit_s`. check: raises another error that ends the
-        wait."""
-
-        def is_there() -> bool:
-            check()
-            ride = self.session.latest.ride
-            if ride is None:
-                raise MotionFailed(f"{otherwise}: the ride was lost")
-            return ride.phase.value >= phase.value
-
-        if not self.wait(limit_s, is_there):
-            raise MotionFailed(otherwise)
-
 
 def _speed_between(one: PathPoint, other: PathPoint) -> float:
-    """The path planning agent's speed between two points [m/s]; the map limits it."""
+    """The path planning agent's speed between two points of a drive [m/s]; the map limits it. Waits and rides lie
+    between an elevator's entry and its exit, between which nobody drives."""
     seconds = other.time - one.time
     return (other.distance - one.distance) / seconds if seconds > 0.0 else math.inf
-
-
-def split_at_doors(path: Sequence[XY], shaft: Polygon | None) -> tuple[list[XY], list[XY]]:
-    """A robot's path to the middle of a cabin, from where it is, split where it waits for it.
-
-    That is clear of the doors, and at least ELEVATOR_CALL_DISTANCE_M before the middle; if no place of the path is, the
-    robot stays where it is. Both parts are without their start."""
-    line = LineString(path)
-    until_m = max(0.0, line.length - ELEVATOR_CALL_DISTANCE_M)
-    if shaft is not None:
-        clear = substring(line, 0.0, until_m).difference(shaft.buffer(RADIUS_M + DOOR_GAP_M))
-        until_m = max((line.project(Point(end)) for end in shapely.get_coordinates(clear)), default=0.0)
-    lengths = accumulate(math.dist(*ends) for ends in pairwise(path))
-    beyond = next((number for number, length in enumerate(lengths, 1) if length > until_m), len(path) - 1)
-    at = line.interpolate(until_m)
-    return [*path[1:beyond], (at.x, at.y)], list(path[beyond:])

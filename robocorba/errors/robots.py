@@ -84,6 +84,13 @@ class MotionFailed(RobotError):
     """The robot did not reach its target."""
 
 
+class RideLost(MotionFailed):
+    """The robot's elevator ride has ended before it was at its destination: its session ended, or the doors closed."""
+
+    def __init__(self, ride: str, when: str = "") -> None:
+        super().__init__(f"{ride}: the ride was lost{f' {when}' if when else ''}")
+
+
 class MissionFailed(RobotError):
     """A mission failed; its robots no longer hold the object."""
 

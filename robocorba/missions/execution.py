@@ -10,6 +10,7 @@ from functools import singledispatchmethod
 from typing import Any, TypeVar
 
 from robocorba.backoff import Backoff
+from robocorba.control.elevator_rides import WhileRiding
 from robocorba.control.robot import Robot
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MotionFailed, ServerAway, Unreachable
@@ -64,6 +65,8 @@ class StepExecutor:
         self._place: Frame | None = None
         #: What it holds; empty for nothing.
         self.held = ""
+        #: The elevator that it drives into next; empty for none, and once the ride has begun.
+        self._boards = ""
         #: Reserved areas, one for each remaining floor of the path.
         self._areas: tuple[FloorArea, ...] = ()
 
@@ -125,15 +128,17 @@ class StepExecutor:
         self.carry = CarryMotion(trajectory, step.place, self._progress, self._clock, self._slip_m)
         if self._place:
             self.carry.place = self._place
-        self._robot.move(self.carry)
+        session = self._robot.session
+        self._robot.move(WhileRiding(self.carry, session, self._boards) if self._boards else self.carry)
 
     @execute.register
     def _(self, step: subplan.CallCabin) -> None:
         self._robot.call_elevator(step.elevator, step.destination, step.party, step.size, step.boarding_s)
+        self._boards = step.elevator
 
     @execute.register
     def _(self, step: subplan.Ride) -> None:
-        otherwise = f"{step.elevator} did not arrive at {step.destination}"
+        self._boards, otherwise = "", f"{step.elevator} did not arrive at {step.destination}"
         self._robot.wait_for_ride(RidePhase.ALIGHTING, otherwise, check=self._check_hold)
         if self._areas:
             self._areas = self._areas[1:]

@@ -44,16 +44,14 @@ def off_road(route: Floats) -> Floats:
 @kernel
 def measure(route: Floats, elevations: Floats, speed: float) -> Floats:
     """The points (k, 9) of a route driven at `speed` [m/s], with the columns of request.Path; `elevations` are those
-    of the floors [m]."""
+    of the floors [m]. The wait for an elevator is a part of the time between its entry and its exit."""
     count = route.shape[0]
     points = np.empty((count, 9))
     distance = time = heading = 0.0
     ridden = -1.0
     for i in range(count):
         step, goes_by = 0.0, route[i, ELEVATOR]
-        if goes_by >= 0.0:
-            time += route[i, WAITS]
-        elif i < count - 1:
+        if goes_by < 0.0 and i < count - 1:
             dx, dy = route[i + 1, X] - route[i, X], route[i + 1, Y] - route[i, Y]
             step = math.hypot(dx, dy)
             if step > 0.0:
@@ -72,7 +70,7 @@ def measure(route: Floats, elevations: Floats, speed: float) -> Floats:
         points[i, 6], points[i, 7], points[i, 8] = distance, time, max(goes_by, ridden)
         if goes_by >= 0.0:
             distance += abs(elevations[int(route[i + 1, FLOOR])] - elevations[int(route[i, FLOOR])])
-            time += route[i, TRAVELS]
+            time += route[i, WAITS] + route[i, TRAVELS]  # so that times before it are of drives only
         else:
             distance += step
             time += step / min(speed, route[i, LIMIT])

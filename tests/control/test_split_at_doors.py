@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, Point
 
-from robocorba.control.base import DOOR_GAP_M, ELEVATOR_CALL_DISTANCE_M, split_at_doors
+from robocorba.control.elevator_rides import DOOR_GAP_M, ELEVATOR_CALL_DISTANCE_M, split_at_doors
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.spatial.pose import XY
 

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
+from pathlib import Path
 from unittest.mock import DEFAULT, Mock
 
 import pytest
 
 from robocorba.control.robot import Robot
-from robocorba.errors.robots import ServerAway
+from robocorba.errors.robots import RideLost, ServerAway
 from robocorba.maps.model import BoxShape, MapObject
+from robocorba.maps.samples import load_sample
 from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.execution import ABORT_BACK_M, StepExecutor
-from robocorba.missions.subplan import BackOff, Carry, Reserve, Ride, TakeHold
+from robocorba.missions.subplan import BackOff, CallCabin, Carry, Reserve, Ride, TakeHold
 from robocorba.missions.trajectory import Trajectory
+from robocorba.planning.planner import PathPlanner
+from robocorba.simulation.registry import Pose
 from tests.collision_avoidance.crowd import Crowd
 from tests.collision_avoidance.test_giving_way import room
+from tests.control.stepped_robot import Session, SteppedRobot, World
 
 BOX = MapObject("box", BoxShape((0.6, 0.6)), (2.0, 1.0), height=0.8, movable=True)
 CARRY = Carry(rows=Trajectory([(2.0, 1.0, 0.0), (2.5, 1.0, 0.0)]).to_rows(), place=(-0.92, 0.0, 0.0))
@@ -39,6 +45,22 @@ def test_losing_the_grip_ends_the_step(step: Carry | Ride) -> None:
         executor.execute(step)
 
     assert crowd.run(60.0, A=carry) == {"A": "lost its hold of box"}
+
+
+def test_carriers_drive_into_a_cabin_only_while_they_have_a_ride(tmp_path: Path) -> None:
+    building = load_sample("five-floors")
+    world = World(building, tmp_path)
+    x, y = building.elevators["E1"].at
+    session = Session(world, Pose("L1", x, y - 2.35, math.pi / 2))
+    robot = SteppedRobot(world, session, PathPlanner(building))
+    executor = executor_of(robot)  # type: ignore[arg-type]
+    executor.execute(CallCabin(elevator="E1", destination="L2", party="p", size=1))
+    session.cancel_elevator()
+    session.state()
+    way = Trajectory([(x, y - 2.35, math.pi / 2), (x, y, math.pi / 2)])
+    with pytest.raises(RideLost, match="E1: the ride was lost while the robot drove in"):
+        executor.execute(Carry(rows=way.to_rows(), place=(0.0, 0.0, 0.0)))
+    world.close()
 
 
 def test_a_robot_lets_go_after_an_abort_once_the_server_is_back(monkeypatch: pytest.MonkeyPatch) -> None:

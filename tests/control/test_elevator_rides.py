@@ -1,0 +1,178 @@
+"""Rides by every elevator of the sample buildings, from every landing to every other one, and rides that are lost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
+import pytest
+import shapely
+
+from robocorba.control.elevator_rides import RIDE_TRIALS
+from robocorba.errors.robots import MotionFailed, RideLost
+from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.maps.geometry import shaft_polygon
+from robocorba.maps.model import Building
+from robocorba.maps.samples import SAMPLES, load_sample
+from robocorba.planning.planner import PathPlanner
+from robocorba.planning.request import SMARTPAL_SPEED_M_S, PathRequest, Place, PointKind
+from robocorba.simulation.elevator import RidePhase
+from robocorba.simulation.registry import Pose
+from tests.control.stepped_robot import ByElevator, Session, SteppedRobot, World
+
+#: How far a robot that has lost its ride may still get towards the cabin: its stopping distance [m].
+STOPS_WITHIN_M = 0.6
+#: Places of a landing from which robots begin: beside its node by these offsets [m].
+OFFSETS_M = ((0.0, 0.0), (0.3, 0.1), (-0.3, 0.15), (0.1, -0.2))
+
+
+class Storeys:
+    """A sample building with one robot after the other."""
+
+    def __init__(self, building: Building, world: World) -> None:
+        self.building, self.world = building, world
+        self.planner = ByElevator(PathPlanner(building), building)
+
+    def robot(self, floor: str, at: tuple[float, float]) -> tuple[SteppedRobot, Session]:
+        session = Session(self.world, Pose(floor, *at, 0.0))
+        return SteppedRobot(self.world, session, self.planner), session
+
+    def landing(self, elevator: str, floor: str) -> tuple[float, float]:
+        """The path node before the doors."""
+        (x, y), shaft = self.building.elevators[elevator].at, shaft_polygon(self.building.elevators[elevator])
+        clear = shaft.buffer(RADIUS_M)
+        nodes = self.building.floors[floor].topological.nodes.values()
+        outside = [node.at for node in nodes if not clear.contains(shapely.Point(node.at))]
+        return min(outside, key=lambda place: math.dist(place, (x, y)))
+
+    def rides(self) -> list[tuple[str, str, str]]:
+        """Each elevator, from each landing to the next ones, up and down."""
+        steps = [
+            (name, *step)
+            for name, elevator in self.building.elevators.items()
+            for step in pairwise(sorted(elevator.floors(), key=lambda name: self.building.floors[name].floor.elevation))
+        ]
+        return [ride for name, low, high in steps for ride in ((name, low, high), (name, high, low))]
+
+    def ride(self, elevator: str, origin: str, destination: str, offset: tuple[float, float] = (0.0, 0.0)) -> Session:
+        """Ride, from beside the landing. Raises as drive_path."""
+        self.planner.elevator = elevator
+        x, y = self.landing(elevator, origin)
+        robot, session = self.robot(origin, (x + offset[0], y + offset[1]))
+        try:
+            robot.drive_path(destination, *self.landing(elevator, destination))
+        finally:
+            session.log_off()
+        return session
+
+
+@pytest.fixture(scope="module", params=[name for name in SAMPLES if load_sample(name).elevators])
+def place(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Storeys]:
+    building = load_sample(request.param)
+    world = World(building, tmp_path_factory.mktemp("world"))
+    yield Storeys(building, world)
+    world.close()
+
+
+def test_every_elevator_is_ridden_from_every_landing(place: Storeys) -> None:
+    rides = place.rides()
+    assert len(rides) >= 2
+    for number, (elevator, origin, destination) in enumerate(rides):
+        session = place.ride(elevator, origin, destination, OFFSETS_M[number % len(OFFSETS_M)])
+        at = session.latest.at
+        assert (at.floor, session.calls) == (destination, 1), f"{elevator} from {origin} to {destination}"
+        assert math.dist((at.x, at.y), place.landing(elevator, destination)) < 0.01
+
+
+class LosingRides:
+    """Watches a robot that drives into E1 of five-floors and loses its ride on the way, `times` times. is_late: it is
+    held up until the elevator ends the ride; else its session ends."""
+
+    def __init__(self, place: Storeys, times: int, is_late: bool) -> None:
+        self.place, self.times, self.is_late = place, times, is_late
+        self.shaft = shaft_polygon(place.building.elevators["E1"])
+        place.planner.elevator = "E1"
+        self.robot, self.session = place.robot("L1", (11.0, 9.25))
+        self.robot.on_cycle = self.watch
+        #: Where the robot lost its ride, as a distance from the cabin's middle [m]; None while it has or awaits one.
+        self.lost_at_m: float | None = None
+
+    @property
+    def distance_m(self) -> float:
+        at = self.session.latest.at
+        return math.dist((at.x, at.y), self.place.building.elevators["E1"].at)
+
+    def watch(self) -> None:
+        latest = self.session.latest
+        at, ride = latest.at, latest.ride
+        if ride is None and at.floor == "L1" and self.lost_at_m is not None:
+            assert self.distance_m > self.lost_at_m - STOPS_WITHIN_M, "it drives on without a ride"
+        elif ride is not None:
+            self.lost_at_m = None
+        is_in_doors = self.shaft.buffer(RADIUS_M / 2).contains(shapely.Point(at.x, at.y))
+        if self.times and ride is not None and ride.phase is RidePhase.BOARDING and is_in_doors:
+            self.times -= 1
+            if self.is_late:
+                while self.session.state().ride is not None:
+                    self.session.command((0.0, 0.0, 0.0))
+                    self.place.world.step()
+            else:
+                self.session.cancel_elevator()
+                self.session.state()
+            self.lost_at_m = self.distance_m
+
+    def drive(self, speed: float = 0.0) -> None:
+        try:
+            self.robot.drive_path("L2", 11.0, 9.25, speed=speed)
+        finally:
+            self.session.log_off()
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+@pytest.mark.parametrize("times", [1, RIDE_TRIALS - 1])
+def test_a_robot_that_loses_its_ride_on_the_way_in_asks_again(place: Storeys, times: int, is_late: bool) -> None:
+    losing = LosingRides(place, times, is_late)
+    losing.drive()
+    assert losing.session.latest.at.floor == "L2"
+    assert losing.session.calls == 1 + times
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+def test_a_robot_that_always_loses_its_ride_stands_before_the_doors(place: Storeys, is_late: bool) -> None:
+    losing = LosingRides(place, 100, is_late)
+    with pytest.raises(RideLost, match=r"^E1: the ride was lost while the robot drove in, at \(11.*\)$"):
+        losing.drive()
+    assert losing.session.calls == RIDE_TRIALS
+    at = losing.session.latest.at
+    assert at.floor == "L1"
+    assert losing.shaft.distance(shapely.Point(at.x, at.y)) > RADIUS_M
+
+
+def test_a_robot_that_is_too_slow_to_board_does_not_call_the_cabin(place: Storeys) -> None:
+    losing = LosingRides(place, 0, False)
+    with pytest.raises(MotionFailed, match=r"the doors of E1 close after 15 s; boarding needs 40 s, .* at 0.05 m/s"):
+        losing.drive(speed=0.05)
+    assert losing.session.calls == 0
+    assert losing.session.latest.at[:3] == ("L1", 11.0, 9.25)
+
+
+def test_times_before_and_after_a_ride_are_of_driving(place: Storeys) -> None:
+    """A robot drives as fast as they say: at the speed of the request, or at the limit of a path edge."""
+    floors = place.building.floors.values()
+    limits = {edge.speed_limit for floor in floors for edge in floor.topological.edges.values()}
+    speeds = {SMARTPAL_SPEED_M_S} | {limit for limit in limits if 0.0 < limit < SMARTPAL_SPEED_M_S}
+    for elevator, origin, destination in place.rides():
+        place.planner.elevator = elevator
+        (path,) = place.planner.paths(
+            PathRequest(
+                Place(origin, *place.landing(elevator, origin)),
+                Place(destination, *place.landing(elevator, destination)),
+            )
+        )
+        for before, after in pairwise(path.points):
+            seconds, metres = after.time - before.time, after.distance - before.distance
+            if after.kind is PointKind.ELEVATOR_EXIT:
+                assert seconds > metres / place.building.elevators[elevator].speed
+            else:
+                assert any(metres == pytest.approx(seconds * speed) for speed in speeds)
