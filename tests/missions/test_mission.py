@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 import shapely
@@ -19,6 +20,7 @@ from robocorba.errors.robots import GoalReached, InTheWay, MissionTakenOver
 from robocorba.errors.services import NotReachable
 from robocorba.maps.polygons import FloorArea
 from robocorba.missions.attempt import OnProgress
+from robocorba.missions.carry_progress import CATCH_UP_RATE
 from robocorba.missions.cooperative_planner import ReserveOneOf
 from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.leader_policy import LeaderPolicy
@@ -551,3 +553,28 @@ def test_what_stays_in_the_way_ends_the_attempt(crew: Crew) -> None:
     assert report.reason == "carrying: chair is in the way at (8.40, 3.00)"
     assert crew.agents["A"].place.x < 8.1 - 0.4
     eventually(lambda: free(crew), "all are free again")
+
+
+@pytest.mark.parametrize("is_cut_off", [False, True])
+def test_a_carry_goes_on_from_where_it_stood_while_its_leader_was_silent(patient_crew: Crew, is_cut_off: bool) -> None:
+    """Its process stands still for 2 s, or its messages are lost for that time; no setpoint jumps."""
+    crew, is_over = patient_crew, threading.Event()
+
+    def look() -> list[Seen]:
+        if crew.agents["A"].place.x > 7.3 and not is_over.is_set():
+            is_over.set()
+            if is_cut_off:
+                crew.bus.disconnected = {"A"}
+                threading.Timer(2.0, lambda: setattr(crew.bus, "disconnected", set())).start()
+            else:
+                time.sleep(2.0)
+        return []
+
+    report = crew.leader("A", replace(LEADING, member_timeout_s=60.0), look=look).lead("test", Carried)
+    assert (report.result, report.reason) == ("done", "")
+    for name in "AB":
+        ticks = report.measurements[name].ticks
+        steps = [(later[0] - former[0], later[1] - former[1]) for former, later in pairwise(ticks)]
+        assert max(moved_s - CATCH_UP_RATE * passed_s for passed_s, moved_s in steps) < 0.01
+        stood_s = sum(passed_s for passed_s, moved_s in steps if moved_s < 0.1 * passed_s)
+        assert stood_s > 1.0
