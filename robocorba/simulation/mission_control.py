@@ -100,7 +100,7 @@ class MissionControl:
         except InvalidMission as error:
             raise NoLeader(f"it can't be recorded: {error}") from None
         self._leaders.start(content.leader, name, icon, content.term)
-        self.missions.accept(name, content)
+        self.missions.begin(name, content)
 
     def _offer_to_nearest(self, name: str, content: MissionContent, icon: str) -> None:
         """Let the robot nearest to the mission's object lead it that can. Raises NoLeader, InvalidProgram."""

@@ -121,12 +121,13 @@ class MissionDirectory:
                 raise NoLeader(f"mission {name[:80]!r} has a leader")
             self.put_mission(Mission(name, stored.version if stored else 0, content.encode()))
 
-    def accept(self, name: str, content: MissionContent) -> None:
-        """Store that `content.leader` leads the mission that it was offered, unless that robot has done so."""
+    def begin(self, name: str, content: MissionContent) -> None:
+        """Store that `content.leader` leads a mission, a new one or one that it was offered, unless that robot has done
+        so. Raises InvalidMission if there is no room."""
         with self._lock:
             stored = self._store.mission(name)
-            if stored and self._is_offered(name):
-                self.put_mission(Mission(name, stored.version, content.encode()))
+            if stored is None or self._is_offered(name):
+                self.put_mission(Mission(name, stored.version if stored else 0, content.encode()))
 
     def withdraw(self, name: str) -> bool:
         """Remove a mission that is offered, so that no robot can accept it any more. False if one has."""
