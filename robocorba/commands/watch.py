@@ -128,18 +128,19 @@ def film(
     from robocorba.video import VideoFile
 
     outage, limit_s = Outage(), seconds or math.inf
+    tick_s, ticked_at = 0.0, clock()
     picture = camera.png(RESOLVE_TIMEOUT_S)
     video = VideoFile(file, *Image.open(io.BytesIO(picture)).size, fps)
-    began = clock()
 
-    def passed_s() -> float:
-        return min(clock() - began, limit_s)
+    def passed_s(least_s: float = 0.0) -> float:
+        return min(tick_s + max(least_s, clock() - ticked_at), limit_s)
 
     try:
         with video, progress(seconds) as bar:
             video.show(picture, 0.0)
             try:
-                for _ in stop.ticks(1 / fps, seconds):
+                for tick in stop.ticks(1 / fps, seconds):
+                    tick_s, ticked_at = tick, clock()
                     try:
                         picture, note = camera.png(), ""
                         outage.note_answer()
@@ -149,7 +150,7 @@ def film(
                         video.show(picture, passed_s())  # it may have arrived long after the tick
                     bar(passed_s(), note or f"{video.count} pictures")
             finally:
-                video.hold(passed_s())
+                video.hold(passed_s(1 / fps))
     finally:
         width, height = video.size
         echo(f"wrote {file}: {video.count / fps:.1f} s, {video.count} pictures of {width} x {height}")

@@ -940,6 +940,8 @@ subject missions {
     $agent abortMission tcl-mission
     until {[condition] eq "IDLE"}
     refused UnknownMission {name none} {$agent abortMission none}
+    $agent leadMission tcl-late $icon 7; # nobody offers it: its program fails
+    until {[condition] eq "IDLE"}
     answer control_release $control release
     $supervisor endRobot V
     until {[phase] in {{} PROCESS_ENDED}}
