@@ -23,7 +23,8 @@ class RobotKeptOut(InvalidDescription):
 
 
 class PlaceTaken(SimulationError):
-    """A robot at `x`, `y` [m] on `floor` would overlap `blocker`: a robot, an object, or (empty) a static obstacle."""
+    """Nothing can be put at `x`, `y` [m] on `floor` because of `blocker`: the name of a robot or an object there, empty
+    for a static obstacle, or a reason in words."""
 
     def __init__(self, floor: str, x: float, y: float, blocker: str) -> None:
         self.floor, self.x, self.y, self.blocker = floor, x, y, blocker

@@ -7,6 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
 
+from shapely import Point, Polygon
+
+from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.lineage import SAME_NAMES, Lineage
 from robocorba.maps.model import Building
 from robocorba.maps.movable import fixed_obstacles, movables
@@ -40,7 +43,7 @@ class SimulatedBuilding:
     def __init__(self, building: Building, pool: FloorPool | None = None) -> None:
         self.pool = pool or FloorPool()
         self.building = Building(building.name)
-        self.occupants = Occupants()
+        self.occupants = Occupants(self._why_inaccessible)
         self.elevators = Elevators(self.occupants)
         #: Areas reserved by robots; reservations on a removed floor block nobody.
         self.reservations = Reservations()
@@ -98,7 +101,7 @@ class SimulatedBuilding:
         lost = self.occupants.update_objects(movables(building), lineage)
         self.reservations.rename_floors(kept)
         self.elevators.update(building, self.time, lineage, kept)
-        self.refresh()
+        self._look_into_cabins()
         reason = "the map was edited"
         return MapUpdate(
             removed, [SimulationEvent(self.time, floor, "grip lost", (robot,), reason) for robot, floor in lost]
@@ -133,6 +136,18 @@ class SimulatedBuilding:
         ]
         self._look_into_cabins()
         return [*events, SimulationEvent(self.time, pose.floor, "placed", (name,))]
+
+    def _why_inaccessible(self, pose: Pose) -> str:
+        """Why no body can get to a pose of a floor: it is outside of the floor, or in a shaft whose cabin belongs to
+        another one. Empty if one can, unless something stands there."""
+        centre, outline = Point(pose.x, pose.y), self.building.floors[pose.floor].floor.outline
+        if outline and not Polygon(outline).contains(centre):
+            return f"it is outside of the outline of {pose.floor}"
+        for elevator in self.building.elevators_through(pose.floor):
+            cabin_floor = self.elevators.cabins[elevator.name].floor
+            if cabin_floor != pose.floor and shaft_polygon(elevator).contains(centre):
+                return f"it is in the shaft of {elevator.name}, whose cabin is on {cabin_floor}"
+        return ""
 
     def reserve(self, name: str, alternatives: Sequence[AreaRequest]) -> int:
         """Request one of several alternatives for a robot; return its index. Raises UnknownRobot, InvalidReservation,
@@ -173,7 +188,7 @@ class SimulatedBuilding:
         self.elevators.refresh()
 
     def _look_into_cabins(self) -> None:
-        """As `refresh`, after bodies were placed: an idle cabin opens if an object is in it."""
+        """As `refresh`, after bodies or names have changed: an idle cabin opens if an object is in it."""
         self.occupants.refresh()
         self.elevators.look_into_cabins()
 

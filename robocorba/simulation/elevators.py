@@ -84,18 +84,24 @@ class Elevators:
         self.cabins = {name: shafts[name].cabin for name in building.elevators}
 
     def _added(self, cabin: Cabin, landings: dict[str, BaseGeometry], former_floor: str) -> _Shaft:
-        """The shaft of a new cabin, which starts open on a floor where something is in its doors or its shaft: the
-        former floor if it is there, too."""
+        """The shaft of a new cabin."""
         polygon, last = shaft_polygon(cabin.elevator), (cabin.floor, Doors.CLOSED)
         shaft = _Shaft(next(self._numbers), cabin, polygon, landings, last)
         cabin.doorway = partial(self._doorway, shaft)
-        for floor in sorted(landings, key=lambda floor: floor != former_floor):
+        self._start(shaft, former_floor)
+        return shaft
+
+    def _start(self, shaft: _Shaft, former_floor: str = "") -> None:
+        """Let a new cabin start open on a floor where something is in its doors or its shaft: the former floor if it is
+        there, too."""
+        cabin = shaft.cabin
+        for floor in sorted(shaft.landings, key=lambda floor: floor != former_floor):
             if cabin.doors is not Doors.OPEN and self._is_in_use(shaft, floor):
                 cabin.start_open(floor)
                 shaft.last = (floor, Doors.OPEN)
+                self._occupants.floors[floor].open_door(shaft.door)
             else:
                 self._close_landing(shaft, floor)
-        return shaft
 
     def _is_in_use(self, shaft: _Shaft, floor: str) -> bool:
         """Whether a body is in a shaft or its doorway on a floor."""
@@ -159,7 +165,7 @@ class Elevators:
         return events
 
     def look_into_cabins(self) -> None:
-        """As `refresh`, after bodies were placed: an idle cabin opens if an object is in it."""
+        """As `refresh`, after bodies or names have changed: an idle cabin opens if an object is in it."""
         self._idle = set()
         self.refresh()
 
@@ -263,6 +269,7 @@ class Elevators:
                 self._apply_cabin_state(name, cabin)
             else:
                 cabin.now = now
+                self._start(self._shafts[name])
 
 
 @dataclass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import shapely
 
@@ -40,11 +40,13 @@ MapObjects = Mapping[str, tuple[MapObject, str]]
 
 
 class Occupants:
-    """The robots and movable objects of a building, each on one floor.
+    """The robots and movable objects of a building, each on one floor. why_inaccessible: why no body can be put at a
+    pose, whatever stands there; empty if one can.
 
     One thread may use it; SimulatedRobot is an exception."""
 
-    def __init__(self) -> None:
+    def __init__(self, why_inaccessible: Callable[[Pose], str] = lambda pose: "") -> None:
+        self._why_inaccessible = why_inaccessible
         #: The floors' physics, by name. Never changed in place.
         self.floors: Mapping[str, FloorPhysics] = {}
         self.robots: dict[str, SimulatedRobot] = {}
@@ -72,6 +74,8 @@ class Occupants:
         floor, x, y, _ = description.pose
         if floor not in self.floors:
             raise UnknownFloor("start", floor, list(self.floors))
+        if reason := self._why_inaccessible(description.pose):
+            raise PlaceTaken(floor, x, y, reason)
         blocker = self.floors[floor].touching(x, y, description.radius_m)
         if blocker is not None:
             raise PlaceTaken(floor, x, y, self.name_of(blocker))
@@ -285,6 +289,8 @@ class Occupants:
             raise UnknownBody(name)
         if floor not in self.floors:
             raise UnknownFloor("at.floor", floor[:200], list(self.floors))
+        if reason := self._why_inaccessible(pose):
+            raise PlaceTaken(floor, x, y, reason)
         physics = self.floors[floor]
         if robot:
             body, blocker = robot.body, physics.touching(x, y, robot.description.radius_m, robot.body)

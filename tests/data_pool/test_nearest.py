@@ -26,7 +26,7 @@ from tests.simulation.places import robot
 def crowd(floor: str = "L2") -> Place:
     """Robots of several sizes beside the furniture."""
     place = Place()
-    for number, (x, y, radius_m) in enumerate([(7.0, 2.0, 0.4), (8.0, 4.0, 0.25), (2.2, 4.6, 0.1), (5.0, 5.0, 0.3)]):
+    for number, (x, y, radius_m) in enumerate([(7.0, 2.0, 0.4), (8.0, 4.0, 0.25), (2.2, 4.6, 0.1), (5.0, 3.5, 0.3)]):
         place.world.add(Description(f"R{number}", Pose(floor, x, y, 1.0), radius_m))
     place.world.refresh()
     return place

@@ -269,6 +269,24 @@ def test_nothing_is_placed_where_something_is(
     assert world.record() == before
 
 
+@pytest.mark.parametrize(
+    ("pose", "reason"),
+    [
+        (Pose("L1", -5.0, 2.0), "outside of the outline of L1"),
+        (Pose("L2", 30.0, 30.0), "outside of the outline of L2"),
+        (Pose("L2", 5.0, 5.0), "in the shaft of E1, whose cabin is on L1"),
+    ],
+)
+def test_nothing_comes_to_where_nothing_can_get(world: SimulatedBuilding, pose: Pose, reason: str) -> None:
+    enter(world, "A", "L1", 7.0, 2.0)
+    with pytest.raises(PlaceTaken, match=reason):
+        enter(world, "B", *pose[:3])
+    for body in ("A", "T1"):
+        with pytest.raises(PlaceTaken, match=reason):
+            world.place(body, pose)
+    enter(world, "C", "L1", 5.0, 5.0)  # in the cabin
+
+
 def test_a_body_may_be_placed_over_its_own_place(world: SimulatedBuilding) -> None:
     enter(world, "A", "L1", 7.0, 2.0)
     world.place("A", Pose("L1", 7.1, 2.0, 0.0))

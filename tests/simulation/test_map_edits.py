@@ -235,6 +235,7 @@ class MapEdits(RuleBasedStateMachine):
             x, y = at(place)
             assert occupants.pose(name) == pytest.approx(Pose(self.floors[floor], x - 1.0, y, 0.0))
         ride = self.world.elevators.rides[WAITING]
+        assert self.world.elevators.states[self.elevator].floor in (self.floors[0], self.floors[1])
         assert (ride.elevator, ride.origin, ride.destination) == (self.elevator, self.floors[1], self.floors[0])
         assert waiting.state().pose == pytest.approx(Pose(self.floors[1], -45.0, 0.0, 0.0))
         (reserved,) = self.world.reservations.all(self.world.time)
