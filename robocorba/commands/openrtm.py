@@ -91,8 +91,8 @@ class RobotComponents:
     def wants(self, robot: str) -> bool:
         return self._wanted is None or robot in self._wanted
 
-    def show(self, time_s: float, places: dict[str, RobotPlace]) -> None:
-        """Robots at a simulated time [s]; components come and go with them."""
+    def show(self, places: dict[str, RobotPlace]) -> None:
+        """Robots by name; components come and go with them."""
         for robot in self._made.keys() - places.keys():
             self._remove(robot)
         now_s = time.monotonic()
@@ -101,7 +101,7 @@ class RobotComponents:
                 orders = AgentOrders(self._orb, robot)
                 made = self._objects.make(self._instance_names[robot], robot, orders)
                 self._made = {**self._made, robot: (made, orders)}  # for the other thread
-            self._made[robot][0].component.show(now_s, time_s, place)
+            self._made[robot][0].component.show(now_s, place.time_s, place)
 
     def show_scans(self, changes: SystemChanges, rate_hz: float) -> None:
         for scan in changes.scans:
@@ -188,7 +188,7 @@ class SystemInOpenRtm:
         places = {place.name: place for place in self._view.robots() if self._components.wants(place.name)}
         self.places = self._view.time_s, places
         if self._view.time_s != before_s:
-            self._components.show(self._view.time_s, places)
+            self._components.show(places)
         self._components.show_scans(changes, self._scan_rate_hz)
 
 

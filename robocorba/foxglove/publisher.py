@@ -246,9 +246,11 @@ class FoxglovePublisher:
         return float(row["x"]), float(row["y"]), self._ground_m(view.floor, body), float(row["heading"])
 
     def _ground_m(self, floor: str, body: Body) -> float:
-        """The height on which a body stands [m]: of a cabin that travels with it, else of the floor."""
+        """The height on which a body stands [m]: of the cabin in which it is, else of the floor.
+
+        A cabin may arrive by an earlier update than the one by which its riders come to the new floor."""
         for state in self._elevators.values():
-            if not state.floor and body.name in state.riders:
+            if body.name in state.riders:
                 return state.height
         return self._building.floors[floor].floor.elevation if floor in self._building.floors else 0.0
 

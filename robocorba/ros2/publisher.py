@@ -10,10 +10,11 @@
 | `/ROBOT/joint_states` | sensor_msgs/msg/JointState |
 | `/ROBOT/robot_description`, `/ROBOT/floor` | std_msgs/msg/String: the URDF, and the floor on which the robot is |
 
-Times of messages are simulated."""
+Times of messages are simulated; those of a robot are of the last update of its floor."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable
 from typing import Any, Protocol
 
@@ -36,6 +37,8 @@ from robocorba.spatial.posture import Posture
 
 #: Simulated time after which joints that don't move are published again [s].
 JOINTS_S = 1.0
+#: Time by which a server that was killed may begin again earlier [s, simulated]; less is a floor that lags behind.
+BACKWARD_S = 1.0
 
 
 class Topics(Protocol):
@@ -73,6 +76,8 @@ class RosPublisher:
         self._view = SystemView(building)
         #: Robots that were published last, with the floors that were published for them.
         self._floor_of: dict[str, str] = {}
+        #: Simulated times of each robot's last messages [s].
+        self._published_at_s: dict[str, float] = {}
         self._joints: dict[str, Floats] = {}
         #: When the joints of each robot were published last, simulated [s].
         self._joints_at_s: dict[str, float] = {}
@@ -94,7 +99,7 @@ class RosPublisher:
 
     @property
     def time_s(self) -> float:
-        """Simulated time of the last message [s]."""
+        """Simulated time of the latest floor [s]."""
         return self._view.time_s
 
     def publish(self, changes: SystemChanges) -> None:
@@ -109,6 +114,7 @@ class RosPublisher:
             self._note(posture)
         if self.time_s != before_s:
             self._send("/clock", "rosgraph_msgs/msg/Clock", self._messages.clock(self.time_s))
+        if changes.updates:
             self._publish_robots()
         for scan in changes.scans:
             self._publish_scan(scan)
@@ -151,14 +157,18 @@ class RosPublisher:
             if self._floor_of.get(place.name) != place.floor:
                 self._floor_of[place.name] = place.floor
                 self._send(f"/{robot}/floor", "std_msgs/msg/String", self._messages.text(place.floor), True)
-            message = self._messages.odometry(self.time_s, odom, base, place)
-            self._send(f"/{robot}/odom", "nav_msgs/msg/Odometry", message)
+            time_s = place.time_s
+            if 0.0 <= self._published_at_s.get(place.name, -math.inf) - time_s < BACKWARD_S:
+                continue  # its floor has nothing new yet; tf takes no transform of a time twice
+            self._published_at_s[place.name] = time_s
+            message = self._messages.odometry(time_s, odom, base, place)
+            self._topics.publish(f"/{robot}/odom", "nav_msgs/msg/Odometry", message, time_s)
             frames = transforms.setdefault(self._frames.topic(robot), [])
-            frames.append(self._messages.transform(self.time_s, MAP, odom, (0.0, 0.0, place.z)))
+            frames.append(self._messages.transform(time_s, MAP, odom, (0.0, 0.0, place.z)))
             at = (place.x, place.y, 0.0)
-            frames.append(self._messages.transform(self.time_s, odom, base, at, yaw(place.heading)))
-            if not 0.0 <= self.time_s - self._joints_at_s.get(place.name, -JOINTS_S) < JOINTS_S:
-                frames += self._publish_joints(place.name, robot)
+            frames.append(self._messages.transform(time_s, odom, base, at, yaw(place.heading)))
+            if not 0.0 <= time_s - self._joints_at_s.get(place.name, -JOINTS_S) < JOINTS_S:
+                frames += self._publish_joints(place.name, robot, time_s)
         for topic, each in transforms.items():
             self._send(topic, "tf2_msgs/msg/TFMessage", self._messages.transforms(each))
         for gone in self._floor_of.keys() - places.keys():
@@ -173,15 +183,15 @@ class RosPublisher:
             self._joints[posture.robot] = np.array(posture.joints)
             self._joints_at_s.pop(posture.robot, None)
 
-    def _publish_joints(self, name: str, robot: str) -> Iterable[Any]:
+    def _publish_joints(self, name: str, robot: str, time_s: float) -> Iterable[Any]:
         """Publishes a robot's joints; returns the transforms of its links."""
         joints = self._joints.get(name, np.zeros(len(JOINTS)))
-        self._joints_at_s[name] = self.time_s
-        message = self._messages.joints(self.time_s, JOINTS, joints)
-        self._send(f"/{robot}/joint_states", "sensor_msgs/msg/JointState", message)
+        self._joints_at_s[name] = time_s
+        message = self._messages.joints(time_s, JOINTS, joints)
+        self._topics.publish(f"/{robot}/joint_states", "sensor_msgs/msg/JointState", message, time_s)
         for parent, child, at, rotation in link_poses(joints):
             parent, child = self._frames.of(robot, parent), self._frames.of(robot, child)
-            yield self._messages.transform(self.time_s, parent, child, at, rotation)
+            yield self._messages.transform(time_s, parent, child, at, rotation)
 
     def _publish_scan(self, scan: RobotScan) -> None:
         if scan.robot not in self._floor_of:
@@ -208,7 +218,7 @@ class RosPublisher:
             static.pop(self._frames.of(robot, LASER + suffix), None)
         for topic in ("odom", "joint_states", "robot_description", "floor", *(f"scan{suffix}" for suffix in suffixes)):
             self._topics.close(f"/{robot}/{topic}")
-        for each in (self._floor_of, self._joints, self._joints_at_s):
+        for each in (self._floor_of, self._published_at_s, self._joints, self._joints_at_s):
             each.pop(name, None)
 
     # ---- messages ----

@@ -27,13 +27,13 @@ from robocorba.ros2.node import RosNode, message_type
 from robocorba.spatial.pose import Pose
 
 #: Services without arguments, and what they order.
-SERVICES: dict[str, Callable[[RemoteAgent], None]] = {
-    "run_program": RemoteAgent.run,
-    "pause": RemoteAgent.pause,
-    "resume": RemoteAgent.resume,
-    "abort": RemoteAgent.abort,
-    "stop": RemoteAgent.stop,
-    "reset_stop": RemoteAgent.reset_stop,
+SERVICES: dict[str, Callable[[RobotOrders], None]] = {
+    "run_program": RobotOrders.run,
+    "pause": lambda orders: orders.order(RemoteAgent.pause),
+    "resume": lambda orders: orders.order(RemoteAgent.resume),
+    "abort": lambda orders: orders.order(RemoteAgent.abort),
+    "stop": lambda orders: orders.order(RemoteAgent.stop),
+    "reset_stop": lambda orders: orders.order(RemoteAgent.reset_stop),
 }
 #: A pose x, y [m], heading [rad] in a frame, as one in the building; raises RobotError.
 Goal = Callable[[str, float, float, float], Pose]
@@ -84,10 +84,10 @@ class RobotInterface:
         except RoboCorbaError as error:
             self._node.warn(f"{self._orders.name}: goal_pose: {error}")
 
-    def _answering(self, order: Callable[[RemoteAgent], None]) -> Callable[[Any, Any], Any]:
+    def _answering(self, order: Callable[[RobotOrders], None]) -> Callable[[Any, Any], Any]:
         def answer(request: Any, response: Any) -> Any:
             try:
-                self._orders.order(order)
+                order(self._orders)
                 response.success, response.message = True, ""
             except RoboCorbaError as error:
                 response.success, response.message = False, str(error)

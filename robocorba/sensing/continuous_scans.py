@@ -69,7 +69,9 @@ class ContinuousScans:
         if not robots or time_s == self._last_s:
             return
         try:
-            scans = self._lasers.scans(robots, time_s)
+            scans = [
+                scan._replace(time=places[scan.robot].time_s) for scan in self._lasers.scans(robots, time_s)
+            ]  # each is from where its robot was at the time of its floor
             with self._lock:
                 self._taken, self._last_s, self.problem = scans, time_s, ""
         except RoboCorbaError as error:

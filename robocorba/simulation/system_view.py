@@ -8,13 +8,14 @@ from typing import NamedTuple
 from robocorba.errors.simulation import UpdateMismatch
 from robocorba.maps.model import Building
 from robocorba.spatial.elevator_state import ElevatorState
-from robocorba.spatial.floor_update import BodyKind, FloorUpdate, FloorView
+from robocorba.spatial.floor_update import WHOLE, BodyKind, FloorUpdate, FloorView
 from robocorba.spatial.frames import turned
 
 
 class RobotPlace(NamedTuple):
     """A robot: x, y, z [m] of its base, heading [rad], velocity ahead and to the left [m/s], turn [rad/s]. z: above the
-    zero of the map; of a robot in a cabin that travels, the cabin's."""
+    zero of the map; of a robot in a cabin, the cabin's. time_s: simulated time of all that [s], which is that of the
+    last update of its floor."""
 
     name: str
     floor: str
@@ -23,6 +24,7 @@ class RobotPlace(NamedTuple):
     z: float
     heading: float
     velocity: tuple[float, float, float]
+    time_s: float = 0.0
 
 
 class SystemView:
@@ -30,10 +32,9 @@ class SystemView:
 
     def __init__(self, building: Building) -> None:
         self.building = building
-        #: Simulated time of the last update [s].
-        self.time_s = 0.0
         self._views: dict[str, FloorView] = {}
-        self._elevators: dict[str, ElevatorState] = {}
+        #: States of elevators, and the simulated times of the updates that had them [s].
+        self._elevators: dict[str, tuple[float, ElevatorState]] = {}
         #: The floor on which each robot was seen last.
         self._floor_of: dict[str, str] = {}
 
@@ -46,15 +47,20 @@ class SystemView:
             except UpdateMismatch:
                 del self._views[update.floor]
                 raise
-            self._elevators.update(update.elevators)
+            for name, state in update.elevators.items():
+                if update.since == WHOLE or update.time >= self._elevators.get(name, (0.0,))[0]:
+                    self._elevators[name] = update.time, state
             self._floor_of.update((body.name, update.floor) for body in update.came if body.kind is BodyKind.ROBOT)
-            self.time_s = update.time
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time of the latest update of a floor [s]."""
+        return max((view.time for view in self._views.values()), default=0.0)
 
     def robots(self) -> Iterator[RobotPlace]:
         """All robots, each once."""
-        cabins = {
-            rider: state.height for state in self._elevators.values() if not state.floor for rider in state.riders
-        }
+        # Also in a cabin that has arrived: the update in which its riders come to the new floor may be the next one.
+        cabins = {rider: state.height for _, state in self._elevators.values() for rider in state.riders}
         for view in self._views.values():
             entry = self.building.floors.get(view.floor)
             for body, row in zip(view.bodies.values(), view.motions, strict=True):
@@ -70,4 +76,5 @@ class SystemView:
                     cabins.get(body.name, entry.floor.elevation if entry else 0.0),
                     heading,
                     (ahead, left, float(row["turn"])),
+                    view.time,
                 )

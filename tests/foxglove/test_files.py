@@ -22,10 +22,12 @@ from robocorba.simulation.mission_record import MissionContent, MissionResult, P
 from robocorba.simulation.recorded_entries import RecordedMission, dump_mission
 from robocorba.simulation.recording import Recorder, Recording
 from robocorba.simulation.robot_scans import RobotScan
+from robocorba.simulation.system_changes import SystemChanges
 from robocorba.spatial.floor_update import FloorUpdate
 from robocorba.spatial.pose import Pose
 from robocorba.spatial.posture import Posture
 from tests.simulation.places import recorded_drive, scan, tower
+from tests.simulation.test_system_view import HOUSE, cabin, update
 
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
 decoders = pytest.importorskip("mcap_protobuf.decoder", reason="mcap-protobuf-support is not installed")
@@ -194,3 +196,26 @@ def test_an_existing_file_is_kept(recording: Recording, tmp_path: Path) -> None:
     assert read(path)["/tf"]
     with pytest.raises(InvalidRecording, match="No such file"):
         convert(recording, tmp_path / "nowhere" / "b.mcap")
+
+
+def test_a_rider_does_not_fall_back_to_its_old_floor_when_its_cabin_arrives(tmp_path: Path) -> None:
+    with contextlib.closing(FoxgloveFile(tmp_path / "a.mcap", HOUSE)) as file:
+        for time_s, updates in enumerate(
+            (
+                [update("L1", 1, 1.0, cabin(0.0, "L1"), came="A"), update("L2", 1, 1.0, cabin(0.0, "L1"))],
+                [update("L1", 2, 2.0, cabin(3.0)), update("L2", 2, 2.0, cabin(3.0))],
+                [update("L1", 3, 3.0, cabin(4.0, "L2"))],
+                [update("L2", 3, 3.0, cabin(4.0, "L2"), came="A")],
+            )
+        ):
+            file.write_changes(SystemChanges(updates, [], [], []), time_s)
+    messages = read(tmp_path / "a.mcap")
+    heights = [
+        each.translation.z
+        for _, message in messages["/tf"]
+        for each in message.transforms
+        if each.child_frame_id == "A/base_link"
+    ]
+    assert heights == sorted(heights)
+    assert heights[-1] == 4.0
+    assert len(heights) == 5

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from robocorba.control.agent_state import TELEOPERATION, AgentCondition, ProgramResult
 from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.errors.robots import IllegalOrder, MotionFailed
+from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed
 from robocorba.errors.services import NotReachable
 from robocorba.last_order import LastOrder
 from robocorba.motion.robot_state import Velocity
@@ -39,6 +39,8 @@ class RobotOrders:
         self._connect, self._warn = connect, warn
         self._lock = threading.Lock()
         self._agent: RemoteAgent | None = None
+        #: The last program that was loaded and was no goal; empty if none is known.
+        self._program = ""
         self._problems: dict[str, tuple[str, float]] = {}
         self._velocities = LastOrder(f"{name} velocity", self._drive, lambda why: self._note("velocity", why))
         self._goals = LastOrder(f"{name} goal", self._drive_to, lambda why: self._note("goal", why))
@@ -59,6 +61,14 @@ class RobotOrders:
     def load(self, json: str) -> None:
         """Load a program in JSON. Raises InvalidProgram, IllegalOrder, NotReachable."""
         self.order(lambda agent: agent.load(json))
+        self._program = json
+
+    def run(self) -> None:
+        """Run the loaded program: the robot's, or if a goal has taken its place, the one that was loaded before.
+
+        Raises InvalidProgram, IllegalOrder, NotReachable."""
+        self.order(self._load_again)
+        self.order(lambda agent: agent.run())
 
     def order(self, order: Callable[[RemoteAgent], Answer]) -> Answer:
         """Call the agent, which may be a new process by now. Raises what it raises, and NotReachable."""
@@ -82,8 +92,21 @@ class RobotOrders:
     def _drive_to(self, goal: Pose) -> None:
         drive = ProgramBuilder(GOAL).mbase_path(goal.floor, goal.x, goal.y, goal.heading).program()
         self.order(_end_drive)
+        self.order(self._remember)
         self.order(lambda agent: agent.load(program.dumps(drive)))
         self.order(lambda agent: agent.run())
+
+    def _remember(self, agent: RemoteAgent) -> None:
+        """Keep the program whose place a goal takes."""
+        loaded = agent.program()
+        if loaded and not _is_goal(loaded):
+            self._program = loaded
+
+    def _load_again(self, agent: RemoteAgent) -> None:
+        if _is_goal(agent.program()):
+            if not self._program:
+                raise IllegalOrder("run a program", "has loaded none, only driven to a goal")
+            agent.load(self._program)
 
     def _note(self, kind: str, why: str) -> None:
         """Report a problem once every REPORT_INTERVAL_S."""
@@ -94,6 +117,14 @@ class RobotOrders:
             self._problems[kind] = why, now_s
         elif not why:
             self._problems.pop(kind, None)
+
+
+def _is_goal(loaded: str) -> bool:
+    """Whether a loaded program is a drive to a goal."""
+    try:
+        return program.loads(loaded).name == GOAL
+    except InvalidProgram:  # none is loaded, or one of another release
+        return False
 
 
 def _end_drive(agent: RemoteAgent) -> None:
