@@ -371,7 +371,8 @@ class RobotSettings:
             "--record",
             type=Path,
             metavar="FILE",
-            help="log the control cycles (ticks) to this CSV file; to record floors, see `robocorba record`",
+            help="log the control cycles (ticks) to this CSV file, in place of an earlier log; to record floors, see "
+            "`robocorba record`",
         )
         parser.add_argument("--progress", action="store_true", help="print a line when what it does changes")
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")

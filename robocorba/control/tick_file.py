@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from robocorba.background import Background
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.files import OutputExists
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.motion.robot_state import ActorCommand, RobotState
 
@@ -47,12 +48,14 @@ class Tick(NamedTuple):
 
 
 class TickFile:
-    """Creates a file. A separate thread writes it, so `add` never blocks a robot; ticks
-    beyond the queue or `max_ticks` are dropped, and `close` logs their number. Raises RoboCorbaError if the file can't
-    be created."""
+    """Creates a file, in place of an earlier one of its kind but of no other. A separate thread writes it, so `add`
+    never blocks a robot; ticks beyond the queue or `max_ticks` are dropped, and `close` logs their number. Raises
+    RoboCorbaError if the file can't be created, OutputExists for a file of another kind."""
 
     def __init__(self, file: Path, max_ticks: int = MAX_TICKS) -> None:
         try:
+            if file.is_file() and not _is_replaceable(file):
+                raise OutputExists(file, "it is no record of control cycles, choose another name")
             self._file = file.open("w", newline="")
         except OSError as error:
             raise RoboCorbaError(f"can't create {file}: {error.strerror or error}") from None
@@ -105,6 +108,13 @@ class TickFile:
         """Record no more."""
         self._remaining = 0
         _log.warning("stopped recording to %s: %s", self._file.name, reason)
+
+
+def _is_replaceable(file: Path) -> bool:
+    """Whether a file is empty or a record of ticks."""
+    head = ",".join(COLUMNS[:6]).encode()
+    with file.open("rb") as existing:
+        return existing.read(len(head)) in (b"", head)
 
 
 def _row(tick: Tick) -> list[str]:

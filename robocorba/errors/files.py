@@ -16,8 +16,8 @@ class OutputError(RoboCorbaError):
 class OutputExists(OutputError):
     """The output exists already and may not be replaced."""
 
-    def __init__(self, path: object) -> None:
-        super().__init__(path, "exists already; choose another name, or replace it with --force")
+    def __init__(self, path: object, remedy: str = "choose another name, or replace it with --force") -> None:
+        super().__init__(path, f"exists already; {remedy}")
 
 
 class OutputIsInput(OutputError):

@@ -13,6 +13,7 @@ import pytest
 from robocorba.control import tick_file
 from robocorba.control.tick_file import COLUMNS, Tick, TickFile
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.files import OutputExists
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.motion.robot_state import ActorCommand, RobotState
 
@@ -88,3 +89,14 @@ def test_the_disk_is_full(caplog: pytest.LogCaptureFixture) -> None:
         ticks._thread.join(60.0)
         ticks.add(tick(1))
     assert "stopped recording to /dev/full: " in caplog.text
+
+
+def test_a_record_replaces_an_earlier_one_and_no_other_file(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    for _ in range(2):
+        TickFile(file).close()
+    assert file.read_text().startswith("adaptor,program,")
+    file.write_text("mine")
+    with pytest.raises(OutputExists, match=r"a\.csv: exists already"):
+        TickFile(file)
+    assert file.read_text() == "mine"
