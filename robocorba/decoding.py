@@ -14,12 +14,15 @@ import threading
 import time
 import zlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
 from robocorba.errors.files import LimitExceeded, WorkEnded
 
+#: Maximum size of a file with a reference, an address or a password [bytes].
+MAX_SMALL_FILE = 64 * 1024
 T = TypeVar("T")
 _examining = threading.Lock()
 _json: dict[Any, msgspec.json.Decoder[Any]] = {}
@@ -40,6 +43,16 @@ def convert(plain: Any, schema: type[T]) -> T:
     """Plain maps, lists and values as `schema`. Raises msgspec.ValidationError."""
     _decoder(schema, _msgpack, msgspec.msgpack.Decoder)
     return _decoded(lambda data: msgspec.convert(data, schema), plain)
+
+
+def read_text(file: Path, limit: int = MAX_SMALL_FILE) -> str:
+    """The text of a small file that somebody names, which may be anything, such as /dev/zero. Raises OSError,
+    UnicodeDecodeError, LimitExceeded."""
+    with file.open("rb") as source:
+        data = source.read(limit + 1)
+    if len(data) > limit:
+        raise LimitExceeded(str(file), f"more than {limit}", limit, "bytes")
+    return data.decode()
 
 
 def decompress_gzip(data: bytes, limit: int, what: str) -> bytes:

@@ -25,6 +25,7 @@ from urllib.parse import unquote
 
 import platformdirs
 
+from robocorba.decoding import read_text
 from robocorba.errors.services import ServiceError
 from robocorba.names import ACCESS
 from robocorba.roles import Role
@@ -141,7 +142,7 @@ class RoleNaming(Address):
     def read(cls, file: Path, setting: str = "--naming") -> RoleNaming:
         """From a file that `robocorba up --guarded` wrote. Raises InvalidSetting."""
         try:
-            text = file.read_text().strip()
+            text = read_text(file).strip()
         except (OSError, UnicodeDecodeError) as error:
             raise InvalidSetting(setting, str(file), getattr(error, "strerror", "") or "not a text") from None
         match = re.fullmatch(

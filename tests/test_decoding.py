@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -12,14 +13,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robocorba.decoding import convert, decode_json, decode_msgpack
+from robocorba.decoding import convert, decode_json, decode_msgpack, read_text
+from robocorba.errors.files import LimitExceeded
+from robocorba.settings import RoleNaming
 
 #: Threads that decode types of many nested ones for the first time, all at once. With msgspec's own functions, this
 #: process crashed in each of five runs.
 _THREADS = """
 import sys, threading
 import msgspec
-from robocorba.decoding import convert, decode_json, decode_msgpack
+from robocorba.decoding import convert, decode_json, decode_msgpack, read_text
+from robocorba.errors.files import LimitExceeded
+from robocorba.settings import RoleNaming
 
 sys.setswitchinterval(1e-6)
 TYPES, PARTS = 10, 20
@@ -90,3 +95,12 @@ def test_any_bytes_are_decoded_or_invalid(data: bytes) -> None:
             decode(data, Anything)
         with contextlib.suppress(msgspec.DecodeError, ValueError):
             decode(b"\x81\xa1x" + data, Anything)
+
+
+def test_a_file_without_an_end_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LimitExceeded, match=r"/dev/zero has more than 65536 bytes, at most 65536 are read"):
+        read_text(Path("/dev/zero"))
+    with pytest.raises(LimitExceeded, match="/dev/zero"):
+        RoleNaming.read(Path("/dev/zero"))
+    (tmp_path / "a").write_text("é")
+    assert read_text(tmp_path / "a") == "é"

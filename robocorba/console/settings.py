@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from robocorba.decoding import read_text
 from robocorba.errors.services import ServiceError
 from robocorba.names import SUPERVISOR
 from robocorba.settings import Address, InvalidSetting, Settings
@@ -132,7 +133,7 @@ def _password(host: str, file: Path | None) -> str:
     """The password to ask users for; empty if only this machine reaches the console and no file is given."""
     if file is not None:
         try:
-            password = file.read_text().split("\n")[0].strip()
+            password = read_text(file).split("\n")[0].strip()
         except (OSError, UnicodeDecodeError) as error:
             raise InvalidSetting("--password-file", str(file), str(error)) from None
     elif Address(host, 1).is_loopback:

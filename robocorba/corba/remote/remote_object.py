@@ -12,6 +12,7 @@ from omniORB import CORBA
 from robocorba.corba.calls import describe
 from robocorba.corba.conversion.errors import domain_error
 from robocorba.corba.orb import Orb
+from robocorba.decoding import read_text
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotPermitted, NotReachable
 
@@ -70,7 +71,7 @@ class FileObject(RemoteObject):
 
     def _resolve(self) -> Any:
         try:
-            uri = self._file.read_text().strip()
+            uri = read_text(self._file).strip()
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", "") or "not a reference"
             raise NotReachable(f"{self._what} is not reachable: {self._file}: {reason}") from None
