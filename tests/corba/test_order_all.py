@@ -44,7 +44,7 @@ def restart(crowd: Crowd) -> Any:
 
 
 def test_a_restart_of_a_crowd_leaves_nobody_stopped() -> None:
-    """`stop --all --reset` left 13 of 200 stopped: all were looked for at once."""
+    """`stop --all --reset` left 13 of 200 stopped: all were called at once, within a second each."""
     crowd = Crowd(CALM.at_once)
     assert list(order_all(crowd, NAMES, restart(crowd), CALM)) == [(name, "") for name in NAMES]  # type: ignore[arg-type]
     assert crowd.stopped == set()

@@ -35,8 +35,8 @@ class OrderLimits(NamedTuple):
 
 #: An emergency stop: nobody waits for others.
 URGENT = OrderLimits(10_000, 1.0, 5.0)
-#: A restart: 200 at once, each of which calls the simulation server, kept the naming service and that server so busy
-#: that some were not found in time, and stayed stopped.
+#: A restart, which is not urgent: of 200 robots that restart at once, some do not answer within the limits of an
+#: emergency stop, and stayed stopped.
 CALM = OrderLimits(16, 5.0, 60.0)
 
 
