@@ -27,7 +27,7 @@ from robocorba.stubs import RoboCorba
 LOCAL = {
     *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed"),
     *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide", "GridTooLarge"),
-    *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "MotionFailed"),
+    *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "RideLost"),
     *("GoalReached", "InTheWay", "MissionTakenOver"),
     *("NotDelivered", "Unconfirmed", "Refused", "InternalFault", "ClientGone", "RobotHeld"),
     *("OutputExists", "OutputIsInput", "LimitExceeded", "WorkEnded"),
