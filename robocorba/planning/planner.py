@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -56,7 +57,7 @@ class PathPlanner:
 
     def warm_up(self) -> None:
         """Compile or load every kernel, so that the first query is not slower. Compiling may take half a minute."""
-        planner = PathPlanner(warm_up_room())
+        planner = PathPlanner(warm_up_room(), time_limit_s=math.inf)  # a query may compile for longer than its limit
         floor, start, goal = WARM_UP_START.floor, WARM_UP_START, WARM_UP_GOAL
         for _ in range(WARM_UP_NODES):  # after as many queries as nodes: the table of costs
             planner.shortest(Place(floor, 5.0, 5.0), goal)
@@ -122,7 +123,7 @@ class PathPlanner:
             paths = [snapshot.path(route, request) for route in routes]
             if not paths:
                 _explain(snapshot, on_map, request, turn)
-            if is_geometric:
+            if is_geometric and len(paths[0].rows) > 2:
                 paths[0] = min([paths[0], *_smoothed(snapshot, request, turn)], key=cost_of(request))
         return sorted(paths, key=cost_of(request))
 

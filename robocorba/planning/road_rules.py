@@ -82,6 +82,13 @@ def followed(
     """The shares of the drive from a to b between which it follows lane i, and the direction: 0 from the lane's first
     end to the second, 1 back. Equal shares if it does not follow it."""
     px, py, qx, qy = lanes[i, 0], lanes[i, 1], lanes[i, 2], lanes[i, 3]
+    if (
+        max(ax, bx) + radius < min(px, qx)
+        or min(ax, bx) - radius > max(px, qx)
+        or max(ay, by) + radius < min(py, qy)
+        or min(ay, by) - radius > max(py, qy)
+    ):
+        return 0.0, 0.0, 0  # most lanes are elsewhere
     length = math.hypot(qx - px, qy - py)
     ux, uy = (qx - px) / length, (qy - py) / length
     along_a, along_b = (ax - px) * ux + (ay - py) * uy, (bx - px) * ux + (by - py) * uy
@@ -209,7 +216,7 @@ def limits_along(lanes: Floats, ax: float, ay: float, bx: float, by: float, radi
             continue
         limit = np.inf
         for i in range(count):
-            if spans[i, 0] <= before and mark <= spans[i, 1]:
+            if spans[i, 0] <= (before + mark) / 2.0 <= spans[i, 1]:
                 limit = min(limit, spans[i, 2])
         if size and limits[size - 1] == limit:
             size -= 1

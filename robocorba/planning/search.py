@@ -42,7 +42,7 @@ from robocorba.planning.route import (
 )
 from robocorba.planning.space import TOUCH_M, detour_bound, line_free
 from robocorba.planning.triangulation import doubled
-from robocorba.planning.world import Ground, floor_grid, floor_lanes, floor_point_is_free, unpack
+from robocorba.planning.world import Ground, floor_grid, floor_lanes, floor_point_is_free, packed_rules, unpack
 from robocorba.spatial.arrays import Floats, Longs
 from robocorba.spatial.grids import Grid
 
@@ -348,8 +348,7 @@ def find_path(
     detour, else (False, points). The points are empty where this search finds nothing; `topological.routes` then
     searches further or explains. Few parameters, because every argument costs time."""
     world, heuristics = Packed(world_longs, world_floats), Packed(heuristics_longs, heuristics_floats)
-    ground, _ = unpack(world)
-    rules = RoadRules(ground.lanes, ground.first_lane)
+    rules = packed_rules(world)
     nodes, lengths = np.empty(0, np.int64), np.empty(0)
     start, goal = (start_floor, start_x, start_y), (goal_floor, goal_x, goal_y)
     status, route = find_route(
@@ -535,6 +534,13 @@ def with_limits(rules: RoadRules, route: Floats, radius: float) -> Floats:
     """The route with the drives off the road split where they begin or cease to follow edges that have a speed limit,
     which they obey there."""
     count = route.shape[0]
+    is_any = False
+    for i in range(count - 1):
+        if route[i, ELEVATOR] < 0.0 and route[i, ROAD] == OFF_ROAD:
+            lanes = lanes_on(rules, int(route[i, FLOOR]))
+            is_any |= is_slowed(lanes, route[i, X], route[i, Y], route[i + 1, X], route[i + 1, Y], radius)
+    if not is_any:
+        return route
     found, size = np.empty((count, COLUMNS)), 0
     for i in range(count):
         if size == found.shape[0]:

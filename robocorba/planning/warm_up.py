@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from robocorba.maps.model import Building
 from robocorba.planning.planner import WARM_UP_GOAL, WARM_UP_START, PathPlanner, warm_up_room
 from robocorba.planning.request import PathRequest
@@ -24,7 +26,7 @@ def mesh() -> None:
 
 def shortest_path() -> None:
     """The shortest path on the roadmap, the other way round: start and goal are connected with it."""
-    PathPlanner(warm_up_room()).shortest(WARM_UP_GOAL, WARM_UP_GOAL._replace(y=5.0))
+    PathPlanner(warm_up_room(), time_limit_s=math.inf).shortest(WARM_UP_GOAL, WARM_UP_GOAL._replace(y=5.0))
 
 
 def connections() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from robocorba.kernels import kernel
 from robocorba.planning.packing import Packed, numbers, pack, rows
-from robocorba.planning.road_rules import LANE_COLUMNS
+from robocorba.planning.road_rules import LANE_COLUMNS, RoadRules
 from robocorba.planning.roads import MEASURES, RoadmapArrays
 from robocorba.planning.space import FloorSpace, point_is_free
 from robocorba.spatial.arrays import Floats, Longs
@@ -108,6 +108,12 @@ def unpack(world: Packed) -> tuple[Ground, RoadmapArrays]:
         numbers(world, 18),
     )
     return ground, roads
+
+
+@kernel
+def packed_rules(world: Packed) -> RoadRules:
+    """The rules of a packed world."""
+    return RoadRules(rows(world, 3, LANE_COLUMNS), numbers(world, 13))
 
 
 @kernel
