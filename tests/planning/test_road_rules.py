@@ -59,6 +59,12 @@ def test_a_drive_is_slow_where_it_follows_a_speed_limit() -> None:
     assert slowed_length(lanes, np.array([[-5.0, 0.0], [15.0, 0.0]]), 0.4, 1.0) == pytest.approx(15.0 + 5.0 / 0.2)
 
 
+@pytest.mark.parametrize("begin", [0.0, 1e-12, -1e-12])
+def test_a_drive_that_begins_with_an_edge_is_slow_from_its_begin(begin: float) -> None:
+    ends, limits = limits_along(one_lane(speed_limit=0.2), begin, 0.0, 10.0, 0.0, 0.4)
+    assert (ends.tolist(), limits.tolist()) == (pytest.approx([0.5, 1.0]), [0.2, math.inf])
+
+
 def test_of_two_edges_between_two_nodes_the_more_permissive_one_counts() -> None:
     edges = [edge("a", "b", one_way=True, graphs=("g",)), edge("b", "a", one_way=True, speed_limit=0.5)]
     ends, xy = np.array([[0, 1], [1, 0]]), np.array([[0.0, 0.0], [5.0, 0.0]])
