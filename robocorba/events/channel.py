@@ -19,9 +19,10 @@ from robocorba.events.event import EventBatch, EventHeader
 from robocorba.events.event_numbers import is_plausible, start_of
 from robocorba.events.federation import Federation
 from robocorba.events.feed import Feed
+from robocorba.events.interest import Interest
 from robocorba.events.proxy_consumer import ORDERS
 from robocorba.events.proxy_supplier import ProxySupplier
-from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription, patterns_of, union
+from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription
 from robocorba.events.watermarks import Watermarks
 
 #: Maximum number of cached routes, one for each event header. The cache is cleared when it is full.
@@ -101,6 +102,7 @@ class Channel:
         self.proxy_suppliers: dict[str, ProxySupplier] = {}
         self.feeds: dict[str, Feed] = {}
         self.is_destroyed = False
+        self._interest = Interest()
         self._watermarks = watermarks
         self._blocking_budget = BlockingBudget()
         self._number = first_number - 1
@@ -244,18 +246,18 @@ class Channel:
 
     def interest(self) -> tuple[Pattern, ...]:
         """The union of the subscriptions of this channel's own consumers; peers do not count."""
-        return union(
-            pattern
-            for proxy in self.proxy_suppliers.values()
-            if proxy.is_selecting
-            for pattern in patterns_of(proxy.subscription)
-        )
+        return self._interest.patterns()
 
-    def update_routes(self) -> bool:
-        """Drop all cached routes: consumers, subscriptions, peers or advertisements have changed.
+    def update_routes(self, changed: ProxySupplier | None = None) -> bool:
+        """Drop all cached routes: consumers, subscriptions, peers or advertisements have changed. changed: the only
+        proxy that may have come, changed or gone; all by default.
 
         Returns whether this channel's own advertisement changed, so that the peers need it."""
         self._routes.clear()
+        if changed is None:
+            self._interest = Interest()
+        for proxy in [changed] if changed else self.proxy_suppliers.values():
+            self._interest.set(proxy.id, proxy.subscription if proxy.is_selecting else ())
         return self.federation.advertise(self.feeds, self.interest())
 
 

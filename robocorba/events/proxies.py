@@ -92,7 +92,7 @@ class Proxies:
             with self._channel.lock:
                 proxy.connect(client)
             self._save(proxy)
-        self._update_routes()
+        self._update_routes(proxy)
 
     def supply(self, name: str) -> ProxyConsumer:
         """A connected proxy to push to; the same name returns the same proxy. Raises TooManyProxies, ProxyGone."""
@@ -127,7 +127,7 @@ class Proxies:
                 proxy.select(subscription)
                 proxy.connect(client)
             self._save(proxy)
-        self._update_routes()
+        self._update_routes(proxy)
         if before:
             before.disconnect()
         return proxy
@@ -147,7 +147,7 @@ class Proxies:
             with self._channel.lock:
                 proxy.select(subscription)
             self._save(proxy)
-        self._update_routes()
+        self._update_routes(proxy)
 
     def suspend(self, proxy: ProxyPushSupplier, suspended: bool) -> None:
         """Suspend or resume delivery; events wait meanwhile. Raises ProxyGone."""
@@ -307,7 +307,7 @@ class Proxies:
                 _log.error("%s", error)
         self._on_removed(proxy.id)
         if not self._is_destroyed:  # else `destroy` updates the routes once at its end
-            self._update_routes()
+            self._update_routes(proxy)
         if proxy.client:
             proxy.client.disconnect()
 
@@ -346,8 +346,11 @@ class Proxies:
             stored.subscription, stored.policy = proxy.subscription, proxy.policy
         self._store.save_proxy(stored)
 
-    def _update_routes(self) -> None:
+    def _update_routes(self, of: Proxy | None = None) -> None:
+        """of: the only proxy that has come, changed or gone; all by default."""
+        if of is not None and not isinstance(of, ProxySupplier):
+            return  # suppliers have no part in routes
         with self._channel.lock:
-            changed = self._channel.update_routes()
+            changed = self._channel.update_routes(of)
         if changed:
             self._on_advertisement_changed()

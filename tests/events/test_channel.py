@@ -72,6 +72,7 @@ def test_the_interest_is_the_union_of_all_subscriptions(channel: Channel) -> Non
     assert channel.interest() == (Pattern("a*"), Pattern("b"))
     with channel.lock:
         second.end()
+        channel.update_routes(second)
     assert channel.interest() == (Pattern("a*"),)
 
 
