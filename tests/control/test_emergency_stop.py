@@ -333,6 +333,7 @@ class World:
     def start_robot(self) -> None:
         """Also after kill -9."""
         self.control: Any = None
+        self.adaptors: list[RobotAdaptor] = []
         self.session: Any = RobotSession(self)
         self.session.log_on()
         self.control = ControlAgent(AdaptorContext(NAME, self.session, self), PathPlanner(TOWER), Channel())
@@ -340,7 +341,9 @@ class World:
         self.control.load(LONG)
 
     def make(self, name: str, context: AdaptorContext) -> RobotAdaptor:
-        return SimulatedAdaptor(self.session) if name == "simulated" else Driver(self)
+        made: RobotAdaptor = SimulatedAdaptor(self.session) if name == "simulated" else Driver(self)
+        self.adaptors.append(made)
+        return made
 
     @property
     def is_running(self) -> bool:
@@ -428,6 +431,11 @@ class Stops(RuleBasedStateMachine):
         self.world.script = script
         self.world.reset()
 
+    @rule(script=meanwhile, by_server=st.booleans())
+    def stop_and_reset(self, script: list[tuple[int, str]], by_server: bool) -> None:
+        self.stop([], by_server, True)
+        self.reset(script)
+
     @rule(script=meanwhile, adaptor=st.sampled_from(ADAPTORS))
     def switch(self, script: list[tuple[int, str]], adaptor: str) -> None:
         self.world.script = script
@@ -481,6 +489,8 @@ class Stops(RuleBasedStateMachine):
         world.is_driving = world.body_moves = False  # commands hold for 0.1 s
         for _ in range(2):
             controller.cycle()
+        if world.control.stopped:
+            assert not any(adaptor.write(ActorCommand()) for adaptor in world.adaptors), "an adaptor is started"
         if world.standing:
             assert not world.is_driving and not world.body_moves, "it moves"
             held = any(record.held for record in emergency_stops.read_records(world._folder / "stops.json").values())
