@@ -37,6 +37,7 @@ BY_REFERENCE = frozenset(
     {
         *("DataPool", "EditSession", "Transaction", "RobotSession", "SimulationAdministrator", "Supervisor"),
         *("CallbackRoute", "EventConsumer", "EventGateway", "GatewayFeed", "IdempotentEventConsumer", "NameRegistry"),
+        *("PeerFeed", "PeerGateway"),
         *("EventProxyPullSupplier", "EventProxyPushConsumer", "EventProxyPushSupplier"),
         *("SensorRegistration", "StopTarget"),
         *("SmartPalFaults",),  # of the stand-in, in the robot's own naming service
@@ -96,7 +97,7 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         (OPERATORS, "unsubscribe"),
         # The address of a peer may contain the key of another guarded system.
         (ADMINISTRATORS, "peers addPeer removePeer destroy"),
-        (SERVERS, "joinGateway"),
+        (SERVERS, "joinGateway joinPeer"),
     ),
 }
 

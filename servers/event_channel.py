@@ -19,7 +19,7 @@ from robocorba.corba.servants.event_channel import (
     EventChannelServant,
     SupplierAdminServant,
 )
-from robocorba.corba.servants.event_gateway import EventGatewayServant, GatewayFeedServant
+from robocorba.corba.servants.event_gateway import PeerFeedServant, PeerGatewayServant
 from robocorba.corba.servants.event_proxies import (
     PullConsumerServant,
     PullSupplierServant,
@@ -28,6 +28,7 @@ from robocorba.corba.servants.event_proxies import (
 )
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import ChannelStore, Peer
+from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Federation, check_name
 from robocorba.events.links import Links
 from robocorba.events.policies import LinkPolicy, ProxyPolicy
@@ -37,7 +38,7 @@ from robocorba.events.proxy_consumer import ProxyConsumer, ProxyPullConsumer
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
-from robocorba.events.watermarks import Watermarks
+from robocorba.events.seen_events import SeenEvents
 from robocorba.names import CHANNELS
 from robocorba.private_files import claim_state
 from robocorba.record_file import KEEP_INTERVAL_S
@@ -49,21 +50,23 @@ class ChannelServer:
     """A channel and its CORBA objects. Their object keys begin with the name that the channel is bound to and do not
     change, so references to them stay valid after a restart."""
 
-    def __init__(self, name: str, orb: Orb, store: ChannelStore, watermarks: Watermarks, policy: ProxyPolicy) -> None:
+    def __init__(self, name: str, orb: Orb, store: ChannelStore, seen: SeenEvents, policy: ProxyPolicy) -> None:
         self.path = f"{CHANNELS}/{check_name(name)}"
         self._orb, self._store = orb, store
         self._lock = threading.Lock()
         self._active: dict[str, Any] = {}
         self.clients = RemoteClients(orb)
-        channel = Channel(Federation(name, store.advertisements()), watermarks, store.first_number())
+        first_number = store.first_number()
+        federation = Federation(name, store.advertisements(), life_of(first_number))
+        channel = Channel(federation, seen, first_number)
         self.proxies = Proxies(channel, store, QueuePolicy(), self._send_advertisements, self._deactivate, policy)
         self.links = Links(channel, store, self._join, self._attach, LinkPolicy())
         self.servant = EventChannelServant(channel, self.proxies, self.links, self, self._destroyed)
         reference = orb.activate(self.servant, self.path)
         self.consumer_admin = self._activate(ConsumerAdminServant(self.proxies, self), "consumers")
         self.supplier_admin = self._activate(SupplierAdminServant(self.proxies, self), "suppliers")
-        self.feed = self._activate(GatewayFeedServant(self.links), "feed")
-        gateway = self._activate(EventGatewayServant(self.links), "gateway")
+        self.feed = self._activate(PeerFeedServant(self.links), "feed")
+        gateway = self._activate(PeerGatewayServant(self.links), "gateway")
         self.callback_route: Any = None
         self._joiner = PeerJoiner(orb, name, reference, gateway)
 
@@ -149,13 +152,13 @@ def main(arguments: Sequence[str] | None = None, policy: ProxyPolicy | None = No
     peers += [Peer(name, uri, foreign=True) for name, uri in settings.foreign]
     with (
         ChannelStore(folder / f"{settings.name}.sqlite") as store,
-        Watermarks(folder / f"{settings.name}.seen") as watermarks,
+        SeenEvents(folder / f"{settings.name}.seen") as seen,
         Orb(
             *(settings.server.naming, settings.server.endpoint),
             options=ACCEPT_CALLBACKS if settings.accepts_callbacks else None,
         ) as orb,
     ):
-        server = ChannelServer(settings.name, orb, store, watermarks, policy or ProxyPolicy())
+        server = ChannelServer(settings.name, orb, store, seen, policy or ProxyPolicy())
         if settings.accepts_callbacks:
             server.accept_callbacks()
         keeping = Repeating("keep", store.keep, KEEP_INTERVAL_S).start()

@@ -206,8 +206,8 @@ class Attacker:
                 for name in (HERE, THERE):
                     uri = f"corbaloc:iiop:1.2@{endpoint}/{CHANNELS}/{name}/gateway"
                     with contextlib.suppress(CORBA.Exception):
-                        gateway = self._orb.reference(uri, RoboCorba.EventGateway)
-                        gateway.forward("1", 1, [RoboCorba.EventRun(header, [1.0], [b"\xc0"])])
+                        gateway = self._orb.reference(uri, RoboCorba.PeerGateway)
+                        gateway.forwardAged("1", 1, [0.0], [RoboCorba.EventRun(header, [1.0], [b"\xc0"])])
             time.sleep(0.1)
         proxy.disconnect_push_consumer()
 

@@ -42,6 +42,8 @@ RETRY_S = 10.0
 ROUTE_INTERVAL_S = 5.0
 #: How many of the channel's last calls a consumer recognises when they are repeated.
 REMEMBERED_CALLS = 1000
+#: A push that has waited for less than this [s] leaves its event the whole time until it expires.
+FIRST_ATTEMPT_S = 0.01
 #: Pauses between the attempts of a push.
 BACKOFF = Backoff(0.02, 0.25)
 #: Pauses between checks whether a peer forwards the events of a subscription.
@@ -97,7 +99,7 @@ class EventClient:
         Raises InvalidEvent; NotReachable if the channel has not received the event; Unconfirmed if it may have."""
         header = self._header(type, priority, expiry_s)
         event = RoboCorba.Event(header, _packed(payload))
-        self._call(lambda: self._proxy_consumer().pushEvent(event), retry_s)
+        self._call(header, lambda: self._proxy_consumer().pushEvent(event), retry_s)
 
     def push_many(
         self,
@@ -110,16 +112,16 @@ class EventClient:
     ) -> None:
         """Publish events of one type in one call, in order. Raises the errors of `push`."""
         packed = [_packed(payload) for payload in payloads]
-        now = time.time()
-        run = RoboCorba.EventRun(self._header(type, priority, expiry_s), [now] * len(packed), packed)
-        self._call(lambda: self._proxy_consumer().pushRuns([run]), retry_s)
+        header = self._header(type, priority, expiry_s)
+        run = RoboCorba.EventRun(header, [0.0] * len(packed), packed)
+        self._call(header, lambda: self._proxy_consumer().pushRuns([run]), retry_s)
 
     def push_any(self, type: str, value: Any, *, expiry_s: float = 0.0, retry_s: float = RETRY_S) -> None:
         """Publish an event that holds a CORBA.Any, for consumers in other languages. Raises the errors of `push`."""
         header = self._header(type, 0, expiry_s)
         header.encoding = RoboCorba.CDR_ANY
         event = RoboCorba.Event(header, omniORB.cdrMarshal(CORBA.TC_any, value))
-        self._call(lambda: self._proxy_consumer().pushEvent(event), retry_s)
+        self._call(header, lambda: self._proxy_consumer().pushEvent(event), retry_s)
 
     def subscribe(
         self,
@@ -205,17 +207,29 @@ class EventClient:
         route.keep(consumer)
 
     def _header(self, type: str, priority: int, expiry_s: float) -> Any:
-        return RoboCorba.EventHeader(type, self.source, "", 0, time.time(), priority, expiry_s, RoboCorba.MSGPACK)
+        """The channel sets the time: the clock of this system may be wrong."""
+        return RoboCorba.EventHeader(type, self.source, "", 0, 0.0, priority, expiry_s, RoboCorba.MSGPACK)
 
     def _proxy_consumer(self) -> Any:
         if self._proxy is None:
             self._proxy = self.channel.supply(self._proxy_name)
         return self._proxy
 
-    def _call(self, operation: Callable[[], None], retry_s: float) -> None:
+    def _call(self, header: Any, operation: Callable[[], None], retry_s: float) -> None:
+        """Push; what expires before the channel is reachable is dropped."""
+        began, expiry_s = time.monotonic(), header.expiry
+
+        def attempt() -> None:
+            waited_s = time.monotonic() - began
+            if expiry_s > 0.0 and waited_s > FIRST_ATTEMPT_S:
+                header.expiry = expiry_s - waited_s
+                if header.expiry <= 0.0:
+                    return
+            _push(operation)
+
         try:
             try:
-                BACKOFF.call(lambda: _push(operation), retry_s, CORBA.TRANSIENT, CORBA.COMM_FAILURE)
+                BACKOFF.call(attempt, retry_s, CORBA.TRANSIENT, CORBA.COMM_FAILURE)
             except (CORBA.OBJECT_NOT_EXIST, Disconnected):  # another client of this name has ended the shared proxy
                 self._proxy = None
                 _push(operation)

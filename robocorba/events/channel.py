@@ -16,14 +16,14 @@ from robocorba.events.account import Account
 from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.events.blocking_budget import BlockingBudget
 from robocorba.events.event import EventBatch, EventHeader
-from robocorba.events.event_numbers import is_plausible, start_of
+from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Federation
 from robocorba.events.feed import Feed
 from robocorba.events.interest import Interest
 from robocorba.events.proxy_consumer import ORDERS
 from robocorba.events.proxy_supplier import ProxySupplier
+from robocorba.events.seen_events import SeenEvents
 from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription
-from robocorba.events.watermarks import Watermarks
 
 #: Maximum number of cached routes, one for each event header. The cache is cleared when it is full.
 MAX_ROUTES = 4096
@@ -65,8 +65,8 @@ Claims = tuple[EventBatch, list[Sink]]
 
 
 class Forwarded(NamedTuple):
-    """What became of forwarded events. claims: the caller must pass them to `deliver`. duplicates, refused: their
-    numbers."""
+    """What became of forwarded events. claims: the caller must pass them to `deliver`. duplicates: number of those that
+    came before. refused: number of those of which the channel cannot tell whether they did."""
 
     claims: list[Claims]
     duplicates: int
@@ -94,20 +94,22 @@ class _Route(NamedTuple):
 
 
 class Channel:
-    """Channel `federation.name`. first_number: number of its next event, higher than all numbers used before."""
+    """Channel `federation.name`. first_number: number of its next event, the first one of a life. clock: by which its
+    suppliers stamp their events."""
 
-    def __init__(self, federation: Federation, watermarks: Watermarks, first_number: int) -> None:
+    def __init__(
+        self, federation: Federation, seen: SeenEvents, first_number: int, clock: ArrivalClock | None = None
+    ) -> None:
         self.lock = threading.Lock()
         self.federation = federation
         self.proxy_suppliers: dict[str, ProxySupplier] = {}
         self.feeds: dict[str, Feed] = {}
         self.is_destroyed = False
         self._interest = Interest()
-        self._watermarks = watermarks
+        self._seen = seen
         self._blocking_budget = BlockingBudget()
         self._number = first_number - 1
-        self._clock = ArrivalClock()
-        self._started_at = time.monotonic()
+        self._clock = clock or ArrivalClock()
         #: By header. A header without origin belongs to a supplier of this channel.
         self._routes: dict[EventHeader, _Route] = {}
 
@@ -126,7 +128,7 @@ class Channel:
 
         Blocks while the queue of a consumer with policy BLOCK_SUPPLIER is full, see BlockingBudget; events of missions
         and emergency stops never wait. Raises ProxyGone."""
-        now = time.time()
+        now = self._clock.now()
         if 0.0 in batch.times:
             batch.times = [moment or now for moment in batch.times]
         count = len(batch.payloads)
@@ -177,36 +179,39 @@ class Channel:
             _deliver(piece, claims)
 
     def has_had(self, origin: str, number: int) -> bool:
-        """Whether this channel has published or forwarded the event with this number of this origin."""
-        return number <= (self._number if origin == self.name else self._watermarks.last(origin))
+        """Whether this channel has published or forwarded the event with this number of this origin; one of an earlier
+        life of this channel counts as published."""
+        if origin != self.name:
+            return self._seen.has_seen(origin, number)
+        return number <= self._number or life_of(number) != life_of(self._number)
 
     def forward(self, batches: list[EventBatch]) -> Forwarded:
-        """Accept events from a peer, in their order. Refuses numbers that their origin cannot have reached: they would
-        make all its later events look like duplicates. Never waits for room in a queue: that would block the link."""
+        """Accept events from a peer, in their order. Never waits for room in a queue: that would block the link.
+
+        A batch without an epoch was stamped by a clock that agrees with this system's."""
         result = []
         duplicates = refused = 0
-        now = time.time()
-        # The system's clock may have been set back: this channel's own start was no later than now.
-        latest = max(now, start_of(self._number) + time.monotonic() - self._started_at)
         with self.lock:
-            epoch = self._clock.epoch()
+            now, epoch = time.monotonic(), self._clock.epoch()
             for batch in batches:
                 origin = batch.header.origin
-                if not is_plausible(batch.last, latest, self._watermarks.last(origin)):
-                    refused += len(batch)
+                if origin == self.name:
+                    if life_of(batch.first) == life_of(self._number):
+                        duplicates += len(batch)
+                    else:
+                        refused += len(batch)
                     continue
-                seen = self._watermarks.last(origin) - batch.first + 1
-                if origin == self.name or seen >= len(batch):
-                    duplicates += len(batch)
-                    continue
-                self._watermarks.raise_to(origin, batch.last)
-                if seen > 0:
-                    duplicates += seen
-                    batch = batch.part(seen)
-                batch.epoch = epoch
-                alive = batch.unexpired(now - epoch)
-                if alive and not self.is_destroyed:
-                    result.append((alive, self._find_route(alive.header).accept(alive, now - epoch)))
+                batch.epoch = batch.epoch or epoch
+                parts, late = self._seen.add(origin, batch.first, batch.last)
+                refused += late
+                duplicates += len(batch) - late
+                for first, last in parts:
+                    duplicates -= last - first + 1
+                    is_whole = last - first + 1 == len(batch)
+                    part = batch if is_whole else batch.part(first - batch.first, last - batch.first + 1)
+                    alive = part.unexpired(now)
+                    if alive and not self.is_destroyed:
+                        result.append((alive, self._find_route(alive.header).accept(alive, now)))
         return Forwarded(result, duplicates, refused)
 
     @staticmethod

@@ -5,13 +5,13 @@ One SQLite file for each channel. Events are not stored: queued events end with 
 
 from __future__ import annotations
 
-import time
+import secrets
 from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
 
-from robocorba.events.event_numbers import first_number_of, start_second
+from robocorba.events.event_numbers import first_number_of, next_life
 from robocorba.events.federation import Advertisement
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import Subscription
@@ -20,11 +20,9 @@ from robocorba.record_file import RecordFile
 #: "RoCe", the application id in the header of the SQLite file.
 APPLICATION_ID = 0x526F4365
 SCHEMA_VERSION = 1
-#: The first proxy id is the creation time of the file, in 2**-ID_BITS s; the others count on from there.
-ID_BITS = 10
-#: Least time between the starts of two processes by their event numbers, also if the clock was set back [s]: room for
-#: 1e9 events.
-APART_S = 0.25
+#: Ids of proxies count on from a random number of this many bits, and skip one of STEP_BITS at each start: a channel
+#: that lost its file, or was put back to an earlier one, uses no id again. Clients still hold its references.
+FIRST_ID_BITS, STEP_BITS = 48, 32
 
 _TABLES = ("CREATE TABLE starts (second INTEGER NOT NULL)", "CREATE TABLE ids (next INTEGER NOT NULL)")
 
@@ -59,20 +57,19 @@ class ChannelStore(RecordFile):
     """Opened by one process at a time. Raises AlreadyRunning, or ServiceError if the file cannot be used."""
 
     def __init__(self, file: Path) -> None:
-        # If an older file was lost, its ids must not be reused: clients still hold them.
-        first_id = int(start_second(time.time()) * (1 << ID_BITS))
+        first_id = secrets.randbits(FIRST_ID_BITS)
         super().__init__(file, APPLICATION_ID, SCHEMA_VERSION, (*_TABLES, f"INSERT INTO ids VALUES ({first_id})"))
-        with self._writing():  # nor those given after the file was copied, if it was restored since
-            self._db.execute("UPDATE ids SET next = max(next, ?)", (first_id,))
+        with self._writing():
+            self._db.execute("UPDATE ids SET next = next + ?", (secrets.randbits(STEP_BITS),))
 
     def first_number(self) -> int:
-        """The number of the first event after this start: higher than all earlier ones, even if this file was lost."""
+        """The number of the first event after this start; see `event_numbers`."""
         with self._writing():
             last = self._db.execute("SELECT max(second) FROM starts").fetchone()[0]
-            second = max(start_second(time.time()), (last or 0.0) + APART_S)
+            life = next_life(int(last or 0))  # release 0.1.0 kept the time of the start
             self._db.execute("DELETE FROM starts")
-            self._db.execute("INSERT INTO starts VALUES (?)", (second,))
-        return first_number_of(second)
+            self._db.execute("INSERT INTO starts VALUES (?)", (life,))
+        return first_number_of(life)
 
     def next_id(self) -> int:
         """An id that no proxy of this channel had before."""

@@ -62,8 +62,8 @@ class EventBatch:
     """Consecutive events that share a header, numbered from `first` on. It is an EventRun of the IDL, whose "batch", a
     sequence of runs, is a packet in feed.py. `times` (s since 1970) and `payloads` have one entry for each event. via:
     the peer that forwarded them, empty for this channel's own suppliers. epoch: when the monotonic clock was 0, by the
-    system's clock at their arrival [s since 1970]. Only the monotonic clock decides how long they wait from then on:
-    the system's may be set meanwhile."""
+    clock that stamped them [s since 1970]; it is that of the system of their origin. Only the monotonic clock decides
+    how old they are: other clocks may be set meanwhile, and need not agree."""
 
     __slots__ = ("cached", "epoch", "first", "header", "payloads", "times", "via")
 

@@ -1,40 +1,36 @@
-"""Event numbers: the first one of a channel's process is its start time, in 2**-COUNT_BITS s; the others count on from
-there. A channel publishes fewer than 2**COUNT_BITS events a second, so that a later process gives none of these numbers
-again, even without any of its files."""
+"""Event numbers: the upper bits name a life of the channel, from a start of its process to the next; the lower ones
+count its events, from 1 on. No clock takes part, so it may be set at any time, by any machine.
+
+A life is random, so that a channel that has lost its state, or runs on a copy of an earlier one, uses none twice. While
+the state is kept, lives increase, and so do the numbers.
+"""
 
 from __future__ import annotations
 
-#: 2020-01-01 [s since 1970], from which times are counted.
-FIRST_SECOND = 1_577_836_800
-#: The bits below the seconds.
+import secrets
+
+#: The bits of the count. A process that publishes more than 2**32 events goes on with the next life.
 COUNT_BITS = 32
-#: How far the clock of another machine may be ahead [s].
-MAX_CLOCK_LEAD_S = 600
-#: How far this machine's clock may have been ahead before it was set right [s]; a random number is hardly below it.
-MAX_CLOCK_ERROR_S = 10 * 365 * 86400
+COUNT_MASK = (1 << COUNT_BITS) - 1
+#: Lives are below 2**32. The first one of a channel is in the lower half.
+MAX_LIFE = (1 << 32) - 1
+FIRST_LIFE_BITS = 31
+#: A life is higher than the one before by MIN_STEP at least, for processes that go on with the next life, and by a
+#: random number of this many bits, for channels that were put back to an earlier state: 65,000 starts use up all lives.
+MIN_STEP, STEP_BITS = 16, 16
 
 
-def start_second(now_s: float) -> float:
-    """The start time of a process that starts at `now_s` [s since 1970], since FIRST_SECOND [s]."""
-    return now_s - FIRST_SECOND
+def next_life(last: int) -> int:
+    """A life that the channel has not had, higher than its last one where possible. last: 0 if it is not known."""
+    life = last + MIN_STEP + secrets.randbits(STEP_BITS)
+    return life if last and life <= MAX_LIFE else 1 + secrets.randbits(FIRST_LIFE_BITS)
 
 
-def first_number_of(second: float) -> int:
-    """The number of the first event of a process that started at `second`, to the microsecond."""
-    return int(second * (1 << COUNT_BITS)) + 1
+def first_number_of(life: int) -> int:
+    """The number of the first event of a life."""
+    return (life << COUNT_BITS) + 1
 
 
-def start_of(number: int) -> int:
-    """When the process of the channel started that gave this number, or before [s since 1970]."""
-    return (number >> COUNT_BITS) + FIRST_SECOND
-
-
-def is_plausible(number: int, now_s: float, last: int = 0) -> bool:
-    """Whether an event can have this number by `now_s` [s since 1970]: its channel did not start in the future, or not
-    since it gave the number `last`, which was plausible then: the system's clock may have been set back."""
-    return number >> COUNT_BITS <= max(start_second(now_s) + MAX_CLOCK_LEAD_S, last >> COUNT_BITS)
-
-
-def is_damaged(number: int, now_s: float) -> bool:
-    """Whether a stored number is none that any clock of ours could have led to by `now_s` [s since 1970]."""
-    return number >> COUNT_BITS > start_second(now_s) + MAX_CLOCK_ERROR_S
+def life_of(number: int) -> int:
+    """The life in which an event got this number."""
+    return number >> COUNT_BITS

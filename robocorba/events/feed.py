@@ -116,7 +116,11 @@ class Feed:
         self._is_ready = False
         #: Why events do not get there. Only the acknowledgement of a packet that was sent later disproves it.
         self._problem = "not joined yet"
+        #: Why nothing may be sent although the peer answers.
+        self.conflict = ""
         self._joins = self._packets = self._bytes = 0
+        #: Number of events that the gateway has refused in this session, as it has reported.
+        self._refused = 0
         self._busy = False
         self._thread: Background | None = None
 
@@ -129,8 +133,8 @@ class Feed:
     @property
     def problem(self) -> str:
         """Why the link is down, empty while it is up: while the gateway calls and acknowledges what is sent to it."""
-        if self._problem:
-            return self._problem
+        if self._problem or self.conflict:
+            return self._problem or self.conflict
         now, policy = time.monotonic(), self._policy
         if now - self._contact_at >= policy.lease_s:
             return f"the peer has not called for {policy.lease_s:g} s"
@@ -177,6 +181,7 @@ class Feed:
         self._problem = "the peer has joined, and has not acknowledged the first packet yet"
         self._joins += 1
         self._next_position = 1
+        self._refused = 0
         self._append([])
         if self._thread is None:
             self._thread = Background(f"feed of {self.peer}", self._run, self._thread_failed)
@@ -201,13 +206,27 @@ class Feed:
                 self._problem = ""
         self._changed.notify()
 
-    def renew(self, session: str, position: int) -> None:
-        """The gateway is alive and expects `position`: retransmit lost packets. Raises SessionOver."""
+    def renew(self, session: str, position: int, refused: int) -> None:
+        """The gateway is alive and expects `position`: retransmit lost packets. refused: number of events of this
+        session that it has received and refused so far. Raises SessionOver."""
         self.acknowledge(session, position)
         self._is_ready = True
+        if refused > self._refused:
+            _log.warning("%s has refused %d events", self.peer, refused - self._refused)
+            self.account.delivered -= refused - self._refused
+            self.account.discarded += refused - self._refused
+            self._refused = refused
         overdue = self._contact_at - self._policy.retransmit_s
         if self._sent and max(self._unacknowledged[0].sent_at, self._progress_at) < overdue:
             self._sent = 0
+
+    def set_conflict(self, reason: str) -> None:
+        """Hold the events back while there is a reason, and send them when there is none."""
+        if reason != self.conflict:
+            if reason:
+                _log.warning("the link to %s is down (%s)", self.peer, reason)
+            self.conflict = reason
+            self._changed.notify()
 
     def end(self) -> None:
         """End the feed of a removed peer; queued events count as discarded."""

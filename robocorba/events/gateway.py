@@ -20,6 +20,7 @@ from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel, Claims
 from robocorba.events.event import EventBatch
 from robocorba.events.federation import Advertisement
+from robocorba.events.peer_clock import Exchange, PeerClock
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.subscription import Pattern
 
@@ -36,9 +37,14 @@ class FeedPort(Protocol):
 
     session: str
     position: int
+    #: The call that began the session.
+    joining: Exchange
 
-    def renew(self, position: int, advertisements: list[Advertisement]) -> list[Advertisement]:
-        """Renew the session; the advertisements that are new to this side. Raises SessionOver, NotReachable."""
+    def renew(
+        self, position: int, refused: int, advertisements: list[Advertisement]
+    ) -> tuple[list[Advertisement], Exchange]:
+        """Renew the session; the advertisements that are new to this side, and this call. refused: number of events
+        that were received in this session and refused. Raises SessionOver, NotReachable."""
 
     def acknowledge(self, position: int) -> None:
         """Acknowledge all packets before `position`, without waiting for an answer. Raises nothing."""
@@ -86,8 +92,8 @@ class Gateway:
         self.session = ""
         #: Position of the next packet.
         self._expected = 1
-        #: Packets that arrived before an earlier one, by position.
-        self._early: dict[int, list[EventBatch]] = {}
+        #: Packets that arrived before an earlier one, by position, and how many events were left out of each.
+        self._early: dict[int, tuple[list[EventBatch], int]] = {}
         #: Versions of the advertisements that the peer has received or sent in this session.
         self._known_versions: dict[str, int] = {}
         self._in_force: tuple[Pattern, ...] = ()
@@ -97,7 +103,11 @@ class Gateway:
         self._arrived_at: float | None = None
         self._account = Account()
         self._joins = self._packets = self._bytes = self._duplicates = 0
+        #: Number of events refused in this session.
+        self._refused = 0
         self._lag_s = 0.0
+        #: The clock to which the epochs of the peer's batches refer.
+        self._clock = PeerClock()
         self._thread = Background(f"gateway of {peer}", self._maintain_link, self._set_problem)
 
     def start(self) -> None:
@@ -132,18 +142,19 @@ class Gateway:
             return f"it answers, but nothing that it sends has arrived for {self._policy.silence_s:g} s"
         return ""
 
-    def forward(self, session: str, position: int, batches: list[EventBatch]) -> None:
-        """Accept a packet from the peer. Early packets wait for the missing ones; duplicates are ignored."""
+    def forward(self, session: str, position: int, batches: list[EventBatch], invalid: int = 0) -> None:
+        """Accept a packet from the peer, of which `invalid` events were left out. Early packets wait for the missing
+        ones; duplicates are ignored."""
         with self._lock:
             if session != self.session or self._is_ended:
                 return
             self._arrived_at = time.monotonic()
             if position >= self._expected:
-                self._early.setdefault(position, batches)
+                self._early.setdefault(position, (batches, invalid))
             claimed: list[Claims] = []
             while (packet := self._early.pop(self._expected, None)) is not None:
                 self._expected += 1
-                claimed += self._accept(packet)
+                claimed += self._accept(*packet)
             if len(self._early) > MAX_EARLY:  # the peer retransmits it
                 del self._early[max(self._early)]
             position, port = self._expected, self._port
@@ -157,13 +168,18 @@ class Gateway:
         if due and port:
             port.acknowledge(position)
 
-    def _accept(self, packet: list[EventBatch]) -> list[Claims]:
+    def _accept(self, packet: list[EventBatch], invalid: int) -> list[Claims]:
         for batch in packet:
             batch.via = self.peer
+            if batch.epoch:
+                batch.epoch -= self._clock.behind_s
         claimed, duplicates, refused = self._channel.forward(packet)
         if refused:
-            _log.warning("%s forwarded %d events with numbers that they cannot have; refused", self.peer, refused)
-        count = sum(map(len, packet))
+            reason = "they came so late that nobody knows whether they came before"
+            _log.warning("refused %d events from %s: %s", refused, self.peer, reason)
+        refused += invalid
+        self._refused += refused
+        count = sum(map(len, packet)) + invalid
         delivered = sum(len(batch) for batch, _ in claimed)
         self._packets += bool(packet)
         self._bytes += sum(batch.size for batch in packet)
@@ -173,7 +189,8 @@ class Gateway:
         self._account.discarded += refused
         self._account.expired += count - duplicates - refused - delivered
         if claimed:
-            self._lag_s = max(0.0, time.time() - claimed[-1][0].times[-1])
+            last = claimed[-1][0]
+            self._lag_s = max(0.0, time.monotonic() + last.epoch - last.times[-1])
         return claimed
 
     def snapshot(self) -> GatewaySnapshot:
@@ -224,6 +241,9 @@ class Gateway:
             self._arrived_at = None
             self._early.clear()
             self._known_versions.clear()
+            self._clock.reset()
+            self._clock.measure(port.joining)
+            self._refused = 0
             self._joins += 1
             is_too_late = self._leaves
         if is_too_late:
@@ -239,13 +259,15 @@ class Gateway:
             changed = [entry for entry in federation.advertisements if known.get(entry.name) != entry.version]
             interest = federation.own.interest
         with self._lock:
-            position = self._acknowledged = self._expected
-        answer = port.renew(position, changed)
+            position, refused = self._expected, self._refused
+            self._acknowledged = position
+        answer, exchange = port.renew(position, refused, changed)
+        with self._lock:
+            self._clock.measure(exchange)
         known.update((entry.name, entry.version) for entry in (*changed, *answer))
         self._in_force = interest
         self._problem = ""
-        if answer:
-            self._on_advertisements(answer)
+        self._on_advertisements(answer)
 
     def _set_problem(self, problem: str) -> None:
         self._problem = problem

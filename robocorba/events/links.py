@@ -71,6 +71,7 @@ class Links:
         self._links: dict[str, _Link] = {}
         self._foreign: dict[str, ForeignLink] = {}
         self._removed: set[str] = set()
+        self._has_conflicts = False
         self._lock = threading.RLock()  # guards the set of links
         self._saving = threading.Lock()  # older advertisements never replace newer ones in the store
 
@@ -175,7 +176,11 @@ class Links:
             with self._channel.lock:
                 feed = link.feed.snapshot()
                 interest_there = self._channel.federation.interest_of(name)
-            result.append(LinkSnapshot(name, feed, interest_there, link.gateway.snapshot(), link.gateway.in_force))
+                conflict = link.feed.conflict
+            gateway = link.gateway.snapshot()
+            if conflict and gateway.is_up:
+                gateway = gateway._replace(is_up=False, problem=conflict)
+            result.append(LinkSnapshot(name, feed, interest_there, gateway, link.gateway.in_force))
         return result
 
     # ---- called for peers ----
@@ -204,11 +209,14 @@ class Links:
         link.gateway.wake()  # the peer is reachable: join it without waiting for the backoff
         return terms
 
-    def renew(self, session: str, position: int, advertisements: list[Advertisement]) -> list[Advertisement]:
-        """Learn a peer's advertisements; returns those that are new to the peer. Raises SessionOver."""
+    def renew(
+        self, session: str, position: int, refused: int, advertisements: list[Advertisement]
+    ) -> list[Advertisement]:
+        """Learn a peer's advertisements; returns those that are new to the peer. refused: see Feed. Raises
+        SessionOver."""
         link = self._link_of(session)
         with self._channel.lock:
-            link.feed.renew(session, position)
+            link.feed.renew(session, position, refused)
             known = link.known_versions  # of this session; a later session starts with an empty dict
         known.update((entry.name, entry.version) for entry in advertisements)
         if advertisements:
@@ -231,22 +239,34 @@ class Links:
         with contextlib.suppress(UnknownPeer):
             self.remove(self._link_of(session).peer.name, by_peer=True)
 
-    def forward(self, session: str, position: int, batches: list[EventBatch]) -> None:
-        """Accept a packet from the feed of a peer; a packet of an ended session is ignored."""
+    def forward(self, session: str, position: int, batches: list[EventBatch], invalid: int = 0) -> None:
+        """Accept a packet from the feed of a peer; a packet of an ended session is ignored. invalid: number of events
+        that were left out."""
         for link in list(self._links.values()):
             if link.gateway.session == session:
-                link.gateway.forward(session, position, batches)
+                link.gateway.forward(session, position, batches, invalid)
 
     def learn(self, advertisements: list[Advertisement]) -> None:
-        """Merge advertisements, and pass new ones on to the peers."""
+        """Merge advertisements, and pass new ones on to the peers. Gateways call it at each renewal."""
         with self._channel.lock:
-            changed = self._channel.federation.learn(advertisements)
+            federation = self._channel.federation
+            changed = federation.learn(advertisements)
             if changed:
                 self._channel.update_routes()
+            self._note_conflicts()
         if changed:
             self.send_advertisements()
 
     # ---- private ----
+
+    def _note_conflicts(self) -> None:
+        """Hold back the events for channels whose name another one has, and all if this channel is one of them."""
+        federation = self._channel.federation
+        conflicts = federation.conflicts()
+        if conflicts or self._has_conflicts:
+            for peer, feed in self._channel.feeds.items():
+                feed.set_conflict(conflicts.get(self._channel.name) or conflicts.get(peer, ""))
+        self._has_conflicts = bool(conflicts)
 
     def _link(self, peer: Peer, feed: Feed | None = None) -> None:
         feed = feed or Feed(self._channel.lock, peer.name, self._policy)

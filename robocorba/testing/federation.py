@@ -26,6 +26,7 @@ from robocorba.testing.relay import Relay
 
 #: Timeout of waits that normally take a second or two, for a busy machine [s].
 LIMIT_S = 30.0
+SERVER = "robocorba.servers.event_channel"
 
 
 class Counts(NamedTuple):
@@ -81,11 +82,11 @@ class Channels:
             self._port_of[name] = next(self._ports)
         return f"127.0.0.1:{self._port_of[name]}"
 
-    def spawn(self, name: str, *more: str, **environment: str) -> None:
-        """Start or restart a channel; does not wait until it is ready."""
+    def spawn(self, name: str, *more: str, module: str = SERVER, **environment: str) -> None:
+        """Start or restart a channel; does not wait until it is ready. module: what runs."""
         where = ("--state", str(self.folder / name), "--endpoint", self.address(name))
         naming = ("--naming", f"127.0.0.1:{self.port}", "--name", name)
-        command = (*module_command("robocorba.servers.event_channel"), *where, *naming, *more)
+        command = (*module_command(module), *where, *naming, *more)
         self.processes[name] = self._launch(*command, **environment)
 
     def relay(self, name: str) -> Relay:

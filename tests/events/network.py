@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import tempfile
 import threading
+import time
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
@@ -12,17 +13,20 @@ from types import TracebackType
 from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account
+from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import Peer
 from robocorba.events.event import EventBatch, EventHeader
+from robocorba.events.event_numbers import first_number_of, life_of, next_life
 from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.foreign import Attach
 from robocorba.events.links import Links
+from robocorba.events.peer_clock import Exchange
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
+from robocorba.events.seen_events import SeenEvents
 from robocorba.events.subscription import checked
-from robocorba.events.watermarks import Watermarks
 
 DEFAULTS = LinkPolicy()
 
@@ -40,6 +44,7 @@ class MemoryStore:
     def __init__(self) -> None:
         self.records: dict[str, Peer] = {}
         self.kept: list[Advertisement] = []
+        self.life = 0
 
     def peers(self) -> list[Peer]:
         return list(self.records.values())
@@ -52,6 +57,10 @@ class MemoryStore:
 
     def save_advertisements(self, advertisements: Iterable[Advertisement]) -> None:
         self.kept = list(advertisements)
+
+    def first_number(self) -> int:
+        self.life = next_life(self.life)
+        return first_number_of(self.life)
 
 
 class Weather:
@@ -72,14 +81,18 @@ class Weather:
 
 
 class Node:
-    """A channel with its links."""
+    """A channel with its links, on a machine of its own. ahead_s: its system's clock is ahead of the true time;
+    booted_s: its monotonic clock is ahead of that of the test, as machines do not boot at the same time."""
 
-    def __init__(self, network: Network, name: str, folder: Path, store: MemoryStore | None = None) -> None:
-        self.name, self.network = name, network
-        self.store = store or MemoryStore()
-        self.watermarks = Watermarks(folder / f"{name}.seen")
-        self.channel = Channel(Federation(name, self.store.kept), self.watermarks, 1)
-        self.links = Links(self.channel, self.store, self._join, self._no_foreign, network.policy)  # type: ignore[arg-type]
+    def __init__(self, network: Network, name: str, folder: Path, store: MemoryStore, ahead_s: float) -> None:
+        self.name, self.network, self.store = name, network, store
+        self.ahead_s, self.booted_s = ahead_s, 1000.0 * len(network.nodes)
+        self.seen = SeenEvents(folder / f"{name}.seen")
+        first_number = store.first_number()
+        federation = Federation(name, store.kept, life_of(first_number))
+        clock = ArrivalClock(lambda: time.time() + self.ahead_s)
+        self.channel = Channel(federation, self.seen, first_number, clock)
+        self.links = Links(self.channel, store, self._join, self._no_foreign, network.policy)  # type: ignore[arg-type]
         self.account = Account()
         self.consumers: list[Consumer] = []
 
@@ -106,11 +119,13 @@ class Node:
         self.links.close()
 
     def _join(self, record: Peer) -> tuple[FeedWire, str]:
-        there = self.network.reach(self.name, record.name)
+        there, sent = self.network.reach(self.name, record.name), time.monotonic()
         terms = there.links.join(self.name, self.name, GatewayWire(self.network, there.name, self.name))
         if self.network.weather.strikes(self.network.weather.fails):
             raise NotReachable("the answer was lost")
-        return FeedWire(self.network, self.name, there.name, *terms), record.name
+        wire = FeedWire(self.network, self.name, there.name, *terms)
+        wire.joining = wire.exchange(sent, there)
+        return wire, record.name
 
     @staticmethod
     def _no_foreign(record: Peer) -> Attach:
@@ -160,7 +175,13 @@ class GatewayWire:
             there = self._network.reach(self._here, self._there)
         except NotReachable as error:
             raise NotDelivered(str(error)) from None
-        copies = [EventBatch(batch.header, batch.times, batch.payloads, batch.first) for batch in batches]
+        here_s = self._network.nodes[self._here].booted_s if self._here in self._network.nodes else 0.0
+        copies = [
+            EventBatch(
+                batch.header, batch.times, batch.payloads, batch.first, epoch=batch.epoch - here_s + there.booted_s
+            )
+            for batch in batches
+        ]
         if weather.strikes(weather.lost):
             return []
         if self._held is None and weather.strikes(weather.late):
@@ -182,11 +203,18 @@ class FeedWire:
         self.session, self.position = session, position
         self._network, self._here, self._there = network, here, there
 
-    def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
-        answer = self._network.reach(self._here, self._there).links.renew(self.session, position, news)
+    joining: Exchange
+
+    def exchange(self, sent: float, there: Node) -> Exchange:
+        here_s = self._network.nodes[self._here].booted_s if self._here in self._network.nodes else 0.0
+        return Exchange(sent + here_s, time.monotonic() + there.booted_s, time.monotonic() + here_s)
+
+    def renew(self, position: int, refused: int, news: list[Advertisement]) -> tuple[list[Advertisement], Exchange]:
+        there, sent = self._network.reach(self._here, self._there), time.monotonic()
+        answer = there.links.renew(self.session, position, refused, news)
         if self._network.weather.strikes(self._network.weather.fails):
             raise NotReachable("the answer was lost")
-        return answer
+        return answer, self.exchange(sent, there)
 
     def acknowledge(self, position: int) -> None:
         if self._network.weather.strikes(self._network.weather.lost):
@@ -213,7 +241,9 @@ class Network:
         #: Pairs of which the first can't call the second.
         self.refused: set[tuple[str, str]] = set()
         self._folder = tempfile.TemporaryDirectory()
-        self.nodes = {name: Node(self, name, Path(self._folder.name)) for name in names}
+        self.nodes: dict[str, Node] = {}
+        for name in names:
+            self.start(name)
 
     def __getitem__(self, name: str) -> Node:
         return self.nodes[name]
@@ -231,14 +261,18 @@ class Network:
             raise NotReachable("lost on the way")
         return self.nodes[there]
 
-    def restart(self, name: str, *types: str) -> Node:
+    def start(self, name: str, store: MemoryStore | None = None, ahead_s: float = 0.0) -> Node:
+        node = self.nodes[name] = Node(self, name, Path(self._folder.name), store or MemoryStore(), ahead_s)
+        return node
+
+    def restart(self, name: str, *types: str, keeps_state: bool = True, ahead_s: float = 0.0) -> Node:
         """As after a kill: what a node kept on disk is all that it has, a consumer of these types included."""
         before = self.nodes.pop(name)
         before.close()
-        before.watermarks.__exit__(None, None, None)
-        node = Node(self, name, Path(self._folder.name), before.store)
-        node.channel._number = 1 << 32  # numbers rise with each start
-        self.nodes[name] = node
+        before.seen.__exit__(None, None, None)
+        if not keeps_state:
+            (Path(self._folder.name) / f"{name}.seen").unlink()
+        node = self.start(name, before.store if keeps_state else None, ahead_s)
         if types:
             node.consume(*types)
         node.links.restore()

@@ -15,8 +15,8 @@ from robocorba.events.event import CorrelatedEvents, EventBatch, EventHeader
 from robocorba.events.federation import Federation
 from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.queue import QueueItem
+from robocorba.events.seen_events import SeenEvents
 from robocorba.events.subscription import Clause, Pattern, Subscription
-from robocorba.events.watermarks import Watermarks
 
 NOW = 1_000_000.0
 _references = itertools.count()
@@ -120,8 +120,8 @@ def failing(*errors: EventError) -> Callable[[Sequence[QueueItem]], None]:
 @contextmanager
 def open_channel(folder: Path, first_number: int = 1) -> Iterator[Channel]:
     """Channel `lab`, without peers."""
-    with Watermarks(folder / "lab.seen") as watermarks:
-        yield Channel(Federation("lab", []), watermarks, first_number)
+    with SeenEvents(folder / "lab.seen") as seen:
+        yield Channel(Federation("lab", []), seen, first_number)
 
 
 def add(channel: Channel, proxy: ProxySupplier, client: object = None) -> None:

@@ -12,7 +12,7 @@ from robocorba.errors.events import ProxyGone
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
 from robocorba.events.event import EventBatch
-from robocorba.events.event_numbers import first_number_of, start_second
+from robocorba.events.event_numbers import first_number_of
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import ALL, Pattern, Subscription
@@ -106,21 +106,38 @@ def test_duplicates_from_a_peer_are_recognised(channel: Channel) -> None:
         channel.deliver(claimed)
         return duplicates
 
-    assert [forward(1, 3), forward(2, 4), forward(1, 5), forward(7, 1), forward(6, 1)] == [0, 2, 5, 0, 1]
+    assert [forward(1, 3), forward(2, 4), forward(1, 5), forward(7, 1), forward(6, 2)] == [0, 2, 5, 0, 1]
     assert forward(50, 2, origin="lab") == 2  # its own
-    assert [number for number, _ in pulled(proxy)] == [1, 2, 3, 4, 5, 7]
+    assert [number for number, _ in pulled(proxy)] == [1, 2, 3, 4, 5, 7, 6]
 
 
-def test_numbers_of_the_future_are_refused(channel: Channel) -> None:
-    """One of them would make all later events of its origin look like duplicates."""
+def test_forged_numbers_harm_no_other_event(channel: Channel) -> None:
     proxy = consumer(channel, "1")
-    latest = first_number_of(start_second(time.time()))
-    forged = (1 << 63, latest + (3600 << 32), (1 << 64) - 1)
-    for number in forged:
-        assert channel.forward([from_hall(number)]) == ([], 0, 1)
-    _, duplicates, refused = channel.forward([from_hall(latest)])
-    assert (duplicates, refused) == (0, 0)
-    assert [number for number, _ in pulled(proxy)] == [latest]
+    first = first_number_of(7)
+    forged = ((1 << 64) - 1, first + 1000, first_number_of(8))
+    sent = [*forged, first, first + 1, first + 999, first + 1001]
+    for number in sent:
+        _, duplicates, refused = channel.forward([from_hall(number)])
+        assert (duplicates, refused) == (0, 0)
+    assert [number for number, _ in pulled(proxy)] == sent
+    assert channel.forward([from_hall(first, 2)]).duplicates == 2
+
+
+def test_events_that_waited_on_an_earlier_path_are_no_duplicates(channel: Channel) -> None:
+    """A direct link was added, and a newer event came by it."""
+    proxy = consumer(channel, "1")
+    for first, count in ((1, 10), (1011, 1), (11, 1000), (500, 600)):
+        _, duplicates, refused = channel.forward([from_hall(first, count)])
+        assert (duplicates, refused) == ((512, 0) if first == 500 else (0, 0))
+    assert sorted(number for number, _ in pulled(proxy)) == list(range(1, 1100))
+
+
+def test_events_of_its_name_from_another_life_are_refused(channel: Channel) -> None:
+    """They are of another channel with the same name, or of an earlier process."""
+    consumer(channel, "1")
+    batch = events(first_number_of(7))
+    assert channel.forward([batch]) == ([], 0, 1)
+    assert channel.has_had("lab", first_number_of(7))
 
 
 def test_a_destroyed_channel_accepts_no_events(channel: Channel) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import time
+
 import pytest
 
 from robocorba.errors.events import InvalidPeer
@@ -108,3 +111,67 @@ def test_names_that_no_channel_can_have(name: str) -> None:
 @pytest.mark.parametrize("name", ["lab", "L-2.east", "_", "9", "a" * 60])
 def test_names_of_channels(name: str) -> None:
     assert check_name(name) == name
+
+
+# ---- two channels of one name ----
+
+
+def exchange(*federations: Federation) -> None:
+    """Each neighbour passes on what it knows, to both sides."""
+    for here, there in itertools.pairwise(federations):
+        for one, other in ((here, there), (there, here)):
+            other.learn(one.advertisements)
+
+
+def chain_with_two_labs() -> list[Federation]:
+    """lab - hall - yard - lab."""
+    chain = [Federation("lab", life=7), Federation("hall"), Federation("yard"), Federation("lab", life=8)]
+    for before, here, after in zip([None, *chain], chain, [*chain[1:], None], strict=False):
+        here.advertise([peer.name for peer in (before, after) if peer], ())
+    return chain
+
+
+def test_two_channels_of_one_name_are_found_everywhere_and_when_one_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now_s)
+    chain = chain_with_two_labs()
+    for _ in range(16):
+        now_s += 0.5
+        exchange(*chain)
+    reason = "two channels with the name lab are in the federation (one linked with hall; one linked with yard)"
+    for federation in chain:
+        assert federation.conflicts() == {"lab": f"{reason}; give one of them another name"}
+    for _ in range(30):  # it lasts as long as both are there, and they supersede each other no more often than needed
+        now_s += 0.5
+        versions = [federation.own.version for federation in chain]
+        exchange(*chain)
+        assert [bool(federation.conflicts()) for federation in chain] == [True] * 4
+        assert all(after.own.version - version <= 3 << 32 for after, version in zip(chain, versions, strict=True))
+    for _ in range(30):
+        now_s += 0.5
+        exchange(*chain[:3])
+    assert [federation.conflicts() for federation in chain[:3]] == [{}] * 3
+    assert chain[1].is_wanted("lab", "t", "s", "hall") is False
+    chain[0].advertise(["hall"], WANTS_T)
+    exchange(*chain[:3])
+    assert chain[1].is_wanted("lab", "t", "s", "hall")
+
+
+def test_restarts_are_no_conflict(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether the state was kept, and also when parts of the federation remember different lives."""
+    lab, hall, yard = Federation("lab", life=1), Federation("hall"), Federation("yard")
+    lab.advertise(["hall"], WANTS_T)
+    hall.advertise(["lab", "yard"], ())
+    yard.advertise(["hall"], ())
+    exchange(lab, hall, yard)
+    for life in range(2, 30):
+        kept = lab.advertisements if life % 3 else ()
+        lab = Federation("lab", kept, life)
+        lab.advertise(["hall"], WANTS_T)
+        exchange(lab, hall)
+        if life % 4 == 0:
+            exchange(hall, yard)
+        exchange(lab, hall, yard)
+        exchange(lab, hall, yard)
+        assert lab.conflicts() == hall.conflicts() == yard.conflicts() == {}
+        assert yard.is_wanted("hall", "t", "s", "yard")

@@ -104,9 +104,9 @@ class Setting:
         self.renew(0)
         eventually(lambda: self.problem() == "", what="the acknowledgement of the first packet")
 
-    def renew(self, position: int) -> None:
+    def renew(self, position: int, refused: int = 0) -> None:
         with self.lock:
-            self.feed.renew(self.session, position + 1)
+            self.feed.renew(self.session, position + 1, refused)
 
     def acknowledge(self, position: int) -> None:
         self._acknowledge(self.session, position + 1)

@@ -11,14 +11,16 @@ import pytest
 
 from robocorba.errors.events import InvalidPeer, SessionOver, UnknownPeer
 from robocorba.errors.services import NotReachable
+from robocorba.events import seen_events
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import Peer
 from robocorba.events.event import EventBatch, EventHeader
 from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.gateway import MAX_EARLY, FeedPort, Gateway
 from robocorba.events.links import LinkSnapshot
+from robocorba.events.peer_clock import Exchange
 from robocorba.events.policies import LinkPolicy
-from robocorba.events.watermarks import Watermarks
+from robocorba.events.seen_events import SeenEvents
 from robocorba.testing.processes import eventually
 from tests.events.network import DEFAULTS, GatewayWire, Network, Node
 
@@ -141,12 +143,12 @@ def test_a_renewal_overtaken_by_a_join_does_not_count_as_received() -> None:
             learn(news)
 
         links.learn = overtaken  # type: ignore[method-assign]
-        links.renew(first, 1, [Advertisement("B", 1, ("A", "C"), ())])
+        links.renew(first, 1, 0, [Advertisement("B", 1, ("A", "C"), ())])
         links.learn = learn  # type: ignore[method-assign]
         with pytest.raises(SessionOver):
-            links.renew(first, 1, [])
-        assert [advertisement.name for advertisement in links.renew(sessions[0], 1, [])] == ["A", "B"]
-        assert links.renew(sessions[0], 1, []) == []
+            links.renew(first, 1, 0, [])
+        assert [advertisement.name for advertisement in links.renew(sessions[0], 1, 0, [])] == ["A", "B"]
+        assert links.renew(sessions[0], 1, 0, []) == []
 
 
 def test_a_channel_that_ends_does_not_remove_itself_from_its_peers() -> None:
@@ -185,6 +187,8 @@ class Feed:
         self.attempts: list[float] = []
         self.acknowledged: list[int] = []
         self.problem: Exception | None = None
+        self.refused = 0
+        self.joining = Exchange(0.0, 0.0, 0.0)
 
     def join(self) -> FeedPort:
         self.attempts.append(time.monotonic())
@@ -192,11 +196,12 @@ class Feed:
             raise self.problem
         return self
 
-    def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
+    def renew(self, position: int, refused: int, news: list[Advertisement]) -> tuple[list[Advertisement], Exchange]:
         if self.problem:
             raise self.problem
         self.on_renewal()
-        return []
+        self.refused = refused
+        return [], self.joining
 
     def acknowledge(self, position: int) -> None:
         self.acknowledged.append(position)
@@ -210,7 +215,7 @@ class Alone:
 
     def __init__(self, folder: Path, policy: LinkPolicy = DEFAULTS) -> None:
         self.feed = Feed()
-        self.channel = Channel(Federation("lab"), Watermarks(folder / "seen"), 1)
+        self.channel = Channel(Federation("lab"), SeenEvents(folder / "seen"), 1)
         self.gateway = Gateway("hall", self.channel, self.feed.join, lambda news: None, policy)
         self.feed.on_renewal = self.probe
 
@@ -314,7 +319,7 @@ def test_a_fault_does_not_end_the_gateway(tmp_path: Path) -> None:
 def test_its_own_events_are_duplicates(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
         eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
-        alone.gateway.forward("s1", 1, [EventBatch(EventHeader("t", "s", "lab"), [1.0], [b"x"], 2**40)])
+        alone.gateway.forward("s1", 1, [EventBatch(EventHeader("t", "s", "lab"), [1.0], [b"x"], 1)])
         assert alone.received() == (0, 1)
 
 
@@ -324,3 +329,29 @@ def test_expired_events_are_counted_and_not_published(tmp_path: Path) -> None:
         header = EventHeader("t", "s", "hall", expiry=1.0)
         alone.gateway.forward("s1", 1, [EventBatch(header, [time.time() - 5, time.time()], [b"x", b"y"], 1)])
         assert alone.gateway.snapshot().totals == (2, 1, 0, 0, 1, 0)
+
+
+def test_refused_events_are_reported_to_the_peer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(seen_events, "MAX_INTERVALS", 2)
+    with Alone(tmp_path) as alone:
+        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
+        alone.forward(1, 11, 13, 15, 12)
+        assert alone.gateway.snapshot().totals == (4, 3, 0, 1, 0, 0)
+        alone.gateway.wake()
+        eventually(lambda: alone.feed.refused == 1, what="the report")
+
+
+def test_the_age_of_events_does_not_depend_on_clocks_that_are_set(tmp_path: Path) -> None:
+    """The peer's system is an hour behind, its machine was started 1000 s later than this one."""
+    alone = Alone(tmp_path)
+    now = time.monotonic()
+    alone.feed.joining = Exchange(now, now - 1000.0, now)
+    with alone:
+        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
+        header, made = EventHeader("t", "s", "hall", expiry=10.0), time.time() - 3600.0
+        batch = EventBatch(header, [made - 20.0, made - 5.0], [b"x", b"y"], 1)
+        batch.epoch = made - (time.monotonic() - 1000.0)
+        alone.gateway.forward("s1", 1, [batch])
+        snapshot = alone.gateway.snapshot()
+        assert snapshot.totals == (2, 1, 0, 0, 1, 0)
+        assert 5.0 <= snapshot.lag_s < 10.0

@@ -16,8 +16,8 @@ from robocorba.events.event import EventBatch
 from robocorba.events.federation import Federation
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
+from robocorba.events.seen_events import SeenEvents
 from robocorba.events.subscription import SubscriptionMatch, checked
-from robocorba.events.watermarks import Watermarks
 from tests.events.network import batch_of
 
 TYPES = ("a", "b")
@@ -42,7 +42,7 @@ class Node:
     """A channel whose consumer wants events of `types`."""
 
     def __init__(self, name: str, peers: list[str], types: set[str], folder: Path) -> None:
-        self.channel = Channel(Federation(name), Watermarks(folder / name), 1)
+        self.channel = Channel(Federation(name), SeenEvents(folder / name), 1)
         self.feeds = {peer: RecordedFeed(peer) for peer in peers}
         self.channel.feeds.update(self.feeds)  # type: ignore[arg-type]
         self.proxy = ProxyPullSupplier(

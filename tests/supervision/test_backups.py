@@ -13,7 +13,7 @@ from robocorba.errors.files import LimitExceeded, OutputExists, OutputIsInput
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.events.channel_store import ChannelStore, Peer
-from robocorba.events.watermarks import Watermarks
+from robocorba.events.seen_events import SeenEvents
 from robocorba.maps.changes import Change, ElementKey
 from robocorba.maps.model import ElementKind, Floor
 from robocorba.maps.store import MapStore
@@ -38,8 +38,8 @@ def state(tmp_path: Path) -> Path:
         simulation.put_mission(Mission("M", 0, b"plan"))
     with ChannelStore(state / "channels" / "lab.sqlite") as channel:
         channel.save_peer(Peer("hall"))
-    with Watermarks(state / "channels" / "lab.seen") as marks:
-        marks.raise_to("hall", 7)
+    with SeenEvents(state / "channels" / "lab.seen") as seen:
+        seen.add("hall", 7, 7)
     with MapStore.create(state / "map.sqlite", two_floors()) as building:
         rename(building, 2)
     return state
@@ -60,8 +60,8 @@ def check(state: Path) -> None:
         assert simulation.missions() == [Mission("M", 1, b"plan")]
     with ChannelStore(state / "channels" / "lab.sqlite") as channel:
         assert channel.peers() == [Peer("hall")]
-    with Watermarks(state / "channels" / "lab.seen") as marks:
-        assert marks.last("hall") == 7
+    with SeenEvents(state / "channels" / "lab.seen") as seen:
+        assert seen.has_seen("hall", 7)
     with MapStore(state / "map.sqlite") as building:
         assert building.load().version == 2
 

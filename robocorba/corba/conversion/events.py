@@ -26,6 +26,7 @@ from robocorba.events.channel import Channel
 from robocorba.events.channel_store import Peer
 from robocorba.events.event import (
     MAX_NAME,
+    MAX_SECONDS,
     CorrelatedEvents,
     Encoding,
     EventBatch,
@@ -49,7 +50,7 @@ _RULE_OF = {struct: rule for rule, struct in _RULES.items()}
 _KINDS = {kind: getattr(RoboCorba, kind.name) for kind in ProxyKind}
 _CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in ProxyCondition}
 
-#: Highest sequence number of an event; the file of the watermarks uses 64 bits.
+#: Highest number of an event.
 _MAX_EVENT_NUMBER = 2**64 - 1
 _EVENT_ID = "IDL:RoboCorba/Event:1.0"
 _TC_ANY = CORBA.TC_any
@@ -164,13 +165,16 @@ def _as_numbered(batch: EventBatch, header: Any) -> EventBatch:
     return batch
 
 
-def forwarded_batch_of(struct: Any) -> EventBatch:
-    """The events of an EventRun struct from a peer, with origin and numbers. Raises InvalidEvent."""
+def forwarded_batch_of(struct: Any, epoch: float) -> EventBatch:
+    """The events of an EventRun struct from a peer, with origin and numbers. epoch: by the peer's clock. Raises
+    InvalidEvent."""
     batch = batch_of(struct)
     batch.header = _with_origin(batch.header, struct.first.origin)
-    batch.first = struct.first.number
+    batch.first, batch.epoch = struct.first.number, epoch
     if not 0 < batch.first <= batch.last <= _MAX_EVENT_NUMBER:
         raise InvalidEvent("number", f"{batch.first} is out of range as the first of {len(batch)} events")
+    if not -MAX_SECONDS <= epoch <= MAX_SECONDS:
+        raise InvalidEvent("epoch", f"{epoch} is out of range")
     return batch
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from typing import Any
 
 from omniORB import CORBA
@@ -16,6 +17,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.events.channel_store import Peer
 from robocorba.events.event import EventBatch
 from robocorba.events.federation import Advertisement
+from robocorba.events.peer_clock import Exchange
 from robocorba.names import CHANNELS
 from robocorba.settings import Address, InvalidSetting
 from robocorba.stubs import RoboCorba
@@ -38,16 +40,17 @@ class RemoteGateway:
 
     def __init__(self, orb: Orb, reference: Any) -> None:
         uri = orb.uri(reference)
-        self._remote, self._address = orb.reference(uri, RoboCorba.EventGateway), address_of(uri)
+        self._remote, self._address = orb.reference(uri, RoboCorba.PeerGateway), address_of(uri)
 
     def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
         set_call_timeout(self._remote, limit_s)
+        epochs = [batch.epoch for batch in batches]
         try:
             try:
-                self._remote.forward(session, position, events.event_runs(batches))
+                self._remote.forwardAged(session, position, epochs, events.event_runs(batches))
             except _PERMANENT_FAILURES as error:
                 _log.warning("a packet cannot be sent (%s)", describe(error))
-                self._remote.forward(session, position, [])
+                self._remote.forwardAged(session, position, [], [])
                 return batches
         except CORBA.SystemException as error:
             raise NotDelivered(f"{self._address} can't be called ({describe(error)})") from None
@@ -57,16 +60,19 @@ class RemoteGateway:
 class RemoteFeed:
     """A session with the feed of a peer."""
 
-    def __init__(self, orb: Orb, terms: Any) -> None:
-        self.session, self.position = terms.session, terms.position
+    def __init__(self, orb: Orb, terms: Any, joining: Exchange) -> None:
+        self.session, self.position, self.joining = terms.session, terms.position, joining
         uri = orb.uri(terms.feed)
         # Two references with a timeout each, because both are called at the same time.
-        self._remote = orb.reference(uri, RoboCorba.GatewayFeed, CALL_TIMEOUT_S)
-        self._acknowledging = orb.reference(uri, RoboCorba.GatewayFeed, ACKNOWLEDGE_TIMEOUT_S)
+        self._remote = orb.reference(uri, RoboCorba.PeerFeed, CALL_TIMEOUT_S)
+        self._acknowledging = orb.reference(uri, RoboCorba.PeerFeed, ACKNOWLEDGE_TIMEOUT_S)
 
-    def renew(self, position: int, news: list[Advertisement]) -> list[Advertisement]:
+    def renew(self, position: int, refused: int, news: list[Advertisement]) -> tuple[list[Advertisement], Exchange]:
+        sent = time.monotonic()
         try:
-            return events.advertisements_of(self._remote.renew(self.session, position, events.advertisements(news)))
+            structs = events.advertisements(news)
+            known, clock = self._remote.renewPeer(self.session, position, refused, structs)
+            return events.advertisements_of(known), Exchange(sent, clock, time.monotonic())
         except RoboCorba.SessionOver:
             raise SessionOver("the peer has ended the session") from None
         except CORBA.SystemException as error:
@@ -120,7 +126,7 @@ class PeerJoiner:
             found = channel._get_name()
             if found != record.name:
                 raise InvalidPeer("address", f"the channel there is {found!r}, not {record.name!r}")
-            terms = channel.joinGateway(self._name, self._channel, self._gateway)
+            return self._join_peer(record, channel)
         except RoboCorba.InvalidPeer as error:
             raise InvalidPeer(error.field, error.reason) from None
         except CORBA.OBJECT_NOT_EXIST:
@@ -129,4 +135,13 @@ class PeerJoiner:
             raise InvalidPeer("address", "what is at this address is no event channel") from None
         except CORBA.SystemException as error:
             raise NotReachable(f"{record.name} does not answer ({describe(error)})") from None
-        return RemoteFeed(self._orb, terms), self._orb.uri(channel)
+
+    def _join_peer(self, record: Peer, channel: Any) -> tuple[RemoteFeed, str]:
+        sent = time.monotonic()
+        try:
+            terms, clock = channel.joinPeer(self._name, self._channel, self._gateway)
+        except CORBA.BAD_OPERATION:
+            reason = f"{record.name} runs release 0.1.0, which takes event numbers for times; it needs a later one"
+            raise InvalidPeer("release", reason) from None
+        joining = Exchange(sent, clock, time.monotonic())
+        return RemoteFeed(self._orb, terms, joining), self._orb.uri(channel)

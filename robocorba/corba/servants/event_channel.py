@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -17,7 +18,7 @@ from robocorba.events.links import Links
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import Proxy, ProxyKind
 from robocorba.events.proxy_consumer import own_supplier
-from robocorba.stubs import RoboCorba__POA
+from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 
 class ChannelObjects(Protocol):
@@ -125,12 +126,16 @@ class EventChannelServant(ServerServant, RoboCorba__POA.EventChannel):
     def peers(self) -> list[Any]:
         return [events.peer(record) for record in self._links.peers]
 
-    @translating
     def joinGateway(self, consuming: str, itself: Any, gateway: Any) -> Any:
+        reason = f"{consuming} runs release 0.1.0, which takes event numbers for times; it needs a later one"
+        raise RoboCorba.InvalidPeer("consuming", reason)
+
+    @translating
+    def joinPeer(self, consuming: str, itself: Any, gateway: Any) -> tuple[Any, float]:
         if itself is None or gateway is None:
             raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
         session, position = self._links.join(consuming, self._objects.uri(itself), self._objects.gateway(gateway))
-        return events.feed_terms(self._objects.feed, session, position)
+        return events.feed_terms(self._objects.feed, session, position), time.monotonic()
 
     def routeBack(self) -> Any:
         return self._objects.callback_route

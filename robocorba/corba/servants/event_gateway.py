@@ -4,38 +4,47 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
+import time
 from typing import Any
 
 from robocorba.corba.conversion import events
 from robocorba.corba.conversion.errors import translating
 from robocorba.errors.events import InvalidEvent, SessionOver
 from robocorba.events.links import Links
-from robocorba.stubs import RoboCorba__POA
+from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 _log = logging.getLogger(__name__)
 
 
-class EventGatewayServant(RoboCorba__POA.EventGateway):
-    """RoboCorba::EventGateway: receives events from the feeds of peers."""
+class PeerGatewayServant(RoboCorba__POA.PeerGateway):
+    """RoboCorba::PeerGateway: receives events from the feeds of peers."""
 
     #: Headers are checked once for many events.
-    checks_texts_itself = frozenset({"forward"})
+    checks_texts_itself = frozenset({"forwardAged"})
 
     def __init__(self, links: Links) -> None:
         self._links = links
 
     def forward(self, session: str, position: int, runs: Any) -> None:
-        received = []
-        for struct in runs:
+        """Nothing: no feed of release 0.1.0 has a session with this gateway."""
+
+    def forwardAged(self, session: str, position: int, epochs: Any, runs: Any) -> None:
+        received, invalid = [], 0
+        if len(epochs) != len(runs):
+            _log.warning("a peer forwarded %d epochs for %d runs", len(epochs), len(runs))
+            epochs = [math.nan] * len(runs)  # none of them is valid
+        for struct, epoch in zip(runs, epochs, strict=True):
             try:
-                received.append(events.forwarded_batch_of(struct))
-            except InvalidEvent as error:  # oneway: cannot be reported to the peer
+                received.append(events.forwarded_batch_of(struct, epoch))
+            except InvalidEvent as error:  # oneway: the next renewal reports their number
                 _log.warning("a peer forwarded invalid events (%s)", error)
-        self._links.forward(session, position, received)
+                invalid += len(struct.payloads)
+        self._links.forward(session, position, received, invalid)
 
 
-class GatewayFeedServant(RoboCorba__POA.GatewayFeed):
-    """RoboCorba::GatewayFeed: called by the gateways of peers."""
+class PeerFeedServant(RoboCorba__POA.PeerFeed):
+    """RoboCorba::PeerFeed: called by the gateways of peers."""
 
     def __init__(self, links: Links) -> None:
         self._links = links
@@ -46,9 +55,13 @@ class GatewayFeedServant(RoboCorba__POA.GatewayFeed):
         except SessionOver:  # oneway: the next renewal raises it
             return
 
-    @translating
     def renew(self, session: str, position: int, news: Any) -> list[Any]:
-        return events.advertisements(self._links.renew(session, position, events.advertisements_of(news)))
+        raise RoboCorba.SessionOver  # no gateway of release 0.1.0 has a session with this feed
+
+    @translating
+    def renewPeer(self, session: str, position: int, refused: int, news: Any) -> tuple[list[Any], float]:
+        known = self._links.renew(session, position, refused, events.advertisements_of(news))
+        return events.advertisements(known), time.monotonic()
 
     @translating
     def leave(self, session: str) -> None:

@@ -24,7 +24,7 @@ _PROXIES = ("push_supplier", "pull_supplier", "push_consumer", "pull_consumer")
 
 def end_proxy(system: FuzzedSystem, name: str, result: Any) -> None:
     """Disconnect proxies, and remove peers that were added."""
-    if name == "addPeer" or name == "joinGateway":
+    if name == "addPeer" or name == "joinPeer":
         for peer in system.channel.peers():
             if peer.name != "b":
                 system.channel.removePeer(peer.name)
@@ -59,7 +59,7 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         "isInForceAt": [example("b")],
     }
     runs_from = [RoboCorba.EventRun(_typed(header, "x", "y", "b"), [1.0], [b"\xc0"])]
-    gateway = system.by_key("gateway", RoboCorba.EventGateway)
+    gateway = system.by_key("gateway", RoboCorba.PeerGateway)
     on_channel = {
         "supply": [example("fuzz")],
         "subscribe": [example("", system.consumer, subscription, queue), example("kept", system.consumer, [], queue)],
@@ -67,6 +67,7 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         "addPeer": [example(RoboCorba.PeerAddress("c", "127.0.0.1:9", False))],
         "removePeer": [example("b")],
         "joinGateway": [example("c", system.channel, gateway)],
+        "joinPeer": [example("c", system.channel, gateway)],
         **on_proxies,
     }
     destroyed, end = frozenset({"destroy"}), partial(end_proxy, system)
@@ -100,13 +101,15 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
             )
     join = {
         "forward": [example("session", 1, runs_from)],
+        "forwardAged": [example("session", 1, [0.0], runs_from)],
         "acknowledge": [example("session", 1)],
         "renew": [example("session", 1, [RoboCorba.ChannelNotice("c", 1, ["a"], [pattern])])],
+        "renewPeer": [example("session", 1, 0, [RoboCorba.ChannelNotice("c", 1, ["a"], [pattern])])],
         "leave": [example("session")],
     }
-    yield Target("EventGateway", RoboCorba.EventGateway, always(gateway), join)
-    feed = system.by_key("feed", RoboCorba.GatewayFeed)
-    yield Target("GatewayFeed", RoboCorba.GatewayFeed, always(feed), join)
+    yield Target("PeerGateway", RoboCorba.PeerGateway, always(gateway), join)
+    feed = system.by_key("feed", RoboCorba.PeerFeed)
+    yield Target("PeerFeed", RoboCorba.PeerFeed, always(feed), join)
 
 
 def _kept_proxy(system: FuzzedSystem, kind: str, interface: Any) -> Callable[[], Any]:

@@ -123,10 +123,10 @@ _ways = [
     ),
     Way("CallbackRoute", RoboCorba.CallbackRoute, EVERYBODY, lambda of, me: of["EventChannel"].routeBack()),
     Way(
-        "GatewayFeed",
-        RoboCorba.GatewayFeed,
+        "PeerFeed",
+        RoboCorba.PeerFeed,
         NOBODY,
-        lambda of, me: of["EventChannel"].joinGateway("c", of["EventChannel"], me).feed,
+        lambda of, me: of["EventChannel"].joinPeer("c", of["EventChannel"], me)[0].feed,
     ),
     Way(
         "SensorRegistration",
@@ -192,7 +192,7 @@ UNREACHED_BY_ONE = ("SupplierAdmin", "ProxyPullConsumer")
 #: Objects of the process that attacks: they answer calls of other interfaces otherwise.
 OF_THIS_PROCESS = ("RobotAdaptor",)
 #: Interfaces of objects that no operation returns to anybody: only who guesses their keys could call them.
-HIDDEN = ("SimulationAdministrator", "Supervisor", "StopTarget", "EventGateway")
+HIDDEN = ("SimulationAdministrator", "Supervisor", "StopTarget", "PeerGateway")
 #: Called last, since they end the object.
 _ENDS = ("disconnect_", "deregister", "close", "commit", "rollBack", "destroy")
 
