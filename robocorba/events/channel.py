@@ -79,6 +79,8 @@ class _Route(NamedTuple):
     #: Header of the events, with their origin.
     header: EventHeader
     sinks: list[tuple[Sink, SubscriptionMatch]]
+    #: The feeds among them.
+    feeds: list[Feed]
     #: Feeds of peers that do not want the events; they count them as unseen.
     uninterested: list[Feed]
     #: Proxies whose policy blocks suppliers while their queue is full.
@@ -110,6 +112,8 @@ class Channel:
         self._blocking_budget = BlockingBudget()
         self._number = first_number - 1
         self._clock = clock or ArrivalClock()
+        #: Of the federation, when the routes were updated.
+        self._topology = federation.topology
         #: By header. A header without origin belongs to a supplier of this channel.
         self._routes: dict[EventHeader, _Route] = {}
 
@@ -245,7 +249,9 @@ class Channel:
                 sinks.append((proxy, match))
                 if proxy.is_blocking:
                     blocking.append(proxy)
-        return _Route(header, sinks, uninterested, blocking, min((proxy.policy.size for proxy in blocking), default=0))
+        return _Route(
+            header, sinks, feeds, uninterested, blocking, min((proxy.policy.size for proxy in blocking), default=0)
+        )
 
     # ---- subscriptions; called with the lock ----
 
@@ -258,12 +264,34 @@ class Channel:
         proxy that may have come, changed or gone; all by default.
 
         Returns whether this channel's own advertisement changed, so that the peers need it."""
-        self._routes.clear()
+        former, self._routes = self._routes, {}
         if changed is None:
             self._interest = Interest()
         for proxy in [changed] if changed else self.proxy_suppliers.values():
             self._interest.set(proxy.id, proxy.subscription if proxy.is_selecting else ())
-        return self.federation.advertise(self.feeds, self.interest())
+        is_new = self.federation.advertise(self.feeds, self.interest())
+        if self.federation.topology != self._topology:
+            self._topology = self.federation.topology
+            self._take_over(former)
+        return is_new
+
+    def _take_over(self, former: dict[EventHeader, _Route]) -> None:
+        """Send what waits for peers to those, too, that are on a shortest path only now: the others will not forward it
+        any more. former: the routes before."""
+        held = {feed: {_key(batch): batch for batch in feed.waiting()} for feed in self.feeds.values()}
+        waiting = {key: batch for batches in held.values() for key, batch in batches.items()}
+        for key in sorted(waiting):
+            batch = waiting[key]
+            header = batch.header._replace(origin="") if batch.header.origin == self.name else batch.header
+            known = former.get(header)
+            for feed in self._find_route(header).feeds:
+                if key not in held[feed] and not (known and feed in known.feeds):
+                    feed.take_over(batch)
+
+
+def _key(batch: EventBatch) -> tuple[str, int, int]:
+    """What tells a batch from others, and orders those of an origin."""
+    return batch.header.origin, batch.first, batch.last
 
 
 def _deliver(batch: EventBatch, claims: list[Sink]) -> None:

@@ -94,6 +94,8 @@ class Federation:
         self, name: str, known: Iterable[Advertisement] = (), life: int = 1, max_channels: int = MAX_CHANNELS
     ) -> None:
         self.name, self._life = name, life
+        #: Number of changes of the links.
+        self.topology = 0
         self._max_channels = max_channels
         #: Includes channels that are unreachable now. They are ignored, but kept: nobody would send them again.
         self._advertisements = {entry.name: entry for entry in known}
@@ -236,5 +238,6 @@ class Federation:
                 if other is None or entry.name in other.peers:
                     graph.add_edge(entry.name, peer)
         self._graph = graph
+        self.topology += 1
         self._cached_distances: dict[str, dict[str, int]] = {}
         self._own_distances = self._distances(self.name)

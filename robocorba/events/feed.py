@@ -153,7 +153,6 @@ class Feed:
         count = len(batch.payloads)
         if batch.via == self.peer or not count:
             return False
-        self.account.received += count
         is_small = count == 1 or (count <= PACKET_EVENTS and batch.size <= PACKET_BYTES)
         if (
             not self._busy
@@ -162,12 +161,28 @@ class Feed:
             and is_small
             and self.is_up
         ):
+            self.account.received += count
             self._busy, self._claimed = True, batch
             return True
+        self._store(batch, is_small)
+        return False
+
+    def waiting(self) -> list[EventBatch]:
+        """What the peer has not acknowledged, in order."""
+        batches = [batch for packet in self._unacknowledged for batch in packet.batches]
+        batches += [self._claimed] if self._claimed else []
+        return batches + [item for item in self._queue.items() if isinstance(item, EventBatch)]
+
+    def take_over(self, batch: EventBatch) -> None:
+        """Queue events that also wait for another peer, unless this peer forwarded them."""
+        if batch.via != self.peer:
+            self._store(batch, is_small=False)
+
+    def _store(self, batch: EventBatch, is_small: bool) -> None:
+        self.account.received += len(batch.payloads)
         for piece in (batch,) if is_small else _pieces(batch):
             self.account.discarded += self._queue.put(piece)
         self._changed.notify()
-        return False
 
     def join(self, port: GatewayPort) -> tuple[str, int]:
         """Begin a session with the peer's gateway, and end the earlier one.

@@ -215,12 +215,12 @@ class Links:
         """Learn a peer's advertisements; returns those that are new to the peer. refused: see Feed. Raises
         SessionOver."""
         link = self._link_of(session)
+        if advertisements:  # before anything is sent by routes that the peer uses no more
+            self.learn(advertisements)
         with self._channel.lock:
             link.feed.renew(session, position, refused)
             known = link.known_versions  # of this session; a later session starts with an empty dict
         known.update((entry.name, entry.version) for entry in advertisements)
-        if advertisements:
-            self.learn(advertisements)
         with self._channel.lock:
             answer = [
                 entry for entry in self._channel.federation.advertisements if known.get(entry.name, 0) < entry.version

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from enum import Enum
+from operator import itemgetter
 from typing import NamedTuple, TypeAlias
 
 from robocorba.errors.events import InvalidQueue
@@ -116,6 +118,10 @@ class EventQueue:
             return None
         item = self._first_lane()[0][1]
         return (item if isinstance(item, EventBatch) else item.batches[0]).since
+
+    def items(self) -> list[QueueItem]:
+        """All items, in the order of `take`."""
+        return [item for _, item in sorted(itertools.chain(*self._lanes.values()), key=itemgetter(0))]
 
     def resize(self, policy: QueuePolicy) -> int:
         """Change the policy; returns how many events were discarded."""

@@ -143,7 +143,8 @@ def test_a_renewal_overtaken_by_a_join_does_not_count_as_received() -> None:
             learn(news)
 
         links.learn = overtaken  # type: ignore[method-assign]
-        links.renew(first, 1, 0, [Advertisement("B", 1, ("A", "C"), ())])
+        with pytest.raises(SessionOver):
+            links.renew(first, 1, 0, [Advertisement("B", 1, ("A", "C"), ())])
         links.learn = learn  # type: ignore[method-assign]
         with pytest.raises(SessionOver):
             links.renew(first, 1, 0, [])

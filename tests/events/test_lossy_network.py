@@ -159,6 +159,32 @@ def test_both_ends_agree_that_a_link_is_down_where_one_of_them_cannot_be_called(
         eventually(lambda: consumer.read() == ["1"], what="what waited")
 
 
+@pytest.mark.parametrize("slow", ["OP", "PT"])
+def test_a_direct_link_that_is_added_loses_nothing_of_what_waits_on_the_way(slow: str) -> None:
+    with Network("O", "P", "T", policy=QUICK) as network:
+        network.link("OP", "PT")
+        consumer = network["T"].consume("t")
+        eventually(lambda: all_know(network, "T", "t"), what="the interest everywhere")
+        _wait_links_known(network, ("OP", "PT"))
+        network["O"].publish("first")
+        eventually(lambda: consumer.read() == ["first"], what="the first event")
+        network.cut.add(frozenset(slow))
+        for number in range(1000):
+            network["O"].publish(str(number))
+        if slow == "PT":
+            eventually(lambda: network["O"].channel.feeds["P"].account.delivered == 1001, what="all events at P")
+        network.link("OT")
+        eventually(lambda: "T" in network["O"].channel.feeds and network["O"].channel.feeds["T"].is_up, what="the link")
+        network["O"].publish("new")
+        eventually(lambda: "new" in consumer.read(), what="an event by the new link")
+        network.cut.clear()
+        eventually(lambda: len(consumer.read()) >= 1002, what="all events")
+        time.sleep(0.1)  # copies would come now
+        assert len(consumer.read()) == 1002
+        assert [text for text in consumer.got if text.isdigit()] == [str(number) for number in range(1000)]
+        check_accounts(network)
+
+
 def test_interest_follows_consumers() -> None:
     with Network("A", "B", "C", policy=QUICK) as network:
         network.link("AB", "BC")

@@ -37,6 +37,12 @@ class RecordedFeed:
             self.carried += batch.payloads
         return False
 
+    def waiting(self) -> list[EventBatch]:
+        return list(self.batches)
+
+    def take_over(self, batch: EventBatch) -> None:
+        self.accept(batch, SubscriptionMatch(True, ()), 0.0)
+
 
 class Node:
     """A channel whose consumer wants events of `types`."""
