@@ -107,9 +107,13 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         "renewPeer": [example("session", 1, 0, [RoboCorba.ChannelNotice("c", 1, ["a"], [pattern])])],
         "leave": [example("session")],
     }
-    yield Target("PeerGateway", RoboCorba.PeerGateway, always(gateway), join)
-    feed = system.by_key("feed", RoboCorba.PeerFeed)
-    yield Target("PeerFeed", RoboCorba.PeerFeed, always(feed), join)
+    for key, interface in (
+        ("gateway", RoboCorba.PeerGateway),
+        ("gateway", RoboCorba.EventGateway),
+        ("feed", RoboCorba.PeerFeed),
+        ("feed", RoboCorba.GatewayFeed),
+    ):
+        yield Target(title(interface), interface, always(system.by_key(key, interface)), join)
 
 
 def _kept_proxy(system: FuzzedSystem, kind: str, interface: Any) -> Callable[[], Any]:
