@@ -371,7 +371,7 @@ class Feed:
                 if not self._busy and self.is_in_contact:
                     if self._sent < len(self._unacknowledged):
                         return self._next_transmission()
-                    if self._queue.length and len(self._unacknowledged) < WINDOW:
+                    if self._queue.length and not self.conflict and len(self._unacknowledged) < WINDOW:
                         items, expired = self._queue.take(PACKET_EVENTS, time.monotonic(), PACKET_BYTES)
                         self.account.expired += expired
                         batches = merged(item for item in items if isinstance(item, EventBatch))

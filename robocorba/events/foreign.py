@@ -210,7 +210,7 @@ class ForeignLink:
         if batch.header.origin:
             claimed, duplicates, refused = self._channel.forward([batch])  # claimed: what this thread must deliver
             if refused:
-                _log.warning("%s delivered an event with a number that it cannot have; refused", self.name)
+                _log.warning("refused an event from %s: nobody knows whether it came before", self.name)
             self.duplicates += duplicates
             with self._channel.lock:
                 self._account.received += 1 - duplicates
