@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import secrets
 import threading
 import time
 from collections.abc import Callable
@@ -16,6 +17,9 @@ from robocorba.simulation.store import Mission, SimulationStore
 #: Time for which a mission that has ended is kept [s].
 KEPT_S = 7 * 86400.0
 
+#: The bits of the first version of a process; JavaScript has 53.
+VERSION_BITS = 50
+
 _log = logging.getLogger(__name__)
 
 
@@ -28,8 +32,8 @@ class MissionDirectory:
     def __init__(self, store: SimulationStore, clock: Callable[[], float] = time.time) -> None:
         self._store, self._clock = store, clock
         self._lock = threading.RLock()
-        # Clients of an earlier process hold smaller versions, and so get all missions.
-        self._version = time.time_ns() // 1000
+        # Random: clients of an earlier process hold other versions, and so get all missions.
+        self._version = 1 + secrets.randbits(VERSION_BITS)
         #: Without plans and reports.
         self._states: dict[str, MissionState] = {}
         for mission in sorted(store.missions(), key=_last_time):

@@ -5,8 +5,8 @@ Versions are created on request, not with every step. Nothing here waits for the
 
 from __future__ import annotations
 
+import secrets
 import threading
-import time
 from collections import deque
 
 import numpy as np
@@ -24,6 +24,8 @@ from robocorba.spatial.posture import Posture
 
 #: Departed bodies remembered for each floor; a client with an older version gets the whole floor.
 MAX_DEPARTED = 10_000
+#: The bits of the first version of a process; JavaScript has 53.
+VERSION_BITS = 50
 
 
 class OmniDatabase:
@@ -33,8 +35,9 @@ class OmniDatabase:
         self._building = building
         self.map_version = 0
         self._lock = threading.Lock()
-        # Clients of an earlier process hold smaller versions, and so get whole floors.
-        self._first_version = time.time_ns() // 1000
+        # Random: clients of an earlier process hold other versions, and so get whole floors. No clock tells two of them
+        # apart: a computer without a real-time clock starts them at the same time.
+        self._first_version = 1 + secrets.randbits(VERSION_BITS)
         self._floors: dict[str, _FloorVersions] = {}
         self._scans: dict[str, LastScan] = {}
         #: The last scan of each sensor of the logged-on robots.

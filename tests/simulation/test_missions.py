@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +111,11 @@ def test_a_mission_is_there_while_it_is_stored(missions: MissionDirectory, monke
     assert missions.mission("one").content == ended(200.0)
 
 
-def test_a_client_of_the_server_before_gets_all_missions(store: SimulationStore) -> None:
+def test_a_client_of_the_server_before_gets_all_missions(
+    store: SimulationStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also on a computer without a real-time clock, which starts at the same time again."""
+    monkeypatch.setattr(time, "time_ns", lambda: 10**18)
     before = MissionDirectory(store)
     put(before, "late", ended(300.0, reason="a"))
     put(before, "early", ended(200.0))
