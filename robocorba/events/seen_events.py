@@ -35,6 +35,8 @@ _NAME = 64
 _HEAD = struct.Struct(f"<{_NAME}sIIQ")
 _USED = struct.Struct("<Q")
 _USED_AT = _HEAD.size - _USED.size
+_HORIZON = struct.Struct("<I")
+_HORIZON_AT = _USED_AT - _HORIZON.size
 #: First count and number of counts, 0 for an unused entry.
 _INTERVAL = struct.Struct("<II")
 _LIFE_BYTES = _HEAD.size + MAX_INTERVALS * _INTERVAL.size
@@ -85,7 +87,8 @@ class SeenEvents:
             raise ServiceError(f"cannot use {file}: {error}") from None
         self._map[: len(_MAGIC)] = _MAGIC
         self._lives: dict[tuple[str, int], _Life] = {}
-        self._clock = 0
+        #: Counts the changes of the life in use.
+        self._clock = 1
         damaged = [place for place in range(MAX_LIVES) if not self._read(place)]
         if damaged:
             self._forget(damaged, file)
@@ -161,13 +164,17 @@ class SeenEvents:
             return Unseen(before.parts + after.parts, before.late + after.late)
         key = (origin, first >> COUNT_BITS)
         life = self._lives.get(key) or self._new_life(key)
-        self._clock = life.used = self._clock + 1
-        _USED.pack_into(self._map, _life_at(life.place) + _USED_AT, self._clock)
+        if life.used != self._clock:
+            self._clock = life.used = self._clock + 1
+            _USED.pack_into(self._map, _life_at(life.place) + _USED_AT, self._clock)
         count, end = first & COUNT_MASK, (last & COUNT_MASK) + 1
         ends = life.ends
-        if ends and count == ends[-1]:
-            ends[-1] = end
-            self._write(life, -1)
+        if ends and count >= ends[-1]:  # as nearly always
+            if count == ends[-1]:
+                ends[-1] = end
+                self._write(life, -1)
+            else:
+                self._insert_apart(life, len(ends), count, end)
             return Unseen([(first, last)], 0)
         base = first - count
         late = max(0, min(end, life.horizon) - count)
@@ -178,7 +185,7 @@ class SeenEvents:
 
     def _insert(self, life: _Life, first: int, end: int) -> None:
         """Add an interval that overlaps none."""
-        firsts, ends, places = life.firsts, life.ends, life.places
+        firsts, ends = life.firsts, life.ends
         at = bisect_right(firsts, first)
         joins_before = at > 0 and ends[at - 1] == first
         joins_after = at < len(firsts) and firsts[at] == end
@@ -190,20 +197,24 @@ class SeenEvents:
         elif joins_after:
             firsts[at] = first
             self._write(life, at)
-        elif life.free:
-            firsts.insert(at, first)
-            ends.insert(at, end)
-            places.insert(at, life.free.pop())
-            self._write(life, at)
         else:
+            self._insert_apart(life, at, first, end)
+
+    def _insert_apart(self, life: _Life, at: int, first: int, end: int) -> None:
+        """Add an interval that touches none, with index `at`."""
+        if not life.free:
             self._close_gap(life)
-            if first >= life.horizon:
-                self._insert(life, first, end)
+            at -= 1
+        if first >= life.horizon:
+            life.firsts.insert(at, first)
+            life.ends.insert(at, end)
+            life.places.insert(at, life.free.pop())
+            self._write(life, at)
 
     def _close_gap(self, life: _Life) -> None:
         """Forget the oldest gap."""
         life.horizon = life.ends[0] = life.ends[1]
-        _HEAD.pack_into(self._map, _life_at(life.place), *self._head_of(life))
+        _HORIZON.pack_into(self._map, _life_at(life.place) + _HORIZON_AT, life.horizon)
         self._write(life, 0)
         self._remove(life, 1)
 
