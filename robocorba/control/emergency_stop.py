@@ -7,6 +7,7 @@ up to the number that the latch had when the reset began."""
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 import threading
@@ -88,6 +89,8 @@ class EmergencyStop:
                 self._learn(hold)
                 raise IllegalOrder("restart", f"is held by the simulation server: {hold.reason}; reset it again")
             self.latch.end(seen)
+            with contextlib.suppress(RobotLost):  # then the reporter does
+                self._report_pending()  # a stop that came during the call, before this robot is refused its reset
 
     # ---- implementation ----
 
