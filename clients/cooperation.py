@@ -263,12 +263,15 @@ class Cooperation:
             return []
         snapshot = self._pool.current_snapshot()
         found = [
-            Seen(each.name, True, Point(each.x, each.y).buffer(each.radius_m, quad_segs=8), each.vx, each.vy)
+            Seen(
+                each.name, True, Point(each.x, each.y).buffer(each.radius_m, quad_segs=8), each.vx, each.vy, each.number
+            )
             for each in snapshot.robots
         ]
         objects = (each for each in snapshot.objects() if each.is_movable)
         return found + [
-            Seen(each.name, False, shapely.convex_hull(MultiPoint(each.corners)), each.vx, each.vy) for each in objects
+            Seen(each.name, False, shapely.convex_hull(MultiPoint(each.corners)), each.vx, each.vy, each.number)
+            for each in objects
         ]
 
     def _store_plan(self, plan: CooperativePlan, phase: str) -> None:

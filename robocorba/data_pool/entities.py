@@ -34,6 +34,8 @@ class FloorEntity(NamedTuple):
     outline: tuple[XY, ...]
     mass_kg: float
     is_movable: bool
+    #: Of the body in the simulation, its identity while names change; 0 for an object that can't be moved.
+    number: int = 0
 
     @property
     def corners(self) -> tuple[XY, ...]:
@@ -44,9 +46,8 @@ class FloorEntity(NamedTuple):
 def entity_of_body(body: Body, motion: np.void) -> FloorEntity:
     """An entity from a body and its row of MOTION."""
     _, vx, vy, turn, x, y, heading = motion.tolist()
-    return FloorEntity(
-        body.name, body.kind, x, y, heading, vx, vy, turn, body.radius_m, body.outline, body.mass_kg, is_movable=True
-    )
+    shape = body.radius_m, body.outline, body.mass_kg
+    return FloorEntity(body.name, body.kind, x, y, heading, vx, vy, turn, *shape, is_movable=True, number=body.number)
 
 
 def entity_of_map_object(item: MapObject) -> FloorEntity:

@@ -49,11 +49,19 @@ def full_name(floor: str, name: str) -> str:
     return f"{floor}/{name}"
 
 
+def ambiguity(name: str, known: Iterable[str]) -> str:
+    """What to write instead of a name that several movable objects have; empty if they have not. known: the names of
+    `movables`."""
+    alternatives = sorted(each for each in known if each.endswith(f"/{name}"))
+    if len(alternatives) < 2:
+        return ""
+    return f"several floors have an object {name[:80]!r}: write {' or '.join(alternatives[:MAX_LISTED])}"
+
+
 def not_found(name: str, known: Iterable[str]) -> str:
     """Why there is no movable object of a name. known: the names of `movables`."""
-    alternatives = sorted(each for each in known if each.endswith(f"/{name}"))
-    if len(alternatives) > 1:
-        return f"several floors have an object {name[:80]!r}: write {' or '.join(alternatives)}"
+    if why := ambiguity(name, known):
+        return why
     listed = sorted(known)[:MAX_LISTED]
     more = ", ..." if len(listed) == MAX_LISTED else ""
     return f"there is no object {name[:80]!r} that can be carried; there are {', '.join(listed) or 'none'}{more}"

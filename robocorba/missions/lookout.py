@@ -26,13 +26,15 @@ GAP_M = 0.02
 
 
 class Seen(NamedTuple):
-    """A robot or an object: where it stands [m], and its velocity along the floor's axes [m/s]."""
+    """A robot or an object: where it stands [m], and its velocity along the floor's axes [m/s]. number: its identity
+    while edits of the map change names; 0 if it has none."""
 
     name: str
     is_robot: bool
     shape: BaseGeometry
     vx: float
     vy: float
+    number: int = 0
 
     @property
     def swept(self) -> BaseGeometry:
@@ -63,13 +65,15 @@ class Lookout:
 
     def __init__(self, trajectory: Trajectory, footprint: BaseGeometry, team: Collection[str], look: Look) -> None:
         self._trajectory, self._footprint, self._team, self._look = trajectory, footprint, team, look
+        #: Numbers of those of the team that have been seen, by name.
+        self._numbers: dict[str, int] = {}
         self._reach_m = max(math.hypot(x, y) for x, y in shapely.get_coordinates(footprint).tolist())
 
     def ahead(self, trajectory_s: float) -> Ahead | None:
         """The first thing in the way within LOOK_S after this time of the trajectory; None if the way is free.
 
         Raises NotReachable."""
-        others = [seen for seen in self._look() if seen.name not in self._team]
+        others = self._others()
         if not others:
             return None
         end_s = min(trajectory_s + LOOK_S, self._trajectory.duration)
@@ -84,3 +88,11 @@ class Lookout:
                     at = seen.shape.centroid
                     return Ahead(seen.name, seen.is_robot, at.x, at.y, after_s)
         return None
+
+    def _others(self) -> list[Seen]:
+        """What is not of the team, also under other names than at first. Raises NotReachable."""
+        found = self._look()
+        self._numbers.update((seen.name, seen.number) for seen in found if seen.name in self._team and seen.number)
+        named = {seen.name for seen in found}
+        renamed = {number for name, number in self._numbers.items() if name not in named}
+        return [seen for seen in found if seen.name not in self._team and seen.number not in renamed]

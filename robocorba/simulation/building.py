@@ -78,6 +78,11 @@ class SimulatedBuilding:
             building.elevators_through(floor) != before.elevators_through(former)
         )
 
+    def robots_on_lost_floors(self, building: Building, lineage: Lineage = SAME_NAMES) -> list[str]:
+        """The robots on floors that an edited map does not have any more; see `update`."""
+        kept = lineage.floors(building.floors)
+        return [robot.name for robot in self.occupants.robots.values() if robot.floor not in kept]
+
     def update(self, building: Building, lineage: Lineage = SAME_NAMES) -> MapUpdate:
         """Use an edited map. lineage: which of its elements are those of the present map.
 
@@ -85,7 +90,7 @@ class SimulatedBuilding:
         before, self.building = self.building, building
         (prepared_for, prepared), self._prepared = self._prepared, (None, {})
         kept = {former: now for former, now in lineage.floors(building.floors).items() if former in before.floors}
-        removed = [robot.name for robot in self.occupants.robots.values() if robot.floor not in kept]
+        removed = self.robots_on_lost_floors(building, lineage)
         for robot in removed:
             self.remove(robot)
         floors = {kept[former]: physics for former, physics in self.occupants.floors.items() if former in kept}

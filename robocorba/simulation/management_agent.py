@@ -256,12 +256,12 @@ class ManagementAgent:
         Raises SimulationBusy."""
 
         def change() -> None:
-            removed, events = self.simulated.update(edited_map, lineage)
-            self._report(events)
-            for name in removed:
+            # Before their floors go, so that nobody sees a robot without its floor.
+            for name in self.simulated.robots_on_lost_floors(edited_map, lineage):
                 client = self.registry.find(name)
-                self._close_session(client)
+                self._log_off(client)
                 self._writer.forget(client.key)
+            self._report(self.simulated.update(edited_map, lineage).events)
             self.database.map_version = version
 
         for preparation in self.simulated.preparations(edited_map, lineage):

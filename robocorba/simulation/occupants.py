@@ -12,7 +12,7 @@ from robocorba.errors.places import xy
 from robocorba.errors.simulation import CannotGrip, InvalidChoice, PlaceTaken, UnknownBody, UnknownRobot
 from robocorba.maps.lineage import Lineage
 from robocorba.maps.model import ElementKind, MapObject
-from robocorba.maps.movable import full_name, not_found, object_outline
+from robocorba.maps.movable import ambiguity, full_name, object_outline
 from robocorba.simulation.body_names import is_robot, owner
 from robocorba.simulation.physics import FloorPhysics
 from robocorba.simulation.placed_object import PlacedObject
@@ -231,7 +231,8 @@ class Occupants:
         robot = self.robot(name)
         item = self.find_object(object_name, robot.floor)
         if item is None:
-            raise CannotGrip(object_name, not_found(object_name, self.objects))
+            no_such = f"there is no such movable object on {robot.floor}"
+            raise CannotGrip(object_name, ambiguity(object_name, self.objects) or no_such)
         if item.floor != robot.floor:
             raise CannotGrip(object_name, f"it is on {item.floor}, {name} on {robot.floor}")
         if not math.isfinite(at[0] + at[1]):
@@ -284,8 +285,8 @@ class Occupants:
         floor, x, y, _ = pose
         robot, item = self.robots.get(name), self.find_object(name)
         if robot is None and item is None:
-            if any(each.map_object.name == name for each in self.objects.values()):
-                raise InvalidChoice("body", not_found(name, self.objects))
+            if why := ambiguity(name, self.objects):
+                raise InvalidChoice("body", why)
             raise UnknownBody(name)
         if floor not in self.floors:
             raise UnknownFloor("at.floor", floor[:200], list(self.floors))

@@ -123,6 +123,15 @@ class Place:
         number = next((number for number, body in copy.view.bodies.items() if body.name == name), None)
         return None if number is None else copy.view.motion(number)
 
+    def remove_outlines(self, *floors: str) -> None:
+        """Let floors have no bounds, so that robots have room outside of the building."""
+        for floor in floors:
+            found = self.editor.read(RoboCorba.ElementId(RoboCorba.FLOOR_ELEMENT, "", floor))
+            unbounded = found.value._v
+            unbounded.outline = []
+            version = self.editor.change("", RoboCorba.Element(aFloor=unbounded), found.changedAt)
+        eventually(lambda: self.server._get_state().mapVersion >= version, what="floors without bounds")
+
     # ---- processes ----
 
     def pid(self, name: str) -> int:
@@ -283,6 +292,7 @@ class Chaos:
         self._holder_at = chair["x"], chair["y"] + 0.7
         self._rider_at = landing(self._elevator, self._elevator.floors()[0], 0.8)
         self._mission = 0
+        place.remove_outlines("L1", "L2", "L3")
         self._clients = [ClientProcess(place, number) for number in range(CLIENTS)]
         for client in self._clients:
             client.wait_ready()

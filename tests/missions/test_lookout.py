@@ -20,6 +20,7 @@ from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.way_ahead import SLOW_RATE, WayAhead
 
 PATH = Trajectory([(0.0, 0.0, 0.0), (5.0, 0.0, 0.0)])
+NUMBERED = (("table", 7), ("chair", 8))
 BODY = shapely.box(-0.5, -0.4, 0.5, 0.4)
 
 
@@ -48,6 +49,20 @@ def test_the_team_and_what_is_beside_are_not_in_the_way() -> None:
     assert looking_at(robot(1.0, 0.0, name="A"), robot(1.0, 0.0, name="table")).ahead(4.0) is None
     assert looking_at(robot(2.0, 0.4 + 0.3 + 2 * GAP_M)).ahead(7.0) is None
     assert looking_at(robot(2.0, 0.4 + 0.3 - 0.01)).ahead(7.0) is not None
+
+
+def test_the_team_is_known_under_other_names() -> None:
+    table, chair = (Seen(name, False, Point(1.0, 0.0).buffer(0.3), 0.0, 0.0, number) for name, number in NUMBERED)
+    seen = [table]
+    lookout = Lookout(PATH, BODY, {"A", "table"}, lambda: seen)
+    assert lookout.ahead(4.0) is None
+    seen[:] = [table._replace(name="L1/table")]
+    assert lookout.ahead(4.0) is None
+    seen[:] = [table._replace(name="L1/table"), chair]
+    assert lookout.ahead(4.0) is not None
+    seen[:] = [chair._replace(name="table"), table._replace(name="stranger")]  # after a restart of the simulation
+    found = lookout.ahead(4.0)
+    assert found is not None and found.name == "stranger"
 
 
 def test_what_moves_is_seen_where_it_will_be() -> None:

@@ -139,7 +139,7 @@ def test_the_pool_survives_a_kill_of_the_simulation_server(place: Place) -> None
 
 def test_another_process_is_read_over_corba(place: Place) -> None:
     below = place.log_on("below", *HALL)
-    place.log_on("above", 80.0, 2.0, floor="L2")
+    place.log_on("above", 5.0, 4.0, floor="L2")
     below.reportPosture([0.5, -0.5])
     with another_robot(place, "L1", "leader") as (pool, process):
         eventually(lambda: pool.lag_s < math.inf, what="it knows its floor")

@@ -282,12 +282,15 @@ def test_a_crowd_that_wants_to_log_on_is_turned_away(place: Place) -> None:
     limit = place.server._get_state().limit
     took: list[float] = []
     refused: list[RoboCorba.ServerFull] = []
+    field = RoboCorba.Floor("field", 99, 99.0, 3.0, [])  # without an outline
+    created = place.editor.create("", RoboCorba.Element(aFloor=field))
+    eventually(lambda: "field" in place.database.floors(), what="the new floor")
 
     def want(first: int) -> None:
         for number in range(first, CROWD, 4):
             began = time.monotonic()
             try:
-                place.log_on(f"crowd-{number}", 1000.0 + number % 100, 1000.0 + number // 100)
+                place.log_on(f"crowd-{number}", 1.0 * (number % 100), 1.0 * (number // 100), floor="field")
             except RoboCorba.ServerFull as full:
                 refused.append(full)
             took.append(time.monotonic() - began)
@@ -305,6 +308,8 @@ def test_a_crowd_that_wants_to_log_on_is_turned_away(place: Place) -> None:
     assert max(took) < ANSWER_S
     place.let_go()
     assert place.server._get_state().robots == 0
+    place.editor.remove(RoboCorba.ElementId(RoboCorba.FLOOR_ELEMENT, "", "field"), created)
+    eventually(lambda: "field" not in place.database.floors(), what="the floor is gone")
 
 
 # ---- sensors ----
