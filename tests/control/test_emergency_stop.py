@@ -222,6 +222,8 @@ class RobotSession:
     def end_stops(self, number: int) -> StopHold:
         with self._world.calling_about_stops():
             hold = self._world.stops.end(self._call(), number)
+            for stop in self._world.standing:  # until the reset returns, or the robot reports it again
+                stop.is_durable &= hold.is_held or stop.began > self._world.reset_began
             self._world.point()
             if self._world.is_away:
                 raise ServerAway("away")
@@ -243,7 +245,7 @@ class World:
         self.standing: list[Stop] = []
         self.script: list[tuple[int, str]] = []
         self.is_away = self.is_driving = self.body_moves = False
-        self._calls_about_stops = 0
+        self._calls_about_stops = self.reset_began = 0
         self._server = contextlib.ExitStack()
         self.start_server()
         self.start_robot()
@@ -293,7 +295,7 @@ class World:
         elif what == "deliver":
             self.deliver()
         elif what == "report":
-            Steps.tasks["emergency stop"]()
+            self.report()
         elif what == "reset":
             self.reset()
         elif what == "lose":
@@ -362,12 +364,20 @@ class World:
         self.body_moves = False
         self.standing.append(stop)
 
+    def report(self) -> None:
+        script, self.script = self.script, []
+        for _ in range(2):  # the first one may have to log on
+            Steps.tasks["emergency stop"]()
+        for stop in self.standing:
+            stop.is_durable |= not self.is_away
+        self.script = script
+
     def deliver(self) -> None:
         if Calls.waiting:
             Calls.waiting.popleft()()
 
     def reset(self) -> None:
-        began = self.moment()
+        began = self.reset_began = self.moment()
         try:
             self.control.reset_stop()
         except RobotError:
