@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
+from omniORB import CORBA
 
 from robocorba.claimed_ports import claimed_ports
 from robocorba.corba.event_client import EventClient
-from robocorba.stubs import RoboCorba
+from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.testing.federation import LIMIT_S, Channels, Consumer, channels
 from robocorba.testing.processes import Launcher, eventually
 
@@ -66,3 +67,28 @@ def test_two_channels_of_one_name_are_down_until_one_of_them_has_gone(halves: tu
     for consumer in (here, there):
         eventually(lambda consumer=consumer: len(consumer.payloads("X")) >= 200, LIMIT_S, "all events")
         assert consumer.payloads("X") == list(range(200))
+
+
+# ---- channels of another release ----
+
+
+class ChannelOfRelease010(RoboCorba__POA.EventChannel):
+    """What a channel of release 0.1.0 answers."""
+
+    def _get_name(self) -> str:
+        return "old"
+
+    def joinPeer(self, *arguments: Any) -> NoReturn:
+        raise CORBA.BAD_OPERATION(0, CORBA.COMPLETED_NO)
+
+
+def test_a_channel_of_release_0_1_0_is_refused_with_the_reason_at_both_ends(tmp_path: Path) -> None:
+    with channels(tmp_path, "A") as at:
+        old = at.orb.activate(ChannelOfRelease010())
+        with pytest.raises(RoboCorba.InvalidPeer) as refused:
+            at.channel("A").joinGateway("old", old, None)
+        reason = "old runs release 0.1.0, which takes event numbers for times; it needs a later one"
+        assert refused.value.reason == reason
+        at.channel("A").addPeer(RoboCorba.PeerAddress("old", at.orb.uri(old), False))
+        eventually(lambda: reason in at.incoming("A", "old").problem, LIMIT_S, "the reason")
+        assert at.incoming("A", "old").condition == at.outgoing("A", "old").condition == RoboCorba.DOWN
