@@ -354,15 +354,13 @@ class World:
     # ---- operations ----
 
     def stop(self) -> None:
-        stop = Stop(self.moment(), False)
+        self.standing.append(Stop(self.moment(), False))  # a reset that begins from here on may end it
         self.control.stop("button")
-        self.standing.append(stop)
 
     def stop_at_server(self) -> None:
-        stop = Stop(self.moment(), True)
+        self.standing.append(Stop(self.moment(), True))
         self.stops.stop([NAME], "fire")
         self.body_moves = False
-        self.standing.append(stop)
 
     def report(self) -> None:
         script, self.script = self.script, []
