@@ -139,9 +139,12 @@ class Crew:
         )
 
     def close(self) -> None:
+        """Emergency stops are reset, since they would hold the robots of these names from then on."""
         for mission in self._missions:
             mission.close()
         for agent in self.agents.values():
+            if agent.stopped:
+                agent.reset_stop()
             agent.close()
         for follower in self._followers:
             follower.close()
