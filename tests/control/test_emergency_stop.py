@@ -79,17 +79,17 @@ class Steps:
 
 
 class Calls:
-    """Takes the place of an executor: its calls wait in `waiting`."""
+    """Takes the place of Workers: its calls wait in `waiting`."""
 
     waiting: ClassVar[deque[Callable[[], None]]] = deque()
 
-    def __init__(self, count: int, name: str) -> None:
+    def __init__(self, name: str, count: int, on_failure: Callable[[str], object]) -> None:
         self.waiting.clear()
 
     def submit(self, call: Callable[..., None], *arguments: Any) -> None:
         self.waiting.append(lambda: call(*arguments))
 
-    def shutdown(self, **options: bool) -> None:
+    def close(self, wait: bool = True) -> None:
         self.waiting.clear()
 
 
@@ -411,7 +411,7 @@ class Stops(RuleBasedStateMachine):
         patch.setattr(agent_module, "HighController", Stepped)
         for module in (agent_module, emergency_stop, emergency_stops):
             patch.setattr(module, "Repeating", Steps)
-        patch.setattr(emergency_stops, "ThreadPoolExecutor", Calls)
+        patch.setattr(emergency_stops, "Workers", Calls)
         patch.setattr(high_controller, "REFRESH_LIMIT_S", 0.0)
         patch.setattr(high_controller, "END_LIMIT_S", 0.0)  # a reset within another one does not wait for it
         patch.setattr(model_switcher, "make", lambda name, context: context.orb.make(name, context))

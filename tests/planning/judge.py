@@ -284,7 +284,10 @@ class Judge:
             for a, b in permutations(places, 2):
                 if a[0] != b[0]:
                     wait, travel, climb = ride(self.building, self.building.elevators[elevator], a[0], b[0])
-                    cost = wait + travel if speed else climb
+                    inside = math.dist(
+                        *(self.building.floors[floor].topological.nodes[name].at for floor, name in (a, b))
+                    )
+                    cost = wait + travel + inside / speed if speed else climb + inside
                     known = graph.get_edge_data(a, b, {"weight": math.inf})["weight"]
                     graph.add_edge(a, b, weight=min(cost, known))
         self._roads[key] = graph

@@ -237,7 +237,7 @@ def test_what_a_robot_process_refuses(system: Running, tmp_path: Path) -> None:
         assert robot("I", "--at", "1,2").endswith("--at is '1,2': needs --floor")
         assert robot("I", "--floor", "L1", "--at", "x").endswith("--at is 'x': not of the form X,Y or X,Y,HEADING")
         assert "there is no floor 'L9'" in robot("I", "--floor", "L9")
-        assert robot("I", "--floor", "L1", "--at", "10,1").endswith("L1 (10, 1) is not free: a wall")
+        assert robot("I", "--floor", "L1", "--at", "10,1").endswith("L1:10,1 is not free: a wall")
         assert "there is no adaptor 'hovering'" in robot("I", "--floor", "L1", "--adaptor", "hovering")
 
 
