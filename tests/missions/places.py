@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fnmatch
 import itertools
 import threading
@@ -16,6 +17,7 @@ from robocorba.collision_avoidance.policy import GivingWayPolicy
 from robocorba.control.agent import ControlAgent
 from robocorba.control.model_switcher import AdaptorContext
 from robocorba.data_pool.pool import DataPool
+from robocorba.errors.robots import RobotLost
 from robocorba.errors.services import NotReachable
 from robocorba.missions import leader_policy, member
 from robocorba.missions.cooperative_planner import CooperativePlanner
@@ -144,7 +146,8 @@ class Crew:
             mission.close()
         for agent in self.agents.values():
             if agent.stopped:
-                agent.reset_stop()
+                with contextlib.suppress(RobotLost):  # then no stop holds it
+                    agent.reset_stop()
             agent.close()
         for follower in self._followers:
             follower.close()

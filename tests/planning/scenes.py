@@ -36,7 +36,7 @@ def wall(name: str, ax: float, ay: float, bx: float, by: float) -> Wall:
 
 
 def node(name: str, x: float, y: float, elevator: str = "") -> PathNode:
-    return PathNode(name=name, at=(x, y), elevator=elevator)
+    return PathNode(name=name, at=(float(x), float(y)), elevator=elevator)  # kernels compile anew for integers
 
 
 def edge(a: str, b: str, **kind: object) -> PathEdge:
