@@ -56,6 +56,6 @@ def end_process(reason: str) -> NoReturn:
 def _attempt(name: str, work: Callable[[], object], on_failure: Callable[[str], object]) -> None:
     try:
         work()
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # sys.exit in a thread ends that thread, and says nothing
         _log.exception("%s ended by a defect", name)
         on_failure(f"internal fault in '{name}' ({type(error).__name__}: {str(error)[:200]}), see the log")

@@ -19,6 +19,8 @@ class RobotAdaptor(ABC):
 
     #: Whether the robot is its body in the simulated building; otherwise the control agent makes that body follow it.
     is_in_building = False
+    #: Whose answers `read` and `write` wait for, in messages to users.
+    waits_for = "the robot's adaptor"
 
     @abstractmethod
     def start(self, argv: Sequence[str]) -> bool:

@@ -38,6 +38,8 @@ class EmergencyStop:
         self._known = 0
         #: The last stop of the latch that the server has to hold, too, and the last one of which it knows.
         self._to_report = self._reported = 0
+        #: Why the last report failed.
+        self._problem = ""
         self._reporter = Repeating("emergency stop", self._report, lambda: RETRY_S if self._is_pending else math.inf)
 
     def start(self) -> None:
@@ -103,14 +105,20 @@ class EmergencyStop:
         try:
             with self._calling:
                 self._report_pending()
+            self._problem = ""
         except ServerAway as error:
-            _log.info("the emergency stop is not reported yet: %s", error)
+            self._note(error)
         except RobotLost:
             try:
                 self._session.log_on()
                 self.attend()
             except RoboCorbaError as error:
-                _log.info("the emergency stop is not reported yet: %s", error)
+                self._note(error)
+
+    def _note(self, error: RoboCorbaError) -> None:
+        if str(error) != self._problem:
+            self._problem = str(error)
+            _log.info("the emergency stop is not reported yet, attempts every %g s: %s", RETRY_S, error)
 
     def _report_pending(self) -> None:
         """Raises RobotLost. Requires `_calling`."""

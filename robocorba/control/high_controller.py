@@ -12,6 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotHeld, RobotLost
 from robocorba.motion.motion import Motion, MotionCommand
 from robocorba.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
+from robocorba.simulation.attended_time import AttendedTime
+from robocorba.simulation.registry import LEASE_S
 from robocorba.spatial.arrays import Floats
 from robocorba.spatial.frames import turned
 from robocorba.spatial.pose import Limits
@@ -45,9 +48,15 @@ REFRESH_LIMIT_S = 0.2
 VALID_S = 0.1
 #: Interval between attempts to reconnect to a lost robot [s].
 RETRY_S = 0.5
-#: Time without a tick after which the adaptor or this process counts as hanging [s]. The calls of one tick take less,
-#: unless the simulation server is held up for longer.
+#: Time without a tick after which what the control loop waits for counts as hanging [s]. The calls of one tick take
+#: less, unless the simulation server is held up for longer.
 HANG_LIMIT_S = 1.5
+#: Interval between checks of the control loop while a motion runs [s].
+CHECK_INTERVAL_S = 0.5
+#: Time since the last of these checks that counts as time in which this process has run [s]; more is a pause of it.
+LONGEST_CHECK_PAUSE_S = 0.75
+#: Longest pause of this process after which a motion goes on [s]: after the lease the robot's place may be another's.
+PAUSE_LIMIT_S = LEASE_S
 #: Timeout of `close` for an adaptor that hangs, and of `reset_stop` for a start of the adaptor that goes on [s].
 END_LIMIT_S = 5.0
 #: Number of ticks whose lateness is kept: those of ten seconds.
@@ -55,7 +64,10 @@ JITTER_TICKS = 500
 #: Default speed limit [m/s]: from it SmartPal's wheels stop in 78 ms and a virtual robot in four simulation steps,
 #: which leaves a stop command 20 ms to arrive.
 SPEED_CAP = 0.38
+#: What a defect raises; SystemExit, because libraries of robots call sys.exit.
+DEFECTS = (Exception, SystemExit)
 
+Answer = TypeVar("Answer")
 _log = logging.getLogger(__name__)
 
 
@@ -68,10 +80,13 @@ class HighController:
     has seen, and a start of the adaptor ends the losses that were known when it began. What comes in between stops the
     adaptor as soon as it has started.
 
-    Callbacks: on_state after each read, may raise RobotLost; on_command after each write, with the state that was read
-    before it; before_start before each start of the adaptor, may raise RobotError; on_stop after each change of
-    `stopped`, must not block; on_held, with the reason, when an emergency stop holds the robot, by default
-    `emergency_stop`. The control loop's thread calls the first two and the last."""
+    A pause of the whole process, such as by a debugger, is no fault of the adaptor: its setpoint is old then, so the
+    adaptor is stopped and started again, and after a pause of up to PAUSE_LIMIT_S the motion goes on.
+
+    Callbacks: on_state after each read, which calls the simulation server, may raise RobotLost; on_command after each
+    write, with the state that was read before it; before_start before each start of the adaptor, may raise RobotError;
+    on_stop after each change of `stopped`, must not block; on_held, with the reason, when an emergency stop holds the
+    robot, by default `emergency_stop`. The control loop's thread calls the first two and the last."""
 
     def __init__(
         self,
@@ -114,7 +129,13 @@ class HighController:
         #: Whether the last tick was one of an idle robot.
         self.is_idle = False
         self._closing = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._loop: threading.Thread | None = None
+        #: Whether the control loop runs; False after a defect of it until a reset.
+        self._is_looping = False
+        #: Whose answer the control loop waits for; empty between calls.
+        self._waits_for = ""
+        #: Why the last attempt to reconnect to a lost robot failed.
+        self._reconnect_problem = ""
         #: The last commanded velocity, in the building's frame.
         self._velocity: Velocity = ZERO_VELOCITY
         self._targets = np.zeros(len(lower))
@@ -126,8 +147,10 @@ class HighController:
         #: Lateness of the last ticks [s].
         self.late_s: deque[float] = deque(maxlen=JITTER_TICKS)
         self._read_at = 0.0
-        #: When the last tick began, or the next one is due.
-        self._ticked_at = 0.0
+        #: The time in which this process has run.
+        self._awake = AttendedTime(longest_pause_s=LONGEST_CHECK_PAUSE_S)
+        #: When the last tick began, or the next one is due: by `_awake`, and by the clock.
+        self._ticked_at = self._ticked_at_clock = 0.0
 
     # ---- start and end ----
 
@@ -136,16 +159,15 @@ class HighController:
         self.argv = argv
         with self._adaptor_in_use:
             self._begin()
-        self._thread = Background("high controller", self._run, self._fail)
-        self._thread.start()
+        self._start_loop()
 
     def close(self) -> None:
         """Stop the robot, and end the control loop."""
         self._closing.set()
         self._woken.set()
         self._end_motion(IllegalOrder("continue", "is switched off"))
-        if self._thread:
-            self._thread.join(END_LIMIT_S)
+        if self._loop:
+            self._loop.join(END_LIMIT_S)
         self._stop_adaptor()
 
     # ---- motions ----
@@ -165,7 +187,8 @@ class HighController:
                 raise IllegalOrder("move", "is switched off")
             self._motion = running
         self._woken.set()
-        running.ended.wait()  # the end of the control loop ends the motion, too
+        while not running.ended.wait(CHECK_INTERVAL_S):
+            self.check_alive()
         if running.error:
             raise running.error
 
@@ -176,7 +199,10 @@ class HighController:
     @property
     def stopped(self) -> str:
         """Why the robot is stopped or lost, or empty."""
-        return self._stops.reason or self._losses.reason
+        reason, problem = self._losses.reason, self._reconnect_problem
+        if reason and problem and problem != reason:
+            reason = f"{reason}; it can't reconnect: {problem}"
+        return self._stops.reason or reason
 
     @property
     def is_lost(self) -> bool:
@@ -200,33 +226,35 @@ class HighController:
         if reason and former != self._halted:
             _log.warning("stopped: %s", reason)
         self._stop_adaptor()
-        self._on_stop()
         if reason:
             self._end_motion(_stopped(reason, is_lost))
+        self._on_stop()
 
     def reset_stop(self, seen: int | None = None, end: Callable[[int], None] | None = None) -> None:
         """Restart the robot, and end the stops up to number `seen` of their latch, by default all until now. end: ends
-        them once the robot answers; what it raises leaves the robot stopped.
+        them once the robot answers; what it raises leaves the robot stopped. A control loop that has ended by a defect
+        is started again.
 
         Raises IllegalOrder if it is not stopped, or is stopped again meanwhile; and as `start` does."""
         seen = self._stops.number if seen is None else seen
         if not self.stopped:
             raise IllegalOrder("restart", "was not stopped")
-        is_silent = self._silent_s > self._hang_limit_s and not self.is_lost
+        is_silent = self._is_looping and self._silent_s > self._hang_limit_s and not self.is_lost
         if is_silent or not self._adaptor_in_use.acquire(timeout=END_LIMIT_S):
-            raise AdaptorFailed("the adaptor still hangs")
+            raise AdaptorFailed(f"it still hangs: {self._hang}")
         try:
             self._begin(seen, end or self._stops.end)
+            self._start_loop()
         finally:
             self._adaptor_in_use.release()
         if reason := self.stopped:
             raise IllegalOrder("restart", f"was stopped again: {reason}")
 
     def check_alive(self) -> None:
-        """Stop the robot if the control loop hangs; it restarts once the loop continues. Any thread may call this."""
-        is_held = self._is_beginning or self._closing.is_set() or bool(self.stopped)
-        if not is_held and self._silent_s > self._hang_limit_s:
-            self.lose(f"the robot's adaptor or process hung for {self._silent_s:.1f} s")
+        """Stop the robot if the control loop hangs; it restarts once the loop continues. Any thread may call this. One
+        has to every CHECK_INTERVAL_S, as `move` does, to show that the process runs: its pauses are no hang."""
+        self._awake.attend()
+        self._check_hang()
 
     def check(self) -> None:
         """Raise IllegalOrder or RobotLost if the robot is stopped."""
@@ -272,12 +300,14 @@ class HighController:
             if end:
                 end(seen)
             self._losses.end(losses)
+            self._reconnect_problem = ""
         except BaseException:
             if not self._stop_adaptor():
                 self.is_stop_confirmed |= was_confirmed
             raise
         finally:
-            self._ticked_at, self._is_beginning = time.monotonic(), False
+            self._note_tick()
+            self._is_beginning = False
         if self.stopped or self._closing.is_set():
             self._stop_adaptor()
         self._woken.set()
@@ -292,37 +322,88 @@ class HighController:
             is_read = self._adaptor.read(state)
         except RoboCorbaError:
             raise
-        except Exception as error:  # a bug in an adaptor, which may be anybody's
+        except DEFECTS as error:  # of an adaptor, which may be anybody's
             _log.exception("the adaptor failed to start")
             raise AdaptorFailed(f"{type(error).__name__}: {error}") from error
         if not is_read and not self._stops.is_on:
             raise AdaptorFailed("the adaptor has started but can't be read")
         return state if is_read else None
 
+    def _start_loop(self) -> None:
+        """Start the control loop unless it runs."""
+        if not self._is_looping:
+            self._is_looping = True
+            self._loop = Background("high controller", self._run, self._loop_failed)
+            self._loop.start()
+
+    def _loop_failed(self, reason: str) -> None:
+        """The loop has ended by a defect; the next reset starts another one."""
+        self._is_looping = False
+        self.emergency_stop(reason)
+
     def _run(self) -> None:
         use_realtime_scheduling()
         due = time.monotonic()
+        while not self._closing.is_set():
+            due += TICK_S
+            late = time.monotonic() - due
+            if late > TICK_S:  # missed ticks are skipped
+                due += late
+            elif late < 0.0:
+                time.sleep(-late)
+            self.is_idle = self._wait_if_idle()
+            if self.is_idle:
+                due = time.monotonic()
+            self.late_s.append(max(0.0, time.monotonic() - due))
+            self._check_hang()
+            if (pause_s := time.monotonic() - self._ticked_at_clock) > self._hang_limit_s:
+                self._restart_after_pause(pause_s)
+            self._note_tick()
+            self._tick()
+            self._ticked.set()
+            if self.is_lost:
+                self._reconnect()
+                due = time.monotonic()
+
+    def _restart_after_pause(self, pause_s: float) -> None:
+        """This process was paused, and no call hung: the adaptor is stopped, since its setpoint is old, and started."""
+        if self.stopped:
+            return
+        if pause_s > PAUSE_LIMIT_S:
+            self.lose(f"the robot's process was paused for {pause_s:.1f} s")
+            return
+        _log.warning("the robot's process was paused for %.1f s: the robot stops, and goes on", pause_s)
+        self._stop_adaptor()
         try:
-            while not self._closing.is_set():
-                due += TICK_S
-                late = time.monotonic() - due
-                if late > TICK_S:  # missed ticks are skipped
-                    due += late
-                elif late < 0.0:
-                    time.sleep(-late)
-                self.is_idle = self._wait_if_idle()
-                if self.is_idle:
-                    due = time.monotonic()
-                self.late_s.append(max(0.0, time.monotonic() - due))
-                self.check_alive()  # the whole process may have hung; then the motion must not continue
-                self._ticked_at = time.monotonic()
-                self._tick()
-                self._ticked.set()
-                if self.is_lost:
-                    self._reconnect()
-                    due = time.monotonic()
+            with self._adaptor_in_use:
+                self._begin()
+        except RoboCorbaError as error:
+            self.lose(str(error))
+
+    def _note_tick(self, due_in_s: float = 0.0) -> None:
+        self._ticked_at, self._ticked_at_clock = self._awake() + due_in_s, time.monotonic() + due_in_s
+
+    def _check_hang(self) -> None:
+        is_held = self._is_beginning or self._closing.is_set() or bool(self.stopped)
+        if not is_held and self._silent_s > self._hang_limit_s:
+            self.lose(self._hang)
+
+    @property
+    def _hang(self) -> str:
+        """Who keeps the control loop waiting, a sentence."""
+        if whom := self._waits_for:
+            return f"{whom} did not answer for {self._silent_s:.1f} s"
+        return f"the robot's process hung for {self._silent_s:.1f} s"
+
+    def _answer_of(self, whom: str, call: Callable[..., Answer], *arguments: object) -> Answer:
+        """The answer to a call in a tick. whom: who may keep it waiting."""
+        self._waits_for = whom
+        try:
+            answer = call(*arguments)
+            self._check_hang()
+            return answer
         finally:
-            self._end_motion(IllegalOrder("continue", "is switched off"))
+            self._waits_for = ""
 
     def _tick(self) -> None:
         with self._adaptor_in_use:
@@ -333,14 +414,16 @@ class HighController:
             if self._halted != self._numbers:
                 self.halt()
             return
-        state = RobotState()
+        state, robot = RobotState(), self._adaptor.waits_for
         try:
-            if not self._adaptor.read(state):
-                return  # another thread is stopping the robot
-            self._on_state(state)
+            if not self._answer_of(robot, self._adaptor.read, state):
+                if not (self.stopped or self._closing.is_set()):  # by a late halt after a stop that has ended meanwhile
+                    self.lose("its adaptor was stopped")
+                return
+            self._answer_of("the simulation server", self._on_state, state)
             self.state, self._read_at = state, time.monotonic()
             command = self._command(state)
-            self._adaptor.write(command)
+            self._answer_of(robot, self._adaptor.write, command)
             self._on_command(state, command)
         except RobotHeld as error:
             if not self.stopped:  # a stop makes the adaptor's calls fail, and has set its own reason
@@ -350,7 +433,7 @@ class HighController:
                 self.lose(str(error))
         except AdaptorFailed as error:
             self._fail(str(error))
-        except Exception as error:  # a bug in an adaptor must not leave the robot driving
+        except DEFECTS as error:  # a defect of an adaptor must not leave the robot driving
             _log.exception("the adaptor failed")
             self._fail(f"{type(error).__name__}: {error}")
 
@@ -369,9 +452,10 @@ class HighController:
             return False
         is_moved = max(map(abs, self.state.velocity)) > MOVED_SPEED
         pause_s = (REST_TICK_S if self._rests() and not is_moved else IDLE_TICK_S) - TICK_S
-        self._ticked_at = now + pause_s
+        self._note_tick(pause_s)
         self._woken.wait(pause_s)
-        self._ticked_at = min(self._ticked_at, time.monotonic())
+        self._ticked_at = min(self._ticked_at, self._awake())
+        self._ticked_at_clock = min(self._ticked_at_clock, time.monotonic())
         return True
 
     @property
@@ -380,7 +464,8 @@ class HighController:
 
     @property
     def _silent_s(self) -> float:
-        return time.monotonic() - self._ticked_at
+        """Time without a tick in which this process has run [s]."""
+        return self._awake() - self._ticked_at
 
     def _stop_adaptor(self) -> bool:
         """Returns whether it had to be stopped; else it was stopped before, or is being stopped."""
@@ -391,6 +476,9 @@ class HighController:
         except RobotError as error:
             self.is_stop_confirmed = False
             _log.warning("the robot did not confirm the stop: %s", error)
+        except DEFECTS:
+            self.is_stop_confirmed = False
+            _log.exception("the adaptor failed to stop")
         return True
 
     def _reconnect(self) -> None:
@@ -401,8 +489,11 @@ class HighController:
             with self._adaptor_in_use:
                 self._begin()
             _log.info("reconnected to the robot")
-        except RobotError as error:
-            _log.info("the robot is still lost, next attempt in %g s: %s", RETRY_S, error)
+        except RoboCorbaError as error:
+            if str(error) != self._reconnect_problem:
+                self._reconnect_problem = str(error)
+                _log.info("can't reconnect to the robot, attempts every %g s: %s", RETRY_S, error)
+                self._on_stop()
 
     def _command(self, state: RobotState) -> ActorCommand:
         wanted = self._motion_command(state)
@@ -430,7 +521,7 @@ class HighController:
             return command or MotionCommand()
         except MotionFailed as error:
             self._end_motion(error)
-        except Exception as error:  # a bug in a motion must not leave the robot driving
+        except DEFECTS as error:  # a defect of a motion must not leave the robot driving
             _log.exception("a motion failed")
             self._end_motion(MotionFailed(f"{type(error).__name__}: {error}"))
         return MotionCommand()

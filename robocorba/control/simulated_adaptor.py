@@ -32,6 +32,7 @@ class SimulatedAdaptor(RobotAdaptor):
     """The joints follow the simulation's time, also when it runs faster or slower or is paused."""
 
     is_in_building = True
+    waits_for = "the simulation server"
 
     def __init__(self, session: BuildingSession) -> None:
         self._session = session

@@ -117,6 +117,8 @@ class SmartPalAdaptor(RobotAdaptor):
     `start` takes `--naming HOST:PORT [--pose=X,Y,HEADING]`. The pose [m, rad] is the robot's at the first start, by
     default that of its body. Later starts use the robot's odometry."""
 
+    waits_for = "the actual robot"
+
     def __init__(
         self,
         connect: Callable[[str], SmartPalUnits],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 import time
@@ -16,6 +17,7 @@ from robocorba.control import high_controller
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.high_controller import IDLE_AFTER_S, IDLE_TICK_S, TICK_S, VALID_S, HighController
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
+from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
 from robocorba.motion.driving import Drive, DriveAt
 from robocorba.motion.motion import MotionCommand
@@ -35,9 +37,10 @@ class Watched(RobotAdaptor):
     def __init__(self) -> None:
         self.disc = documented_adaptor()(HERE)  # type: ignore[arg-type]
         self.commands: list[ActorCommand] = []
-        self.failure: Exception | None = None
-        self.stops = 0
-        self.defect: Exception | None = None
+        self.failure: BaseException | None = None
+        self.starts = self.stops = 0
+        self.stop_failure: Exception | None = None
+        self.defect: BaseException | None = None
         self.is_virtual = False
         self.hangs = threading.Event()
         self.goes_on = threading.Event()
@@ -52,7 +55,15 @@ class Watched(RobotAdaptor):
             raise self.defect
         return self.is_virtual
 
+    @property
+    def waits_for(self) -> str:  # type: ignore[override]
+        """The same, also while it moves."""
+        if self.defect:
+            raise self.defect
+        return "the robot's adaptor"
+
     def start(self, argv: Sequence[str]) -> bool:
+        self.starts += 1
         if self.failure:
             raise self.failure
         self.before_start()
@@ -60,6 +71,8 @@ class Watched(RobotAdaptor):
 
     def stop(self) -> bool:
         self.stops += 1
+        if self.stop_failure:
+            raise self.stop_failure
         return self.disc.stop()
 
     def read(self, state: RobotState) -> bool:
@@ -143,6 +156,81 @@ def test_a_control_loop_that_ends_by_a_defect_stops_the_robot(high: HighControll
         high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
 
 
+def test_a_motion_ends_with_the_defect_of_the_control_loop_and_a_reset_starts_another_loop(
+    high: HighController, adaptor: Watched
+) -> None:
+    for defect, text in ((ValueError("a fault"), "ValueError: a fault"), (SystemExit(3), "SystemExit: 3")):
+        thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+        eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+        adaptor.defect = defect
+        thread.join(60.0)
+        assert f"is stopped: internal fault in 'high controller' ({text})" in str(raised[0])
+        assert text in high.stopped
+        adaptor.defect = None
+        time.sleep(high._hang_limit_s)  # a loop that has ended does not hang
+        high.reset_stop()
+        high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+def test_a_defect_of_the_loop_is_shown_also_if_the_robot_was_lost(high: HighController, adaptor: Watched) -> None:
+    def fail() -> None:
+        raise SystemExit("of a library")
+
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    high._before_start = fail
+    eventually(lambda: "SystemExit: of a library" in high.stopped, "the defect")
+    high._before_start, adaptor.failure = lambda: None, None
+    high.reset_stop()
+    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+@pytest.mark.parametrize("failure", [KeyError("joint"), SystemExit("joint")])
+def test_an_adaptor_may_raise_anything_in_a_cycle(
+    high: HighController, adaptor: Watched, failure: BaseException
+) -> None:
+    for where in ("read", "write"):
+        thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+        eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+        if where == "read":
+            adaptor.failure = failure
+        else:
+            adaptor.goes_on.set()
+            adaptor.hangs.set()
+            adaptor.failure = failure
+        thread.join(60.0)
+        assert type(failure).__name__ in str(raised[0])
+        assert type(failure).__name__ in high.stopped
+        with pytest.raises(AdaptorFailed, match=f"{type(failure).__name__}: "):
+            high.reset_stop()  # its start fails
+        adaptor.failure = None
+        adaptor.hangs.clear()
+        high.reset_stop()
+        high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+def test_a_stop_ends_the_motion_even_if_the_adaptor_fails_to_stop(high: HighController, adaptor: Watched) -> None:
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    adaptor.stop_failure = KeyError("a unit")
+    high.emergency_stop("button")
+    thread.join(60.0)
+    assert "is stopped: button" in str(raised[0])
+    assert not high.is_stop_confirmed
+    adaptor.stop_failure = None
+
+
+def test_an_adaptor_that_was_stopped_after_a_reset_is_started_again(high: HighController, adaptor: Watched) -> None:
+    """As by the thread of a stop that is so slow that a reset is quicker."""
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    adaptor.stop()
+    thread.join(60.0)
+    assert str(raised[0]) == "its adaptor was stopped"
+    eventually(lambda: high.stopped == "", "found again")
+    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
 def test_a_motion_that_fails_is_reported_and_the_robot_stops(high: HighController) -> None:
     class Wrong:
         def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
@@ -224,6 +312,21 @@ def test_a_robot_that_was_lost_is_found_again(high: HighController, adaptor: Wat
     adaptor.failure = None
     eventually(lambda: high.stopped == "", "found again")
     high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+def test_a_lost_robot_shows_why_it_stays_lost(
+    high: HighController, adaptor: Watched, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    adaptor.failure = NotReachable("the name is taken")  # no RobotError
+    attempts = adaptor.starts
+    eventually(lambda: adaptor.starts > attempts + 2, "attempts")
+    assert high.stopped == "nobody answers; it can't reconnect: the name is taken"
+    assert sum("the name is taken" in record.getMessage() for record in caplog.records) == 1
+    adaptor.failure = None
+    eventually(lambda: high.stopped == "", "found again")
 
 
 def test_a_lost_robot_that_was_stopped_by_hand_stays_so(high: HighController, adaptor: Watched) -> None:
@@ -340,8 +443,8 @@ def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, a
     adaptor.hangs.set()
     eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
     thread.join(60.0)
-    assert isinstance(raised[0], RobotLost) and "adaptor or process hung for " in str(raised[0])
-    with pytest.raises(RobotLost, match="hung"):
+    assert isinstance(raised[0], RobotLost) and "the robot's adaptor did not answer for " in str(raised[0])
+    with pytest.raises(RobotLost, match="did not answer"):
         high.check()
     high.emergency_stop("button")
     with pytest.raises(AdaptorFailed, match="still hangs"):
@@ -353,6 +456,71 @@ def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, a
     high.reset_stop()
     high.check()
     high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+def test_a_call_to_the_simulation_server_that_is_held_up_is_no_fault_of_the_adaptor(
+    high: HighController, adaptor: Watched
+) -> None:
+    goes_on = threading.Event()
+    high._on_state = lambda state: goes_on.wait(60.0)
+    eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
+    assert high.stopped.startswith("the simulation server did not answer for ")
+    goes_on.set()
+    eventually(lambda: high.stopped == "", "found again")
+
+
+class Paused:
+    """A controller whose process can be paused: meanwhile no thread attends, and the loop is between two ticks or in a
+    call of the adaptor."""
+
+    def __init__(self, adaptor: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(high_controller, "LONGEST_CHECK_PAUSE_S", 0.1)
+        monkeypatch.setattr(high_controller, "CHECK_INTERVAL_S", 600.0)
+        self.adaptor, self.pause_s = adaptor, 0.0
+        self._sleep = time.sleep
+        monkeypatch.setattr(high_controller.time, "sleep", self.sleep)
+        limits = BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED
+        self.high = HighController(adaptor, *limits, hang_limit_s=1.0)
+        self.high.start(())
+        self.thread, self.raised = in_background(self.high.move, DriveAt((0.2, 0.0, 0.0), 2.0))
+        eventually(lambda: self.high.state.velocity[0] > 0.1, "moving")
+
+    def sleep(self, seconds: float) -> None:
+        pause_s, is_loop = self.pause_s, threading.current_thread().name == "high controller"
+        if is_loop:
+            self.pause_s = 0.0
+        self._sleep(seconds + pause_s * is_loop)
+
+    def pause(self, seconds: float, where: str) -> None:
+        if where == "between ticks":
+            self.pause_s = seconds
+            eventually(lambda: not self.pause_s, "the pause")
+        else:
+            self.adaptor.before_read, _ = once(lambda: self._sleep(seconds))
+        self.thread.join(60.0)
+
+
+@pytest.mark.parametrize("where", ["between ticks", "in a call"])
+def test_after_a_short_pause_of_the_process_the_robot_stops_and_goes_on(
+    adaptor: Watched, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    monkeypatch.setattr(high_controller, "PAUSE_LIMIT_S", 60.0)
+    paused = Paused(adaptor, monkeypatch)
+    paused.pause(1.2, where)
+    assert paused.raised == []
+    assert (adaptor.stops, adaptor.starts) == (1, 2)
+    paused.high.close()
+
+
+def test_after_a_long_pause_of_the_process_the_motion_has_failed(
+    adaptor: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(high_controller, "PAUSE_LIMIT_S", 1.1)
+    paused = Paused(adaptor, monkeypatch)
+    paused.pause(1.2, "between ticks")
+    assert "the robot's process was paused for 1." in str(paused.raised[0])
+    eventually(lambda: paused.high.stopped == "", "found again")
+    paused.high.close()
 
 
 def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, adaptor: Watched) -> None:

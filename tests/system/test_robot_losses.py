@@ -175,7 +175,7 @@ def test_a_robot_process_that_hung_does_not_go_on_as_if_it_had_not(robot: Robot)
     os.kill(robot.pid, signal.SIGCONT)
     state = robot.failed()
     assert state.program.result is ProgramResult.FAILED
-    assert "hung for" in state.program.reason or "logged the robot off" in state.program.reason
+    assert "paused for" in state.program.reason or "logged the robot off" in state.program.reason
     eventually(robot.stands)
     assert robot.works()
 

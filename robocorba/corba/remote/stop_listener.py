@@ -32,6 +32,7 @@ class StopListener:
     def __init__(self, orb: Orb, channel: str, name: str, agent: Stoppable) -> None:
         self._channel = RobotChannel(orb, channel, name) if channel else None
         self._name, self._agent, self._is_subscribed = name, agent, False
+        self._problem = ""
         self._repeating = Repeating("stop events", self._subscribe, self._pause_s)
 
     def start(self) -> StopListener:
@@ -53,7 +54,9 @@ class StopListener:
             self._channel.subscribe([(STOP_EVENT, "*")], self._receive)
             self._is_subscribed = True
         except (NotReachable, EventError) as error:
-            _log.info("no event channel for stops, next attempt in %g s: %s", RETRY_S, error)
+            if str(error) != self._problem:
+                self._problem = str(error)
+                _log.info("no event channel for stops, attempts every %g s: %s", RETRY_S, error)
 
     def _receive(self, type: str, source: str, payload: Any, origin: str) -> None:
         if not isinstance(payload, dict) or not isinstance(robots := payload.get("robots"), (list, tuple)):
