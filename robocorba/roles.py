@@ -68,9 +68,9 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         (OPERATORS, "removeMission"),
     ),
     "SimulationServer": _rules(
-        (EVERYBODY, "_get_release _get_state clients sensors renderFloor"),
+        (EVERYBODY, "_get_release _get_state _get_stopOfAll clients sensors renderFloor"),
         (ROBOTS, "registerRobot"),
-        (OPERATORS, "stopRobots stopStates"),
+        (OPERATORS, "stopRobots stopStates endStopOfAll"),
         (SERVERS, "registerSensor reportSensor reportScans"),
     ),
     "VirtualSensor": _rules(

@@ -32,37 +32,41 @@ def stop(
 ) -> None:
     """Emergency stop: a robot stops as soon as possible, and does not move until `--reset`.
 
+    `--all` also stops every robot that logs on later, until `--all --reset`.
+
     It prints `stands` for a robot only if the simulation server, or the robot itself by its secret reference, shows
     that it does; exit code 0 if all do, else 1. With the state folder of the system it needs no naming service."""
     if bool(name) == all_robots:
         raise typer.BadParameter("name a robot, or give --all")
     names = [] if all_robots else [name]
     with connected("stop", naming) as orb:
-        is_fine = _reset(orb, names) if reset else _stop(orb, names, Settings.read(naming=naming, state=state))
+        settings = Settings.read(naming=naming, state=state)
+        is_fine = _reset(orb, names, settings) if reset else _stop(orb, names, settings)
     if not is_fine:
         raise typer.Exit(1)
 
 
 def _stop(orb: Orb, names: list[str], settings: Settings) -> bool:
     """Stop robots, without names all; whether all are shown to stand."""
-    from robocorba.corba.remote.emergency_stop import stop_robots
+    from robocorba.corba.remote.emergency_stop import OTHERS, stop_robots
     from robocorba.supervision.stop_addresses import stop_addresses
 
     verdicts = stop_robots(orb, names, stop_addresses(settings.state, settings.naming))
     for verdict in verdicts:
         if verdict.stands:
-            line(verdict.robot, "stands", verdict.text)
+            line(verdict.robot, "holds" if verdict.robot == OTHERS else "stands", verdict.text)
         else:
             line(verdict.robot, verdict.text, err=True)
     # A name that anybody may have bound is no robot.
     return all(verdict.stands or not (verdict.is_known or names) for verdict in verdicts)
 
 
-def _reset(orb: Orb, names: list[str]) -> bool:
-    from robocorba.corba.remote.control_agent import CALM, RemoteAgent, order_all, robots
+def _reset(orb: Orb, names: list[str], settings: Settings) -> bool:
+    from robocorba.corba.remote.emergency_stop import reset_robots
+    from robocorba.supervision.stop_addresses import stop_addresses
 
     is_fine = True
-    for name, problem in order_all(orb, names or robots(orb), RemoteAgent.reset_stop, CALM):
+    for name, problem in reset_robots(orb, names, stop_addresses(settings.state, settings.naming)):
         line(name, problem or "may move again", err=bool(problem))
         is_fine &= not problem
     return is_fine

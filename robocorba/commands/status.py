@@ -15,8 +15,10 @@ from robocorba.commands.options import Json, State
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import CONTEXT, Orb
 from robocorba.errors.services import NotReachable
+from robocorba.names import STOPS
 from robocorba.printing import Console, echo, line
 from robocorba.settings import Address, Settings
+from robocorba.simulation.emergency_stops import ALL, UNTIL_RESET, read_records
 from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
 from robocorba.supervision.servers import probe_of
 from robocorba.supervision.system import NAMING_SERVICES
@@ -60,11 +62,14 @@ def status(
         record = StateFolder(settings.state).read_record()
         alive = record if record is not None and record.is_alive else None
         processes = check_objects(alive) if alive else []
+        stops = read_records(settings.state / STOPS) if alive else {}
+        held = stops[ALL].held if ALL in stops else ""
     if json:
         answer = {
             "state": str(settings.state),
             "naming": alive.naming if alive else None,
             "hang_limit_s": alive.hang_limit_s if alive else None,
+            "stop_of_all": held or None,
             "processes": processes,
         }
         echo(msgspec.json.format(msgspec.json.encode(answer), indent=2).decode())
@@ -73,6 +78,8 @@ def status(
     else:
         _print(processes)
         limit_s = alive.hang_limit_s
+        if held:
+            echo(f"all robots are stopped, {UNTIL_RESET} ({held})")
         echo(f"a server without an answer for {limit_s:g} s is restarted" if limit_s else "servers may hang")
     if not processes or not all(process.is_healthy for process in processes):
         raise typer.Exit(1)

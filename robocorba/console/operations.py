@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 from robocorba.console.arguments import InvalidArguments, checked
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.corba.remote.emergency_stop import StopAddresses, stop_robots
+from robocorba.corba.remote.emergency_stop import StopAddresses, reset_robots, stop_robots
 from robocorba.errors.services import NotReachable
 from robocorba.supervision.stop_addresses import stop_addresses
 
@@ -59,6 +59,10 @@ class Operations:
         for verdict in stop_robots(self._orb, (robot,), self._addresses()):
             if not verdict.stands:
                 raise NotReachable(f"{robot}: {verdict.text}")
+
+    def reset_all(self) -> dict[str, str]:
+        """End the stop of all robots; robots that stay stopped, with the reason."""
+        return {robot: problem for robot, problem in reset_robots(self._orb, (), self._addresses()) if problem}
 
     def _addresses(self) -> StopAddresses:
         return stop_addresses(self._state, self._orb.naming) if self._state else StopAddresses()

@@ -1,8 +1,10 @@
 """Emergency stops at the simulation server: it holds the robots' bodies, and calls the robots themselves.
 
-A stop belongs to the robot's name: it holds whoever logs on by it, until it is reset. What must outlive the server's
-process is in a file: for each name the stops that hold it, and the reference of its robot's stop target. With that file
-an operator can stop the robots, too, while the server does not answer."""
+A stop belongs to the robot's name: it holds whoever logs on by it, until it is reset. A stop of all robots has a latch
+of its own: while that is on, each robot that logs on gets a stop of its name. What must outlive the server's process is
+in a file: for each name, and for ALL, the stops that hold it, and the reference of its robot's stop target. With that
+file an operator can stop the robots, too, while the server does not answer. If it can't be read, nobody knows who was
+stopped: that is a stop of all."""
 
 from __future__ import annotations
 
@@ -10,15 +12,18 @@ import hashlib
 import logging
 import math
 import os
+import secrets
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
 import msgspec
 
 from robocorba.background import Workers
+from robocorba.damaged_files import set_aside
 from robocorba.decoding import decode_json
+from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import SessionExpired, UnknownRobot
 from robocorba.repeating import Repeating
 from robocorba.simulation.registry import name_fault
@@ -38,6 +43,10 @@ MAX_REASON = 200
 #: Maximum number of names that are held while no robot is logged on by them: a stop of a robot that is just about to
 #: log on is kept, and names that never existed fill no disk.
 MAX_ABSENT = 1000
+#: In place of a name: the stop of all robots. No robot can have this name.
+ALL = "*"
+#: How a stop of all ends.
+UNTIL_RESET = "until: robocorba stop --all --reset"
 
 _log = logging.getLogger(__name__)
 
@@ -79,6 +88,9 @@ class StopEvent(TypedDict):
     reason: str
 
 
+StopNumber = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+
+
 class StopRecord(msgspec.Struct):
     """A name in the file. registration: identifies its session. target: URI, empty if it has reported none.
 
@@ -89,24 +101,29 @@ class StopRecord(msgspec.Struct):
     target: str = ""
     stands_with_body: bool = True
     held: str = ""
-    number: int = 0
-    reasons: dict[str, int] = {}
+    number: StopNumber = 0
+    reasons: dict[str, StopNumber] = {}
 
 
 class _Name:
     """A name with a robot that is logged on, or held. target: of the present session. called: the last stop for which
-    the target was called; is_confirmed: it has confirmed one since the robot is held."""
+    the target was called; is_confirmed: it has confirmed one since the robot is held; problem: why it has not."""
 
     def __init__(self, latch: StopLatch | None = None) -> None:
         self.latch = latch or StopLatch()
-        self.registration = self.target = ""
+        self.registration = self.target = self.problem = ""
         self.stands_with_body = True
         self.called = 0
         self.is_calling = self.is_confirmed = False
 
     @property
     def hold(self) -> StopHold:
-        return StopHold(self.latch.is_on, self.latch.number, self.latch.reason)
+        return _hold(self.latch)
+
+    def begin_session(self, registration: str, target: str = "", stands_with_body: bool = True) -> None:
+        """A robot has logged on, or has reported its target."""
+        self.registration, self.target, self.stands_with_body = registration, target, stands_with_body
+        self.called, self.is_confirmed, self.problem = 0, False, ""
 
     @property
     def record(self) -> StopRecord:
@@ -121,7 +138,7 @@ class EmergencyStops:
     """Thread-safe. sessions: the current ones. is_paused: whether simulated time stands still.
 
     call: stops a robot at the URI of its stop target, for a reason and with the number of the stop, and returns its
-    answer; raises any exception if it does not answer. publish: sends the event of a stop; must not block."""
+    answer; raises RoboCorbaError if it does not answer. publish: sends the event of a stop; must not block."""
 
     def __init__(
         self,
@@ -140,7 +157,11 @@ class EmergencyStops:
         )
         self._lock = threading.Lock()
         self._names: dict[str, _Name] = {}
-        # A robot whose call fails is not confirmed, and is called again by the next stop.
+        #: The stop of all robots.
+        self._all = StopLatch()
+        #: Number that the stops of new names begin after: none that a robot remembers, if the file was damaged.
+        self._first_number = 0
+        # A defect of a call becomes the robot's `problem`; it is called again by the next stop.
         self._callers = Workers("emergency-stops", CALLERS, lambda reason: None)
         #: Held while the file is written, which is apart from the lock: stops don't wait for a disk.
         self._writing = threading.Lock()
@@ -149,12 +170,19 @@ class EmergencyStops:
         self._writer = Repeating("stops file", self._write, lambda: RETRY_S if self._is_failing else math.inf)
 
     def start(self) -> None:
-        """Hold again what was held when the former server process ended."""
-        records = read_records(self._file)
+        """Hold again what was held when the former server process ended; all robots, if that can't be read."""
+        try:
+            records = _read(self._file)
+        except (OSError, msgspec.MsgspecError) as error:
+            records = {}
+            self._lose_file(error)
         with self._lock:
             for name, record in records.items():
                 reasons = record.reasons or ({record.held: 1} if record.held else {})  # of the first release
                 known = _Name(StopLatch(max(record.number, *reasons.values(), 0), reasons))
+                if name == ALL:
+                    self._all = known.latch
+                    continue
                 known.registration, known.target = record.registration, record.target
                 known.stands_with_body = record.stands_with_body
                 self._names[name] = known
@@ -164,6 +192,8 @@ class EmergencyStops:
             present = {session.name for session in self._sessions()}
             self._names = {name: known for name, known in self._names.items() if known.latch.is_on or name in present}
         self._writer.start()
+        if self._first_number:
+            self._write_now()
 
     def close(self) -> None:
         """Write the last stops; robots are stopped afterwards too, but no more targets are called."""
@@ -185,9 +215,7 @@ class EmergencyStops:
     def report_target(self, session: Session, target: str, stands_with_body: bool) -> None:
         """Set the URI at which a robot is stopped itself."""
         with self._lock:
-            known = self._of(session)
-            known.target, known.stands_with_body = target, stands_with_body
-            known.called, known.is_confirmed = 0, False
+            self._of(session).begin_session(registration(session), target, stands_with_body)
         self._writer.wake()
 
     def forget(self, session: Session) -> None:
@@ -205,8 +233,9 @@ class EmergencyStops:
     # ---- stops ----
 
     def stop(self, names: Sequence[str], reason: str) -> list[StopState]:
-        """Stop robots by name, without names all that are logged on; returns what is known of each at once. A name
-        without a robot is held until one logs on, at most MAX_ABSENT of them.
+        """Stop robots by name, without names all, also those that log on later, until `end_stop_of_all`; returns what
+        is known at once of those that are logged on. A name without a robot is held until one logs on, at most
+        MAX_ABSENT of them.
 
         The stop has been written when this returns, if the file can be written."""
         reason = reason[:MAX_REASON] or EMERGENCY_STOP
@@ -219,6 +248,8 @@ class EmergencyStops:
             for known in (*present.values(), *absent.values()):
                 known.is_confirmed &= known.latch.is_on
                 known.latch.stop(reason)
+            if not wanted:
+                self._all.stop(reason)
         for session in stopped:
             session.robot.hold_by(present[session.name].latch)
         self._call_targets(present)
@@ -283,12 +314,24 @@ class EmergencyStops:
             known.latch.end(known.latch.number)
         self._write_now()
 
+    @property
+    def stop_of_all(self) -> StopHold:
+        """What holds every robot that logs on."""
+        return _hold(self._all)
+
+    def end_stop_of_all(self, number: int) -> StopHold:
+        """End the stops of all robots up to a number: robots that log on are free then, the others stay stopped until
+        each is reset. Returns what holds still."""
+        self._all.end(number)
+        self._write_now()
+        return self.stop_of_all
+
     def state(self, session: Session) -> StopState:
         """What is known of a robot."""
         with self._lock:
             known = self._of(session)
             is_held = known.latch.is_on
-            is_confirmed = is_held and known.is_confirmed
+            is_confirmed, problem = is_held and known.is_confirmed, known.problem
         ahead, left, turn = session.robot.state().velocity
         speed = math.hypot(ahead, left)
         body_stands = self._is_paused() or (speed < STANDING_SPEED and abs(turn) < STANDING_TURN)
@@ -298,19 +341,31 @@ class EmergencyStops:
         elif not body_stands:
             waits_for = f"it brakes, {speed:.2f} m/s"
         elif not (known.stands_with_body or is_confirmed):
-            waits_for = "the actual robot has not confirmed the stop"
+            waits_for = "the actual robot has not confirmed the stop" + (f": {problem}" if problem else "")
         return StopState(session.name, is_held, not waits_for, speed, is_confirmed, waits_for)
 
     # ---- implementation ----
 
     def _of(self, session: Session) -> _Name:
         """Requires the lock."""
-        known = self._names.get(session.name) or _Name()
+        known = self._names.get(session.name) or _Name(StopLatch(self._first_number))
         if known.registration != registration(session) and not session.client.is_logged_off:
-            known.registration, known.target, known.stands_with_body = registration(session), "", True
-            known.called, known.is_confirmed = 0, False
+            known.begin_session(registration(session))
             self._names[session.name] = known
+            if self._all.is_on:
+                known.latch.stop(f"all robots are stopped, {UNTIL_RESET} ({self._all.reason})")
         return known
+
+    def _lose_file(self, error: Exception) -> None:
+        """Nobody knows which robots the file held."""
+        self._first_number = secrets.randbits(40)
+        self._all = StopLatch(self._first_number)
+        self._all.stop(f"{self._file.name} could not be read: {str(error)[:MAX_REASON]}")
+        consequence = f"all robots are stopped, {UNTIL_RESET}"
+        try:
+            set_aside(self._file, str(error), consequence)
+        except OSError as again:
+            _log.warning("%s can't be read, nor set aside (%s); %s", self._file, again.strerror, consequence)
 
     def _absent(self, name: str) -> _Name | None:
         """What holds a name without a robot; None if there is no room for it. Requires the lock."""
@@ -337,22 +392,35 @@ class EmergencyStops:
                 is_done = known.is_confirmed and known.called == number
                 if is_done or not reason or not target or self._is_closed:
                     break
-            try:
-                answer = self._call(target, reason, number)
-            except Exception as error:  # of CORBA, which this module does not know
-                _log.warning("%s does not confirm its emergency stop: %s", name, error)
-                break
-            is_confirmed = answer.is_stopped and answer.is_confirmed
+            answer, problem = self._answer_of(target, reason, number)
+            is_confirmed = answer is not None and answer.is_stopped and answer.is_confirmed
             with self._lock:
                 if known.target == target and known.latch.is_on:
-                    known.called, known.is_confirmed = number, is_confirmed
+                    if problem not in ("", known.problem):
+                        _log.warning("%s does not confirm its emergency stop: %s", name, problem)
+                    known.problem = problem
+                    if answer:
+                        known.called, known.is_confirmed = number, is_confirmed
         with self._lock:
             known.is_calling = False
+
+    def _answer_of(self, target: str, reason: str, number: int) -> tuple[StopAnswer | None, str]:
+        """Call a stop target. Returns its answer, or None and the reason."""
+        try:
+            return self._call(target, reason, number), ""
+        except RoboCorbaError as error:
+            return None, str(error)
+        except Exception as error:
+            _log.exception("the call of a stop target ended by a defect")
+            return None, f"internal fault in the call of its stop target ({type(error).__name__}: {str(error)[:200]})"
 
     def _write(self) -> None:
         with self._writing:
             with self._lock:
-                content = msgspec.json.encode({name: known.record for name, known in self._names.items()})
+                records = {name: known.record for name, known in self._names.items()}
+                if self._all.number:
+                    records[ALL] = _Name(self._all).record
+                content = msgspec.json.encode(records)
             if content == self._written:
                 return
             try:
@@ -380,11 +448,21 @@ def registration(session: Session) -> str:
 
 
 def read_records(file: Path) -> Mapping[str, StopRecord]:
-    """The content of the file; empty if there is none or it can't be read."""
+    """The content of the file; empty if there is none or it can't be read. ALL is the stop of all robots."""
+    try:
+        return _read(file)
+    except (OSError, msgspec.MsgspecError) as error:
+        _log.warning("cannot read %s: %s", file, error)
+        return {}
+
+
+def _read(file: Path) -> Mapping[str, StopRecord]:
+    """Raises OSError, MsgspecError."""
     try:
         return decode_json(file.read_bytes(), dict[str, StopRecord])
     except FileNotFoundError:
         return {}
-    except (OSError, msgspec.MsgspecError) as error:
-        _log.warning("cannot read %s: %s", file, error)
-        return {}
+
+
+def _hold(latch: StopLatch) -> StopHold:
+    return StopHold(latch.is_on, latch.number, latch.reason)

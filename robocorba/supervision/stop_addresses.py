@@ -11,7 +11,7 @@ from robocorba.errors.services import ServiceError
 from robocorba.names import CHANNELS, STOPS
 from robocorba.roles import Role
 from robocorba.settings import Address, RoleNaming
-from robocorba.simulation.emergency_stops import read_records
+from robocorba.simulation.emergency_stops import ALL, read_records
 from robocorba.supervision.access import Access
 from robocorba.supervision.folder import StateFolder
 
@@ -34,4 +34,5 @@ def stop_addresses(state: Path, naming: Address) -> StopAddresses:
         guard = Guard(Access.read(state).key(Role.SERVER).encode()) if isinstance(naming, RoleNaming) else None
     except ServiceError:
         return StopAddresses()
-    return StopAddresses(places.get("SimulationServer", ""), channels, read_records(state / STOPS), guard)
+    targets = {name: record for name, record in read_records(state / STOPS).items() if name != ALL}
+    return StopAddresses(places.get("SimulationServer", ""), channels, targets, guard)

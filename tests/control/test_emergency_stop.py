@@ -27,13 +27,13 @@ from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.session import SessionState
 from robocorba.control.simulated_adaptor import SimulatedAdaptor
 from robocorba.errors.robots import IllegalOrder, RobotError, RobotHeld, RobotLost, ServerAway
-from robocorba.errors.simulation import InvalidCommand
+from robocorba.errors.simulation import InvalidCommand, UnknownRobot
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.planning.planner import PathPlanner
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.simulation import emergency_stops
-from robocorba.simulation.emergency_stops import EmergencyStops, StopAnswer, StopHold
+from robocorba.simulation.emergency_stops import EmergencyStops, StopAnswer, StopHold, StopRecord
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.registry import Pose
 from robocorba.simulation.session import Session
@@ -44,18 +44,24 @@ from tests.simulation.places import robot, tower
 NAME = "A"
 LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.0, 600.0).program()
 TOWER = tower()
+NOBODY = StopRecord()
 ADAPTORS = ("simulated", "driver")
 #: What may happen at a point: the number of points before it, and what.
 MEANWHILE = (
     "stop",
     "stop at the server",
+    "stop all",
+    "end the stop of all",
     "deliver",
     "report",
     "reset",
     "lose",
     "come back",
     "expire",
+    "evict",
+    "admit",
     "restart server",
+    "damage",
 )
 meanwhile = st.lists(st.tuples(st.integers(0, 8), st.sampled_from(MEANWHILE)), max_size=3)
 
@@ -99,12 +105,12 @@ class Stepped(HighController):
     last: ClassVar[Stepped | None] = None
     _silent_s = 0.0
 
-    def start(self, argv: Sequence[str]) -> None:
-        with self._adaptor_in_use:
-            self._begin()
-        Stepped.last = self
+    def _start_loop(self) -> None:
+        Stepped.last, self._is_looping = self, True
 
     def cycle(self) -> None:
+        if not self._is_looping:
+            return
         if self.is_lost:
             with contextlib.suppress(RobotError), self._adaptor_in_use:
                 self._begin()
@@ -161,10 +167,14 @@ class RobotSession:
         self._world.point()
         if self._world.is_away:
             raise ServerAway("away")
-        found = self._world.agent.sessions.get(self._key)
-        if found is None:
+        if (found := self.present) is None:
             raise RobotLost("logged off")
         return found
+
+    @property
+    def present(self) -> Session | None:
+        """At the server."""
+        return self._world.agent.sessions.get(self._key)
 
     def log_on(self, at: Pose | None = None) -> None:
         try:
@@ -175,6 +185,9 @@ class RobotSession:
             if NAME in {session.name for session in self._world.agent.sessions.values()}:
                 raise RobotLost("the name is taken") from None
             self._world.point()
+            if NAME in self._world.agent.kept_out:
+                raise RobotLost("kept out") from None
+            self._world.note_log_on()
             self._key = self._world.agent.register(robot(NAME)).client.key
 
     def log_off(self) -> None:
@@ -238,13 +251,14 @@ class Stop:
 
 
 class World:
-    """The robot's process, the simulation server, and what stands by the model: `standing`."""
+    """The robot's process, the simulation server, and what stands by the model: `standing`; is_all_stopped: a stop of
+    all holds each robot that logs on."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self._now = folder, 0
+        self.folder, self._now = folder, 0
         self.standing: list[Stop] = []
         self.script: list[tuple[int, str]] = []
-        self.is_away = self.is_driving = self.body_moves = False
+        self.is_away = self.is_driving = self.body_moves = self.is_all_stopped = False
         self._calls_about_stops = self.reset_began = 0
         self._server = contextlib.ExitStack()
         self.start_server()
@@ -292,6 +306,11 @@ class World:
             self.stop()
         elif what == "stop at the server":
             self.stop_at_server()
+        elif what == "stop all":
+            self.stop_all()
+        elif what == "end the stop of all":
+            self.stops.end_stop_of_all(self.stops.stop_of_all.number)
+            self.is_all_stopped = False
         elif what == "deliver":
             self.deliver()
         elif what == "report":
@@ -303,18 +322,27 @@ class World:
         elif what == "come back":
             self.is_away = False
         elif what == "expire":
-            with contextlib.suppress(Exception):
+            with contextlib.suppress(UnknownRobot):
                 self.agent.evict(NAME)
                 self.body_moves = False
+        elif what == "evict":
+            if self.agent.keep_out(NAME):
+                self.body_moves = False
+        elif what == "admit":
+            self.agent.admit(NAME)
+        elif what == "damage":
+            self.start_server(is_damaged=True)
         else:
             self.start_server()
 
     # ---- the sides ----
 
-    def start_server(self) -> None:
-        """Also after kill -9."""
+    def start_server(self, is_damaged: bool = False) -> None:
+        """Also after kill -9. is_damaged: the file of stops is not readable."""
         self._server.close()
-        store = self._server.enter_context(SimulationStore(self._folder / "simulation.sqlite"))
+        if is_damaged:
+            (self.folder / "stops.json").write_bytes(b"\0")
+        store = self._server.enter_context(SimulationStore(self.folder / "simulation.sqlite"))
         self.agent = ManagementAgent(
             *(TOWER, 1, store),
             session_began=lambda session: self.stops.admit(session),
@@ -322,9 +350,18 @@ class World:
         )
         self.body_moves = False
         self.stops = EmergencyStops(
-            *(self._folder / "stops.json", lambda: list(self.agent.sessions.values()), lambda: True, self._stop_target),
+            *(self.folder / "stops.json", lambda: list(self.agent.sessions.values()), lambda: True, self._stop_target),
         )
+        if is_damaged:
+            self.is_all_stopped = True
+            for _ in self.agent.sessions:
+                self.note_log_on()  # the server knows nothing of it
         self.stops.start()
+
+    def note_log_on(self) -> None:
+        """A robot is about to log on, or the server has to learn anew whether it is held."""
+        if self.is_all_stopped:
+            self.standing.append(Stop(self.moment(), True))
 
     def _stop_target(self, target: str, reason: str, number: int) -> StopAnswer:
         if self.is_away or self.control is None:
@@ -362,6 +399,20 @@ class World:
         self.stops.stop([NAME], "fire")
         self.body_moves = False
 
+    def stop_all(self) -> None:
+        if self.session.present:
+            self.standing.append(Stop(self.moment(), True))
+        self.is_all_stopped = True
+        self.stops.stop([], "fire everywhere")
+        self.body_moves = False
+
+    def fail(self) -> None:
+        """A defect ends the control loop."""
+        assert Stepped.last
+        if Stepped.last._is_looping:
+            self.standing.append(Stop(self.moment(), False))
+            Stepped.last._loop_failed("a defect")
+
     def report(self) -> None:
         script, self.script = self.script, []
         for _ in range(2):  # the first one may have to log on
@@ -389,10 +440,19 @@ class World:
         Stepped.last.close()
         eventually(lambda: not self.is_running, "the program's end")
         self.is_driving = self.body_moves = self.is_away = False
-        with contextlib.suppress(Exception):
+        with contextlib.suppress(UnknownRobot):
             self.agent.evict(NAME)
+        self.agent.admit(NAME)
         self.standing = [stop for stop in self.standing if stop.is_durable]
         self.start_robot()
+
+    @property
+    def is_held_on_disk(self) -> bool:
+        """Whether a server that starts now holds the robot."""
+        records = emergency_stops.read_records(self.folder / "stops.json")
+        record, session = records.get(NAME, NOBODY), self.session.present
+        is_new = session is None or record.registration != emergency_stops.registration(session)
+        return bool(record.held or (is_new and records.get(emergency_stops.ALL, NOBODY).held))
 
     def settle(self) -> None:
         """Until the program's thread waits for its motion or for an operator, or has ended."""
@@ -413,6 +473,7 @@ class Stops(RuleBasedStateMachine):
             patch.setattr(module, "Repeating", Steps)
         patch.setattr(emergency_stops, "Workers", Calls)
         patch.setattr(high_controller, "REFRESH_LIMIT_S", 0.0)
+        patch.setattr(high_controller, "CHECK_INTERVAL_S", 600.0)
         patch.setattr(high_controller, "END_LIMIT_S", 0.0)  # a reset within another one does not wait for it
         patch.setattr(model_switcher, "make", lambda name, context: context.orb.make(name, context))
         folder = self._closing.enter_context(tempfile.TemporaryDirectory())
@@ -487,6 +548,19 @@ class Stops(RuleBasedStateMachine):
     def kill_robot(self) -> None:
         self.world.kill_robot()
 
+    @rule(script=meanwhile)
+    def fail(self, script: list[tuple[int, str]]) -> None:
+        self.world.script = script
+        self.world.fail()
+
+    @rule(way=st.sampled_from(["stop at the server", "stop all"]), is_killed=st.booleans())
+    def evict_and_admit(self, way: str, is_killed: bool) -> None:
+        """A robot that was stopped logs on again, perhaps as another process."""
+        for what in (way, "evict", "admit"):
+            self.world.happen(what)
+        if is_killed:
+            self.world.kill_robot()
+
     @invariant()
     def holds(self) -> None:
         if not hasattr(self, "world"):
@@ -501,8 +575,7 @@ class Stops(RuleBasedStateMachine):
             assert not any(adaptor.write(ActorCommand()) for adaptor in world.adaptors), "an adaptor is started"
         if world.standing:
             assert not world.is_driving and not world.body_moves, "it moves"
-            held = any(record.held for record in emergency_stops.read_records(world._folder / "stops.json").values())
-            assert world.control.stopped or held, "a stop is lost"
+            assert world.control.stopped or world.is_held_on_disk, "a stop is lost"
 
 
 TestStops = Stops.TestCase

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import InvalidCommand, SessionExpired, UnknownRobot
 from robocorba.simulation import emergency_stops
-from robocorba.simulation.emergency_stops import EmergencyStops, StopAnswer, read_records
+from robocorba.simulation.emergency_stops import ALL, EmergencyStops, StopAnswer, read_records
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.session import Session
@@ -49,7 +53,9 @@ class Scene:
     def _call(self, target: str, reason: str, number: int) -> StopAnswer:
         self.calls.append((target, reason, number))
         if target == "hangs":
-            raise TimeoutError("TIMEOUT")
+            raise NotReachable("TIMEOUT")
+        if target == "defect":
+            raise KeyError("confirmed")
         return self.answers.get(target, CONFIRMED)
 
     def run(self, seconds: float) -> None:
@@ -112,6 +118,24 @@ def test_a_robot_that_hangs_holds_up_no_other(scene: Scene) -> None:
         return {state.robot: state.is_confirmed for state in scene.stops.stop([], "")}
 
     eventually(lambda: confirmed() == {"A": False, "B": True}, PATIENCE_S)
+
+
+def test_why_a_robot_does_not_confirm_is_in_the_answer(scene: Scene, caplog: pytest.LogCaptureFixture) -> None:
+    """Also a defect of the call; and once in the log, however often it is called."""
+    problems = {"hangs": "TIMEOUT", "defect": "internal fault"}
+    for number, target in enumerate(problems):
+        scene.stops.report_target(scene.agent.register(robot(target, x=5.0 + number)), target, False)
+    scene.stops.stop([], "fire")
+
+    def shown() -> bool:
+        states = {state.robot: state.waits_for for state in scene.stops.states([])}
+        return all(f"has not confirmed the stop: {problem}" in states[name] for name, problem in problems.items())
+
+    eventually(shown, PATIENCE_S)
+    calls = len(scene.calls)
+    eventually(lambda: scene.stops.states([]) and len(scene.calls) > calls + 6, PATIENCE_S)
+    warnings = [record.getMessage() for record in caplog.records if "does not confirm" in record.getMessage()]
+    assert len(warnings) == len(problems)
 
 
 def test_while_time_is_paused_nothing_moves(scene: Scene) -> None:
@@ -242,10 +266,67 @@ def test_stops_of_the_first_release_hold(scene: Scene) -> None:
 
 
 def test_stops_work_without_a_disk(scene: Scene) -> None:
-    scene.file.mkdir()
+    in_the_way = scene.file.with_suffix(".new")
+    in_the_way.mkdir()
     scene.stops.start()
     session = scene.agent.register(robot("A"))
     scene.stops.stop(["A"], "fire")
     assert refuses(session)
-    scene.file.rmdir()
+    in_the_way.rmdir()
     eventually(lambda: scene.file.is_file() and read_records(scene.file)["A"].held == "fire", PATIENCE_S)
+
+
+def test_a_stop_of_all_holds_robots_that_log_on_until_it_is_ended(scene: Scene, tmp_path: Path) -> None:
+    session = scene.agent.register(robot("A"))
+    scene.stops.stop([], "fire")
+    scene.stops.reset(session)
+    assert not refuses(session)  # one robot may be reset alone
+    later = scene.agent.register(robot("B", x=5.0))
+    assert refuses(later)
+    assert "all robots are stopped, until: robocorba stop --all --reset (fire)" in scene.stops.hold(later).reason
+    scene.close()
+    with contextlib.closing(Scene(tmp_path)) as restarted:
+        restarted.stops.start()
+        sessions = {session.name: session for session in restarted.agent.sessions.values()}
+        assert {name: refuses(session) for name, session in sessions.items()} == {"A": False, "B": True}
+        assert refuses(restarted.agent.register(robot("C", x=9.0)))
+        hold = restarted.stops.stop_of_all
+        assert hold == (True, 1, "fire")
+        restarted.stops.stop([], "smoke")
+        assert restarted.stops.end_stop_of_all(hold.number) == (True, 2, "smoke")
+        assert restarted.stops.end_stop_of_all(2) == (False, 2, "")
+        assert not refuses(restarted.agent.register(robot("D", x=7.0, y=5.0)))
+        assert refuses(sessions["B"])  # until it is reset
+    assert not read_records(scene.file)[ALL].held
+
+
+@given(
+    st.one_of(
+        st.binary(), st.sampled_from([b"", b"[]", b'{"A": {"number": -1}}', b'{"A": {"held": 1}}', b"{", b"null"])
+    )
+)
+@settings(max_examples=25, deadline=None)
+def test_if_the_file_can_not_be_read_all_robots_are_stopped(content: bytes) -> None:
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as closing:
+        with contextlib.closing(Scene(Path(folder))) as scene:
+            scene.agent.register(robot("A"))
+        scene.file.write_bytes(content)
+        scene = closing.enter_context(contextlib.closing(Scene(Path(folder))))
+        scene.stops.start()
+        (session,) = scene.agent.sessions.values()
+        assert refuses(session) and "stops.json could not be read" in scene.stops.hold(session).reason
+        assert not scene.stops.end(session, 100).number < 100  # numbers that a robot remembers are of no stop now
+        assert refuses(session)
+        assert refuses(scene.agent.register(robot("B", x=5.0)))
+        assert scene.file.with_name("stops.json.damaged").read_bytes() == content
+        assert read_records(scene.file)[ALL].held
+        scene.stops.end_stop_of_all(scene.stops.stop_of_all.number)
+        scene.stops.reset(session)
+        assert not refuses(session)
+
+
+def test_a_file_that_can_be_neither_read_nor_set_aside_stops_all_robots(scene: Scene) -> None:
+    scene.file.mkdir()
+    scene.file.with_name("stops.json.damaged").write_text("")
+    scene.stops.start()
+    assert refuses(scene.agent.register(robot("A")))

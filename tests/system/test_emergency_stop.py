@@ -154,7 +154,9 @@ def test_a_stop_does_not_depend_on_names(
     assert "took back the name RoboCorba/Robots/A" in (robot / "logs" / "robot_A.log").read_text()
     assert "took back the name RoboCorba/SimulationServer" in (system.state / "logs" / "simulation.log").read_text()
 
-    assert robocorba("stop", "A", "--reset")[0] == 0
+    assert "all robots are stopped, until: robocorba stop --all --reset (emergency stop)" in robocorba("status")[1]
+    robocorba("stop", "--all", "--reset")  # also what the thief has bound, which refuses
+    assert "all robots" not in robocorba("status")[1]
     agent = drive(system_orb)
     naming = system.pid("omniNames")
     hang(naming)

@@ -130,8 +130,13 @@ def test_an_emergency_stop_by_the_command(start: Start, system_orb: Orb, robocor
     )
     eventually(lambda: stands(system_orb, "E"))
     assert refusal(robocorba("stop", "nobody")).startswith("nobody\tRoboCorba/Robots/nobody is not reachable")
-    process = robocorba("stop", "E", "--reset")
-    assert process.communicate(timeout=PATIENCE_S)[0] == "E\tmay move again\n"
+    assert "*\tholds\trobots that log on are stopped, too" in out
+    start("F", "--floor", "L1", "--at", "6,5,0")
+    late = RemoteAgent(system_orb, "F").state()
+    assert late.condition is AgentCondition.STOPPED and "robocorba stop --all --reset" in late.reason
+    process = robocorba("stop", "--all", "--reset")
+    out = process.communicate(timeout=PATIENCE_S)[0]
+    assert {"*\tmay move again", "E\tmay move again", "F\tmay move again"} <= set(out.splitlines())
     assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.1).program()).program.result is ProgramResult.DONE
 
 

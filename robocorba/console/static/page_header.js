@@ -20,6 +20,7 @@ export default {
         </a>
       </nav>
       <span class="console-status" :class="{ 'is-problem': problem }" role="status">{{ problem || summary }}</span>
+      <q-btn v-if="stopOfAll" dense no-caps outline label="Release all" :title="stopOfAll" @click="releaseAll" />
       <PageKeys :page="current" />
       <q-btn flat round dense :icon="isDark ? 'light_mode' : 'dark_mode'" :aria-label="isDark ? 'Light' : 'Dark'"
              @click="toggleDark" />
@@ -27,7 +28,7 @@ export default {
              :label="stopping ? 'Stopping' : 'Stop all'" aria-label="Emergency stop of all robots" />
     </header>`,
   data() {
-    return { problem: "connecting", summary: "", stopping: 0, isDark: false };
+    return { problem: "connecting", summary: "", stopOfAll: "", stopping: 0, isDark: false };
   },
   mounted() {
     const wanted = localStorage.getItem("robocorba-dark");
@@ -58,6 +59,8 @@ export default {
       else if (live.problems.floors) this.problem = live.problems.floors;
       else if (live.problems.map) this.problem = live.problems.map;
       else this.problem = server?.problem || live.state?.naming || "";
+      const hold = server?.state?.stopOfAll;
+      this.stopOfAll = hold?.held ? `All robots are stopped, also those that log on: ${hold.reason}` : "";
       const state = server?.state?.state;
       if (state) {
         const pace = state.paused ? "paused" : `${state.achieved.toFixed(2)} x real time`;
@@ -77,6 +80,15 @@ export default {
         this.$q.notify({ type: "negative", message, timeout: 0, closeBtn: true });
       } finally {
         this.stopping -= 1;
+      }
+    },
+    async releaseAll() {
+      try {
+        const held = Object.entries(await call("reset_all"));
+        const message = held.map(([robot, reason]) => `${robot}: ${reason}`).join("; ");
+        if (held.length) this.$q.notify({ type: "negative", message: `still stopped: ${message}`, timeout: 0, closeBtn: true });
+      } catch (error) {
+        this.$q.notify({ type: "negative", message: error.message, timeout: 0, closeBtn: true });
       }
     },
     // A press of Enter on a link is a click without a position.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -20,14 +20,20 @@ from robocorba.corba.conversion import simulation
 from robocorba.corba.event_client import EventClient
 from robocorba.corba.guard import Guard
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent, order_all, robots
+from robocorba.corba.remote.control_agent import CALM, RemoteAgent, order_all, robots
 from robocorba.corba.remote.remote_object import translated
 from robocorba.corba.remote.stop_target import stop_at
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.names import CHANNELS, STOP_EVENT
 from robocorba.roles import Role
-from robocorba.simulation.emergency_stops import StopAnswer, StopEvent, StopRecord, StopState
+from robocorba.simulation.emergency_stops import (
+    UNTIL_RESET,
+    StopAnswer,
+    StopEvent,
+    StopRecord,
+    StopState,
+)
 from robocorba.stubs import RoboCorba
 
 REASON = "emergency stop"
@@ -77,6 +83,37 @@ def stop_robots(orb: Orb, names: Sequence[str], addresses: StopAddresses, reason
     return _Stop(orb, names, addresses, reason).run()
 
 
+def end_stop_of_all(orb: Orb, addresses: StopAddresses) -> None:
+    """Let robots that log on from now on move, after a stop of all; those that it has stopped stay so until each is
+    reset. Raises NotReachable."""
+    with (
+        translated("the simulation server"),
+        contextlib.suppress(CORBA.BAD_OPERATION, CORBA.NO_IMPLEMENT),
+    ):  # of an earlier release
+        server = _simulation_server(orb, addresses)
+        server.endStopOfAll(server._get_stopOfAll().number)
+
+
+def reset_robots(orb: Orb, names: Sequence[str], addresses: StopAddresses) -> Iterator[tuple[str, str]]:
+    """End the stop of robots, without names of all; each name with the reason if it is still stopped, else empty.
+    OTHERS are the robots that log on later."""
+    if not names:
+        problem = ""
+        try:
+            end_stop_of_all(orb, addresses)
+        except NotReachable as error:
+            problem = f"robots that log on stay stopped: {error}"
+        yield OTHERS, problem
+    yield from order_all(orb, names or robots(orb), RemoteAgent.reset_stop, CALM)
+
+
+def _simulation_server(orb: Orb, addresses: StopAddresses) -> Any:
+    if address := addresses.server:
+        uri = orb.uri_at(address, addresses.key("SimulationServer"))
+        return orb.reference(uri, RoboCorba.SimulationServer, SERVER_TIMEOUT_S)
+    return orb.resolve("SimulationServer", RoboCorba.SimulationServer, NAMES_S, SERVER_TIMEOUT_S)
+
+
 class _Stop:
     def __init__(self, orb: Orb, names: Sequence[str], addresses: StopAddresses, reason: str) -> None:
         self._orb, self._names, self._addresses, self._reason = orb, tuple(names), addresses, reason
@@ -84,6 +121,8 @@ class _Stop:
         #: What the simulation server shows; `_has_answered`: its last call succeeded, else `_problem` is the reason.
         self._shown: dict[str, StopState] = {}
         self._has_answered, self._problem = False, "the simulation server did not answer"
+        #: Whether the server holds robots that log on, too.
+        self._holds_all = False
         self._answers: dict[str, StopAnswer] = {}
         #: The problem of each bound name that was called; empty if what is bound to it confirmed the stop.
         self._bound: dict[str, str] = {}
@@ -100,6 +139,14 @@ class _Stop:
         verdicts = [self._verdict(name) for name in names]
         if not self._names and not self._has_answered:
             verdicts.append(Verdict(OTHERS, False, f"other robots may move: {self._problem}"))
+        elif not self._names:
+            verdicts.append(
+                Verdict(OTHERS, True, f"robots that log on are stopped, too, {UNTIL_RESET}")
+                if self._holds_all
+                else Verdict(
+                    OTHERS, False, "robots that log on may move: the simulation server is of release 0.1.0", False
+                )
+            )
         return verdicts
 
     @property
@@ -143,6 +190,9 @@ class _Stop:
                 server = server or self._server()
                 with translated("the simulation server"):
                     found = self._look_at(server) if has_stopped else server.stopRobots(self._names, self._reason)
+                    if not (has_stopped or self._names):
+                        with contextlib.suppress(CORBA.BAD_OPERATION, CORBA.NO_IMPLEMENT):  # of an earlier release
+                            self._holds_all = server._get_stopOfAll().held
                 states, has_stopped = [simulation.stop_state_of(state) for state in found], True
             except RoboCorbaError as error:
                 self._has_answered, self._problem, server = False, str(error), None
@@ -160,10 +210,7 @@ class _Stop:
             return server.stopRobots(self._names, self._reason)
 
     def _server(self) -> Any:
-        if address := self._addresses.server:
-            uri = self._orb.uri_at(address, self._addresses.key("SimulationServer"))
-            return self._orb.reference(uri, RoboCorba.SimulationServer, SERVER_TIMEOUT_S)
-        return self._orb.resolve("SimulationServer", RoboCorba.SimulationServer, NAMES_S, SERVER_TIMEOUT_S)
+        return _simulation_server(self._orb, self._addresses)
 
     def _by_targets(self) -> None:
         def stop(name: str, record: StopRecord) -> None:

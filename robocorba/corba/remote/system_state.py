@@ -24,7 +24,7 @@ Question = Callable[[], Any]
 
 
 def server_state(orb: Orb) -> Question:
-    """The simulation server's `state`, its `clients` and its `sensors`."""
+    """The simulation server's `state`, `stopOfAll`, `clients` and `sensors`."""
     return _question(orb, "SimulationServer", RoboCorba.SimulationServer, _server)
 
 
@@ -69,7 +69,11 @@ def path_by_floor(points: Iterable[Any]) -> list[dict[str, Any]]:
 
 
 def _server(server: Any) -> dict[str, Any]:
+    stop_of_all: dict[str, Any] = {}
+    with contextlib.suppress(CORBA.BAD_OPERATION, CORBA.NO_IMPLEMENT):  # of an earlier release
+        stop_of_all = plain(server._get_stopOfAll())
     return {
+        "stopOfAll": stop_of_all,
         "state": plain(server._get_state()),
         "clients": [plain(client) for client in server.clients()],
         "sensors": [plain(sensor) for sensor in server.sensors()],

@@ -74,6 +74,12 @@ class SimulationServerServant(ServerServant, RoboCorba__POA.SimulationServer):
     def stopStates(self, robots: list[str]) -> list[Any]:
         return [simulation.stop_state(state) for state in self._stops.states(robots)]
 
+    def _get_stopOfAll(self) -> Any:
+        return simulation.stop_hold(self._stops.stop_of_all)
+
+    def endStopOfAll(self, last: int) -> Any:
+        return simulation.stop_hold(self._stops.end_stop_of_all(last))
+
     def bound_to(self, robot: str) -> dict[str, Callable[..., Any]]:
         """What a robot with a file of its own calls instead: it logs on as itself only."""
 
