@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
 import resource
 import socket
 import struct
@@ -149,7 +150,8 @@ class OwnDescriptors:
 
     def in_use(self) -> Sequence[int]:
         try:
-            return [int(path.name) for path in _LISTING.iterdir()]
+            with os.scandir(_LISTING) as entries:  # each second, and there may be hundreds: without a path for each
+                return [int(entry.name) for entry in entries]
         except OSError:  # none is free, and the list itself takes one
             return range(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
 

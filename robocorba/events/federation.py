@@ -102,6 +102,8 @@ class Federation:
         own = self._advertisements.get(name)
         version, peers, interest = (own.version, own.peers, own.interest) if own else (0, (), ())
         self._advertisements[name] = Advertisement(name, self._version_above(version), peers, interest)
+        #: What `advertisements` returns, None after a change.
+        self._listed: list[Advertisement] | None = None
         self._rivalries: dict[str, _Rivalry] = {}
         #: An advertisement of this channel's name that has superseded its own, None if there is none.
         self._superseding: Advertisement | None = None
@@ -113,9 +115,11 @@ class Federation:
 
     @property
     def advertisements(self) -> list[Advertisement]:
-        """Of the reachable channels: its own first, then the others by name."""
-        reachable = (entry for entry in self._advertisements.values() if entry.name in self._own_distances)
-        return sorted(reachable, key=lambda entry: (entry.name != self.name, entry.name))
+        """Of the reachable channels: its own first, then the others by name. The same list until one changes."""
+        if self._listed is None:
+            reachable = (entry for entry in self._advertisements.values() if entry.name in self._own_distances)
+            self._listed = sorted(reachable, key=lambda entry: (entry.name != self.name, entry.name))
+        return self._listed
 
     def interest_of(self, channel: str) -> tuple[Pattern, ...]:
         """The interest that a channel advertises; empty for an unknown channel."""
@@ -128,13 +132,14 @@ class Federation:
         if (own.peers, own.interest) == (peers, interest):
             return False
         self._advertisements[self.name] = Advertisement(self.name, self._version_above(own.version), peers, interest)
+        self._listed = None
         if peers != own.peers:
             self._rebuild_graph()
         return True
 
     def learn(self, advertisements: Iterable[Advertisement]) -> bool:
-        """Merge the advertisements that another channel knows; whether any has changed. To be called at least twice a
-        second, with no advertisements if there are none: see `_reassert`."""
+        """Merge the advertisements that another channel knows; whether any has changed. To be called at least every
+        two seconds, with no advertisements if there are none: see `_reassert`."""
         changed = links_changed = False
         for entry in advertisements:
             known = self._advertisements.get(entry.name)
@@ -151,6 +156,7 @@ class Federation:
                 if len(self._advertisements) >= self._max_channels:
                     continue
             self._advertisements[entry.name] = entry._replace(interest=entry.interest[:MAX_UNION])
+            self._listed = None
             links_changed |= known is None or known.peers != entry.peers
         if links_changed:
             self._rebuild_graph()
@@ -177,7 +183,7 @@ class Federation:
         if rivalry and rivalry.is_conflict and time.monotonic() - rivalry.last_at < CONFLICT_INTERVAL_S:
             return False
         own = self._advertisements[self.name] = self.own._replace(version=self._version_above(entry.version))
-        self._superseding = None
+        self._listed = self._superseding = None
         if entry.life != self._life:
             self._note_life(entry, own)
         return True

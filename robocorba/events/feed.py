@@ -7,7 +7,8 @@ load the packets grow instead of the delay.
 
 The two directions of a link are connections of their own, and either may fail alone, such as at a firewall. So calls of
 the gateway do not show that events get there: the link is up only while the gateway acknowledges what is sent to it. A
-session begins with an empty packet, and the feed sends another one whenever it has sent nothing for a while.
+session begins with an empty packet. Later the calls of the gateway at this end, which renew its own session with the
+peer, show that the peer can be called; when none of them is answered, the feed sends another empty packet.
 """
 
 from __future__ import annotations
@@ -110,8 +111,9 @@ class Feed:
         self._port: GatewayPort | None = None
         #: Last call of the gateway, and last acknowledgement of a packet [s, time.monotonic].
         self._contact_at = self._progress_at = 0.0
-        #: Time of the last transmission, and of the last one that failed in this session [s, time.monotonic].
-        self._sent_at = self._failed_at = 0.0
+        #: Last transmission or answered call to the peer, and last transmission that failed in this session
+        #: [s, time.monotonic].
+        self._reached_at = self._failed_at = 0.0
         #: Whether packets may be sent: from each renewal until a transmission fails.
         self._is_ready = False
         #: Why events do not get there. Only the acknowledgement of a packet that was sent later disproves it.
@@ -219,7 +221,7 @@ class Feed:
             if packet.sent_at > self._failed_at and self._problem:
                 _log.info("the link to %s is up", self.peer)
                 self._problem = ""
-        self._changed.notify()
+        self._wake()
 
     def renew(self, session: str, position: int, refused: int) -> None:
         """The gateway is alive and expects `position`: retransmit lost packets. refused: number of events of this
@@ -234,6 +236,15 @@ class Feed:
         overdue = self._contact_at - self._policy.retransmit_s
         if self._sent and max(self._unacknowledged[0].sent_at, self._progress_at) < overdue:
             self._sent = 0
+        self._wake()
+
+    def note_reached(self) -> None:
+        """The peer has answered a call of this channel."""
+        self._reached_at = time.monotonic()
+
+    def _wake(self) -> None:
+        if self._queue.length or self._sent < len(self._unacknowledged):
+            self._changed.notify()
 
     def set_conflict(self, reason: str) -> None:
         """Hold the events back while there is a reason, and send them when there is none."""
@@ -300,7 +311,7 @@ class Feed:
     def _next_transmission(self) -> _Transmission:
         """The oldest unsent packet; the feed is busy until the caller has sent it."""
         packet = self._unacknowledged[self._sent]
-        packet.sent_at = self._sent_at = time.monotonic()
+        packet.sent_at = self._reached_at = time.monotonic()
         packet.first_sent_at = packet.first_sent_at or packet.sent_at
         self._sent += 1
         self._busy = True
@@ -339,8 +350,7 @@ class Feed:
                         if problem != self._problem:
                             _log.info("the link to %s is down (%s)", self.peer, problem)
                         self._problem, self._failed_at, self._is_ready = problem, time.monotonic(), False
-            if self._queue.length or self._sent < len(self._unacknowledged):
-                self._changed.notify()
+            self._wake()
         return not problem and took < FAST_SEND_S
 
     def _discard(self, unsendable: list[EventBatch], packet: _Packet) -> None:
@@ -378,8 +388,12 @@ class Feed:
                         if batches:
                             self._append(batches)
                         continue
-                    if not self._unacknowledged and time.monotonic() - self._sent_at >= self._policy.probe_interval_s:
-                        self._append([])
+                    if not self._unacknowledged:
+                        left_s = self._reached_at + self._policy.probe_interval_s - time.monotonic()
+                        if left_s > 0.0:
+                            self._changed.wait(min(left_s, self._policy.recheck_s))
+                        else:
+                            self._append([])
                         continue
                 self._changed.wait(self._policy.recheck_s)
             return None

@@ -20,6 +20,7 @@ from robocorba.events.account import Account, Totals
 from robocorba.events.channel import Channel, Claims
 from robocorba.events.event import EventBatch
 from robocorba.events.federation import Advertisement
+from robocorba.events.known_advertisements import KnownAdvertisements
 from robocorba.events.peer_clock import Exchange, PeerClock
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.subscription import Pattern
@@ -94,12 +95,11 @@ class Gateway:
         self._expected = 1
         #: Packets that arrived before an earlier one, by position, and how many events were left out of each.
         self._early: dict[int, tuple[list[EventBatch], int]] = {}
-        #: Versions of the advertisements that the peer has received or sent in this session.
-        self._known_versions: dict[str, int] = {}
+        self._known = KnownAdvertisements()
         self._in_force: tuple[Pattern, ...] = ()
         self._acknowledged, self._acknowledged_at = 1, 0.0
         self._problem = self._logged_problem = "not joined yet"
-        #: When the last packet of this session arrived [s, time.monotonic].
+        #: When the last packet of this session, or a later call of the peer, arrived [s, time.monotonic].
         self._arrived_at: float | None = None
         self._account = Account()
         self._joins = self._packets = self._bytes = self._duplicates = 0
@@ -141,6 +141,11 @@ class Gateway:
         if time.monotonic() - self._arrived_at >= self._policy.silence_s:
             return f"it answers, but nothing that it sends has arrived for {self._policy.silence_s:g} s"
         return ""
+
+    def note_arrival(self) -> None:
+        """A call of the peer to the feed has arrived: its packets take the same way."""
+        if self._arrived_at is not None:
+            self._arrived_at = time.monotonic()
 
     def forward(self, session: str, position: int, batches: list[EventBatch], invalid: int = 0) -> None:
         """Accept a packet from the peer, of which `invalid` events were left out. Early packets wait for the missing
@@ -217,7 +222,7 @@ class Gateway:
                 failures = 0
                 while not self._is_ended:
                     self._renew()
-                    self._woken.wait(policy.renew_interval_s)
+                    self._woken.wait(policy.renewal_pause_s(len(self._channel.feeds)))
                     self._woken.clear()
             except (SessionOver, NotReachable) as error:
                 self._set_problem(str(error))
@@ -240,7 +245,7 @@ class Gateway:
             self._expected = self._acknowledged = port.position
             self._arrived_at = None
             self._early.clear()
-            self._known_versions.clear()
+            self._known = KnownAdvertisements()
             self._clock.reset()
             self._clock.measure(port.joining)
             self._refused = 0
@@ -254,9 +259,8 @@ class Gateway:
         port = self._port
         assert port is not None
         with self._channel.lock:
-            known = self._known_versions
             federation = self._channel.federation
-            changed = [entry for entry in federation.advertisements if known.get(entry.name) != entry.version]
+            changed = self._known.missing(federation.advertisements)
             interest = federation.own.interest
         with self._lock:
             position, refused = self._expected, self._refused
@@ -264,7 +268,10 @@ class Gateway:
         answer, exchange = port.renew(position, refused, changed)
         with self._lock:
             self._clock.measure(exchange)
-        known.update((entry.name, entry.version) for entry in (*changed, *answer))
+        self._known.add((*changed, *answer))
+        with self._channel.lock:
+            if feed := self._channel.feeds.get(self.peer):
+                feed.note_reached()
         self._in_force = interest
         self._problem = ""
         self._on_advertisements(answer)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ from robocorba.events.federation import MAX_CHANNELS, Advertisement, check_name
 from robocorba.events.feed import Feed, FeedSnapshot, GatewayPort
 from robocorba.events.foreign import Attach, ForeignLink
 from robocorba.events.gateway import FeedPort, Gateway, GatewaySnapshot
+from robocorba.events.known_advertisements import KnownAdvertisements
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.subscription import Pattern, is_covered, patterns_of
@@ -49,8 +50,8 @@ class _Link:
     peer: Peer
     feed: Feed
     gateway: Gateway
-    #: Versions of the advertisements that the peer has received or sent in the current session of the feed.
-    known_versions: dict[str, int]
+    #: Of the current session of the feed; a later session begins with another object.
+    known: KnownAdvertisements
     #: The reference of the channel that has joined the feed; empty before.
     consumer: str = ""
 
@@ -145,8 +146,10 @@ class Links:
                 with self._channel.lock:
                     link.feed.end()
 
-    def send_advertisements(self) -> None:
-        """Save the advertisements, and send the new ones to the peers."""
+    def send_advertisements(self, learned: Sequence[Advertisement] = ()) -> None:
+        """Save the advertisements, and send the new ones to the peers. learned: those that have changed, if the own one
+        has not. Their channels send them to their own peers, who get them from here with the next renewals only: in a
+        full mesh each change would otherwise cost a call of every channel to every other one."""
         with self._saving:
             with self._channel.lock:
                 advertisements = self._channel.federation.advertisements
@@ -155,9 +158,10 @@ class Links:
             except ServiceError as error:  # after a restart the peers send the advertisements again
                 _log.error("%s", error)
         with self._lock:
-            gateways = [link.gateway for link in self._links.values()]
-        for gateway in gateways:
-            gateway.wake()
+            links = list(self._links.values())
+        for link in links:
+            if not learned or any(link.peer.name not in (entry.name, *entry.peers) for entry in learned):
+                link.gateway.wake()
 
     def is_in_force(self, proxy: ProxySupplier, peer: str) -> bool:
         """Whether `peer` has received an interest that covers the subscription of a proxy. Raises UnknownPeer."""
@@ -205,7 +209,7 @@ class Links:
             link.consumer = reference
             with self._channel.lock:
                 terms = link.feed.join(port)
-                link.known_versions = {}
+                link.known = KnownAdvertisements()
         link.gateway.wake()  # the peer is reachable: join it without waiting for the backoff
         return terms
 
@@ -219,13 +223,11 @@ class Links:
             self.learn(advertisements)
         with self._channel.lock:
             link.feed.renew(session, position, refused)
-            known = link.known_versions  # of this session; a later session starts with an empty dict
-        known.update((entry.name, entry.version) for entry in advertisements)
-        with self._channel.lock:
-            answer = [
-                entry for entry in self._channel.federation.advertisements if known.get(entry.name, 0) < entry.version
-            ]
-        known.update((entry.name, entry.version) for entry in answer)
+            link.gateway.note_arrival()
+            known = link.known
+            known.add(advertisements)
+            answer = known.missing(self._channel.federation.advertisements)
+        known.add(answer)
         return answer
 
     def acknowledge(self, session: str, position: int) -> None:
@@ -250,12 +252,14 @@ class Links:
         """Merge advertisements, and pass new ones on to the peers. Gateways call it at each renewal."""
         with self._channel.lock:
             federation = self._channel.federation
+            before = federation.advertisements
             changed = federation.learn(advertisements)
             if changed:
                 self._channel.update_routes()
+            news = [entry for entry in federation.advertisements if entry not in before] if changed else []
             self._note_conflicts()
         if changed:
-            self.send_advertisements()
+            self.send_advertisements(() if federation.own in news else news)
 
     # ---- private ----
 
@@ -271,7 +275,7 @@ class Links:
     def _link(self, peer: Peer, feed: Feed | None = None) -> None:
         feed = feed or Feed(self._channel.lock, peer.name, self._policy)
         gateway = Gateway(peer.name, self._channel, lambda: self._join_feed(peer), self.learn, self._policy)
-        self._links[peer.name] = _Link(peer, feed, gateway, {})
+        self._links[peer.name] = _Link(peer, feed, gateway, KnownAdvertisements())
         with self._channel.lock:
             self._channel.feeds[peer.name] = feed
             self._channel.update_routes()

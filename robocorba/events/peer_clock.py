@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-#: Number of latest exchanges kept: those of a minute. The one with the shortest round trip is used; monotonic clocks of
-#: two machines drift apart by some 5 ms in this time.
-MAX_EXCHANGES = 120
+#: Number of latest exchanges kept: those of half a minute at most. The one with the shortest round trip is used;
+#: monotonic clocks of two machines drift apart by some 3 ms in this time.
+MAX_EXCHANGES = 30
 #: Differences below this are uncertainties of the measurement [s]. A steady offset keeps the intervals between events
 #: as they were stamped.
 STEADY_S = 0.01

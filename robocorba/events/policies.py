@@ -68,12 +68,16 @@ class LinkPolicy:
     lease_s: float = 3.0
     #: Interval at which the gateway renews its session [s]; several renewals may fail within a lease.
     renew_interval_s: float = 0.5
+    #: Above this number of peers the interval grows with it, to max_renew_interval_s: in a full mesh of 30 channels
+    #: idle links would take most of a core. Two renewals still fit into a lease.
+    few_peers: int = 10
+    max_renew_interval_s: float = 1.25
     #: A packet is lost when it is not acknowledged this long after it was sent and after the last progress [s].
     retransmit_s: float = 0.3
     #: Maximum interval at which the feed's thread checks for work [s].
-    recheck_s: float = 1.0
-    #: The feed sends an empty packet when it has sent nothing for this time [s].
-    probe_interval_s: float = 1.0
+    recheck_s: float = 2.0
+    #: The feed sends an empty packet when it has sent nothing, and the peer has answered no renewal, for this time [s].
+    probe_interval_s: float = 2.0
     #: The link is down when no packet arrived, or none was acknowledged, for this time [s]; several probes may be late.
     silence_s: float = 5.0
     #: Pauses between the gateway's attempts to join the feed.
@@ -87,3 +91,9 @@ class LinkPolicy:
     #: Pauses between attempts to connect with a foreign channel, and after a connection that lasted for less than
     #: check_interval_s.
     foreign_backoff: Backoff = field(default=Backoff(0.05, 1.0, jitter=0.5))
+
+    def renewal_pause_s(self, peers: int) -> float:
+        """Pause between the renewals of a session of a channel with this many peers [s]."""
+        return max(
+            self.renew_interval_s, min(self.renew_interval_s * peers / self.few_peers, self.max_renew_interval_s)
+        )

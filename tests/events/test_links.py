@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -173,6 +176,69 @@ def test_a_channel_that_ends_does_not_remove_itself_from_its_peers() -> None:
         time.sleep(0.1)
         assert [record.name for record in b.store.peers()] == ["A"]
         assert not b.store.records["A"].removed
+
+
+# ---- what an idle federation costs ----
+
+
+def observe_renewals(node: Node) -> list[float]:
+    """When the sessions with the feeds of a node are renewed from here on [s, time.monotonic]."""
+    renewed: list[float] = []
+    renew = node.links.renew
+
+    def observed(*arguments: Any) -> list[Advertisement]:
+        renewed.append(time.monotonic())
+        return renew(*arguments)
+
+    node.links.renew = observed  # type: ignore[method-assign]
+    return renewed
+
+
+def test_renewals_show_that_a_link_works_without_empty_packets() -> None:
+    policy = LinkPolicy(renew_interval_s=0.01, probe_interval_s=0.1, silence_s=0.3)
+    with Network("A", "B", policy=policy) as network:
+        a, b = network["A"], network["B"]
+        packets = []
+        forward = b.links.forward
+
+        def observed(session: str, position: int, batches: list[EventBatch]) -> None:
+            packets.append(position)
+            forward(session, position, batches)
+
+        b.links.forward = observed  # type: ignore[assignment]
+        network.link("AB")
+        eventually(lambda: is_up(a, b) and b.links.snapshots(), what="the link")
+        packets.clear()
+        renewed = observe_renewals(b)
+        eventually(lambda: len(renewed) > 2 and renewed[-1] - renewed[0] > 4 * policy.silence_s, what="renewals")
+        assert is_up(a, b)
+        pauses = [after - before for before, after in itertools.pairwise(renewed)]  # of a busy machine
+        assert len(packets) <= sum(pause > policy.probe_interval_s / 2 for pause in pauses)
+
+
+def test_a_change_is_passed_on_at_once_only_to_those_who_do_not_get_it_from_its_channel() -> None:
+    policy = LinkPolicy(renew_interval_s=600.0, lease_s=math.inf, silence_s=math.inf, probe_interval_s=600.0)
+    with Network("A", "B", "C", "D", policy=policy) as network:
+        network.link("AB", "AC", "BC", "CD")
+        renewed = [observe_renewals(node) for node in network.nodes.values()]
+
+        def is_quiet() -> bool:
+            return max((times[-1] for times in renewed if times), default=0.0) < time.monotonic() - 0.5
+
+        eventually(lambda: is_up(*network.nodes.values()) and is_quiet(), what="the links")
+        before = [len(times) for times in renewed]
+        network["A"].consume("t")
+        eventually(lambda: all(node.knows("A") == ("t",) for node in network.nodes.values()), what="the interest")
+        eventually(is_quiet, what="no more calls")
+        calls = [len(times) - earlier for times, earlier in zip(renewed, before, strict=True)]
+        assert calls == [0, 1, 1, 1], "B and C were called by A, D by C"
+
+
+@pytest.mark.parametrize(("peers", "pause_s"), [(1, 0.5), (10, 0.5), (16, 0.8), (29, 1.25), (255, 1.25)])
+def test_sessions_are_renewed_less_often_with_many_peers(peers: int, pause_s: float) -> None:
+    policy = LinkPolicy()
+    assert policy.renewal_pause_s(peers) == pytest.approx(pause_s)
+    assert 2 * policy.renewal_pause_s(peers) < policy.lease_s
 
 
 # ---- a gateway alone ----
