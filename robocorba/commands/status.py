@@ -19,7 +19,7 @@ from robocorba.names import STOPS
 from robocorba.printing import Console, echo, line
 from robocorba.settings import Address, Settings
 from robocorba.simulation.emergency_stops import ALL, UNTIL_RESET, read_records
-from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
+from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, started_s
 from robocorba.supervision.servers import probe_of
 from robocorba.supervision.system import NAMING_SERVICES
 
@@ -119,11 +119,12 @@ def _check(orb: Orb, name: str) -> ObjectStatus:
 
 
 def _status(process: ProcessRecord, objects: list[ObjectStatus]) -> ProcessStatus:
-    memory = 0
+    memory, uptime_s = 0, 0.0
     if process.pid:
         try:
             memory = psutil.Process(process.pid).memory_info().rss
-        except psutil.Error:
+            uptime_s = time.clock_gettime(time.CLOCK_BOOTTIME) - started_s(process.pid)
+        except (psutil.Error, OSError):
             process.state = "ended"
     return ProcessStatus(
         name=process.name,
@@ -131,7 +132,7 @@ def _status(process: ProcessRecord, objects: list[ObjectStatus]) -> ProcessStatu
         pid=process.pid,
         endpoint=process.endpoint,
         memory_mib=round(memory / 2**20, 1),
-        uptime_s=round(time.time() - process.started, 1) if process.pid else 0.0,
+        uptime_s=round(uptime_s, 1),
         restarts=process.restarts,
         objects=objects,
     )

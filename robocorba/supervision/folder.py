@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import TypeVar
 
 import msgspec
-import psutil
 
 from robocorba.damaged_files import set_aside
 from robocorba.decoding import decode_json
@@ -54,6 +53,7 @@ class ProcessRecord(msgspec.Struct):
 class SystemRecord(msgspec.Struct):
     """The content of up.json: the naming service's address, the supervisor and its processes.
 
+    created: when the supervisor was started, see `started_s`.
     hang_limit_s: after this time without an answer a server is restarted; 0: never."""
 
     naming: str
@@ -66,14 +66,21 @@ class SystemRecord(msgspec.Struct):
     def is_alive(self) -> bool:
         """Whether the supervisor that wrote it still runs. Its start time is compared, as process ids are reused."""
         try:
-            return abs(psutil.Process(self.pid).create_time() - self.created) < 1.0
-        except psutil.Error:
+            return started_s(self.pid) == self.created
+        except OSError:
             return False
 
     @property
     def console_address(self) -> str:
         """Where browsers find the operator's console, http://HOST:PORT/; empty if none belongs to the system."""
         return next((f"http://{process.endpoint}/" for process in self.processes if process.name == CONSOLE), "")
+
+
+def started_s(pid: int) -> float:
+    """When a process was started, in seconds after the boot of the system, whose clock may be set since. Raises OSError
+    if there is no such process."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()  # a name may have spaces
+    return int(fields[19]) / os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,6 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
-import psutil
-
 from robocorba import logs
 from robocorba.corba.connections import ConnectionLimit
 from robocorba.corba.orb import CONTEXT, Orb
@@ -33,7 +31,7 @@ from robocorba.settings import Address, omniorb_trace
 from robocorba.supervision.access import Access, remove_access
 from robocorba.supervision.child_descriptors import ChildDescriptors
 from robocorba.supervision.console import console_spec
-from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
+from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, started_s
 from robocorba.supervision.hangs import DEFAULT, HangLimit
 from robocorba.supervision.launch import ModuleRun
 from robocorba.supervision.naming_data import mend_naming_data
@@ -108,7 +106,7 @@ class System:
         for number in STOP_SIGNALS:
             asyncio.get_running_loop().add_signal_handler(number, stop_requested.set)
         stop = asyncio.create_task(stop_requested.wait())
-        created = psutil.Process().create_time()
+        created = started_s(os.getpid())
         processes: list[Supervised] = []
 
         def record() -> SystemRecord:

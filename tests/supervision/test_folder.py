@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 from pathlib import Path
 
+import msgspec
+import psutil
 import pytest
 
 from robocorba.claimed_ports import claimed_ports
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.settings import Address
 from robocorba.supervision.console import CONSOLE
-from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord
+from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, started_s
 from tests.damage import damage
 
 
@@ -24,6 +28,19 @@ def record(*names: str) -> SystemRecord:
 def test_the_address_of_the_console() -> None:
     assert record("simulation", CONSOLE, "robot_R1").console_address == "http://127.0.0.1:9002/"
     assert record("simulation", "robot_console").console_address == ""
+
+
+def test_a_system_is_known_to_run_also_after_the_clock_was_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel says when a process was started since the boot; since 1970 it was at another time then."""
+    running = SystemRecord("127.0.0.1:2809", os.getpid(), started_s(os.getpid()), ())
+    booted = psutil.boot_time()
+    for ahead_s in (1.0, -3600.0, 365 * 86400.0):
+        monkeypatch.setattr("psutil._pslinux.boot_time", lambda ahead_s=ahead_s: booted + ahead_s)
+        assert running.is_alive
+    assert not msgspec.structs.replace(running, created=running.created + 0.01).is_alive
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    assert not msgspec.structs.replace(running, pid=ended.pid).is_alive
 
 
 @pytest.fixture
