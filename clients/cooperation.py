@@ -162,7 +162,8 @@ class Cooperation:
         over if the robot claims it in its present term, and that robot does not answer.
 
         Raises MissionFailed with the reason, NotReachable."""
-        OWN_CLOCK.synchronize()
+        if not self.is_holding_for(mission):  # else its part in the mission goes on by this clock
+            OWN_CLOCK.synchronize()
         about, begun = str(getattr(icon, "table", getattr(icon, "object", ""))), OWN_CLOCK.now()
         content = MissionContent(
             kind=kind(icon), about=about, leader=self._name, icon=msgspec.to_builtins(icon), begun=begun

@@ -86,7 +86,7 @@ def move_table(
 
 @app.command("list")
 def list_missions(naming: Naming = None, as_json: Json = False) -> None:
-    """List the missions of the building, wherever they were started: running ones, and those of the last week."""
+    """List the missions of the building, wherever they were started: running ones, and the latest ones that ended."""
     from robocorba.corba.remote.mission_control import RemoteMissionControl
 
     with connected("mission", naming) as orb:

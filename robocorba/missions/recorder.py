@@ -194,7 +194,7 @@ def _claim(
         return replace(before, icon=new.icon)
     if not term or before.is_offered or leads(before.leader, name):
         raise MissionTakenOver(before.leader, before.term)
-    return before.taken_over(new.leader, f"{before.leader} was silent", new.begun)
+    return before.taken_over(new.leader, f"{before.leader} was silent", max(before.latest, new.begun))
 
 
 def _check_leader(stored: Mission, content: MissionContent) -> None:
@@ -217,8 +217,11 @@ class LedMission:
         clock: Callable[[], float] = OWN_CLOCK.now,
     ) -> None:
         self._recorder, self._name, self._clock = recorder, name, clock
+        #: How far the times of the record are ahead of `clock` [s]: they go on from those of a former leader, whose
+        #: clock was ahead of ours, or of our own before it was set back.
+        self._ahead_s = max(0.0, content.latest - clock())
         #: Phases under earlier leaders, and the one in which this leader looks for helpers.
-        self._before = (*content.phases, PhaseRecord(RECOVERING if content.phases else ASKING, clock()))
+        self._before = (*content.phases, PhaseRecord(RECOVERING if content.phases else ASKING, self._now()))
         self._content = replace(content, phases=_closed(self._before))
         self._plan: CooperativePlan | None = None
         self._recorder.record(name, self._content)
@@ -243,9 +246,9 @@ class LedMission:
         """Record the phases that have begun, of all attempts. plan: the latest one, if any. is_ending: all end safely
         after a failure."""
         robots = [subplan.robot for subplan in plan.subplans] if plan else []
-        rows = [*self._before, *(_phase(phase, robots) for phase in phases)]
+        rows = [*self._before, *(self._phase(phase, robots) for phase in phases)]
         if phases and is_ending:
-            now = next((row.begun for row in self._content.phases[len(rows) :] if row.name == ENDING), self._clock())
+            now = next((row.begun for row in self._content.phases[len(rows) :] if row.name == ENDING), self._now())
             if not rows[-1].ended:  # it may have been ordered for a moment that has not come
                 rows[-1] = replace(rows[-1], begun=min(rows[-1].begun, now), ended=now)
             rows.append(PhaseRecord(ENDING, now))
@@ -265,15 +268,26 @@ class LedMission:
         result = MissionResult(report.result)
         if is_aborted and result is not MissionResult.DONE:
             result = MissionResult.ABORTED
-        self._end(result, report.reason, report.ended)
+        self._end(result, report.reason, report.ended + self._ahead_s)
         document = {**report.brief_json(), "result": result.value}
         self._content = replace(self._content, faults=report.faults[-MAX_FAULTS:], report=document)
         self._recorder.record(self._name, self._content)
 
     def fail(self, reason: str, is_aborted: bool = False) -> None:
         """Record that the mission failed before it was led, or without a report."""
-        self._end(MissionResult.ABORTED if is_aborted else MissionResult.FAILED, reason, self._clock())
+        self._end(MissionResult.ABORTED if is_aborted else MissionResult.FAILED, reason, self._now())
         self._recorder.record(self._name, self._content)
+
+    def _now(self) -> float:
+        return self._clock() + self._ahead_s
+
+    def _phase(self, phase: PhaseTimes, robots: Sequence[str]) -> PhaseRecord:
+        began = phase.began + self._ahead_s
+        missing = [robot for robot in robots if robot not in phase.done and robot not in phase.without]
+        if phase.done and not missing:
+            last = max(phase.done, key=phase.done.__getitem__)
+            return PhaseRecord(phase.name, began, max(phase.done[last] + self._ahead_s, began), last)
+        return PhaseRecord(phase.name, began, 0.0, missing[0] if phase.done else "")
 
     def _end(self, result: MissionResult, reason: str, at: float) -> None:
         self._content = self._content.ended_as(result, reason, at)
@@ -287,11 +301,3 @@ def _closed(rows: Sequence[PhaseRecord]) -> tuple[PhaseRecord, ...]:
         for row, end in zip(rows, ends, strict=True)
     ]
     return tuple(closed[-MAX_PHASES:])
-
-
-def _phase(phase: PhaseTimes, robots: Sequence[str]) -> PhaseRecord:
-    missing = [robot for robot in robots if robot not in phase.done and robot not in phase.without]
-    if phase.done and not missing:
-        last = max(phase.done, key=phase.done.__getitem__)
-        return PhaseRecord(phase.name, phase.began, max(phase.done[last], phase.began), last)
-    return PhaseRecord(phase.name, phase.began, 0.0, missing[0] if phase.done else "")

@@ -159,8 +159,6 @@ class LeaderWatch:
 
     def check(self) -> None:
         """Ask the leaders of the running missions, each once; give missions that have none to others, or fail them."""
-        with _logged("old missions are not removed"):
-            self._missions.forget_old()
         running = self._missions.running()
         led: dict[str, str | None] = {}
         for leader in {state.content.leader: None for state in running}:

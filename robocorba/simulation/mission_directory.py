@@ -1,4 +1,4 @@
-"""All missions of the building, in versions: what leaders store in the Omni database, kept for a week after the end."""
+"""All missions of the building, in versions: what leaders store in the Omni database, kept until there is no room."""
 
 from __future__ import annotations
 
@@ -14,9 +14,6 @@ from robocorba.errors.simulation import NoLeader, NoRoom, UnknownMission
 from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState, decoded
 from robocorba.simulation.store import Mission, SimulationStore
 
-#: Time for which a mission that has ended is kept [s].
-KEPT_S = 7 * 86400.0
-
 #: The bits of the first version of a process; JavaScript has 53.
 VERSION_BITS = 50
 
@@ -24,19 +21,23 @@ _log = logging.getLogger(__name__)
 
 
 class MissionDirectory:
-    """The missions in `store`, which nobody else changes. Thread-safe. clock: POSIX time [s].
+    """The missions in `store`, which nobody else changes. Thread-safe. clock: time that passes steadily [s].
+
+    No clock decides what is kept: those of leaders may be wrong, and ours may be set.
 
     A mission whose document is no MissionContent is stored like the others, but is in none of the lists here, and so is
     one that is offered to a robot."""
 
-    def __init__(self, store: SimulationStore, clock: Callable[[], float] = time.time) -> None:
+    def __init__(self, store: SimulationStore, clock: Callable[[], float] = time.monotonic) -> None:
         self._store, self._clock = store, clock
         self._lock = threading.RLock()
         # Random: clients of an earlier process hold other versions, and so get all missions.
         self._version = 1 + secrets.randbits(VERSION_BITS)
         #: Without plans and reports.
         self._states: dict[str, MissionState] = {}
-        for mission in sorted(store.missions(), key=_last_time):
+        #: When each state was stored, or read after a restart [s, clock].
+        self._noted_at: dict[str, float] = {}
+        for mission in store.missions():
             content = decoded(mission.document)
             if content and content.is_offered:  # by an earlier process, which has ended: nobody waits for the answer
                 store.remove_mission(mission.name)
@@ -60,7 +61,7 @@ class MissionDirectory:
 
     def missions(self) -> list[Mission]:
         """All missions as stored, sorted by name."""
-        return self._store.missions()
+        return sorted(self._store.missions(), key=lambda mission: mission.name)
 
     def stored(self, name: str) -> Mission:
         """A mission as stored. Raises UnknownMission."""
@@ -87,7 +88,7 @@ class MissionDirectory:
         """Raises UnknownMission."""
         with self._lock:
             self._store.remove_mission(name)
-            self._states.pop(name, None)
+            self._forget(name)
 
     # ---- mission control ----
 
@@ -147,7 +148,7 @@ class MissionDirectory:
             stored = self._store.mission(state.name)
             if stored is None or self._states.get(state.name) is not state:
                 return None
-            content = state.content.taken_over(robot, reason, self._clock())
+            content = state.content.taken_over(robot, reason, self._now_of(state))
             self.put_mission(Mission(state.name, stored.version, content.encode()))
             return self._states[state.name]
 
@@ -158,7 +159,7 @@ class MissionDirectory:
             stored = self._store.mission(state.name)
             if stored is None or self._states.get(state.name) is not state:
                 return
-            content = state.content.ended_as(MissionResult.FAILED, reason, self._clock())
+            content = state.content.ended_as(MissionResult.FAILED, reason, self._now_of(state))
             self.put_mission(Mission(state.name, stored.version, content.encode()))
 
     def running(self) -> list[MissionState]:
@@ -166,15 +167,11 @@ class MissionDirectory:
         with self._lock:
             return [state for state in self._states.values() if state.content.is_running]
 
-    def forget_old(self) -> None:
-        """Remove the missions that ended more than KEPT_S ago."""
-        limit = self._clock() - KEPT_S
-        with self._lock:
-            for state in list(self._states.values()):
-                if not state.content.is_running and state.content.ended < limit:
-                    self.remove_mission(state.name)
-
     # ---- implementation; the lock is held ----
+
+    def _now_of(self, state: MissionState) -> float:
+        """The time by the clock of a mission's leader, which stored the state right after its latest time [s]."""
+        return state.content.latest + self._clock() - self._noted_at[state.name]
 
     def _is_offered(self, name: str) -> bool:
         stored = self._store.mission(name)
@@ -184,24 +181,23 @@ class MissionDirectory:
     def _note(self, mission: Mission) -> None:
         content = decoded(mission.document)
         if content is None or content.is_offered:
-            self._states.pop(mission.name, None)
+            self._forget(mission.name)
             return
         self._version += 1
+        self._noted_at[mission.name] = self._clock()
         # In one step: `mission` reads without the lock, which is held while the disk is written.
         self._states[mission.name] = MissionState(mission.name, self._version, content.summary)
+
+    def _forget(self, name: str) -> None:
+        self._states.pop(name, None)
+        self._noted_at.pop(name, None)
 
     def _forget_oldest(self, except_for: str) -> bool:
         """Remove the mission that ended first; whether there was one."""
         ended = [state for state in self._states.values() if not state.content.is_running and state.name != except_for]
         if not ended:
             return False
-        oldest = min(ended, key=lambda state: state.content.ended)
+        oldest = min(ended, key=lambda state: state.version)
         _log.info("mission %s is removed to make room", oldest.name)
         self.remove_mission(oldest.name)
         return True
-
-
-def _last_time(mission: Mission) -> float:
-    """When a mission ended or began [s]."""
-    content = decoded(mission.document)
-    return content.ended or content.begun if content else 0.0

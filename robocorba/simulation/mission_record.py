@@ -121,6 +121,12 @@ class MissionContent(Struct, frozen=True, kw_only=True):
         """Those that have led the mission, the present one last."""
         return self.leaders or (LeaderRecord(self.leader, self.term, self.begun),)
 
+    @property
+    def latest(self) -> float:
+        """The latest of its times [s]."""
+        phases = (max(phase.begun, phase.ended) for phase in self.phases)
+        return max(self.begun, self.ended, *phases, *(leader.since for leader in self.leaders))
+
     def successors(self) -> list[str]:
         """The members that may take the mission over when its leader is gone, in turn."""
         return [member.robot for member in self.members if member.robot != self.leader]

@@ -130,9 +130,9 @@ class SimulationStore(RecordFile):
     # ---- missions ----
 
     def missions(self) -> list[Mission]:
-        """All missions, sorted by name."""
+        """All missions, in the order in which they were first stored."""
         with self._writing_missions:
-            return sorted(self._missions.values(), key=lambda mission: mission.name)
+            return list(self._missions.values())
 
     def mission(self, name: str) -> Mission | None:
         """A mission by its name; None if there is none."""

@@ -324,6 +324,25 @@ def test_a_phase_that_was_ordered_for_later_has_not_lasted(kept: Kept) -> None:
     assert kept.latest.phases[1:] == (PhaseRecord("one", 101.9, 101.9), PhaseRecord("ending safely", 101.9))
 
 
+@pytest.mark.parametrize("behind_s", [0.0, 1.0, 3600.0, 365 * 86400.0])
+def test_times_go_on_under_a_leader_whose_clock_is_behind(database: Database, kept: Kept, behind_s: float) -> None:
+    began = 4e8
+    former = (PhaseRecord("asking", began, began + 1.0), PhaseRecord("gathering", began + 1.0, 0.0, "B"))
+    database.missions["m"] = 7, replace(content(began), leader="B", phases=former)
+    clock = Clock(began + 1.0 - behind_s)
+    taken = claimed(database, "m", replace(NEW, begun=clock.now), 1, is_silent)
+    assert taken.leaders[-1].since == began + 1.0
+    led = LedMission(kept, "m", taken, clock)
+    phases = [PhaseTimes("one", clock.now + 2.0, {}, dict.fromkeys("AB", clock.now + 5.0))]
+    led.update(PLAN, phases, False)
+    clock.now += 9.0
+    led.fail("B is silent")
+    assert [(phase.begun - began, phase.ended - began) for phase in kept.latest.phases] == [
+        *[(0.0, 1.0), (1.0, 1.0), (1.0, 3.0), (3.0, 6.0)]
+    ]
+    assert kept.latest.ended == began + 10.0
+
+
 def test_a_phase_of_a_clock_that_is_ahead_ends_after_its_beginning(kept: Kept) -> None:
     LedMission(kept, "m", NEW, Clock())
     (phase,) = kept.latest.ended_as(MissionResult.FAILED, "its leader is gone", 99.0).phases

@@ -17,9 +17,10 @@ from robocorba.errors.simulation import InvalidMission, NoLeader, StaleMission, 
 from robocorba.simulation import mission_directory
 from robocorba.simulation import store as store_module
 from robocorba.simulation.mission_control import GONE_LIMIT_S, HAND_OVER_S, SILENT_LIMIT_S, LeaderWatch, MissionControl
-from robocorba.simulation.mission_directory import KEPT_S, MissionDirectory
+from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord, decoded
 from robocorba.simulation.store import MAX_DOCUMENT, Mission, SimulationStore
+from tests.clock import Clock
 
 ICON = json.dumps({"icon": "move_table", "table": "desk", "to": {"floor": "L1", "x": 1, "y": 2}})
 RUNNING = MissionContent(
@@ -114,15 +115,17 @@ def test_a_mission_is_there_while_it_is_stored(missions: MissionDirectory, monke
 def test_a_client_of_the_server_before_gets_all_missions(
     store: SimulationStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also on a computer without a real-time clock, which starts at the same time again."""
+    """Also on a computer without a real-time clock, which starts at the same time again. The order is that in which
+    they were first stored, whatever their leaders' clocks said."""
     monkeypatch.setattr(time, "time_ns", lambda: 10**18)
     before = MissionDirectory(store)
-    put(before, "late", ended(300.0, reason="a"))
-    put(before, "early", ended(200.0))
+    put(before, "first", ended(300.0, reason="a"))
+    put(before, "but not by name", ended(200.0))
     version = before.since(0)[-1].version
     again = MissionDirectory(store)
-    assert [state.name for state in again.since(version)] == ["early", "late"]
-    assert again.mission("late").content == ended(300.0, reason="a")
+    assert [state.name for state in again.since(version)] == ["first", "but not by name"]
+    assert [mission.name for mission in again.missions()] == ["but not by name", "first"]
+    assert again.mission("first").content == ended(300.0, reason="a")
 
 
 def test_a_writer_that_is_late_is_refused(missions: MissionDirectory) -> None:
@@ -155,8 +158,8 @@ def test_the_missions_that_ended_first_make_room(
 ) -> None:
     monkeypatch.setattr(store_module, "MAX_MISSIONS", 3)
     put(missions, "running", RUNNING)
-    put(missions, "later", ended(300.0))
     put(missions, "first", ended(200.0))
+    put(missions, "later", ended(300.0))
     put(missions, "new", RUNNING)
     assert {state.name for state in missions.since(0)} == {"running", "later", "new"}
     put(missions, "newer", RUNNING)
@@ -187,17 +190,40 @@ def test_a_refused_mission_removes_no_others(
     assert [mission.name for mission in store.missions()] == ["kept"]
 
 
-def test_missions_are_kept_for_a_week(store: SimulationStore) -> None:
-    now = 1000.0
-    missions = MissionDirectory(store, lambda: now)
-    put(missions, "done", ended(now))
-    put(missions, "running", RUNNING)
-    now += KEPT_S - 1.0
-    missions.forget_old()
-    assert len(missions.since(0)) == 2
-    now += 2.0
-    missions.forget_old()
-    assert [mission.name for mission in store.missions()] == ["running"]
+@pytest.mark.parametrize("is_restarted", [False, True])
+def test_the_missions_that_ended_first_make_room_whatever_clocks_said(
+    store: SimulationStore, monkeypatch: pytest.MonkeyPatch, is_restarted: bool
+) -> None:
+    """Leaders a year ahead, and at the beginning of 1970; the server's own clock takes no part."""
+    monkeypatch.setattr(store_module, "MAX_MISSIONS", 3)
+    monkeypatch.setattr(time, "time", lambda: 4e9)
+    missions = MissionDirectory(store)
+    for name, at in (("first", 3e9), ("second", 20.0), ("third", 2e9)):
+        put(missions, name, ended(at))
+    if is_restarted:
+        missions = MissionDirectory(store)
+    LeaderWatch(missions, Robots(), lambda robot: False).check()
+    put(missions, "fourth", RUNNING)
+    assert [mission.name for mission in store.missions()] == ["second", "third", "fourth"]
+
+
+@pytest.mark.parametrize("began", [20.0, 100.0, 3e9])
+def test_a_mission_whose_leader_is_gone_ends_by_the_clock_of_that_leader(
+    store: SimulationStore, monkeypatch: pytest.MonkeyPatch, began: float
+) -> None:
+    clock = Clock()
+    missions = MissionDirectory(store, clock)
+    phases = (PhaseRecord("asking", began, began + 1.0), PhaseRecord("gathering", began + 1.0, 0.0, "B"))
+    put(missions, "one", msgspec.structs.replace(RUNNING, begun=began, phases=phases))
+    clock.now += 30.0
+    given = missions.give(missions.mission("one"), "B", "A was gone")
+    assert given and given.content.leaders[-1].since == began + 31.0
+    monkeypatch.setattr(time, "time", lambda: 4e9)  # ours is set
+    clock.now += 9.0
+    missions.fail(given, "its leader B was gone")
+    content = missions.mission("one").content
+    assert (content.ended, content.phases[-1].ended) == (began + 40.0, began + 40.0)
+    assert json.loads(missions.report("one"))["seconds"] == 40.0
 
 
 def test_a_report_is_the_leaders_or_what_the_record_says(missions: MissionDirectory) -> None:
@@ -206,7 +232,7 @@ def test_a_report_is_the_leaders_or_what_the_record_says(missions: MissionDirect
     assert json.loads(missions.report("done")) == {"mission": "done", "result": "done"}
     missions.fail(missions.mission("lost"), "its leader was gone")
     report = json.loads(missions.report("lost"))
-    assert (report["result"], report["reason"], report["seconds"]) == ("failed", "its leader was gone", 900.0)
+    assert (report["result"], report["reason"], report["seconds"]) == ("failed", "its leader was gone", 1.0)
     assert report["robots"] == {"A": "leader", "B": "helper"}
     assert [(phase["name"], phase["began_s"]) for phase in report["phases"]] == [("asking", 0.0), ("gathering", 1.0)]
     with pytest.raises(UnknownMission):
@@ -339,8 +365,8 @@ def test_a_mission_without_a_leader_fails(
     now = limit_s
     watch.check()
     content = missions.mission("one").content
-    assert (content.result, content.reason, content.ended) == (MissionResult.FAILED, reason, 1000.0)
-    assert content.phases[-1].ended == 1000.0
+    assert (content.result, content.reason, content.ended) == (MissionResult.FAILED, reason, 101.0)
+    assert content.phases[-1].ended == 101.0
     put(missions, "one", ended(200.0), missions.missions()[0].version)
     assert missions.mission("one").content.result is MissionResult.DONE, "what a leader says that comes back"
 
@@ -417,11 +443,10 @@ def test_a_leader_that_answers_again_keeps_its_mission(missions: MissionDirector
 
 def test_a_record_that_cannot_be_ended_stops_nothing(store: SimulationStore, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 0.0
-    missions = MissionDirectory(store, lambda: KEPT_S + 1000.0)
+    missions = MissionDirectory(store)
     watch = LeaderWatch(missions, Robots(), lambda robot: False, lambda: now)
-    for name in ("full", "old", "one"):
+    for name in ("full", "one"):
         put(missions, name, RUNNING)
-    put(missions, "old", ended(500.0), 1)
     write = store.put_mission
 
     def put_mission(mission: Mission) -> int:
@@ -431,7 +456,6 @@ def test_a_record_that_cannot_be_ended_stops_nothing(store: SimulationStore, mon
 
     monkeypatch.setattr(store, "put_mission", put_mission)
     watch.check()
-    assert [mission.name for mission in store.missions()] == ["full", "one"]
     now = GONE_LIMIT_S
     watch.check()
     assert not missions.mission("one").content.is_running
