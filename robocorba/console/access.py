@@ -120,7 +120,8 @@ class Access:
         return response
 
     def _session(self) -> str:
-        until = str(int(time.time() + SESSION_S))
+        """A cookie's value; it holds for this process only, so its time may be by the monotonic clock."""
+        until = str(int(time.monotonic() + SESSION_S))
         return f"{until}.{self._signature(until)}"
 
     def _signature(self, until: str) -> str:
@@ -134,7 +135,7 @@ class Access:
         until, _, signature = (cookie.value if cookie else "").partition(".")
         if not hmac.compare_digest(signature.encode(), self._signature(until).encode()):
             return False
-        return time.time() < float(until)
+        return time.monotonic() < float(until)
 
 
 async def _password_in(request: Request) -> str | None:

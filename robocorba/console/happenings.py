@@ -21,8 +21,8 @@ Rows = Mapping[str, Any]
 
 
 class Happening(NamedTuple):
-    """number: increases by one. at: POSIX time [s]. kind: collision, robot, stop, program, mission, server or channel.
-    robot, floor: those that it concerns; empty for all."""
+    """number: increases by one. at: time by the clock of `note` [s]. kind: collision, robot, stop, program, mission,
+    server or channel. robot, floor: those that it concerns; empty for all."""
 
     number: int
     at: float
@@ -35,7 +35,7 @@ class Happening(NamedTuple):
 class Happenings:
     """The happenings of the last KEPT_S seconds. Thread-safe.
 
-    contacts: says who has begun to touch whom before a POSIX time [s]."""
+    contacts: says who has begun to touch whom before a time [s]."""
 
     def __init__(self, contacts: Callable[[float], Sequence[Contact]] = lambda at_s: ()) -> None:
         self._contacts = contacts
@@ -45,7 +45,7 @@ class Happenings:
         self._before: Rows | None = None
 
     def note(self, rows: Rows, at_s: float) -> None:
-        """Compare rows, as of SystemState, with those of the last call. at_s: POSIX time [s]."""
+        """Compare rows, as of SystemState, with those of the last call. at_s: by a clock that passes steadily [s]."""
         found = list(_differences(self._before, rows)) if self._before is not None else []
         if self._before is not None or not rows["naming"]:  # what was there before the console is no news
             self._before = rows

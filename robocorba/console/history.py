@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 import itertools
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -39,10 +39,15 @@ class Moment(NamedTuple):
 
 
 class History:
-    """Moments of floors in the order of their times. Thread-safe."""
+    """Moments of floors in the order of their times. Thread-safe.
 
-    def __init__(self, kept_s: float = KEPT_S, max_bytes: int = MAX_BYTES) -> None:
-        self._kept_s, self._max_bytes = kept_s, max_bytes
+    epoch: when the clock by which moments are added was 0, by the system's clock now [s since 1970]. So what has
+    happened stays in its order, and as long ago as it is, when the system's clock is set."""
+
+    def __init__(
+        self, kept_s: float = KEPT_S, max_bytes: int = MAX_BYTES, epoch: Callable[[], float] = lambda: 0.0
+    ) -> None:
+        self._kept_s, self._max_bytes, self.epoch = kept_s, max_bytes, epoch
         self._lock = threading.Lock()
         self._moments: dict[str, list[Moment]] = {}
         self._bytes = 0
@@ -62,7 +67,8 @@ class History:
             return list(self._moments)
 
     def add(self, view: FloorView, at_s: float) -> None:
-        """Remember a floor as it is at POSIX time `at_s` [s], unless it is unchanged, or INTERVAL_S have not passed."""
+        """Remember a floor as it is at `at_s` after the epoch [s], unless it is unchanged, or INTERVAL_S have not
+        passed."""
         with self._lock:
             moments = self._moments.setdefault(view.floor, [])
             last = moments[-1] if moments else None
@@ -90,24 +96,30 @@ class History:
             kept = [moments for moments in self._moments.values() if moments]
             if not kept:
                 return 0.0, 0.0
-            return min(moments[0].at for moments in kept), max(moments[-1].at for moments in kept)
+            first, last = min(moments[0].at for moments in kept), max(moments[-1].at for moments in kept)
+        return first + self.epoch(), last + self.epoch()
 
     def at(self, floor: str, at_s: float) -> Moment:
         """The last moment of a floor at POSIX time `at_s` [s], or the first after it. Raises UnknownFloor."""
+        epoch = self.epoch()
         with self._lock:
             moments = self._moments.get(floor)
             if not moments:
                 raise UnknownFloor("floor", floor, [name for name, kept in self._moments.items() if kept])
-            return moments[max(0, bisect.bisect_right(moments, at_s, key=lambda moment: moment.at) - 1)]
+            moment = moments[max(0, bisect.bisect_right(moments, at_s - epoch, key=lambda moment: moment.at) - 1)]
+        return moment._replace(at=moment.at + epoch)
 
     def between(self, floor: str, begin_s: float, end_s: float) -> list[Moment]:
         """Moments of a floor in a span of POSIX times [s], with the state at `begin_s` as the first one.
 
         Raises UnknownFloor."""
-        first = self.at(floor, begin_s)
+        first, epoch = self.at(floor, begin_s), self.epoch()
         first = first._replace(at=max(first.at, begin_s))
         with self._lock:
-            return [first] + [moment for moment in self._moments[floor] if first.at < moment.at <= end_s]
+            moments = list(self._moments[floor])
+        return [first] + [
+            moment._replace(at=moment.at + epoch) for moment in moments if first.at < moment.at + epoch <= end_s
+        ]
 
     def frame(self, floor: str, at_s: float) -> bytes:
         """The frame of a floor at POSIX time `at_s` [s]. Raises UnknownFloor."""

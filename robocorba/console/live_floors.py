@@ -53,7 +53,7 @@ class LiveFloor:
             is_new = update.version != self._view.version
             since = self._view.version if update.since else WHOLE
             self._view.apply(update)
-            history.add(self._view, time.time())
+            history.add(self._view, time.monotonic())
             if is_new:
                 self._frame, self._since = update_frame(update), since
         return is_new

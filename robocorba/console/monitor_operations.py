@@ -36,7 +36,8 @@ class MonitorOperations:
     def happenings(self, after: int = 0) -> list[dict[str, Any]]:
         """What has happened, with a higher number than `after`, the oldest first: `number`, `at` (POSIX time [s]),
         `kind`, `robot`, `floor` and `text`."""
-        return [happening._asdict() for happening in self._state.happenings.after(after)]
+        epoch = self._history.epoch()
+        return [{**each._asdict(), "at": each.at + epoch} for each in self._state.happenings.after(after)]
 
     def recordings(self) -> list[dict[str, Any]]:
         """Open recordings: `key`, `name`, `floors` and `past`, POSIX times of their first and last moment [s]."""

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from robocorba.console.contacts import contacts_since
+from robocorba.console.contacts import Contact, contacts_since
 from robocorba.console.happenings import Happenings
 from robocorba.console.history import KEPT_S, History
 from robocorba.maps.model import Building
@@ -38,8 +38,8 @@ class MonitorState:
     def __init__(
         self, state: StateSource, history: History, building: Callable[[], Building] = lambda: Building("")
     ) -> None:
-        self._state, self._history = state, history
-        self.happenings = Happenings(lambda at_s: contacts_since(history, building(), at_s - CONTACT_S, at_s))
+        self._state, self._history, self._building = state, history, building
+        self.happenings = Happenings(self._contacts)
         self._lock = threading.Lock()
         #: The last record of each robot that has logged on, and when it was there [s, monotonic], the oldest first.
         self._clients: dict[str, tuple[dict[str, Any], float]] = {}
@@ -56,7 +56,7 @@ class MonitorState:
     def update(self) -> None:
         """Remember who is there now, and notice what has changed."""
         rows = self._state.rows()
-        self.happenings.note(rows, time.time())
+        self.happenings.note(rows, time.monotonic())
         self._remember(rows)
 
     def forget(self, robot: str) -> None:
@@ -82,6 +82,11 @@ class MonitorState:
         began_s, _ = self._history.span()
         past = [max(began_s, now_s - KEPT_S), now_s] if began_s else [now_s, now_s]
         return {**rows, "gone": gone, "past": past, "happenings": self.happenings.last}
+
+    def _contacts(self, monotonic_s: float) -> list[Contact]:
+        """Who has begun to touch whom just before this time."""
+        at_s = monotonic_s + self._history.epoch()
+        return contacts_since(self._history, self._building(), at_s - CONTACT_S, at_s)
 
     def _remember(self, rows: dict[str, Any]) -> None:
         server = rows["server"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import logging
 import socket
 import tempfile
 from collections.abc import AsyncIterator
@@ -37,7 +38,7 @@ from robocorba.console.process_operations import ProcessOperations
 from robocorba.console.program_operations import ProgramOperations
 from robocorba.console.recordings import OPENING_LIMIT_S, Recordings, UnknownRecording
 from robocorba.console.robot_views import RobotViews
-from robocorba.console.settings import ConsoleSettings
+from robocorba.console.settings import ConsoleSettings, dates_problem
 from robocorba.console.simulation_operations import SimulationOperations
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import Viewers
@@ -50,6 +51,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import PortInUse, ServiceError
 from robocorba.errors.simulation import InvalidRecording
+from robocorba.events.arrival_clock import ArrivalClock
 
 STATIC = Path(__file__).parent / "static"
 #: Largest recording that a user may open [bytes].
@@ -59,13 +61,15 @@ SHUTDOWN_S = 2
 #: Timeout of each attempt to find mission control [s].
 MISSIONS_RESOLVE_S = 1.0
 
+_log = logging.getLogger(__name__)
+
 
 class Console:
     """A console of the system that `orb` is connected with."""
 
     def __init__(self, orb: Orb, settings: ConsoleSettings) -> None:
         self._settings = settings
-        self.history = History()
+        self.history = History(epoch=ArrivalClock().epoch)
         self.state = MonitorState(SystemState(orb), self.history, lambda: self.plans.building)
         self.recordings, self.films = Recordings(), Films()
         if settings.recording is not None:
@@ -227,6 +231,8 @@ def serve(console: Console, settings: ConsoleSettings) -> None:
         timeout_graceful_shutdown=SHUTDOWN_S,
         ws_max_size=64 * 1024,
     )
+    if settings.certificate and (problem := dates_problem(settings.certificate)):
+        _log.warning("%s", problem)
     with listening(settings.host, settings.port) as listener:
         _Server(config, settings.host).run([listener])
 

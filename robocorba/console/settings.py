@@ -7,8 +7,10 @@ import getpass
 import importlib.util
 import ssl
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 from robocorba.decoding import read_text
@@ -127,6 +129,21 @@ def _check_certificate(certificate: Path, key: Path) -> None:
     except (ssl.SSLError, OSError) as error:
         reason = getattr(error, "reason", "") or error.strerror or str(error)
         raise InvalidSetting("--certificate", str(certificate), f"not usable with {key} ({reason})") from None
+
+
+def dates_problem(certificate: Path) -> str:
+    """Why browsers refuse a self-signed certificate by its dates, if their clock shows the time of ours; empty if they
+    do not. One that an authority has signed has the dates of its clock."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.load_verify_locations(certificate)
+    for found in context.get_ca_certs():
+        begin, end = str(found["notBefore"]), str(found["notAfter"])
+        if not ssl.cert_time_to_seconds(begin) <= time.time() < ssl.cert_time_to_seconds(end):
+            return (
+                f"{certificate} is valid from {begin} to {end}, and now it is {datetime.now().astimezone():%c %Z}: "
+                "browsers refuse it. Check the clock; if it was wrong when the certificate was made, make it again"
+            )
+    return ""
 
 
 def _password(host: str, file: Path | None) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from urllib.parse import urlencode
 
 import pytest
 from starlette.responses import PlainTextResponse
 
-from robocorba.console.access import COOKIE, MAX_FORM, MAX_WAITING, Access
+from robocorba.console.access import COOKIE, MAX_FORM, MAX_WAITING, SESSION_S, Access
 from robocorba.console.settings import LOOPBACK_HOSTS
 from tests.console.asgi import Answer, answer, ask
 
@@ -88,10 +89,13 @@ def test_made_up_cookies_are_nothing(cookie: str) -> None:
     assert ask(console(PASSWORD), cookie=cookie).status == 401
 
 
-def test_a_cookie_expires(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cookie_expires_by_the_time_that_passes(monkeypatch: pytest.MonkeyPatch) -> None:
     app = console(PASSWORD)
-    cookie = cookie_of(log_in(app, PASSWORD))
-    monkeypatch.setattr("robocorba.console.access.time.time", lambda: 99999999999.0)
+    cookie, now = cookie_of(log_in(app, PASSWORD)), time.monotonic()
+    for wrong in (0.0, 99999999999.0):
+        monkeypatch.setattr("robocorba.console.access.time.time", lambda wrong=wrong: wrong)
+        assert ask(app, cookie=cookie).status == 200
+    monkeypatch.setattr("robocorba.console.access.time.monotonic", lambda: now + SESSION_S)
     assert ask(app, cookie=cookie).status == 401
 
 

@@ -100,6 +100,20 @@ def test_old_moments_are_forgotten() -> None:
     assert history.span() == (15.0, 21.0)
 
 
+@pytest.mark.parametrize("ahead_s", [1.0, -1.0, 3600.0, -3600.0, 365 * 86400.0, -365 * 86400.0])
+def test_the_past_stays_as_long_ago_as_it_is_when_the_clock_is_set(ahead_s: float) -> None:
+    epoch = 1.7e9
+    history = History(kept_s=10.0, epoch=lambda: epoch)
+    for at in range(3):
+        history.add(view((1, at)), float(at))
+    epoch += ahead_s
+    for at in range(3, 6):
+        history.add(view((1, at)), float(at))
+    assert history.span() == (epoch, epoch + 5.0)
+    assert [x_at(history, epoch + at) for at in range(6)] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert [moment.at - epoch for moment in history.between("L1", epoch + 1.5, epoch + 4.0)] == [1.5, 2.0, 3.0, 4.0]
+
+
 def test_memory_is_bounded() -> None:
     limit = 100 * (MOMENT_BYTES + ROW.itemsize)
     history = history_of(*((float(at), float(at)) for at in range(1000)), max_bytes=limit)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
 
 from robocorba.console import settings
-from robocorba.console.settings import ConsoleSettings, check_installed
+from robocorba.console.settings import ConsoleSettings, check_installed, dates_problem
 from robocorba.errors.services import ServiceError
 from robocorba.settings import InvalidSetting
 
@@ -80,7 +81,7 @@ def test_unusable_options_are_named(arguments: tuple[str, ...], option: str, mon
     assert option in raised.value.setting
 
 
-def test_a_certificate_with_its_key(tmp_path: Path) -> None:
+def test_a_certificate_with_its_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     certificate, key = tmp_path / "c.pem", tmp_path / "k.pem"
     make = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=localhost"]
     try:
@@ -89,6 +90,11 @@ def test_a_certificate_with_its_key(tmp_path: Path) -> None:
         pytest.skip("openssl is not installed")
     read = ConsoleSettings.read(["--certificate", str(certificate), "--key", str(key)])
     assert (read.certificate, read.key) == (certificate, key)
+    assert dates_problem(certificate) == ""
+    now = time.time()
+    for ahead_s in (-3600.0, 365 * 86400.0):  # as if the clock had been ahead when it was made; it has expired
+        monkeypatch.setattr(time, "time", lambda ahead_s=ahead_s: now + ahead_s)
+        assert f"{certificate} is valid from" in dates_problem(certificate)
 
 
 def test_without_its_packages_the_console_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
