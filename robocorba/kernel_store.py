@@ -33,10 +33,8 @@ from robocorba.private_files import exposure, make_folder
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: Packages whose versions kernels depend on.
 COMPILER = ("numba", "llvmlite", "numpy")
-#: Files that have not been used for this time are removed [s].
-KEPT_S = 30 * 24 * 3600.0
-#: Maximum number of files; one version of RoboCorba has 700.
-MAX_FILES = 20_000
+#: Maximum number of files, some 250 MB; one version of RoboCorba has 700.
+MAX_FILES = 5_000
 #: Locks: of the process that writes a kernel, and of the one that compiles all.
 WRITING, COMPILING = LOCKS = ("writing.lock", "compiling.lock")
 #: Time to compile a kernel, without those that it calls: about this [s], and this for each character of its syntax tree
@@ -99,22 +97,27 @@ class KernelStore:
                 expected |= {name: float(seconds) for name, seconds in known if name in expected}
         return expected
 
-    def remove_old(self, now: float | None = None) -> None:
-        """Remove what has not been used for long. A kernel's files are used together."""
+    def remove_old(self) -> None:
+        """Remove what was used longest ago, beyond MAX_FILES. A kernel's files are used together. Those of this version
+        come last: by a clock that was set back, they may seem to be the oldest."""
         if not self.folder:
             return
-        now = time.time() if now is None else now
+        ours = {source.digest for source in self.sources.values()}
         groups: dict[str, list[Path]] = {}
         for path in self.folder.iterdir():
             if path.name in LOCKS:
                 continue
             groups.setdefault(path.name.partition(".py")[0], []).append(path)
         count = 0
-        for used, _, paths in sorted(
-            ((max(map(_used_at, paths)), name, paths) for name, paths in groups.items()), reverse=True
+        for _, _, _, paths in sorted(
+            (
+                (name.rpartition("-")[2] in ours, max(map(_used_at, paths)), name, paths)
+                for name, paths in groups.items()
+            ),
+            reverse=True,
         ):
             count += len(paths)
-            if now - used > KEPT_S or count > MAX_FILES:
+            if count > MAX_FILES:
                 for path in paths:
                     shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
 

@@ -10,7 +10,7 @@ import pytest
 
 from robocorba import kernel_store
 from robocorba.kernel_digests import KernelSource
-from robocorba.kernel_store import KEPT_S, KernelStore, cache_folder, lock, store
+from robocorba.kernel_store import KernelStore, cache_folder, lock, store
 
 SOURCE = "@kernel\ndef first(x):\n    return x\n\n\n@kernel\ndef second(x):\n    return first(x)\n"
 
@@ -82,39 +82,47 @@ def test_expected_time_is_that_of_the_last_version_else_from_the_size(root: Path
     assert opened(root).expected_seconds()[first] == 3.0
 
 
-def test_what_was_not_used_for_long_is_removed(root: Path) -> None:
+def test_what_was_used_longest_ago_makes_room(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kernels = opened(root)
     assert kernels.folder
-    now = time.time()
-    ages = {
-        "grids.first-0a.py311.nbi": 0.5,  # used: its data stay as well
-        "grids.first-0a.py311.1.nbc": 1.5,
-        "grids.first-0b.py311.nbi": 1.5,
-        "grids.first-0b.py311.1.nbc": 1.5,
-        "complete-0c.json": 1.5,
-        "writing.lock": 1.5,
+    ages_s = {
+        "grids.first-0a.py311.nbi": 5.0,  # used: its data stay as well
+        "grids.first-0a.py311.1.nbc": 15.0,
+        "grids.first-0b.py311.nbi": 16.0,
+        "grids.first-0b.py311.1.nbc": 16.0,
+        "complete-0c.json": 17.0,
+        "writing.lock": 15.0,
     }
-    for name, age in ages.items():
+    for name, age_s in ages_s.items():
         (kernels.folder / name).touch()
-        os.utime(kernels.folder / name, (now, now - age * KEPT_S))
+        os.utime(kernels.folder / name, (0, time.time() - age_s))
     (kernels.folder / "0123456789abcdef").mkdir()  # as former versions made them
-    kernels.remove_old(now)
-    kept = ["0123456789abcdef", "grids.first-0a.py311.1.nbc", "grids.first-0a.py311.nbi", "writing.lock"]
-    assert sorted(path.name for path in kernels.folder.iterdir()) == kept
-    kernels.remove_old(now + 2 * KEPT_S)
+    monkeypatch.setattr(kernel_store, "MAX_FILES", 4)
+    kernels.remove_old()
+    kept = {path.name for path in kernels.folder.iterdir() if not path.name.startswith("sources-")}
+    assert kept == {"0123456789abcdef", "grids.first-0a.py311.1.nbc", "grids.first-0a.py311.nbi", "writing.lock"}
+    monkeypatch.setattr(kernel_store, "MAX_FILES", 0)
+    kernels.remove_old()
     assert [path.name for path in kernels.folder.iterdir()] == ["writing.lock"]
 
 
-def test_the_number_of_files_is_limited(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("ahead_s", [1.0, -1.0, 3600.0, -3600.0, 365 * 86400.0, -365 * 86400.0])
+def test_kernels_of_this_version_stay_when_the_clock_is_set(
+    root: Path, monkeypatch: pytest.MonkeyPatch, ahead_s: float
+) -> None:
+    """While others have been used with the other time."""
     kernels = opened(root)
     assert kernels.folder
-    monkeypatch.setattr(kernel_store, "MAX_FILES", 3)
+    compile_all(kernels)
+    ours = {path.name for path in kernels.folder.glob("*.nb?")}
+    monkeypatch.setattr(kernel_store, "MAX_FILES", len(ours) + 1)
     for number in range(5):
         path = kernels.folder / f"grids.first-{number}.py311.nbi"
         path.touch()
-        os.utime(path, (0, time.time() - number))
+        os.utime(path, (0, time.time() - ahead_s))
     kernels.remove_old()
-    assert sorted(path.name[12] for path in kernels.folder.iterdir()) == ["0", "1", "2"]
+    assert kernels.missing == []
+    assert len(list(kernels.folder.glob("*.nb?"))) <= len(ours) + 1
 
 
 def test_without_a_folder_nothing_is_kept(root: Path) -> None:
