@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import require_extra
+from robocorba.commands.options import only_for, require_extra
 from robocorba.commands.reporting import reporting
 from robocorba.output_files import check_output
 from robocorba.printing import echo
@@ -15,6 +15,7 @@ from robocorba.simulation.recording import Recording
 
 
 def convert(
+    context: typer.Context,
     recording: Annotated[Path, typer.Argument(metavar="IN", help="A recording of `robocorba record`.")],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The MCAP file with Foxglove's messages, or the bag.")],
     ros2: Annotated[bool, typer.Option("--ros2", help="Write a bag of ROS 2: a folder for `ros2 bag`.")] = False,
@@ -26,8 +27,7 @@ def convert(
 ) -> None:
     """Write a recording as an MCAP file with Foxglove's messages (scene, frames, poses, robots and log), or as a bag of
     ROS 2 (odometry, scans, joints, frames, maps and clock). What OUT has is only replaced with --force, IN never."""
-    if not ros2 and (robots or namespaced_tf):
-        raise typer.BadParameter("--robots and --namespaced-tf are for --ros2")
+    only_for("--ros2", ros2, context, "robots", "namespaced_tf")
     with reporting("convert"):
         check_output(out, [recording], replace=force)
         if ros2:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, State, administrator, connected, require_extra
+from robocorba.commands.options import Naming, State, administrator, connected, only_for, require_extra
 from robocorba.commands.served_map import ServedMap
 from robocorba.commands.simulation_tables import simulation_server
 from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
@@ -33,6 +33,7 @@ CALL_TIMEOUT_S = 2.0
 
 
 def foxglove(
+    context: typer.Context,
     host: Annotated[str, typer.Option(metavar="ADDRESS", help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(metavar="PORT", min=0, max=65535, help="0: a free one.")] = 8765,
     scans: Annotated[bool, typer.Option("--scans/--no-scans", help="Show scans of robots' sensors.")] = True,
@@ -43,6 +44,7 @@ def foxglove(
     naming: Naming = None,
 ) -> None:
     """Show the running system in Foxglove, until Ctrl-C or SIGTERM."""
+    only_for("--steer", steer, context, "state")
     with connected("foxglove", naming) as orb:
         require_extra("foxglove", "foxglove")
         from robocorba.foxglove.live import LiveServer

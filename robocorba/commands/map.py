@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
+from robocorba.commands.options import only_for
 from robocorba.commands.reporting import reporting
 from robocorba.logs import one_line
 from robocorba.printing import echo, line
@@ -62,6 +63,7 @@ class Format(str, Enum):
 
 @app.command("import")
 def import_(
+    context: typer.Context,
     file: Annotated[str, _FILE],
     output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The native map file to write.")],
     topology: Annotated[
@@ -92,8 +94,10 @@ def import_(
     from robocorba.maps import checking, native
     from robocorba.output_files import write_outputs
 
+    only_for("--topology", topology, context, "radius")
     with reporting("map import", OSError):
         imported = _read(file, unknown, specks)
+        only_for("ROS maps", imported.format.startswith("ros"), context, "unknown", "specks")
         building = imported.building
         _print_losses("import", imported.losses)
         if topology:
@@ -106,6 +110,7 @@ def import_(
 
 @app.command()
 def export(
+    context: typer.Context,
     file: Annotated[str, _FILE],
     output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The file to write.")],
     format: Annotated[Format, typer.Option("--format", "-f", help="Format to write.")],
@@ -119,6 +124,7 @@ def export(
     from robocorba.maps.formats import export_map
     from robocorba.output_files import write_outputs
 
+    only_for("--format ros", format is Format.ROS, context, "resolution", "image")
     with reporting("map export", OSError):
         building = _read(file).building
         exported = export_map(building, output, format.value, resolution_m=resolution, image=image)

@@ -15,7 +15,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from robocorba.commands.options import Json, Naming, connected
+from robocorba.commands.options import Json, Naming, connected, only_for
 from robocorba.commands.reporting import reporting
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.errors.paths import InvalidRequest
@@ -113,10 +113,17 @@ def list_missions(naming: Naming = None, as_json: Json = False) -> None:
 
 
 @app.command()
-def status(name: MissionName = "", leader: LeaderOption = "", naming: Naming = None, as_json: Json = False) -> None:
+def status(
+    context: typer.Context,
+    name: MissionName = "",
+    leader: LeaderOption = "",
+    naming: Naming = None,
+    as_json: Json = False,
+) -> None:
     """Show the phases of a mission; with --leader the plan and phase of the one that a robot leads, or led last."""
     from robocorba.corba.remote.mission_control import RemoteMissionControl
 
+    only_for("a mission by its name", name or not leader, context, "as_json")
     with connected("mission", naming) as orb:
         if not _is_by_name(name, leader):
             _print_plan(orb, leader)

@@ -44,6 +44,16 @@ def administrator(orb: Orb, settings: Settings) -> RemoteAdministrator:
     return RemoteAdministrator(orb, file)
 
 
+def only_for(purpose: str, applies: object, context: typer.Context, *parameters: str) -> None:
+    """Refuse parameters that are on the command line and have no effect. purpose: what they are for. applies: whether
+    the command line asks for that. Raises BadParameter."""
+    for parameter in context.command.params if not applies else ():
+        name = parameter.name or ""
+        source = context.get_parameter_source(name)
+        if name in parameters and source and source.name == "COMMANDLINE":
+            raise typer.BadParameter(f"it has no effect, it is for {purpose}", param_hint=f"'{parameter.opts[-1]}'")
+
+
 def require_extra(name: str, package: str) -> None:
     """Raise ServiceError if a package of an extra of RoboCorba is not installed."""
     if importlib.util.find_spec(package) is None:

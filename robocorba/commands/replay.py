@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 from rich.live import Live
 
+from robocorba.commands.options import only_for
 from robocorba.commands.reporting import reporting
 from robocorba.commands.simulation_tables import SimulationTables, as_tables, elevators, robots, show
 from robocorba.commands.waiting import StopSignal, progress
@@ -30,6 +31,7 @@ Draw = Callable[[float, FloorView], bytes]
 
 
 def replay(
+    context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The recording.")],
     floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Show this floor only; repeatable.")] = None,
     speed: Annotated[
@@ -49,6 +51,10 @@ def replay(
     width: Annotated[int, typer.Option(metavar="PX", help="Width of the picture or video.")] = 960,
 ) -> None:
     """Show a recording."""
+    only_for("--video", video, context, "fps")
+    only_for("--png and --video", png or video, context, "width")
+    only_for("tables and --png", png or not video, context, "at")
+    only_for("--video and tables without --at", video or (not png and at is None), context, "speed")
     with reporting("replay"):
         for output in filter(None, (png, video)):
             check_output(output, [file])

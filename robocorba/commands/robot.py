@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, State, connected
+from robocorba.commands.options import Naming, State, connected, only_for
 from robocorba.corba.orb import Orb
 from robocorba.printing import line
 from robocorba.settings import Settings
@@ -24,6 +24,7 @@ def robot(context: typer.Context) -> None:
 
 
 def stop(
+    context: typer.Context,
     name: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of the robot.")] = "",
     all_robots: Annotated[bool, typer.Option("--all", help="Stop all robots.")] = False,
     reset: Annotated[bool, typer.Option("--reset", help="Restart the robot after a stop.")] = False,
@@ -38,6 +39,7 @@ def stop(
     that it does; exit code 0 if all do, else 1. With the state folder of the system it needs no naming service."""
     if bool(name) == all_robots:
         raise typer.BadParameter("name a robot, or give --all")
+    only_for("a stop without --reset", not reset, context, "state")
     names = [] if all_robots else [name]
     with connected("stop", naming) as orb:
         settings = Settings.read(naming=naming, state=state)

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from robocorba import logs
-from robocorba.commands.options import Naming, State
+from robocorba.commands.options import Naming, State, only_for
 from robocorba.commands.reporting import reporting
 from robocorba.corba.orb import Orb
 from robocorba.printing import Console
@@ -23,6 +23,7 @@ RESOLVE_TIMEOUT_S = 5.0
 
 
 def robots(
+    context: typer.Context,
     fleet: Annotated[
         Path | None, typer.Argument(metavar="FLEET.yaml", help="The robots; or give --count and --prefix.")
     ] = None,
@@ -58,8 +59,7 @@ def robots(
         options["arguments"] = argument
     if (fleet is None) == (count == 0):
         raise typer.BadParameter("name a file, or give --count")
-    if fleet and options:
-        raise typer.BadParameter(f"--{next(iter(options))} is for robots of --count; a file has its own")
+    only_for("robots of --count, a file has its own", count, context, "prefix", "argument", *given)
     with reporting("robots"):
         settings = Settings.read(naming=naming, state=state, role=Role.ROBOT)
         orders_in = _orders(fleet, {**options, "prefix": prefix, "count": count})

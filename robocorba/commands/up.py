@@ -11,7 +11,7 @@ import typer
 from rich.table import Column, Table
 
 from robocorba.commands.compiling import compile_with_progress
-from robocorba.commands.options import State
+from robocorba.commands.options import State, only_for
 from robocorba.commands.reporting import reporting
 from robocorba.console.settings import DEFAULT_PORT, check_installed
 from robocorba.corba.naming import corbaname
@@ -27,6 +27,7 @@ from robocorba.supervision.system import NAMING_SERVICES, System
 
 
 def up(
+    context: typer.Context,
     building: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="The map to serve; default: the stored one, else the sample five-floors."),
@@ -89,6 +90,8 @@ def up(
     """Start the naming service and all servers, each as a process; print `ready` when all answer.
 
     A server that ends is restarted. Ctrl-C or SIGTERM stops everything."""
+    only_for("--console", console, context, "console_port")
+    only_for("a --hang-limit above 0", hang_limit, context, "spare_stopped")
     with reporting("up"):
         settings = Settings.read(state=state)
         naming = Address.checked(

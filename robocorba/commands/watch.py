@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 from rich.live import Live
 
-from robocorba.commands.options import Naming, connected
+from robocorba.commands.options import Naming, connected, only_for
 from robocorba.commands.simulation_tables import (
     RunningSimulation,
     SimulationTables,
@@ -37,6 +37,7 @@ PICTURE_TIMEOUT_S = 15.0
 
 
 def watch(
+    context: typer.Context,
     floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Show this floor only; repeatable.")] = None,
     once: Annotated[bool, typer.Option("--once", help="Print the tables once and exit.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON once and exit.")] = False,
@@ -49,6 +50,8 @@ def watch(
     naming: Naming = None,
 ) -> None:
     """Show the simulation server, its robots, elevators and sensors, until Ctrl-C."""
+    only_for("--video", video, context, "seconds", "fps", "width")
+    only_for("tables", not video, context, "once", "json")
     floors = floor or []
     with connected("watch", naming) as orb:
         stop = StopSignal()
