@@ -187,6 +187,9 @@ class FoxglovePublisher:
             del self._views[update.floor]
             raise
         self.time_s = update.time
+        if update.since == WHOLE:  # an elevator may be gone, or have another name
+            present = {name for each in self._views.values() for name in each.elevators}
+            self._elevators = {name: state for name, state in self._elevators.items() if name in present}
         came = [body for body in view.bodies.values() if body not in before] if before else update.came
         for body in came:
             entities += self._entered(body, view.floor)

@@ -50,6 +50,9 @@ class SystemView:
             for name, state in update.elevators.items():
                 if update.since == WHOLE or update.time >= self._elevators.get(name, (0.0,))[0]:
                     self._elevators[name] = update.time, state
+            if update.since == WHOLE:  # an elevator may be gone, or have another name
+                present = {name for view in self._views.values() for name in view.elevators}
+                self._elevators = {name: each for name, each in self._elevators.items() if name in present}
             self._floor_of.update((body.name, update.floor) for body in update.came if body.kind is BodyKind.ROBOT)
 
     @property

@@ -20,6 +20,7 @@ class System:
 
     def __init__(self) -> None:
         self.views: dict[str, FloorView] = {}
+        self.floor = "L1"
         self.time_s, self.version = 10.0, 0
         self.reported: list[Posture] = []
         self.is_away = False
@@ -27,9 +28,11 @@ class System:
 
     def follow(self, resolve_timeout_s: float) -> list[FloorUpdate]:
         self.timeouts_s.append(resolve_timeout_s)
-        view = self.views.setdefault("L1", FloorView("L1"))
+        view = self.views.setdefault(self.floor, FloorView(self.floor))
         self.version += 1
-        update = FloorUpdate("L1", view.version or WHOLE, self.version, self.time_s, 1, [], [], np.empty(0, MOTION), {})
+        update = FloorUpdate(
+            self.floor, view.version or WHOLE, self.version, self.time_s, 1, [], [], np.empty(0, MOTION), {}
+        )
         view.apply(update)
         return [update]
 
@@ -50,6 +53,22 @@ def system(monkeypatch: pytest.MonkeyPatch) -> tuple[System, LiveSystem]:
     monkeypatch.setattr(live_system, "SENSORS_S", 0.0)
     found: Any = System()
     return found, LiveSystem(found, found, found)
+
+
+def test_a_floor_that_is_gone_becomes_empty_once(system: tuple[System, LiveSystem]) -> None:
+    """Else viewers and recordings keep its robots beside those of the floor that has its robots now."""
+    world, live = system
+    first = live.follow(0.0)
+    world.floor, world.time_s, world.is_away = "ground", 10.5, True
+    with pytest.raises(NotReachable):
+        live.follow(0.0)
+    world.is_away = False
+    second = live.follow(0.0)
+    assert [update.floor for update in first.updates] == ["L1"]
+    here, gone = second.updates
+    assert (here.floor, gone.floor, gone.since, gone.time) == ("ground", "L1", WHOLE, 10.5)
+    assert (gone.came, len(gone.motions), gone.elevators) == ([], 0, {})
+    assert [update.floor for update in live.follow(0.0).updates] == ["ground"]
 
 
 def test_each_posture_comes_once(system: tuple[System, LiveSystem]) -> None:

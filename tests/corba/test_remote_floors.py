@@ -101,6 +101,17 @@ def test_all_floors_are_followed_unless_some_are_chosen() -> None:
         RemoteFloors(Naming(database), ["L3", "L1"]).follow(1.0)  # type: ignore[arg-type]
 
 
+def test_a_floor_that_is_renamed_after_its_name_was_read_is_left_out() -> None:
+    database = Database()
+    floors = RemoteFloors(Naming(database))  # type: ignore[arg-type]
+    floors.follow(1.0)
+    database.names, read = ["ground", "L2"], database.floors
+    database.floors = lambda: ["L1", "L2"]  # type: ignore[method-assign]
+    assert [update.floor for update in floors.follow(1.0)] == ["L2"]
+    database.floors = read  # type: ignore[method-assign]
+    assert [(update.floor, update.since > 0) for update in floors.follow(1.0)] == [("ground", False), ("L2", True)]
+
+
 def test_after_a_failure_whole_floors_are_loaded() -> None:
     database = Database()
     naming = Naming(database)

@@ -80,6 +80,16 @@ def test_an_older_state_of_an_elevator_replaces_no_newer_one() -> None:
     assert place(view).z == 0.5
 
 
+def test_a_rider_follows_its_cabin_when_the_elevator_gets_another_name() -> None:
+    view = SystemView(HOUSE)
+    view.apply([update("L1", 1, 1.0, cabin(2.0), came="A"), update("L2", 1, 1.0, cabin(2.0))])
+    renamed = [update("L1", 2, 2.0, came="A")._replace(since=0), update("L2", 2, 2.0)._replace(since=0)]
+    view.apply(each._replace(elevators={"lift": cabin(3.0)}) for each in renamed)
+    assert place(view).z == 3.0
+    view.apply([renamed[0]._replace(since=2, version=3, came=[], elevators={"lift": cabin(4.0, "L2", ())})])
+    assert place(view).z == 0.0  # of its floor
+
+
 def test_each_robot_has_the_time_of_its_floor() -> None:
     view = SystemView(HOUSE)
     view.apply([update("L1", 1, 10.0, came="A"), update("L2", 1, 9.5, came="B")])

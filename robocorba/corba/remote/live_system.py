@@ -7,6 +7,8 @@ import math
 import time
 from collections.abc import Sequence
 
+import numpy as np
+
 from robocorba.backoff import Backoff
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.mission_control import RemoteMissionControl
@@ -16,7 +18,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.simulation.mission_record import MissionState
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_changes import SystemChanges
-from robocorba.spatial.floor_update import FloorUpdate
+from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate
 from robocorba.spatial.posture import Posture
 
 #: Interval between looks at scans and postures, and at missions [s].
@@ -47,6 +49,8 @@ class LiveSystem:
         #: Simulated times of the last posture of each robot, and of the last scan of each of its sensors.
         self._posture_times: dict[tuple[object, ...], float] = {}
         self._scan_times: dict[tuple[object, ...], float] = {}
+        #: The floors of the changes that were returned last.
+        self._seen: set[str] = set()
 
     def begin(self, limit_s: float) -> SystemChanges:
         """All that there is. For `limit_s` servers that are restarting are waited for; raises as `follow` then."""
@@ -54,15 +58,22 @@ class LiveSystem:
         return _BEGINNING.call(lambda: self.follow(max(0.0, until - time.monotonic())), limit_s, NotReachable)
 
     def follow(self, resolve_timeout_s: float) -> SystemChanges:
-        """What has changed since the last call. After a failure the next one has whole floors.
+        """What has changed since the last call. After a failure the next one has whole floors. A floor that is gone,
+        or has another name, comes once more: empty.
 
         Raises UnknownFloor, and NotReachable if the Omni database is not found within `resolve_timeout_s`."""
         updates = self._floors.follow(resolve_timeout_s)
         try:
-            return self._changes(updates)
+            changes = self._changes(updates)
         except NotReachable:
             self._floors.views = {}  # nobody has seen these updates
             raise
+        if updates:
+            present = {update.floor for update in updates}
+            gone, self._seen = self._seen - present, present
+            newest = max(updates, key=lambda update: update.time)
+            changes.updates.extend(_empty(floor, newest) for floor in sorted(gone))
+        return changes
 
     def _changes(self, updates: list[FloorUpdate]) -> SystemChanges:
         now_s = time.monotonic()
@@ -89,6 +100,11 @@ class LiveSystem:
     def _new_scans(self, update: FloorUpdate) -> list[RobotScan]:
         found = self._database.scans_since(update.floor, update.time - SENSORS_S - OVERLAP_S)
         return [each for each in found if _is_new(self._scan_times, (each.robot, *each.sensor), each.time, update.time)]
+
+
+def _empty(floor: str, last: FloorUpdate) -> FloorUpdate:
+    """The update of a floor without anything on it, at the time of another floor's update."""
+    return FloorUpdate(floor, WHOLE, last.version, last.time, last.map_version, [], [], np.empty(0, MOTION), {})
 
 
 def _is_new(times: dict[tuple[object, ...], float], key: tuple[object, ...], time_s: float, now_s: float) -> bool:

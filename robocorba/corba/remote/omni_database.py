@@ -8,6 +8,7 @@ from typing import Any
 from robocorba.corba.conversion import floors, scans, simulation
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.remote_object import RemoteObject, translated
+from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.simulation.reservations import ReservedAreas
 from robocorba.simulation.robot_scans import RobotScan
@@ -107,13 +108,20 @@ class RemoteFloors:
         self._database.set_resolve_timeout(resolve_timeout_s)
         try:
             names = self._chosen or self._database.floors()
-            self.views = {name: self.views.get(name) or FloorView(name) for name in names}
-            return [self._update(view) for view in self.views.values()]
+            before, self.views = self.views, {}
+            return [update for name in names for update in self._updates(before.get(name) or FloorView(name))]
         except NotReachable:
             self.views = {}
             raise
 
-    def _update(self, view: FloorView) -> FloorUpdate:
-        update = self._database.changes(view.floor, view.version)
+    def _updates(self, view: FloorView) -> list[FloorUpdate]:
+        """The update of a floor; none if it has been removed or renamed since the names were read."""
+        try:
+            update = self._database.changes(view.floor, view.version)
+        except UnknownFloor:
+            if view.floor in self._chosen:
+                raise
+            return []
         view.apply(update)
-        return update
+        self.views[view.floor] = view
+        return [update]
