@@ -182,6 +182,7 @@ def run(arguments: Sequence[str] | None) -> None:
         agent = ControlAgent(context, planner, others, check_now, ticks, nearby, prepare, progress.wake)
         stack.callback(agent.close)
         session.stop_target = orb.activate(StopTargetServant(agent), f"stop/{secrets.token_urlsafe(24)}")
+        session.floors_since = follower.floors_since
         follower.start()
         agent.start(settings.adaptor, settings.adaptor_arguments)
         stack.callback(postures.start().close)

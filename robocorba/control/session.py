@@ -4,9 +4,11 @@ A virtual robot is that body. An actual robot has a body, too, which follows it 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol, TypeVar
 
+from robocorba.backoff import Backoff
+from robocorba.errors.robots import ServerAway
 from robocorba.maps.polygons import FloorArea
 from robocorba.motion.robot_state import Velocity
 from robocorba.sensing.scan import Mount, ScanSpec
@@ -15,6 +17,11 @@ from robocorba.simulation.emergency_stops import StopHold
 from robocorba.simulation.registry import Pose
 from robocorba.simulation.reservations import Reservation
 from robocorba.spatial.arrays import Floats
+
+#: Time for which a robot tries to give back what it has at the simulation server, while that is away [s]. A server that
+#: hangs is restarted after 10 s.
+GIVING_BACK_S = 60.0
+T = TypeVar("T")
 
 
 class SessionState(NamedTuple):
@@ -121,3 +128,9 @@ class BuildingSession(Protocol):
 
     def release_areas(self) -> None:
         """Return all areas, or cancel the request."""
+
+
+def once_back(call: Callable[[], T]) -> T:
+    """The answer to a call of a session, repeated while the simulation server is away, for GIVING_BACK_S at most: an
+    object would stay in the hands, and areas reserved. Raises RobotLost, and what the call raises."""
+    return Backoff(0.05, 0.5).call(call, GIVING_BACK_S, ServerAway)

@@ -7,13 +7,13 @@ import logging
 import math
 from collections.abc import Callable
 from functools import singledispatchmethod
-from typing import Any, TypeVar
+from typing import Any
 
-from robocorba.backoff import Backoff
 from robocorba.control.elevator_rides import WhileRiding
 from robocorba.control.robot import Robot
+from robocorba.control.session import once_back
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import MotionFailed, ServerAway, Unreachable
+from robocorba.errors.robots import MotionFailed, Unreachable
 from robocorba.errors.simulation import InvalidReservation
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, SHUT_RAD, Side
@@ -32,13 +32,10 @@ from robocorba.spatial.frames import Frame, into, out_of
 NEAR_SPEED_M_S = 0.2
 #: Distance that a robot backs off from the object after an abort [m].
 ABORT_BACK_M = 0.2
-#: Time for which a robot tries to let go after an abort, while the simulation server is away [s].
-LETTING_GO_S = 10.0
 #: Tolerance between an object's pose and its pose in the plan [m, rad]; beyond it the plan is invalid.
 MOVED_M, MOVED_RAD = 0.03, math.radians(3)
 #: The pose of an object in the robot's frame (x, y, heading), None if unknown.
 ObjectLocator = Callable[[str], Frame | None]
-T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
@@ -197,9 +194,9 @@ class StepExecutor:
         server that is away, since the object would stay in the hands."""
         session = self._robot.session
         with contextlib.suppress(RoboCorbaError):
-            was_holding = bool(_while_away(session.state).holding)
-            _while_away(self.let_go)
-            _while_away(session.cancel_elevator)
+            was_holding = bool(once_back(session.state).holding)
+            once_back(self.let_go)
+            once_back(session.cancel_elevator)
             if was_holding:
                 self._robot.grip(tuple(Side), OPEN_RAD)
                 with contextlib.suppress(MotionFailed):
@@ -254,10 +251,6 @@ class StepExecutor:
         """Raise MotionFailed if the simulation no longer has the robot hold the object."""
         if self.held and not self._robot.session.latest.holding:  # by whatever name, which an edit may have changed
             raise MotionFailed(f"lost its hold of {self.held}")
-
-
-def _while_away(call: Callable[[], T]) -> T:
-    return Backoff(0.05, 0.5).call(call, LETTING_GO_S, ServerAway)
 
 
 def pose_in_robot_frame(pose: Frame, robot: Frame) -> Frame:

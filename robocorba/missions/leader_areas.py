@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from robocorba.backoff import Backoff
+from robocorba.control.session import once_back
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import InvalidReservation
 from robocorba.maps.polygons import FloorArea
@@ -62,6 +63,6 @@ class LeaderAreas:
         return False
 
     def release(self) -> None:
-        """Give all areas back, as far as the server answers."""
+        """Give all areas back, once the server answers."""
         with contextlib.suppress(RoboCorbaError):
-            self._session.release_areas()
+            once_back(self._session.release_areas)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import pytest
@@ -10,9 +11,11 @@ from omniORB import CORBA
 from robocorba.corba.remote import session as module
 from robocorba.corba.remote.session import RemoteSession
 from robocorba.errors.robots import RobotLost
+from robocorba.errors.simulation import PlaceTaken
 from robocorba.sensing.fan import LASER
 from robocorba.sensing.scan import Mount, ScanSpec
 from robocorba.simulation.registry import Description, Pose
+from robocorba.stubs import RoboCorba
 
 
 class Server:
@@ -20,6 +23,9 @@ class Server:
 
     def __init__(self) -> None:
         self.registered, self.has_sensor, self.heartbeats = 0, True, 0
+        #: Floors without a free place, and those on which robots logged on.
+        self.full, self.started_on = set[str](), list[str]()
+        self.riding = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
         #: Calls that fail because the server is away, how, and all calls by their names.
         self.failing, self.failure, self.calls = 0, CORBA.COMM_FAILURE, list[str]()
 
@@ -33,6 +39,9 @@ class Server:
         return self
 
     def registerRobot(self, about: Any) -> Server:
+        if about.start.floor in self.full:
+            raise RoboCorba.PlaceTaken(RoboCorba.Point(about.start.floor, about.start.x, about.start.y), "a cabin")
+        self.started_on.append(about.start.floor)
         self.registered += 1
         return self
 
@@ -48,6 +57,10 @@ class Server:
         self.heartbeats += 1
         if not self.registered:
             raise CORBA.OBJECT_NOT_EXIST()
+
+    def state(self) -> Any:
+        at, still = RoboCorba.Pose("L1", 1.0, 2.0, 0.0), RoboCorba.Velocity(0.0, 0.0, 0.0)
+        return RoboCorba.RobotState(1.0, at, still, "", self.riding, 0, "")
 
     def brake(self) -> None:
         self._answer("brake")
@@ -102,6 +115,29 @@ def test_a_robot_that_the_server_logged_off_registers_again(session: RemoteSessi
         session.heartbeat()
     session.log_on()
     session.heartbeat()
+
+
+def test_a_robot_logs_on_again_on_a_floor_that_has_another_name_now(session: RemoteSession, server: Server) -> None:
+    session.log_on()
+    session.state()
+    session.floors_since = lambda floor: {"L1": "ground", "L2": "L1"}
+    server.registered = 0
+    session.log_on()
+    assert server.started_on == ["L1", "ground"]
+
+
+@pytest.mark.parametrize(("phase", "floors"), [("RIDING", ["L1", "top"]), ("WAITING_FOR_CABIN", ["L1"])])
+def test_a_robot_that_was_logged_off_in_a_cabin_logs_on_where_that_arrived(
+    session: RemoteSession, server: Server, phase: str, floors: list[str]
+) -> None:
+    server.riding = RoboCorba.Ride(getattr(RoboCorba, phase), "E1", "L1", "L2", 0)
+    session.log_on()
+    session.state()
+    session.floors_since = lambda floor: {"L1": "L1", "L2": "top"}
+    server.registered, server.full = 0, {"L1"}
+    with contextlib.suppress(PlaceTaken):
+        session.log_on()
+    assert server.started_on == floors
 
 
 def test_a_session_without_a_sensor_is_given_back(session: RemoteSession, server: Server) -> None:

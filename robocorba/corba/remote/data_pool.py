@@ -24,7 +24,7 @@ from robocorba.errors.robots import RobotLost
 from robocorba.errors.services import NotReachable
 from robocorba.names import ROBOTS
 from robocorba.repeating import Repeating
-from robocorba.spatial.floor_update import FloorUpdate
+from robocorba.spatial.floor_update import BodyKind, FloorUpdate
 from robocorba.spatial.posture import Posture
 from robocorba.stubs import RoboCorba
 
@@ -60,12 +60,15 @@ class PoolFollower:
         rests: Callable[[], bool] = lambda: False,
     ) -> None:
         self._interval_s, self._floor_of_robot, self._rests = interval_s, floor_of_robot, rests
+        self._own_name = own_name
         self._attended_at = -math.inf
         #: Updates of the pool that have begun, and the last one that has ended; guarded by the condition.
         self._updated = threading.Condition()
         self._begun = self._ended = 0
-        database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
-        self.pool = DataPool(database, RemoteFloorMap(orb).of, floor, own_name)
+        database, self._map = RemoteDatabase(orb, RESOLVE_TIMEOUT_S), RemoteFloorMap(orb)
+        self.pool = DataPool(database, self._map.of, floor, own_name)
+        #: The floor on which the robot was seen last, and the version of the map then.
+        self._seen = (floor, 0)
         #: Postures on the pool's floor.
         self.postures = PoolPostures(database.postures, lambda: self.pool.floor)
         self._tasks = [
@@ -96,6 +99,12 @@ class PoolFollower:
             with self._updated:
                 self._updated.wait_for(lambda: self._ended >= awaited, ATTEND_LIMIT_S)
 
+    def floors_since(self, floor: str) -> dict[str, str]:
+        """The present names of floors by those of the time at which the robot was seen last, if that was on this floor;
+        else none. Raises NotReachable."""
+        seen_on, version = self._seen
+        return self._map.floors_since(version) if version and seen_on == floor else {}
+
     @property
     def _is_resting(self) -> bool:
         return time.monotonic() - self._attended_at > ATTENTION_S and self._rests()
@@ -107,6 +116,9 @@ class PoolFollower:
             if self._floor_of_robot and (floor := self._floor_of_robot()) != self.pool.floor:
                 self.pool.change_floor(floor)
         self.pool.follow()
+        snapshot = self.pool.snapshot()
+        if (BodyKind.ROBOT, self._own_name) in snapshot.bodies.row_of:
+            self._seen = snapshot.floor, snapshot.map_version
         with self._updated:
             self._ended = self._begun
             self._updated.notify_all()

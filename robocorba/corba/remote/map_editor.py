@@ -79,20 +79,10 @@ class RemoteMap:
     def lineage(self, since: int) -> Lineage:
         """Which elements of the copy are those of an earlier version; by their names if its changes are not kept any
         more. Raises NotReachable."""
-        part, changes, position = maps.selection(Selection(FOLLOWED)), list[MapChange](), ChangePosition(since)
         try:
-            while position.since < self.version:
-                page = self._editor.readChanges(maps.position(position), part, 0)
-                changes += maps.changes_of(page.changes)
-                position = maps.position_of(page.next)
-                if page.isLast:
-                    break
-        except RoboCorba.VersionUnavailable:
-            _log.warning("the changes of the map since version %d are not kept any more: elements go by names", since)
-            return SAME_NAMES
+            return _lineage(self._editor, since, self.version)
         except CORBA.SystemException as error:
             raise NotReachable(f"the map editor does not answer ({describe(error)})") from None
-        return Lineage(change for change in changes if change.version <= self.version)
 
     def _load(self) -> None:
         """Load the building at least as it is now."""
@@ -160,6 +150,32 @@ class RemoteFloorMap:
 
         self._cached = found = self._editor.call(current)
         return found.building
+
+    def floors_since(self, version: int) -> dict[str, str]:
+        """The present names of floors by those of an earlier version. Raises NotReachable."""
+
+        def names(editor: Any) -> dict[str, str]:
+            now = editor._get_currentVersion()
+            return _lineage(editor, version, now).floors(editor.floors())
+
+        return self._editor.call(names)
+
+
+def _lineage(editor: Any, since: int, until: int) -> Lineage:
+    """Which elements of version `until` are those of version `since`; by their names if the changes between are not
+    kept any more."""
+    part, changes, position = maps.selection(Selection(FOLLOWED)), list[MapChange](), ChangePosition(since)
+    try:
+        while position.since < until:
+            page = editor.readChanges(maps.position(position), part, 0)
+            changes += maps.changes_of(page.changes)
+            position = maps.position_of(page.next)
+            if page.isLast:
+                break
+    except RoboCorba.VersionUnavailable:
+        _log.warning("the changes of the map since version %d are not kept any more: elements go by names", since)
+        return SAME_NAMES
+    return Lineage(change for change in changes if change.version <= until)
 
 
 def path_node_positions(orb: Orb, floor: str) -> Iterator[tuple[str, float, float]]:

@@ -6,8 +6,9 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -26,6 +27,7 @@ from robocorba.errors.simulation import InvalidCommand, PlaceTaken
 from robocorba.maps.polygons import FloorArea
 from robocorba.motion.robot_state import Velocity
 from robocorba.sensing.scan import Mount, ScanSpec
+from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.emergency_stops import NOT_HELD, StopHold
 from robocorba.simulation.registry import LEASE_S, Description, Pose
 from robocorba.simulation.reservations import Reservation
@@ -70,6 +72,9 @@ class RemoteSession:
         self._latest: SessionState | None = None
         #: Reference of the robot's StopTarget; None for none. It is reported to the server with each session.
         self.stop_target: Any = None
+        #: Returns the present names of floors by those that they had while the robot was on a floor; see
+        #: PoolFollower.floors_since.
+        self.floors_since: Callable[[str], Mapping[str, str]] = lambda floor: {}
         self._is_body = True
         self._answered_at = -math.inf
 
@@ -90,7 +95,7 @@ class RemoteSession:
             if self._references and self._is_alive(self._references.session):
                 return
             if at is None and self._latest:
-                self._register_near(self._latest.at)
+                self._register_near(self._latest)
             else:
                 self._register(replace(self.about, pose=at or self.about.pose))
 
@@ -220,16 +225,25 @@ class RemoteSession:
             raise _lost(error) from None
         return True
 
-    def _register_near(self, place: Pose) -> None:
-        """Register at the pose before the loss, or just beside it if the place is taken meanwhile."""
-        for distance_m in NEARBY_M:
+    def _register_near(self, last: SessionState) -> None:
+        """Register at the pose before the loss, or just beside it if the place is taken meanwhile; in a cabin that has
+        arrived without the robot, on that floor. Floors may have other names now."""
+        try:
+            names = self.floors_since(last.at.floor)
+        except NotReachable as error:
+            raise RobotLost(str(error)) from None
+        floors = [last.at.floor]
+        if last.ride and last.ride.phase is RidePhase.RIDING:
+            floors.append(last.ride.destination)
+        places = [last.at._replace(floor=names.get(floor, floor)) for floor in floors]
+        for place, distance_m in product(places, NEARBY_M):
             for turn in range(DIRECTIONS if distance_m else 1):
                 x = place.x + distance_m * math.cos(math.tau * turn / DIRECTIONS)
                 y = place.y + distance_m * math.sin(math.tau * turn / DIRECTIONS)
                 with contextlib.suppress(PlaceTaken):
                     self._register(replace(self.about, pose=place._replace(x=x, y=y)))
                     return
-        self._register(replace(self.about, pose=place))
+        self._register(replace(self.about, pose=places[0]))
 
     def _register(self, about: Description) -> None:
         try:
