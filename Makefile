@@ -7,12 +7,12 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Where it is set, as in many containers, each process would compile all of RoboCorba anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint bench bench-events bench-simulation bench-robots bench-peers pictures api ros2 stubs clean help
+.PHONY: demo test test-rest test-all lint bench bench-events bench-simulation bench-robots bench-peers pictures api ros2 stubs clean help
 
 help:
 	@echo "make demo    run the paper's experiment: three robots carry a table; writes demo-output/report.html"
 	@echo "make demo CONSOLE=1    the same, watched in the browser; the system stays until Ctrl-C"
-	@echo "make test    run every test"
+	@echo "make test    run the tests that show that the system works; make test-all runs all, make test-rest the others"
 	@echo "make lint    check formatting, lint and types"
 	@echo "make bench   measure the path planner; tables on the terminal, JSON and pictures in bench/results"
 	@echo "make bench-events      measure the event service: the paper's Figure 13, and one channel against other brokers"
@@ -49,9 +49,12 @@ stubs: $(VENV)/.stubs
 demo: stubs
 	@$(BIN)/python -m robocorba.clients.demo $(if $(CONSOLE),--console)
 
-test: stubs
+# The two halves of the suite, CONTRIBUTING.md; test-all runs both at once.
+test: HALF := -m "not full"
+test-rest: HALF := -m full
+test test-rest test-all: stubs
 	@$(BIN)/python -m tests.prepare
-	@$(BIN)/python -m pytest --numprocesses 7 --dist loadfile --no-loadscope-reorder
+	@$(BIN)/python -m pytest --numprocesses 7 --dist loadfile --no-loadscope-reorder $(HALF)
 
 lint: stubs
 	@$(BIN)/ruff format --check .

@@ -12,8 +12,8 @@ import pytest
 
 from robocorba.supervision.compilation import compile_kernels
 from robocorba.supervision.compile_worker import STEPS
-from tests.skips import pytest_make_collect_report as pytest_make_collect_report
-from tests.skips import pytest_runtest_makereport as pytest_runtest_makereport
+
+pytest_plugins = ("tests.failures", "tests.skips")
 
 # The same examples in each run, so that it says the same on every machine; `--hypothesis-profile random` looks for
 # new ones. How long examples take to make says something of the machine and its load, nothing of what is tested.

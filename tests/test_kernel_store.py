@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import queue
+import threading
 import time
 from pathlib import Path
 
@@ -174,9 +176,32 @@ def test_a_folder_of_somebody_else_among_temporary_files_is_not_used(
     assert cache_folder() is None
 
 
-def test_a_lock_is_waited_for_only_so_long(tmp_path: Path) -> None:
-    with lock(tmp_path / "lock", 1.0), lock(tmp_path / "lock", 0.0):
-        pass  # the second one went on without it
+def test_a_lock_is_waited_for_until_it_is_free(tmp_path: Path) -> None:
+    """Two holders never overlap: the second begins when the first has ended."""
+    held, order = threading.Event(), queue.SimpleQueue[str]()
+
+    def wait() -> None:
+        held.wait(60.0)
+        with lock(tmp_path / "lock", 60.0):
+            order.put("second")
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    with lock(tmp_path / "lock", 60.0):
+        held.set()
+        with pytest.raises(queue.Empty):
+            order.get(timeout=0.1)  # it has not got it
+        order.put("first")
+    waiting.join(60.0)
+    assert [order.get(timeout=0.0) for _ in range(2)] == ["first", "second"]
+
+
+@pytest.mark.parametrize("limit_s", [0.0, 0.05])
+def test_a_lock_is_waited_for_only_so_long(tmp_path: Path, limit_s: float) -> None:
+    with lock(tmp_path / "lock", 60.0):
+        began = time.monotonic()
+        with lock(tmp_path / "lock", limit_s):
+            assert time.monotonic() - began >= limit_s  # it went on without the lock, not before
 
 
 def test_all_kernels_are_compiled_before_they_are_needed() -> None:

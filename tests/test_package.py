@@ -18,7 +18,7 @@ from robocorba.claimed_ports import claimed_ports
 from robocorba.settings import Address
 from robocorba.testing.processes import Launcher, Running, read_json
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Folders of the checkout that the package holds too.

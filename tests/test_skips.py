@@ -24,8 +24,7 @@ def test_sound(): pass
 MODULE = 'import pytest\npytest.importorskip("no_such_module", reason="a module is not installed")\n'
 
 
-@pytest.mark.parametrize("workers", [(), ("--numprocesses", "2")])
-@pytest.mark.parametrize("no_skips", ["", "1"])
+@pytest.mark.parametrize(("no_skips", "workers"), [("", ()), ("1", ("--numprocesses", "2"))])
 def test_unexpected_skips_fail_the_run(tmp_path: Path, no_skips: str, workers: tuple[str, ...]) -> None:
     (tmp_path / "test_some.py").write_text(TEST)
     (tmp_path / "test_module.py").write_text(MODULE)

@@ -13,7 +13,7 @@ from robocorba.testing.peers import PEERS, installed
 from robocorba.testing.peers.base import Peer
 from robocorba.testing.peers.corba import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 COUNT = 300
 

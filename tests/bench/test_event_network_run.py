@@ -14,7 +14,7 @@ from bench.events.network.networks import Network
 from robocorba.testing.json_process import Process, ProcessFailed
 from robocorba.testing.namespaces import Namespace
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 
 def namespaces_are_allowed() -> bool:

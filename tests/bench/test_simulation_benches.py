@@ -29,6 +29,8 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.generated_buildings import RADIUS_M, office, robots
 from robocorba.testing.json_process import Cpu, pids_of
 
+pytestmark = pytest.mark.full
+
 
 def test_the_office_is_as_it_is_described() -> None:
     building = office()

@@ -17,6 +17,17 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 _COMMAND = re.compile(r"(?:`|^ {4}|^|[;&|] )(?:\.venv/bin/)?robocorba ((?:[a-z0-9-]+ ?)+)([^`\n]*)", re.MULTILINE)
 
 
+#: A file of the repository, and what only exists once it was made.
+_FILE = re.compile(r"(?<![\w/.-])((?:bench|clients|docs|idl|robocorba|servers|tests)/[\w./-]*\w)")
+_MADE = ("bench/results", "clients/cpp/build", "docs/api")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_file_exists(page: Path) -> None:
+    named = {name for name in _FILE.findall(page.read_text()) if not name.startswith(_MADE)}
+    assert sorted(name for name in named if not (ROOT / name).exists() and not (ROOT / f"{name}.py").exists()) == []
+
+
 @pytest.fixture(scope="module")
 def robocorba() -> Any:
     """The whole command, as its library sees it."""

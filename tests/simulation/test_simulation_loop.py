@@ -11,7 +11,7 @@ import pytest
 
 from robocorba.errors.simulation import InvalidChoice, SimulationBusy
 from robocorba.simulation.physics import STEP_S
-from robocorba.simulation.simulation_loop import SimulationLoop
+from robocorba.simulation.simulation_loop import MAX_LAG_S, SimulationLoop
 from robocorba.testing.processes import eventually
 
 
@@ -21,6 +21,11 @@ class Counter:
     def __init__(self) -> None:
         self.steps = self.between = 0
         self.loop = SimulationLoop(self._step, self._housekeeping)
+
+    def wait_for_cycles(self) -> None:
+        """Until the loop has gone round a few times."""
+        before = self.between
+        eventually(lambda: self.between > before + 3, what="cycles of the loop")
 
     def _step(self) -> None:
         self.steps += 1
@@ -36,24 +41,37 @@ def counter() -> Iterator[Counter]:
         yield counter
 
 
-def passed(counter: Counter, seconds: float) -> float:
-    """Simulated seconds per second, measured over real seconds."""
-    before, began = counter.steps, time.monotonic()
-    time.sleep(seconds)
-    return (counter.steps - before) * STEP_S / (time.monotonic() - began)
+class Pace:
+    """The pace of a loop since its start, which is never above the requested one, whatever the machine does."""
+
+    def __init__(self, counter: Counter, requested: float) -> None:
+        self._counter, self._requested, self._began = counter, requested, time.monotonic()
+        self._marked, self._marked_at = 0, self._began
+
+    def was_reached(self) -> bool:
+        """Whether the last window of half a second or more was not slower than requested, as on a busy machine."""
+        steps, now = self._counter.steps, time.monotonic()
+        assert steps * STEP_S <= self._requested * (now - self._began + MAX_LAG_S) + STEP_S
+        if now - self._marked_at < 0.5:
+            return False
+        pace = (steps - self._marked) * STEP_S / (now - self._marked_at)
+        self._marked, self._marked_at = steps, now
+        return pace > 0.7 * self._requested
 
 
-@pytest.mark.parametrize("pace", [1.0, 10.0])
-def test_time_passes_at_the_requested_pace(counter: Counter, pace: float) -> None:
-    counter.loop.configure(pace, False)
+@pytest.mark.parametrize("requested", [1.0, 10.0])
+def test_time_passes_at_the_requested_pace(counter: Counter, requested: float) -> None:
+    counter.loop.configure(requested, False)
+    pace = Pace(counter, requested)
     counter.loop.start()
-    eventually(lambda: passed(counter, 0.6) == pytest.approx(pace, rel=0.3), 60.0, "the pace")
+    eventually(pace.was_reached, 60.0, "the pace")
 
 
 def test_calls_are_executed_at_full_pace(counter: Counter) -> None:
     counter.loop.configure(0.0, False)
+    began = time.monotonic()
     counter.loop.start()
-    eventually(lambda: passed(counter, 0.2) > 20.0, 60.0, "full pace")
+    eventually(lambda: counter.steps * STEP_S > 2.0 * (time.monotonic() - began), 60.0, "more than real time")
     before = counter.between
     assert [counter.loop.do(lambda: threading.current_thread().name) for _ in range(3)] == ["simulation"] * 3
     assert counter.between > before
@@ -62,9 +80,9 @@ def test_calls_are_executed_at_full_pace(counter: Counter) -> None:
 def test_a_new_pace_applies_immediately(counter: Counter) -> None:
     counter.loop.configure(0.001, False)
     counter.loop.start()
-    time.sleep(0.1)
+    counter.wait_for_cycles()
     counter.loop.configure(10.0, False)
-    eventually(lambda: passed(counter, 0.4) > 5.0, 10.0, "the new pace, before a step of the old one is due")
+    eventually(lambda: counter.steps > 3, 15.0, "the new pace; a step at the former one takes 20 s")
 
 
 def test_paused_time_can_be_stepped(counter: Counter) -> None:
@@ -78,7 +96,7 @@ def test_paused_time_can_be_stepped(counter: Counter) -> None:
     for thread in threads:
         thread.join(60.0)
     assert counter.steps == 100
-    time.sleep(0.1)
+    counter.wait_for_cycles()
     assert counter.steps == 100
     counter.loop.configure(1.0, False)
     with pytest.raises(InvalidChoice):
@@ -108,7 +126,7 @@ def test_a_fault_in_a_step_does_not_stop_time() -> None:
 def test_a_pending_call_ends_when_the_loop_closes(counter: Counter) -> None:
     counter.loop.start()
     holding, results = threading.Event(), []
-    first = threading.Thread(target=lambda: counter.loop.do(lambda: holding.wait(2.0)))
+    first = threading.Thread(target=lambda: counter.loop.do(lambda: holding.wait(60.0)))
     first.start()
 
     def second() -> None:
@@ -119,11 +137,13 @@ def test_a_pending_call_ends_when_the_loop_closes(counter: Counter) -> None:
 
     waiting = threading.Thread(target=second)
     waiting.start()
-    time.sleep(0.1)
-    counter.loop._closing = True
+    eventually(lambda: counter.loop._calls.qsize() == 1, what="the second call")
+    closing = threading.Thread(target=counter.loop.close)
+    closing.start()
+    eventually(lambda: counter.loop._closing, what="the end")
     holding.set()
-    counter.loop.close()
-    waiting.join(60.0)
+    for thread in (closing, waiting):
+        thread.join(60.0)
     assert len(results) == 1
 
 

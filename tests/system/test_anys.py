@@ -20,7 +20,7 @@ from robocorba.supervision.launch import ChildProcess
 from robocorba.testing.fuzzing.wire import OCTETS, in_turn
 from robocorba.testing.processes import Launcher
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 SERVER = (sys.executable, str(Path(__file__).with_name("any_consumer.py")))
 #: The type of a valuetype without members.

@@ -18,7 +18,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import Running
 from tests.system.elements import Example, examples, id_of, ring
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 #: What the server may grow by over all of this module, MiB. Single messages of it have up to 10 MB.
 GROWTH_MIB = 100

@@ -15,7 +15,7 @@ from robocorba.testing.processes import Running, refusal
 from tests.formats.rmf_files import small, written
 from tests.system.elements import wall
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 Start = Callable[..., Running]
 

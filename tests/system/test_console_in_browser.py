@@ -25,6 +25,7 @@ from tests.system.browser import Operator, operator
 
 BROWSER = chromium()
 pytestmark = [
+    pytest.mark.full,
     pytest.mark.system,
     pytest.mark.slow,
     pytest.mark.skipif(not BROWSER, reason="there is no chromium on this machine"),

@@ -26,7 +26,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import BACK_LIMIT_S, Place, drive_to, simulation
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 HALL = (2.0, 12.0)
 

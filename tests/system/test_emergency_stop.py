@@ -26,7 +26,7 @@ from robocorba.spatial.floor_update import WHOLE
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, hang
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 PATIENCE_S = 60.0
 #: Time limit for a stopped body to stand [s]; shorter than the program below.

@@ -25,7 +25,7 @@ from robocorba.testing.random_anys import RandomAnys, content
 from tests.system.event_place import EventConsumer, Place, PushConsumer, open_place
 from tests.system.test_clients import CLEAN, OMNIIDL, has_cpp
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 DRAWS, SEED = int(os.environ.get("ANY_DRAWS", "60")), int(os.environ.get("ANY_SEED", "0"))
 LIMIT_S = 60.0

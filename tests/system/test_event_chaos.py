@@ -16,7 +16,7 @@ import pytest
 from robocorba.testing.federation import channels
 from robocorba.testing.federation_chaos import NAMING, Chaos, Outcome
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 #: Whose turn it is.
 VICTIMS = ("B", "A", NAMING, "C")
 

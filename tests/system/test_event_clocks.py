@@ -10,7 +10,7 @@ import pytest
 from robocorba.testing.federation import LIMIT_S, Channels, Consumer, Counts, channels
 from robocorba.testing.processes import eventually
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 HOUR_S, YEAR_S = 3600.0, 365 * 86400.0
 LINK = "AB"

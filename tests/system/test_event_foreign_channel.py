@@ -25,6 +25,7 @@ from robocorba.testing.processes import eventually
 
 OMNIEVENTS, EVENTC = shutil.which("omniEvents", path="/usr/sbin:/usr/local/sbin:/usr/bin"), shutil.which("eventc")
 pytestmark = [
+    pytest.mark.full,
     pytest.mark.system,
     pytest.mark.skipif(not (OMNIEVENTS and EVENTC), reason="omniEvents is not installed"),
 ]

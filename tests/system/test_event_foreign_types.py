@@ -10,7 +10,7 @@ import pytest
 
 from tests.system.event_place import Place, open_place
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 CLIENT = (sys.executable, str(Path(__file__).with_name("event_types_client.py")))
 TYPES = (

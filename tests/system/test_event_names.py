@@ -15,7 +15,7 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.testing.federation import LIMIT_S, Channels, Consumer, channels
 from robocorba.testing.processes import Launcher, eventually
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 REASON = "two channels with the name X are in the federation"
 

@@ -30,7 +30,7 @@ from tests.system.event_place import (
     text,
 )
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 EVERYTHING = [RoboCorba.Clause([RoboCorba.EventPattern("", "")], 0.0)]
 
 

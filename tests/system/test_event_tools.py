@@ -18,6 +18,7 @@ from tests.system.event_place import Place, PushConsumer, open_place, text
 COMMANDS = {name: shutil.which(name) for name in ("eventc", "eventf", "events", "rmeventc")}
 OMNIEVENTS = shutil.which("omniEvents", path="/usr/sbin:/usr/local/sbin:/usr/bin")
 pytestmark = [
+    pytest.mark.full,
     pytest.mark.system,
     pytest.mark.skipif(not (OMNIEVENTS and all(COMMANDS.values())), reason="omniEvents is not installed"),
 ]

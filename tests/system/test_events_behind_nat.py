@@ -16,7 +16,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import ROBOCORBA, eventually, refusal
 from tests.system.event_place import Place, open_place
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 SERVER = "robocorba.servers.event_channel"
 #: Nothing listens there: the consumer's reference leads nowhere.

@@ -15,7 +15,7 @@ from robocorba.claimed_ports import claimed_ports
 from robocorba.supervision.launch import module_command
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, real_system, refusal
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
 Launch = Callable[..., subprocess.Popen[str]]

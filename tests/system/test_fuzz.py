@@ -16,7 +16,7 @@ from robocorba.testing.fuzzing.targets import OF_CLIENTS, OUT_OF_REACH, targets
 from robocorba.testing.fuzzing.wire import OCTETS, UNREADABLE
 from robocorba.testing.simulation import error_lines
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 #: Inputs for each operation.
 INPUTS = 3

@@ -29,7 +29,7 @@ from robocorba.testing.intrusion.intruder import WAYS, Intruder
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually, real_system
 from robocorba.testing.simulation import about
 
-pytestmark = [pytest.mark.system]
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 ATTACKERS = (Role.OBSERVER, Role.ROBOT)
 SECRET = "a secret of the attacker"

@@ -38,7 +38,7 @@ from robocorba.spatial.arrays import Floats
 from robocorba.supervision.launch import LoggedProcess, module_command
 from robocorba.testing.processes import Launcher, real_system
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = Path(str(files("robocorba") / "samples"))

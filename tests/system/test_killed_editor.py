@@ -23,7 +23,7 @@ from robocorba.testing.processes import Running, eventually
 from tests.system.elements import all_elements, replay, wall
 from tests.system.test_up import answers
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 #: Between two kills in a row the supervisor waits longer each time, so the whole is started anew now and then.
 ROUNDS, KILLS_EACH = 2, 3

@@ -15,7 +15,7 @@ from robocorba.testing.processes import Launcher, Running, read_json
 from tests.system.editing_client import SHARED, STEP_RAD
 from tests.system.elements import all_elements, replay
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 EDITORS, ROBOTS, EDITS_EACH = 2, 4, 500
 ROOT = Path(__file__).resolve().parents[2]

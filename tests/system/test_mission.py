@@ -26,7 +26,7 @@ from robocorba.testing.missions import (
 )
 from robocorba.testing.processes import eventually
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 #: The phases of a mission from when hands grip.
 TAKEN_HOLD = ("gripping", "carrying", "putting down", "backing off")

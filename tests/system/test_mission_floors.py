@@ -31,7 +31,7 @@ from robocorba.spatial.floor_update import WHOLE
 from robocorba.testing.buildings import two_storeys
 from robocorba.testing.processes import ROBOCORBA, Launcher, drain, eventually, real_system
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 PATIENCE_S = 250.0
 START, GOAL = Pose("L1", 5.4, 3.5, -0.785), Pose("L2", 6.4, 3.5, -0.785)

@@ -25,7 +25,7 @@ from robocorba.testing.json_process import Process
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually
 
 pytest.importorskip("rtctree", reason="rtshell-aist is not installed")
-pytestmark = [pytest.mark.system]
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 PATIENCE_S = 60.0
 BIN = Path(sys.executable).parent

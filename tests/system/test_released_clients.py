@@ -13,7 +13,7 @@ import pytest
 from robocorba import __version__
 from robocorba.testing.processes import Running, read_json
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
 RELEASED = ROOT / "idl" / "released"

@@ -22,7 +22,7 @@ from robocorba.supervision.launch import module_command
 from robocorba.testing.actual_robot import ROOT, StandIn, running_stand_in
 from robocorba.testing.processes import Launcher, Running, eventually, hang
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 PATIENCE_S = 40.0
 LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.4, 60.0).program()

@@ -15,7 +15,7 @@ from robocorba.programs.program import dumps
 from robocorba.supervision.launch import LoggedProcess
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 #: Time limit for each part [s].
 PATIENCE_S = 180.0

@@ -27,7 +27,7 @@ from robocorba.testing.json_process import Process
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually
 from robocorba.testing.ros2_environment import python_path, ros2_python
 
-pytestmark = [pytest.mark.system]
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 PATIENCE_S = 60.0
 PYTHON = ros2_python()

@@ -30,7 +30,7 @@ from robocorba.testing.simulation import (
     simulation,
 )
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 #: What servers may grow by over all of this module, MiB. Single messages of it have up to 40 MB.
 GROWTH_MIB = 200

@@ -18,7 +18,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import BACK_LIMIT_S, GONE, Chaos, ClientProcess, Place, away, error_lines, simulation
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 ROUNDS = 3
 #: Five times what the bench allows [s]: a machine that is busy with other tests writes later.
 BUSY_LOST_S = 1.0

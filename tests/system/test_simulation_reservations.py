@@ -38,7 +38,7 @@ from robocorba.testing.simulation import (
     simulation,
 )
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 #: In the west hall of L1: two passages and what lies between, which overlap one after the other.
 WEST: FloorArea = ("L1", ((1.0, 10.0), (4.0, 10.0), (4.0, 12.0), (1.0, 12.0)))

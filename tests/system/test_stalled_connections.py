@@ -13,7 +13,7 @@ from robocorba.testing.attacks import connections, greedy_clients, stalled_conne
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import NO_MOUNT, Place, simulation
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 #: More than a server has threads in any pool.
 STALLED = 40

@@ -25,7 +25,7 @@ from robocorba.supervision.launch import LoggedProcess
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, read_json
 from robocorba.testing.simulation import error_lines
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]

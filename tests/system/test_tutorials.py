@@ -11,7 +11,7 @@ import pytest
 from robocorba.claimed_ports import claimed_ports
 from tests.system.tutorial import TUTORIALS, Reader, sections
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 #: Those on one machine.
 ON_ONE_MACHINE = ("first-hour", "your-own-map", "your-own-robot", "your-own-cooperative-icon")

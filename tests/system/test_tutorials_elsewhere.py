@@ -14,7 +14,7 @@ from robocorba.testing.actual_robot import running_stand_in
 from robocorba.testing.namespaces import Namespace
 from tests.system.tutorial import TUTORIALS, Reader, sections
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from robocorba.names import CHANNELS
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, read_json, refusal
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 Start = Callable[..., Running]
 

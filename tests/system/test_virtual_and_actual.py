@@ -25,7 +25,7 @@ from robocorba.testing.buildings import two_floors, with_all
 from robocorba.testing.processes import Launcher, Running, eventually, real_system
 from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, difference, robot_process
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 NAME, START = "A", (16.0, 5.0, 0.0)
 WHERE = ("--at", ",".join(map(str, START)), "--channel", "main", "--record", "ticks.csv")

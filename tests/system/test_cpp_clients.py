@@ -1,0 +1,172 @@
+"""Clients in C++, compiled here, against running servers."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from robocorba.control.agent_state import ProgramResult
+from robocorba.corba.naming import corbaname
+from robocorba.corba.orb import Orb
+from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.errors.robots import InvalidProgram
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.programs.icons import Destination
+from robocorba.programs.program import dumps
+from robocorba.stubs import RoboCorba
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually
+from robocorba.testing.simulation import about
+
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+
+ROOT = Path(__file__).resolve().parents[2]
+WEST, EAST = ("L1", "3", "3"), ("L1", "15", "3")
+#: A spot within the wall between them.
+WALLED = ("L1", "10", "2")
+
+
+def has_cpp() -> bool:
+    """Whether a program for C++ and omniORB can be built here."""
+    if not (shutil.which("make") and shutil.which("g++") and OMNIIDL):
+        return False
+    includes = subprocess.run(
+        ["g++", "-E", "-x", "c++", "-"], input="#include <omniORB4/CORBA.h>", capture_output=True, text=True
+    )
+    back_end = subprocess.run(
+        [OMNIIDL, "-bcxx", "-u"], capture_output=True, text=True, env={"PATH": "/usr/bin:/bin"}, timeout=30
+    )
+    return includes.returncode == 0 and "-Wb" in back_end.stdout + back_end.stderr
+
+
+#: The system's one: that of a virtual environment comes first on PATH and has no back-end for C++.
+OMNIIDL = shutil.which("omniidl", path="/usr/local/bin:/usr/bin:/bin")
+
+
+#: A clean environment: Debian's omniidl must not find the Python modules of another one.
+CLEAN = {"PATH": "/usr/local/bin:/usr/bin:/bin"}
+
+
+#: Makes the program of a client.
+CppCompiler = Callable[[str], Path]
+
+
+def make_cpp(folder: Path, target: str) -> subprocess.Popen[str]:
+    """Begin to make a file of clients/cpp in a folder."""
+    options = (f"OUT={folder}", f"OMNIIDL={OMNIIDL}", "OPTIMIZE=-O0")
+    command = ("make", "-C", str(ROOT / "clients" / "cpp"), *options, str(folder / target))
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=CLEAN)
+
+
+def made(making: subprocess.Popen[str]) -> None:
+    """Wait for what `make_cpp` has begun."""
+    output, _ = making.communicate(timeout=250)
+    assert making.returncode == 0, output
+
+
+@pytest.fixture(scope="module")
+def cpp_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cpp")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cpp_stubs(cpp_folder: Path) -> Iterator[subprocess.Popen[str] | None]:
+    """Compiles the stubs that all clients in C++ need, while the tests before theirs run; None where C++ is missing."""
+    if not has_cpp():
+        yield None
+        return
+    with make_cpp(cpp_folder, "robocorbaSK.o") as making:
+        yield making
+        making.terminate()  # if no test has waited for it
+
+
+@pytest.fixture(scope="module")
+def cpp(cpp_folder: Path, cpp_stubs: subprocess.Popen[str] | None) -> CppCompiler:
+    """Compiles a client in C++."""
+    if cpp_stubs is None:
+        pytest.skip("needs make, g++, libomniorb4-dev and omniidl with its back-end for C++")
+    made(cpp_stubs)
+
+    def compiled(name: str) -> Path:
+        made(make_cpp(cpp_folder, name))
+        return cpp_folder / name
+
+    return compiled
+
+
+def run_cpp(program: Path, *arguments: str, timeout_s: float = 60.0) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr."""
+    ran = subprocess.run((str(program), *arguments), capture_output=True, text=True, env=CLEAN, timeout=timeout_s)
+    return ran.returncode, ran.stdout, ran.stderr
+
+
+def test_a_client_in_cpp(system: Running, cpp: CppCompiler) -> None:
+    client = (cpp("get_path"), corbaname(system.naming, "RoboCorba/PathPlanner"))
+    code, out, err = run_cpp(*client, *WEST, *EAST)
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert lines[0].split() == ["0", "s", "L1:3,3"]
+    assert lines[-1].split()[2] == "L1:15,3"
+    assert run_cpp(*client, *WEST, *WALLED) == (1, "", "goal is too near to wall w\n")
+
+
+def test_a_robot_in_cpp(system: Running, cpp: CppCompiler) -> None:
+    client = (cpp("new_robot"), corbaname(system.naming, "RoboCorba/SimulationServer"))
+    code, out, err = run_cpp(*client, *WEST)
+    assert (code, err) == (0, "")
+    assert out.startswith("something is near L1:")
+    assert run_cpp(*client, "L9", "1", "1") == (1, "", "there is no floor L9\n")
+    code, out, err = run_cpp(*client, *WALLED)
+    assert (code, out) == (1, "") and err.startswith("the place is taken by")
+
+
+def test_a_consumer_of_events_in_cpp(system: Running, system_orb: Orb, launch: Launcher, cpp: CppCompiler) -> None:
+    channel = corbaname(system.naming, "RoboCorba/EventChannels/main")
+    client = (str(cpp("floor_events")), corbaname(system.naming, "RoboCorba/OmniDatabase"), channel)
+    consumer = launch(*client, "L1", "5")
+    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    robot = server.registerRobot(about("seen", 3.0, 3.0, floor="L1"))
+    try:
+
+        def has_ended() -> bool:
+            robot.command(RoboCorba.Velocity(0.2, 0.0, 0.0), 0.5)
+            return consumer.poll() is not None
+
+        eventually(has_ended, 60.0, "five lines of a moving robot")
+        out, err = consumer.communicate(timeout=60.0)
+        assert (consumer.returncode, err) == (0, "")
+        assert len(out.splitlines()) == 5
+        assert all(line.split()[2] == "seen" for line in out.splitlines())
+    finally:
+        robot.deregister()
+    assert run_cpp(Path(client[0]), *client[1:], "L9") == (1, "", "there is no floor L9\n")
+
+
+def test_an_adaptor_in_cpp(
+    system: Running, system_orb: Orb, launch: Launcher, cpp: CppCompiler, tmp_path: Path
+) -> None:
+    """A robot without arms drives; what needs arms is refused."""
+    adaptor = launch(str(cpp("disc_adaptor")), f"corbaloc::{system.naming}/NameService", "disc")
+    assert adaptor.stdout is not None and adaptor.stdout.readline() == "ready\n"
+    where = ("--floor", "L1", "--at", "3,3,0", "--naming", str(system.naming), "--state", str(tmp_path / "disc"))
+    robot = launch(ROBOCORBA, "robot", "disc", *where, "--adaptor", "corba", "--", "3", "3", "0")
+    assert robot.stdout is not None and robot.stdout.readline() == "ready\n"
+    drain(robot)
+    agent = RemoteAgent(system_orb, "disc")
+    for json in (
+        dumps(ProgramBuilder("waves").mhand_posture("both", "home").program()),
+        dumps(ProgramBuilder("carries").move_table("table", Destination("L1", 6.0, 3.0)).program()),
+    ):
+        with pytest.raises(InvalidProgram, match="this robot has 0 joints, not SmartPal's 18"):
+            agent.load(json)
+    agent.load(dumps(ProgramBuilder("drives").mbase_to(4.0, 3.0).program()))
+    agent.run()
+    eventually(lambda: agent.state().program.result is ProgramResult.DONE, 60.0, "the disc has arrived")
+    assert agent.state().at[1:3] == pytest.approx((4.0, 3.0), abs=0.02)
+    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    eventually(lambda: abs(next(c for c in server.clients() if c.name == "disc").at.x - 4.0) < 0.05)  # its body follows
+    nobody = run_cpp(cpp("disc_adaptor"), "corbaloc::127.0.0.1:1/NameService", "disc")
+    assert nobody == (1, "", "the call failed: TRANSIENT\n")
