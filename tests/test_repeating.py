@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import queue
 
@@ -30,17 +31,19 @@ def test_it_is_called_when_woken_however_long_the_interval() -> None:
 
 def test_a_wake_during_a_call_makes_another_one() -> None:
     calls: queue.Queue[int] = queue.Queue()
+    numbers = itertools.count()
 
     def call() -> None:
-        calls.put(1)
-        if calls.qsize() == 1:
+        number = next(numbers)
+        if number == 0:
             repeating.wake()
+        calls.put(number)
 
     repeating = Repeating("test", call, math.inf)
     repeating.start()
-    for _ in range(2):
-        calls.get(timeout=LIMIT_S)
+    assert [calls.get(timeout=LIMIT_S) for _ in range(2)] == [0, 1]
     repeating.close()
+    assert calls.empty()  # no other one
 
 
 def test_the_interval_may_change(caplog: pytest.LogCaptureFixture) -> None:

@@ -27,6 +27,7 @@ from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.seen_events import SeenEvents
 from robocorba.events.subscription import checked
+from tests.events.samples import is_balanced
 
 DEFAULTS = LinkPolicy()
 
@@ -116,6 +117,10 @@ class Node:
             return tuple(pattern.type for pattern in self.channel.federation.interest_of(name))
 
     def close(self) -> None:
+        """Its accounts are exact at that moment, as at any other."""
+        for link in self.links.snapshots():
+            for totals in (link.feed.totals, link.gateway.totals):
+                assert is_balanced(totals), (self.name, link)
         self.links.close()
 
     def _join(self, record: Peer) -> tuple[FeedWire, str]:

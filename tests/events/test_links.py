@@ -26,6 +26,7 @@ from robocorba.events.policies import LinkPolicy
 from robocorba.events.seen_events import SeenEvents
 from robocorba.testing.processes import eventually
 from tests.events.network import DEFAULTS, GatewayWire, Network, Node
+from tests.events.samples import is_balanced
 
 
 def link(node: Node) -> LinkSnapshot:
@@ -294,6 +295,7 @@ class Alone:
         self.gateway.end()
         self.gateway._thread.join(60.0)
         assert not self.gateway._thread.is_alive()
+        assert is_balanced(self.gateway.snapshot().totals)
 
     def probe(self) -> None:
         """A packet arrives that holds no events, and that the gateway has had."""

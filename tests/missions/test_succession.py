@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
-from robocorba.missions.succession import Succession, SuccessionPolicy
+from robocorba.missions.succession import DEFAULT_POLICY, Succession, SuccessionPolicy
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult
 from robocorba.simulation.store import Mission
 from tests.control.places import eventually
@@ -66,12 +66,12 @@ class Robot:
 class Scene:
     """Robots B and C, whose leader A is silent. living: leaders that answer."""
 
-    def __init__(self) -> None:
+    def __init__(self, policy: SuccessionPolicy = POLICY) -> None:
         self.database = Database()
         self.robots = {name: Robot(name, self.database) for name in "BC"}
         self.living: set[str] = set()
         self._successions = {
-            name: Succession(name, self.database, lambda leader, mission: leader in self.living, robot, POLICY)
+            name: Succession(name, self.database, lambda leader, mission: leader in self.living, robot, policy)
             for name, robot in self.robots.items()
         }
 
@@ -87,9 +87,11 @@ class Scene:
         return [name for name, robot in self.robots.items() for _ in robot.led]
 
 
-def test_the_first_member_leads() -> None:
-    scene = Scene()
-    scene.begin("C", "B")
+def test_the_first_member_leads_also_where_another_looked_before_it() -> None:
+    scene = Scene(DEFAULT_POLICY)
+    scene.begin("C")
+    eventually(lambda: scene.database.calls >= 2, "C has looked twice: it is not its turn")
+    scene.begin("B")
     scene.wait()
     assert scene.leaders() == ["B"]
     assert scene.robots["B"].led == [("m", ICON)]
