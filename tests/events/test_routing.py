@@ -78,7 +78,7 @@ def federations(draw: st.DrawFn) -> tuple[nx.Graph, dict[str, set[str]]]:
     return graph, {name: draw(st.sets(st.sampled_from(TYPES))) for name in names}
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(federations(), st.data())
 def test_each_consumer_gets_one_copy_in_order_and_nobody_else_gets_any(
     federation: tuple[nx.Graph, dict[str, set[str]]], data: st.DataObject

@@ -461,7 +461,7 @@ class Behaving:
                 self.arrived += 1
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=25)
 @given(calls)
 def test_no_robot_waits_longer_than_the_bound(calls: list) -> None:
     robots = Behaving(cabin())

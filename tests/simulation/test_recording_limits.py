@@ -147,21 +147,26 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
 }
 
 
+@pytest.fixture(scope="module")
+def bombs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Their files by name."""
+    folder = tmp_path_factory.mktemp("bombs")
+    files = {name: folder / f"{number}.mcap" for number, name in enumerate(BOMBS)}
+    for name, (made, _) in BOMBS.items():
+        files[name].write_bytes(made())
+    return files
+
+
 @pytest.mark.parametrize("name", BOMBS)
-def test_bombs_are_refused_with_file_limit_and_size(name: str, tmp_path: Path) -> None:
-    made, reason = BOMBS[name]
-    file = tmp_path / "a.mcap"
-    file.write_bytes(made())
+def test_bombs_are_refused_with_file_limit_and_size(name: str, bombs: dict[str, Path]) -> None:
+    file, reason = bombs[name], BOMBS[name][1]
     with pytest.raises(InvalidRecording, match=reason) as caught:
         Recordings().open(file, "a")
     assert str(file) in str(caught.value)
 
 
-def test_what_bombs_take_of_memory_is_bounded(tmp_path: Path) -> None:
+def test_what_bombs_take_of_memory_is_bounded(bombs: dict[str, Path]) -> None:
     """A recording of 131 kB took 4.3 GiB."""
-    names = [tmp_path / f"{number}.mcap" for number in range(len(BOMBS))]
-    for file, (made, _) in zip(names, BOMBS.values(), strict=True):
-        file.write_bytes(made())
     program = """
 import re, sys
 from pathlib import Path
@@ -176,7 +181,7 @@ for name in sys.argv[1:]:
 print(int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) // 1024)
 """
     done = subprocess.run(
-        [sys.executable, "-c", program, *map(str, names)], capture_output=True, text=True, timeout=240
+        [sys.executable, "-c", program, *map(str, bombs.values())], capture_output=True, text=True, timeout=240
     )
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) < MAX_MEMORY_MIB
