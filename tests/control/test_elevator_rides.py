@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
 import shapely
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from robocorba.control.elevator_rides import RIDE_TRIALS
 from robocorba.errors.robots import MotionFailed, RideLost
+from robocorba.errors.simulation import SessionExpired
 from robocorba.kinematics.smartpal import RADIUS_M
 from robocorba.maps.geometry import shaft_polygon
 from robocorba.maps.model import Building
@@ -176,3 +180,49 @@ def test_times_before_and_after_a_ride_are_of_driving(place: Storeys) -> None:
                 assert seconds > metres / place.building.elevators[elevator].speed
             else:
                 assert any(metres == pytest.approx(seconds * speed) for speed in speeds)
+
+
+class Leaves(Exception):
+    """The robot's process ends."""
+
+
+@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.sampled_from(list(RidePhase)), st.booleans(), st.integers(0, 60), st.sampled_from(["log off", "evict"]))
+def test_a_robot_that_loses_its_ride_while_it_leaves_blocks_nothing(
+    place: Storeys, phase: RidePhase, is_in_doors: bool, cycles: int, way: str
+) -> None:
+    """Whatever it does when it loses its ride: `cycles` later its session ends, as it logs off or its lease expires."""
+    elevator, low, high = place.rides()[0]
+    place.planner.elevator = elevator
+    shaft = shaft_polygon(place.building.elevators[elevator])
+    robot, session = place.robot(low, place.landing(elevator, low))
+    area = (low, tuple(shaft.exterior.coords)[:-1])
+    session._session.reserve([area], 600.0)
+    left: list[int] = []
+
+    def watch() -> None:
+        at, ride = session.latest.at, session.latest.ride
+        is_there = shaft.buffer(RADIUS_M).contains(shapely.Point(at.x, at.y)) or not is_in_doors
+        if not left and ride is not None and ride.phase is phase and is_there:
+            session.cancel_elevator()
+            left.append(cycles)
+        elif left:
+            left[0] -= 1
+            if left[0] <= 0:
+                raise Leaves
+
+    robot.on_cycle = watch
+    with contextlib.suppress(Leaves, RideLost):
+        robot.drive_path(high, *place.landing(elevator, high))
+    if way == "evict":
+        place.world.agent.evict("A")
+        with pytest.raises(SessionExpired):
+            session.cancel_elevator()  # what the end of its program calls
+    else:
+        session.log_off()
+    _, next_one = place.robot(high, place.landing(elevator, high))
+    next_one._session.reserve([area], 600.0)
+    reservation = next_one._session.reservation()
+    assert reservation is not None and reservation.granted
+    next_one.log_off()
+    place.ride(elevator, low, high)

@@ -495,11 +495,7 @@ subject emergency_stop {
     check {![get [$robot endStops 4] held]}
     $robot command {ahead 0.0 left 0.0 turn 0.0} 0.5
     $administrator resetStop nobody
-    $simulation stopRobots {} {of all}
-    set all [$simulation stopOfAll]
-    check {[get $all held] && [get $all reason] eq "of all"}
-    check {![get [$simulation endStopOfAll [get $all number]] held]}
-    $robot resetStop
+    check {[$simulation stopOfAll] eq {held 0 number 0 reason {}} && ![get [$simulation endStopOfAll 1] held]}
     refused UnknownRobot {name nobody} {$administrator resetStop nobody}
 }
 
