@@ -38,6 +38,7 @@ from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.registry import Pose
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import SimulationStore
+from robocorba.stop_latch import StopLatch
 from tests.control.places import Channel, eventually
 from tests.simulation.places import robot, tower
 
@@ -580,3 +581,82 @@ class Stops(RuleBasedStateMachine):
 
 TestStops = Stops.TestCase
 TestStops.settings = settings(deadline=None, max_examples=50, stateful_step_count=30)
+
+
+class ReportingSession:
+    """A session whose server holds what the robot reports. is_away: the answers of `end_stops` are lost."""
+
+    def __init__(self) -> None:
+        self.latch = StopLatch()
+        self.is_away = False
+        self.meanwhile: Callable[[], object] = lambda: None
+
+    @property
+    def held(self) -> StopHold:
+        return StopHold(self.latch.is_on, self.latch.number, self.latch.reason)
+
+    def hold(self) -> StopHold:
+        return self.held
+
+    def report_stop(self, reason: str) -> tuple[bool, StopHold]:
+        is_new = not self.latch.is_on
+        if is_new:
+            self.latch.stop(reason)
+        return is_new, self.held
+
+    def end_stops(self, number: int) -> StopHold:
+        self.latch.end(number)
+        hold = self.held
+        self.meanwhile()
+        if self.is_away:
+            raise ServerAway("away")
+        return hold
+
+
+def test_a_reset_that_is_refused_for_a_later_stop_has_reported_that_one() -> None:
+    session: Any = ReportingSession()
+    stop = emergency_stop.EmergencyStop(session)
+    stop.stop("button")
+    seen = stop.latch.number
+    stop.stop("another button")
+    with pytest.raises(IllegalOrder, match="was stopped again"):
+        stop.end(seen)
+    assert session.latch.is_on and stop.wait_until_reported(0.0)
+    session.meanwhile = lambda: stop.stop("during the call")
+    stop.end(stop.latch.number)
+    assert session.latch.reason == stop.latch.reason == "during the call"
+
+
+def test_a_stop_whose_end_got_no_answer_is_reported_again() -> None:
+    session: Any = ReportingSession()
+    stop = emergency_stop.EmergencyStop(session)
+    stop.stop("button")
+    session.is_away = True
+    with pytest.raises(RobotLost):
+        stop.end(stop.latch.number)
+    assert stop.latch.is_on and not session.latch.is_on and not stop.wait_until_reported(0.0)
+    session.is_away = False
+    stop.end(stop.latch.number)
+    assert not stop.latch.is_on
+
+
+def test_a_server_that_has_lost_a_stop_gets_it_again() -> None:
+    session: Any = ReportingSession()
+    stop = emergency_stop.EmergencyStop(session)
+    stop.stop("fire", 3)
+    stop.attend()
+    assert not stop.wait_until_reported(0.0)
+    stop.start()
+    assert stop.wait_until_reported(60.0) and session.latch.reason == "fire"
+    stop.close()
+
+
+def test_a_repeated_delivery_of_a_stop_that_was_reset_is_another_stop() -> None:
+    session: Any = ReportingSession()
+    stop = emergency_stop.EmergencyStop(session)
+    stop.stop("fire", 3)
+    stop.stop("fire", 3)
+    assert stop.latch.number == 1
+    stop.latch.end(1)
+    stop.stop("fire", 3)
+    assert stop.latch.is_on
