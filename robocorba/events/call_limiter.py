@@ -18,6 +18,9 @@ class CallLimiter:
     def __init__(self, max_calls: int, limit_s: float) -> None:
         self._max_calls, self._limit_s = max_calls, limit_s
         self._free = threading.Condition(threading.Lock())
+        #: Held by the one thread that waits for a slot. The others wait for this lock, without a timeout: a thousand
+        #: threads with one each would only wake each other.
+        self._next = threading.Lock()
         #: When each slot was taken, oldest first [s, time.monotonic].
         self._running: dict[object, float] = {}
 
@@ -25,7 +28,7 @@ class CallLimiter:
     def slot(self) -> Iterator[None]:
         """Wait for a free slot and hold it."""
         slot = object()
-        with self._free:
+        with self._next, self._free:
             while len(self._running) >= self._max_calls:
                 oldest, began = next(iter(self._running.items()))
                 left = began + self._limit_s - time.monotonic()
