@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from robocorba.corba.remote.omni_database import RemoteDatabase
     from robocorba.missions.subplan import StoredPlan
     from robocorba.programs.icons import Destination
-    from robocorba.simulation.mission_record import MissionState
+    from robocorba.simulation.mission_record import MissionContent, MissionState
     from robocorba.simulation.store import Mission
 
 #: Interval between queries of the leader [s].
@@ -305,6 +305,7 @@ def follow_mission(
 
     Raises UnknownMission, and NotReachable if mission control is not reachable for OUTAGE_LIMIT_S."""
     outage = Outage()
+    before: MissionContent | None = None
     while True:
         try:
             content = control.mission(name).content
@@ -312,6 +313,10 @@ def follow_mission(
         except NotReachable as error:
             outage.note_failure(error)
         else:
+            if content != before:
+                before, noted_s = content, time.monotonic()
+            # The clock of its leader may be another.
+            since_then_s = time.monotonic() - noted_s if content.is_running else 0.0
             ended = sum(phase.ended > 0.0 for phase in content.phases)
             result = "" if content.is_running else content.result.value
             yield MissionStatus(
@@ -319,7 +324,7 @@ def follow_mission(
                 content.leader,
                 tuple(member.robot for member in content.members),
                 min(1.0, ended / content.phases_in_all) if content.phases_in_all else 0.0,
-                max(0.0, (content.ended or time.time()) - content.begun),
+                content.latest - content.begun + since_then_s,
                 result,
                 content.reason,
             )

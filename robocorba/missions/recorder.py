@@ -188,10 +188,9 @@ def _claim(
         raise MissionFailed(f"{name} has ended already: {before.reason or before.result.value}")
     if term not in (0, before.term):
         raise MissionTakenOver(before.leader, before.term)
-    if before.is_offered and before.leader == new.leader:
-        return replace(new, term=before.term)
     if before.leader == new.leader:
-        return replace(before, icon=new.icon)
+        is_new = before.is_offered or not (before.phases or before.leaders)  # then its times are by another clock
+        return replace(new, term=before.term) if is_new else replace(before, icon=new.icon)
     if not term or before.is_offered or leads(before.leader, name):
         raise MissionTakenOver(before.leader, before.term)
     return before.taken_over(new.leader, f"{before.leader} was silent", max(before.latest, new.begun))

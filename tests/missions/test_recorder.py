@@ -221,6 +221,14 @@ def test_an_offered_mission_is_accepted_by_its_robot_only(database: Database) ->
     assert database.missions["m"] == (8, replace(NEW, term=2))
 
 
+def test_a_mission_that_mission_control_has_recorded_begins_by_the_clock_of_its_leader(database: Database) -> None:
+    database.missions["m"] = 1, replace(content(4e9), leader="A")
+    assert claimed(database, "m", NEW) == NEW
+    led = replace(content(4e9), leader="A", phases=(PhaseRecord("asking", 4e9),))
+    database.missions["m"] = 2, led
+    assert claimed(database, "m", NEW) == led
+
+
 def test_only_one_robot_takes_a_mission_over(database: Database) -> None:
     class Late(Database):
         """Another robot is faster."""
