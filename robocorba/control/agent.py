@@ -20,7 +20,7 @@ from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.robot import Robot
 from robocorba.control.runner import OtherRobots, Runner
 from robocorba.control.sensors import Sensors
-from robocorba.control.session import SessionState
+from robocorba.control.session import SessionState, once_back
 from robocorba.control.teleoperation import Teleoperation, check_order
 from robocorba.control.tick_file import Tick, TickFile
 from robocorba.errors.base import RoboCorbaError
@@ -150,11 +150,15 @@ class ControlAgent:
                 raise IllegalOrder("switch the adaptor", "was never started")
             argv_before = controller.argv
             model_switcher.make(adaptor, self._context)  # raises UnknownAdaptor before anything is stopped
+            try:
+                self.session.state()  # and so does a server that is away
+            except RobotLost as error:
+                raise AdaptorFailed(str(error)) from None
             controller.close()
             try:
                 self._start_adaptor(adaptor, argv)
             except RoboCorbaError as error:
-                self._start_adaptor(before, argv_before)
+                once_back(lambda: self._start_adaptor(before, argv_before))  # else nothing would drive the robot
                 raise error if isinstance(error, RobotError) else AdaptorFailed(str(error)) from None
 
     # ---- programs ----

@@ -12,7 +12,7 @@ from robocorba.control import model_switcher
 from robocorba.control.agent import BODY_BLOCKED_M, BODY_LOST_M, ControlAgent
 from robocorba.control.agent_state import AgentCondition, AgentState, ProgramResult
 from robocorba.control.model_switcher import AdaptorContext
-from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
+from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.motion.robot_state import Velocity
 from robocorba.programs.graphic_programming import ProgramBuilder
@@ -383,6 +383,21 @@ def test_a_body_that_is_lost_is_put_where_its_robot_is(
     eventually(lambda: "m away" in agent.state.reason, "lost")
     eventually(lambda: agent.state.condition is AgentCondition.IDLE, "back")
     assert session.state().at[1:3] == pytest.approx(at[1:3], abs=0.02)
+
+
+@pytest.mark.parametrize("adaptor", ["simulated", "smartpal"])
+def test_a_switch_while_the_server_is_away_leaves_a_robot_that_comes_back(
+    agent: ControlAgent, session: InProcessSession, adaptor: str
+) -> None:
+    session.is_away = True
+    with pytest.raises(AdaptorFailed, match="nobody answers"):
+        agent.switch(adaptor, ("--naming", "127.0.0.1:9"))
+    session.is_away = False
+    eventually(lambda: agent.is_free, "the robot is back")
+    agent.load(SHORT)
+    agent.run()
+    eventually(lambda: ended(agent), "done")
+    assert agent.state.program.result is ProgramResult.DONE
 
 
 def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m: float = 0.0) -> None:
