@@ -89,6 +89,8 @@ THREADS_ELSEWHERE = {
     "robocorba/events/proxies.py": "waits for all results",
     "clients/demo.py": "prints a hint",
 }
+#: Programs that tests start.
+PROGRAMS_OF_TESTS = ("_program", "_slowly", "_server", "_client")
 _THREADS = {"Thread", "Timer", "ThreadPoolExecutor", "ProcessPoolExecutor", "start_new_thread"}
 
 
@@ -160,6 +162,25 @@ def starts_threads(text: str) -> list[str]:
     called = [node.func for node in nodes if isinstance(node, ast.Call)]
     bases = [base for node in nodes if isinstance(node, ast.ClassDef) for base in node.bases]
     return sorted({name.rpartition(".")[2] for name in map(ast.unparse, called + bases)} & _THREADS)
+
+
+def calls_of(text: str) -> set[str]:
+    """The names of what a source calls as `module.function`."""
+    nodes = ast.walk(parsed(text)) if "sleep" in text else ()
+    return {ast.unparse(node.func) for node in nodes if isinstance(node, ast.Call)}
+
+
+def suppresses_assertions(text: str) -> bool:
+    if "suppress(" not in text:
+        return False
+    blocks = [node for node in ast.walk(parsed(text)) if isinstance(node, ast.With)]
+    return any(
+        isinstance(inner, ast.Assert)
+        for block in blocks
+        if any("suppress(" in ast.unparse(item) for item in block.items)
+        for statement in block.body
+        for inner in ast.walk(statement)
+    )
 
 
 def imports(path: str, tree: ast.Module) -> Iterator[str]:
@@ -247,6 +268,23 @@ def test_one_place_decodes_into_types() -> None:
     assert {path for path, calls in past.items() if calls} == {"robocorba/decoding.py"}
     assert decodes("msgspec.json.decode(a)\nmsgspec.convert(a, T)") == ["msgspec.convert"]
     assert decodes("msgspec.msgpack.decode(a, type=T)") == ["msgspec.msgpack.decode"]
+
+
+def test_tests_wait_for_conditions() -> None:
+    """But for what tests/waits.py names."""
+    sleeping = [
+        file.relative_to(ROOT).as_posix()
+        for file in sources("tests").values()
+        if not file.stem.endswith(PROGRAMS_OF_TESTS) and "time.sleep" in calls_of(file.read_text())
+    ]
+    assert sleeping == ["tests/waits.py"]
+
+
+def test_no_assertion_is_suppressed() -> None:
+    """An assertion after what raises within `suppress` is not reached."""
+    assert [file for file in sources("tests").values() if suppresses_assertions(file.read_text())] == []
+    assert suppresses_assertions("with a, contextlib.suppress(E):\n    f()\n    assert x")
+    assert not suppresses_assertions("with suppress(E):\n    f()\nassert x")
 
 
 def test_one_place_starts_threads() -> None:

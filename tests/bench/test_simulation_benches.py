@@ -28,6 +28,7 @@ from robocorba.simulation.store import SimulationStore
 from robocorba.stubs import RoboCorba
 from robocorba.testing.generated_buildings import RADIUS_M, office, robots
 from robocorba.testing.json_process import Cpu, pids_of
+from tests.waits import work_for
 
 pytestmark = pytest.mark.full
 
@@ -131,7 +132,7 @@ class Session:
         self._takes_s = takes_s
 
     def command(self, wanted: Any, valid_s: float) -> None:
-        time.sleep(self._takes_s)
+        work_for(self._takes_s)
         self.commands.append(wanted)
 
     def state(self) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -31,6 +30,7 @@ from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservation, area_request, canonical_areas
 from robocorba.spatial.pose import Pose, Pose2D
 from tests.data_pool.places import Place
+from tests.waits import pause
 
 FLOOR = "L1"
 #: Simulated time passes faster than the clock, so robots check their conditions at this interval [s].
@@ -102,7 +102,7 @@ class Crowd:
                 raise AssertionError(f"not done within {limit_s} s: {[n for n, t in threads.items() if t.is_alive()]}")
             self._step()
             if any(t.is_alive() and not self.robots[n].controller.is_moving for n, t in threads.items()):  # type: ignore[attr-defined]
-                time.sleep(0.004)  # a robot plans or waits
+                pause(0.004)  # a robot plans or waits
         return wrong
 
     def _step(self) -> None:

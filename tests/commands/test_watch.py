@@ -38,6 +38,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.spatial.elevator_state import Doors, ElevatorState
 from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.stubs import RoboCorba
+from tests.waits import outlast, work_for
 
 
 def view(floor: str, *names: str, moments: dict[str, ElevatorState] | None = None) -> FloorView:
@@ -202,7 +203,7 @@ def test_slow_ticks_are_missed_not_made_up_for(stop: StopSignal) -> None:
     slow = []
     for passed_s in stop.ticks(0.01, 1.0):
         slow.append(passed_s)
-        time.sleep(0.05)
+        work_for(0.05)
     assert 2 <= len(slow) <= 20
 
 
@@ -224,7 +225,7 @@ def test_an_outage_raises_after_its_limit() -> None:
     outage.note_answer()
     assert not outage.is_active
     outage.note_failure(wrong)
-    time.sleep(0.15)
+    outlast(0.1)
     with pytest.raises(NotReachable, match="gone"):
         outage.note_failure(wrong)
 

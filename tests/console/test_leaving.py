@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import time
 from typing import Any
 
 import pytest
@@ -13,6 +12,7 @@ from starlette.requests import Request
 from robocorba.console.leaving import in_thread
 from robocorba.decoding import Work
 from robocorba.errors.files import WorkEnded
+from tests.waits import work_for
 
 LIMIT_S = 60.0
 
@@ -29,7 +29,7 @@ def request(is_gone: threading.Event) -> Request:
 def endless(work: Work) -> None:
     while True:
         work.check()
-        time.sleep(0.001)
+        work_for(0.001)
 
 
 def test_work_ends_with_its_client() -> None:

@@ -40,6 +40,7 @@ from robocorba.simulation.reservations import Reservation
 from robocorba.simulation.simulated_robot import STOPPED
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.arrays import Floats
+from robocorba.testing import processes
 from robocorba.testing.buildings import with_all
 from tests.simulation.places import tower
 
@@ -248,7 +249,4 @@ def robot(place: Place, session: InProcessSession) -> Robot:
 
 
 def eventually(is_so: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not is_so():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.01)
+    processes.eventually(is_so, PATIENCE_S, what)

@@ -25,6 +25,7 @@ from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.simulation.registry import Pose
 from robocorba.stop_latch import StopLatch
 from tests.control.places import controller, documented_adaptor, eventually
+from tests.waits import outlast, pause, stays
 
 pytestmark = pytest.mark.slow
 
@@ -137,9 +138,9 @@ def test_commands_keep_the_cap_and_the_acceleration(high: HighController, adapto
 def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor: Watched) -> None:
     adaptor.is_virtual = True
     high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
-    time.sleep(IDLE_AFTER_S + 0.3)
+    outlast(IDLE_AFTER_S + 0.2)
     began, count = time.monotonic(), len(adaptor.commands)
-    time.sleep(1.0)
+    pause(1.0)
     most = (time.monotonic() - began) / IDLE_TICK_S
     assert 1 <= len(adaptor.commands) - count <= most + 1
     count = len(adaptor.commands)
@@ -262,8 +263,7 @@ def test_a_pause_takes_no_time_of_the_motion(high: HighController) -> None:
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
     high.is_paused = True
     eventually(lambda: high.state.velocity[0] == 0.0, "standing")
-    time.sleep(1.2)
-    assert thread.is_alive()
+    stays(thread.is_alive, 1.2)
     high.is_paused = False
     thread.join(60.0)
     assert not thread.is_alive() and raised == []
@@ -296,8 +296,7 @@ def test_a_robot_that_fails_is_stopped_until_somebody_lets_it_go(high: HighContr
     thread.join(60.0)
     assert "the arm smokes" in str(raised[0])
     adaptor.failure = None
-    time.sleep(0.7)
-    assert high.stopped == "the arm smokes"
+    stays(lambda: high.stopped == "the arm smokes", 0.7)
     high.reset_stop()
     assert high.stopped == ""
 
@@ -334,8 +333,7 @@ def test_a_lost_robot_that_was_stopped_by_hand_stays_so(high: HighController, ad
     eventually(lambda: high.stopped == "nobody answers", "lost")
     high.emergency_stop("button")
     adaptor.failure = None
-    time.sleep(1.2)
-    assert high.stopped == "button"
+    stays(lambda: high.stopped == "button", 1.2)
 
 
 def once(call: Callable[[], None]) -> tuple[Callable[[], None], list[bool]]:
@@ -536,7 +534,7 @@ def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, a
     thread, _ = in_background(high.move, watching)
     eventually(lambda: len(watching.elapsed) > 5, "running")
     adaptor.hangs.set()
-    time.sleep(0.5)
+    pause(0.5)
     adaptor.hangs.clear()
     adaptor.goes_on.set()
     thread.join(60.0)
@@ -551,8 +549,7 @@ def test_what_fails_because_the_robot_is_stopped_is_no_other_reason(high: HighCo
     high.emergency_stop("button")
     adaptor.hangs.clear()
     adaptor.goes_on.set()
-    time.sleep(0.2)
-    assert high.stopped == "button"
+    stays(lambda: high.stopped == "button", 0.2)
 
 
 def test_a_bug_in_the_start_of_an_adaptor_has_a_name(adaptor: Watched) -> None:
@@ -583,7 +580,7 @@ def test_the_end_ends_a_motion(adaptor: Watched) -> None:
     high.close()
     thread.join(60.0)
     assert [str(error) for error in raised] == ["can't continue: the robot is switched off"]
-    time.sleep(1.1)  # longer than hang_limit_s
+    outlast(1.0)  # hang_limit_s
     high.check_alive()
     assert high.stopped == ""
 
@@ -608,7 +605,7 @@ def test_a_robot_at_rest_is_read_when_somebody_asks(
     resting.wake()
     eventually(lambda: resting._ticked_at > time.monotonic() + 500.0, "a long rest")
     state = resting.state
-    time.sleep(2 * high_controller.IDLE_TICK_S)  # older than that of an idle robot
+    outlast(2 * high_controller.IDLE_TICK_S)  # older than that of an idle robot
     resting.refresh()
     assert resting.state is not state
     resting.check_alive()  # it rests, and does not hang

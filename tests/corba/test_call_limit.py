@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -16,6 +15,7 @@ from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.testing.processes import eventually
+from tests.waits import work_for
 
 
 class Planner(RoboCorba__POA.PathPlanner):
@@ -102,7 +102,7 @@ def test_no_place_is_lost_and_none_is_taken_twice(limit_s: float) -> None:
     def work() -> None:
         running.append(None)
         most[0] = max(most[0], len(running))
-        time.sleep(0.0002)
+        work_for(0.0002)
         running.pop()
 
     call = CallLimit(at_once=3, limit_s=limit_s).limited(work)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import resource
 import socket
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 
@@ -13,6 +12,7 @@ import pytest
 from robocorba.corba import connections
 from robocorba.corba.connections import ConnectionLimit, raise_descriptor_limit
 from robocorba.testing.processes import eventually
+from tests.waits import outlast
 
 
 class Server:
@@ -73,7 +73,7 @@ def test_the_longest_idle_connection_ends(server: Server, monkeypatch: pytest.Mo
     for client in (robot, idle):
         server.call(client)
     stalled.send(b"GIOP\1\2\1\0")
-    time.sleep(0.02)  # the kernel counts milliseconds
+    outlast(0.01)  # the kernel counts milliseconds
     server.call(robot)
     check(1)
     assert (has_ended(stalled), has_ended(idle), has_ended(robot)) == (True, False, False)

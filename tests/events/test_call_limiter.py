@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import threading
-import time
 
 import pytest
 
 from robocorba.events import call_limiter
 from robocorba.events.call_limiter import CallLimiter
 from robocorba.testing.processes import eventually
+from tests.waits import work_for
 
 
 def test_no_more_slots_are_taken_than_allowed() -> None:
@@ -23,7 +23,7 @@ def test_no_more_slots_are_taken_than_allowed() -> None:
                 with counting:
                     running += 1
                     most = max(most, running)
-                time.sleep(0.0005)
+                work_for(0.0005)
                 with counting:
                     running -= 1
 
@@ -46,8 +46,7 @@ def test_calls_that_hang_delay_others_no_longer_than_the_limit() -> None:
     hanging = [threading.Thread(target=hang) for _ in range(2)]
     for thread in hanging:
         thread.start()
-    while len(limiter._running) < 2:
-        time.sleep(0.001)
+    eventually(lambda: len(limiter._running) == 2)
     for _ in range(100):  # 5 s, if each of them waited
         with limiter.slot():
             pass

@@ -18,6 +18,7 @@ from robocorba.events.policies import LinkPolicy
 from robocorba.events.subscription import SubscriptionMatch
 from robocorba.testing.processes import eventually
 from tests.events.samples import is_balanced
+from tests.waits import outlast, stays
 
 FIT = SubscriptionMatch(True, ())
 
@@ -186,7 +187,7 @@ def test_a_packet_that_is_sent_again_counts_once(at: Setting) -> None:
     at.gateway.is_dead = False
     at.renew(1)
     eventually(lambda: at.gateway.payloads() == [1], what="the event")
-    time.sleep(1.1 * DEFAULTS.retransmit_s)
+    outlast(DEFAULTS.retransmit_s)
     at.renew(1)
     eventually(lambda: at.gateway.payloads() == [1, 1], what="the same once more")
     at.acknowledge(2)
@@ -200,8 +201,7 @@ def test_at_most_a_window_of_packets_is_in_flight(at: Setting) -> None:
     for number in range(3 * WINDOW):
         at.publish(1, type=f"t{number % 2}")
     eventually(lambda: len(at.gateway.got) >= INLINE_WINDOW + 1, what="a full window")
-    time.sleep(0.1)
-    assert max(position for _, position, _ in at.gateway.got) <= WINDOW
+    stays(lambda: max(position for _, position, _ in at.gateway.got) <= WINDOW)
     at.acknowledge(at.gateway.got[-1][1] + 1)
     eventually(lambda: len(at.gateway.payloads()) == 3 * WINDOW, what="the rest")
     assert at.gateway.payloads() == sorted(at.gateway.payloads())
@@ -326,11 +326,10 @@ def test_nothing_is_retransmitted_while_acknowledgements_progress(at: Setting) -
     at.connect()
     at.publish()
     at.publish()
-    time.sleep(2.05)
+    outlast(2.0)
     at.acknowledge(2)
     at.renew(2)  # the second is in flight for a while, but there was progress
-    time.sleep(0.1)
-    assert at.gateway.payloads() == [1, 2]
+    stays(lambda: at.gateway.payloads() == [1, 2])
 
 
 @pytest.mark.parametrize("at", [replace(DEFAULTS, lease_s=0.05)], indirect=True)
@@ -355,7 +354,7 @@ def test_a_full_queue_discards_the_oldest_and_counts_them(at: Setting) -> None:
 def test_expired_events_are_not_sent(at: Setting) -> None:
     at.publish(2, expiry=0.05)
     at.publish()
-    time.sleep(0.1)
+    outlast(0.05)
     at.connect()
     eventually(lambda: at.gateway.payloads() == [3], what="the one that lives")
     assert at.check_account().expired == 2

@@ -40,6 +40,7 @@ from robocorba.events.subscription import ALL
 from robocorba.names import STOP_EVENT
 from robocorba.testing.processes import eventually
 from tests.events.samples import Consumer, Supplier, failing, open_channel, supplied, wanting
+from tests.waits import until_waiting
 
 POLICY = QueuePolicy(100)
 DEFAULTS = ProxyPolicy()
@@ -273,7 +274,7 @@ def test_close_ends_waiting_pulls(lab: Lab) -> None:
     answers: list[object] = []
     thread = threading.Thread(target=lambda: answers.append(proxy.pull(60.0)))
     thread.start()
-    time.sleep(0.05)
+    until_waiting(thread)
     lab.proxies.close()
     thread.join(60.0)
     assert answers == [None]

@@ -25,6 +25,7 @@ from robocorba.events.subscription import ALL
 from robocorba.testing.processes import eventually
 from tests.events.outlets import BOTH, IMPATIENT, LostClients, is_settled, publish, push_supplier_of, received, totals
 from tests.events.samples import Consumer, failing, is_balanced, wanting
+from tests.waits import outlast, pause
 
 
 @pytest.mark.parametrize("takes_batches", [False, True])
@@ -267,7 +268,7 @@ def test_an_event_that_expires_in_the_queue_is_not_delivered(channel: Channel) -
         proxy.suspend()
     publish(channel, 1, expiry=0.01)
     publish(channel, 2)
-    time.sleep(0.02)
+    outlast(0.01)
     with channel.lock:
         proxy.resume()
     eventually(lambda: is_settled(proxy))
@@ -467,7 +468,7 @@ def test_accounts_are_exact_whatever_fails(
         number += count
         assert is_balanced(totals(proxy))
         if pauses:
-            time.sleep(0.001)
+            pause(0.001)
     eventually(lambda: proxy.condition is ProxyCondition.CONNECTED and not proxy._queue)
     eventually(lambda: proxy._in_flight == 0)
     with channel.lock:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 
 import pytest
 
@@ -16,6 +15,7 @@ from robocorba.events.subscription import ALL, Subscription
 from robocorba.testing.processes import eventually
 from tests.events.outlets import BOTH, publish, totals
 from tests.events.samples import add, is_balanced
+from tests.waits import outlast, until_waiting
 
 
 def pull_supplier_of(
@@ -51,7 +51,7 @@ def test_concurrent_pulls_get_one_event_each(channel: Channel) -> None:
     threads = [threading.Thread(target=pull) for _ in range(4)]
     for thread in threads:
         thread.start()
-    time.sleep(0.05)
+        until_waiting(thread)
     publish(channel, 1, 2, 3, 4)
     for thread in threads:
         thread.join(60.0)
@@ -88,7 +88,7 @@ def test_pull_before_connect_is_refused(channel: Channel) -> None:
 def test_pull_does_not_return_expired_events(channel: Channel) -> None:
     proxy = pull_supplier_of(channel)
     publish(channel, 1, expiry=0.01)
-    time.sleep(0.02)
+    outlast(0.01)
     assert proxy.pull(0.0) is None
     assert totals(proxy) == Totals(received=1, expired=1)
 

@@ -17,6 +17,7 @@ from robocorba.events.queue import QueuePolicy
 from robocorba.events.seen_events import SeenEvents
 from robocorba.events.subscription import Clause, Pattern, Subscription
 from tests.events.samples import events, supplied, wanting
+from tests.waits import outlast
 
 HOURS_S = 7200.0
 SetClock = Callable[[float], None]
@@ -61,7 +62,7 @@ def test_waiting_events_expire_by_the_time_that_passes(channel: Channel, set_clo
     channel.publish(supplied("t", b"short", expiry=0.01), Account())
     channel.publish(supplied("t", b"long", expiry=60.0), Account())
     set_clock(ahead_s)
-    time.sleep(0.02)
+    outlast(0.01)
     found = proxy.pull(0.0)
     assert found and found.payloads == [b"long"]
 

@@ -27,6 +27,7 @@ from robocorba.spatial.pose import Pose
 from robocorba.testing.processes import eventually
 from tests.control.places import Place
 from tests.missions.places import Crew, Given
+from tests.waits import outlast
 
 pytestmark = pytest.mark.slow
 
@@ -160,7 +161,7 @@ def test_a_carrier_that_was_only_silent_carries_on(crew: Crew) -> None:
     scene.until_carried()
     crew.bus.disconnected = {"B"}
     eventually(lambda: crew.orphaned, 60.0)
-    time.sleep(2 * LEADING.member_timeout_s)
+    outlast(2 * LEADING.member_timeout_s)
     crew.bus.disconnected = set()
     eventually(lambda: scene.box_x() > 7.4, 60.0)
     crew.bus.disconnected = {"B"}

@@ -34,6 +34,7 @@ from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.spatial.pose import Pose
 from tests.control.places import Place, eventually
 from tests.missions.places import Crew, Given
+from tests.waits import work_for
 
 pytestmark = pytest.mark.slow
 
@@ -567,7 +568,7 @@ def test_a_carry_goes_on_from_where_it_stood_while_its_leader_was_silent(patient
                 crew.bus.disconnected = {"A"}
                 threading.Timer(2.0, lambda: setattr(crew.bus, "disconnected", set())).start()
             else:
-                time.sleep(2.0)
+                work_for(2.0)
         return []
 
     report = crew.leader("A", replace(LEADING, member_timeout_s=60.0), look=look).lead("test", Carried)

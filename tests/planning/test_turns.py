@@ -15,6 +15,7 @@ from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.turns import ALONE, SLICE_S, Turn, Turns
 from tests.control.places import eventually
 from tests.planning.scenes import random_room
+from tests.waits import work_for
 
 #: Time limit of what must not wait for long [s].
 LIMIT_S = 120.0
@@ -78,7 +79,7 @@ def test_no_more_compute_at_once_than_permitted_and_all_get_on() -> None:
                 with lock:
                     now += 1
                     most = max(most, now)
-                time.sleep(0.0005)
+                work_for(0.0005)
                 with lock:
                     now -= 1
                 turn.began -= SLICE_S

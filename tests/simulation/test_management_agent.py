@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -33,6 +32,7 @@ from robocorba.simulation.store import ClientRecord, SimulationStore
 from robocorba.spatial.pose import Pose
 from robocorba.testing.processes import eventually
 from tests.simulation.places import robot, scan, tower
+from tests.waits import stays
 
 PASSAGE = ("L1", ((4.0, 0.0), (6.0, 0.0), (6.0, 1.0), (4.0, 1.0)))
 
@@ -280,8 +280,7 @@ def test_leases_begin_when_calls_are_accepted(store: SimulationStore) -> None:
     with contextlib.closing(agent):
         agent.start()
         agent.register(robot("A"))
-        time.sleep(0.5)
-        assert agent.state.robots == 1
+        stays(lambda: agent.state.robots == 1, 0.5)
         agent.begin_leases()
         eventually(lambda: agent.state.robots == 0)
 

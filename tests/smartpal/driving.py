@@ -11,6 +11,7 @@ import numpy as np
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.spatial.arrays import Floats
+from tests.waits import pause
 
 TICK_S = 0.02
 SPEED_M_S, JOINT_RAD_S = 0.45, 0.5
@@ -24,7 +25,7 @@ def ticks(limit_s: float) -> Callable[[], bool]:
     def wait() -> bool:
         nonlocal due
         due = max(due + TICK_S, time.monotonic())
-        time.sleep(max(0.0, due - time.monotonic()))
+        pause(max(0.0, due - time.monotonic()))
         return due < begun + limit_s
 
     return wait

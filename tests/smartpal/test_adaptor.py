@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from robocorba.errors.robots import AdaptorFailed, UnitFailed
 from robocorba.kinematics.smartpal import JOINT_SPEED, JOINTS, Side
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.spatial.arrays import Floats
+from tests.waits import work_for
 
 ARGUMENTS = ["--naming", "127.0.0.1:1"]
 
@@ -51,12 +51,12 @@ class Units:
         self.calls.append(("stop", unit))
 
     def pose(self) -> tuple[float, float, float]:
-        time.sleep(self.delay_s)
+        work_for(self.delay_s)
         return self.odometry
 
     def arm(self, side: Side) -> Floats:
         self.asked.append(side.value)
-        time.sleep(self.delay_s)
+        work_for(self.delay_s)
         return np.full(7, 0.1 if side is Side.LEFT else 0.2)
 
     def lumbar(self) -> Floats:

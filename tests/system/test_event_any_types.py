@@ -23,7 +23,7 @@ from robocorba.corba.event_client import EventClient
 from robocorba.stubs import RoboCorba
 from robocorba.testing.random_anys import RandomAnys, content
 from tests.system.event_place import EventConsumer, Place, PushConsumer, open_place
-from tests.system.test_clients import CLEAN, OMNIIDL, has_cpp
+from tests.system.test_cpp_clients import CLEAN, OMNIIDL, has_cpp
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 

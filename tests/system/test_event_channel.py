@@ -23,6 +23,7 @@ from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
 from tests.system.event_place import EventConsumer, Place, PushConsumer, open_place, text
+from tests.waits import outlast, pause
 
 pytestmark = pytest.mark.system
 #: Time after which an event expires that nobody takes [s]; it must have arrived before, also on a busy machine.
@@ -294,7 +295,7 @@ def test_a_late_call_is_not_overtaken(client: Callable[[str], EventClient], monk
     subscription = client("").subscribe(got, "t")
     for number in range(10):
         robot.push("t", number)
-        time.sleep(0.01)  # so that the supplier's thread makes the call, which has a shorter time limit
+        pause(0.01)  # so that the supplier's thread makes the call, which has a shorter time limit
     eventually(others_end.is_set, 60)
     eventually(lambda: is_settled(subscription), 60)
     eventually(lambda: len(got.payloads) >= 10)
@@ -362,7 +363,7 @@ def test_the_lowest_priority_goes_first_and_the_expired_are_not_delivered(
     for number, priority in enumerate((1, 0, 2, 0, 2)):
         robot.push("t", number, priority=priority)
     robot.push("t", "expires", priority=9, expiry_s=EXPIRY_S)  # the last: it still counts when it gets there
-    time.sleep(EXPIRY_S + 0.1)
+    outlast(EXPIRY_S)
     subscription.proxy.resume()
     eventually(lambda: receive.payloads == [2, 4])
     eventually(lambda: is_settled(subscription))

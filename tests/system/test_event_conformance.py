@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,7 @@ from tests.system.event_place import (
     open_place,
     text,
 )
+from tests.waits import head_start, stays
 
 pytestmark = pytest.mark.system
 GONE = CORBA.OBJECT_NOT_EXIST
@@ -186,8 +186,7 @@ def test_a_pull_waits_for_the_next_event(lab: Lab) -> None:
     proxy = lab.for_pull_consumer()
     proxy.connect_pull_consumer(None)
     pull = InBackground(proxy.pull)
-    time.sleep(0.1)
-    assert pull.is_waiting()
+    stays(pull.is_waiting)
     lab.supplier().push(text("a"))
     assert pull.answer().value() == "a"
 
@@ -197,7 +196,7 @@ def test_a_pull_that_waits_is_woken_by_disconnect(lab: Lab) -> None:
         proxy = lab.for_pull_consumer()
         proxy.connect_pull_consumer(None)
         pulls = [InBackground(proxy.pull) for _ in range(3)]
-        time.sleep(patience_s)
+        head_start(patience_s)
         proxy.disconnect_pull_supplier()
         answers = {type(pull.answer()) for pull in pulls}
         if GONE not in answers:  # else one of them came later than the disconnect, on a busy machine
@@ -291,8 +290,7 @@ def test_each_peer_is_told_once_that_it_was_disconnected(lab: Lab) -> None:
     clients = (PushSupplier(), PullSupplier(), PushConsumer(), PullConsumer())
     for proxy, disconnect in connect_all(lab, clients):
         getattr(proxy, disconnect)()
-    time.sleep(0.1)  # a second one would come now
-    assert [client.disconnections for client in clients] == [1, 1, 1, 1]
+    stays(lambda: [client.disconnections for client in clients] == [1, 1, 1, 1])
 
 
 def test_a_mutual_disconnect_does_not_recur(lab: Lab) -> None:
@@ -326,7 +324,7 @@ def test_destroy_disconnects_all_kinds_and_nothing_exists_afterwards(ending: Lab
     proxies = connect_all(ending, clients)
     admins = (ending.channel.for_consumers(), ending.channel.for_suppliers())
     pull = InBackground(proxies[3][0].pull)
-    time.sleep(0.1)
+    head_start()
     ending.channel.destroy()
     assert isinstance(pull.answer(), (CosEventComm.Disconnected, GONE))  # gone: on a busy machine it came too late
     assert [client.disconnections for client in clients] == [1, 1, 1, 1]

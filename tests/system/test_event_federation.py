@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import time
 from collections.abc import Iterator, Sequence
 
 import pytest
@@ -15,6 +14,7 @@ from robocorba.events.event import MAX_PAYLOAD_BYTES
 from robocorba.stubs import RoboCorba
 from robocorba.testing.federation import LIMIT_S, Channels, Consumer, Counts, channels
 from robocorba.testing.processes import eventually
+from tests.waits import outlast, stays
 
 pytestmark = pytest.mark.system
 
@@ -95,10 +95,8 @@ def check_got(consumers: dict[str, Consumer], said: dict[str, list[int]]) -> Non
                 LIMIT_S,
                 f"what {origin} said at {name}",
             )
-    time.sleep(0.2)  # copies would come now
-    for consumer in consumers.values():
-        for origin, numbers in said.items():
-            assert consumer.payloads(origin) == numbers
+    expected = [numbers for _ in consumers for numbers in said.values()]
+    stays(lambda: [each.payloads(origin) for each in consumers.values() for origin in said] == expected, 0.2)
 
 
 @pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
@@ -164,7 +162,7 @@ def test_a_conjunction_of_a_local_and_a_remote_event_comes_true_once_for_each_pa
         at.clients["A"].push("remote", number)
         at.clients["B"].push("local", number)
     eventually(lambda: len(found) >= 20, LIMIT_S, "all pairs")
-    time.sleep(0.2)
+    stays(lambda: len(found) == 20, 0.2)
     assert [[(event.type, event.origin, event.payload) for event in pair] for pair in found] == [
         [("local", "B", number), ("remote", "A", number)] for number in range(20)
     ]
@@ -219,7 +217,7 @@ def test_expired_events_are_dropped_on_the_way(at: Channels) -> None:
         for number in range(200):
             at.clients["A"].push("t", -1 - number, expiry_s=0.2)
             at.clients["A"].push("t", number)
-        time.sleep(0.3)
+        outlast(0.2)
     check_got({"B": consumer}, {"A": list(range(200))})
 
     # At the link of A, at the gateway of B, or, on a busy machine, already at the proxy of their supplier.
@@ -438,10 +436,7 @@ def test_a_link_is_down_at_both_ends_while_one_of_them_cannot_be_called(at: Chan
 
         eventually(is_down, LIMIT_S, "the link to be down at both ends, in both directions")
         joins = at.outgoing("A", "B").reconnects
-        until = time.monotonic() + 3.0
-        while time.monotonic() < until:  # B goes on to call A, twice a second
-            assert is_down()
-            time.sleep(0.05)
+        stays(is_down, 3.0)  # B goes on to call A, twice a second
         assert at.outgoing("A", "B").reconnects == joins
         assert "can't be called" in at.outgoing("A", "B").problem
         assert "nothing that it sends has arrived" in at.incoming("B", "A").problem

@@ -29,6 +29,7 @@ from tests.system.event_place import (
     open_place,
     text,
 )
+from tests.waits import head_start, pause
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 EVERYTHING = [RoboCorba.Clause([RoboCorba.EventPattern("", "")], 0.0)]
@@ -166,7 +167,7 @@ def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_is_reported(place
                 except Unconfirmed:
                     reported.append(number)
                 number += 1
-                time.sleep(0.002)
+                pause(0.002)
 
         talking = threading.Thread(target=talk)
         talking.start()
@@ -190,7 +191,7 @@ def test_a_pull_that_waits_neither_holds_up_the_end_nor_is_it_disconnected(place
     proxy = place.channel("lab").for_consumers().obtain_pull_supplier()
     proxy.connect_pull_consumer(None)
     pull = InBackground(proxy.pull)
-    time.sleep(0.2)
+    head_start(0.2)
     process.send_signal(signal.SIGTERM)
     assert process.wait(60.0) == 0
     place.start("lab")

@@ -22,6 +22,7 @@ from robocorba.testing.buildings import two_floors
 from robocorba.testing.processes import Running, eventually
 from tests.system.elements import all_elements, replay, wall
 from tests.system.test_up import answers
+from tests.waits import pause
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
@@ -96,7 +97,7 @@ def test_accepted_edits_and_references_survive(
             accepted = sum(len(each.accepted) for each in editors)
             with editors[0].going_on(), editors[1].going_on():
                 eventually(lambda: sum(len(each.accepted) for each in editors) > accepted + 3, what="edits")  # noqa: B023
-                time.sleep(chance.uniform(0.0, 0.1))
+                pause(chance.uniform(0.0, 0.1))
                 os.kill(pid, signal.SIGKILL)
                 killed = time.monotonic()
             # The same Python objects as from the beginning.

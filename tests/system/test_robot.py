@@ -7,7 +7,6 @@ import math
 import os
 import signal
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from robocorba.programs.program import Program, dumps
 from robocorba.stubs import RoboCorba
 from robocorba.supervision.launch import module_command
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, hang, refusal
+from tests.waits import pause
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -142,7 +142,7 @@ def test_an_emergency_stop_by_the_command(start: Start, system_orb: Orb, robocor
 
 def stands(orb: Orb, name: str) -> bool:
     """Whether the simulation server has a robot at the same place for half a second."""
-    before, _ = session_state(orb, name), time.sleep(0.5)
+    before, _ = session_state(orb, name), pause(0.5)
     return session_state(orb, name) == pytest.approx(before, abs=1e-3)
 
 

@@ -6,7 +6,6 @@ import contextlib
 import math
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -21,6 +20,7 @@ from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 from robocorba.supervision.launch import module_command
 from robocorba.testing.actual_robot import ROOT, StandIn, running_stand_in
 from robocorba.testing.processes import Launcher, Running, eventually, hang
+from tests.waits import outlast, pause
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
@@ -63,7 +63,7 @@ class Robot:
 
     def stands(self) -> bool:
         """By what its own base says, now and half a second later."""
-        (_, *before), _ = self._base.getPosition(), time.sleep(0.5)
+        (_, *before), _ = self._base.getPosition(), pause(0.5)
         _, *after = self._base.getPosition()
         return math.dist(before[:2], after[:2]) / 1000 < STANDS_M
 
@@ -171,7 +171,7 @@ def test_a_robot_process_that_hung_does_not_go_on_as_if_it_had_not(robot: Robot)
     robot.set_off()
     hang(robot.pid)
     eventually(robot.stands)  # its last command ends after 0.1 s
-    time.sleep(3.0)  # longer than its lease
+    outlast(3.0)  # longer than its lease
     os.kill(robot.pid, signal.SIGCONT)
     state = robot.failed()
     assert state.program.result is ProgramResult.FAILED
@@ -183,7 +183,7 @@ def test_a_robot_process_that_hung_does_not_go_on_as_if_it_had_not(robot: Robot)
 def test_a_short_pause_of_the_process_is_no_loss(robot: Robot) -> None:
     robot.set_off()
     hang(robot.pid)
-    time.sleep(0.4)
+    pause(0.4)
     os.kill(robot.pid, signal.SIGCONT)
     eventually(lambda: robot.agent.state().actor.velocity[0] > 0.15, PATIENCE_S, "moving again")
     robot.agent.abort()

@@ -38,6 +38,7 @@ from robocorba.testing.simulation import (
     simulation,
     speed_of,
 )
+from tests.waits import pause
 
 pytestmark = pytest.mark.system
 
@@ -174,7 +175,7 @@ def test_a_robot_that_says_that_it_is_there_stays(place: Place) -> None:
     deadline = time.monotonic() + 1.5 * a._get_lease()
     while time.monotonic() < deadline:
         a.heartbeat()
-        time.sleep(HEARTBEAT_INTERVAL_S)
+        pause(HEARTBEAT_INTERVAL_S)
     assert place.names == {"a"}
     a.deregister()
 
@@ -419,7 +420,7 @@ def test_a_new_pace_is_that_of_the_next_step(place: Place) -> None:
 def passed(place: Place, seconds: float) -> float:
     """Simulated seconds in so many."""
     began, before = time.monotonic(), state_of(place).time
-    time.sleep(seconds)
+    pause(seconds)
     after = state_of(place).time
     return float(after - before) * seconds / (time.monotonic() - began)
 

@@ -29,6 +29,7 @@ from robocorba.testing.simulation import (
     is_gone,
     simulation,
 )
+from tests.waits import pause
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 
@@ -301,7 +302,7 @@ def test_a_crowd_that_wants_to_log_on_is_turned_away(place: Place) -> None:
     most = 0
     while any(thread.is_alive() for thread in threads):
         most = max(most, place.server._get_state().robots)
-        time.sleep(0.05)
+        pause(0.05)
     assert len(took) == CROWD
     assert most == limit and len(refused) <= CROWD - limit
     assert all(one.limit == one.now == limit and one.retryAfter <= 2.0 for one in refused)
@@ -570,7 +571,7 @@ def test_time_goes_on_after_any_pace(place: Place) -> None:
         assert place.server._get_state().pace == 1.0
     for pace in (1000.0, 0.0, 0.5, 1e-3, 1e-300, 5e-324):
         place.administrator.setPace(pace)
-        time.sleep(0.05)  # a step at the least
+        pause(0.05)  # a step at the least
         assert place.server._get_state().pace == pace
         place.administrator.setPace(1.0)
         began = place.server._get_state().time

@@ -7,7 +7,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -17,6 +16,7 @@ from robocorba.simulation.registry import LEASE_S
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import BACK_LIMIT_S, GONE, Chaos, ClientProcess, Place, away, error_lines, simulation
+from tests.waits import outlast
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 ROUNDS = 3
@@ -80,7 +80,7 @@ def test_robots_stay_logged_on_when_all_was_held_up(place: Place) -> None:
     simulation_server = place.pid("simulation")
     for pid in (robots.process.pid, simulation_server):
         os.kill(pid, signal.SIGSTOP)
-    time.sleep(1.5 * LEASE_S)
+    outlast(1.4 * LEASE_S)
     for pid in (simulation_server, robots.process.pid):
         os.kill(pid, signal.SIGCONT)
     began = place.server._get_state().time

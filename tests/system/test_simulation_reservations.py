@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -37,6 +36,7 @@ from robocorba.testing.simulation import (
     landing,
     simulation,
 )
+from tests.waits import stays
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 
@@ -123,8 +123,7 @@ def test_a_robot_whose_process_was_killed_frees_its_areas(place: Place) -> None:
     waiter = place.log_on("waiter", 4.0, 14.5)
     waiter.reserveAreas([struct(BOTH)], LIMIT_S)
     assert phase(waiter) == RoboCorba.WAITING_FOR_AREAS
-    time.sleep(1.0)
-    assert phase(waiter) == RoboCorba.WAITING_FOR_AREAS  # the other one lives
+    stays(lambda: phase(waiter) == RoboCorba.WAITING_FOR_AREAS, 1.0)  # the other one lives
     process.kill()
     eventually(lambda: phase(waiter) == RoboCorba.AREAS_GRANTED, what="the areas of the dead robot are free")
 

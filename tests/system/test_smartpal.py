@@ -25,6 +25,7 @@ from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
 from robocorba.testing.actual_robot import StandIn, running_stand_in
 from robocorba.testing.processes import eventually
 from tests.smartpal.driving import TICK_S, drive_to, ticks
+from tests.waits import pause
 
 pytestmark = pytest.mark.system
 
@@ -124,7 +125,7 @@ def stands(place: StandIn, over_s: float = 0.1) -> bool:
     """Whether its base and its left arm stay where they are, as the robot itself says."""
     mobility, arm = place.unit("Mobility.Unit", YeRTUnitMobility.mobility), place.unit("MnpL", _GlobalIDL.ArmUnit)
     before, joints = mobility.getPosition(), arm.getFeedbackPos(_GlobalIDL.JOINT)[1]
-    time.sleep(over_s)
+    pause(over_s)
     after, joints_after = mobility.getPosition(), arm.getFeedbackPos(_GlobalIDL.JOINT)[1]
     way_mm = math.dist(before[1:3], after[1:3])
     return way_mm < 1000 * STANDS_M_S * over_s and abs(joints[0] - joints_after[0]) < 0.2

@@ -1,0 +1,54 @@
+"""The waits of tests for which there is no condition, by what they are for. All others are
+`robocorba.testing.processes.eventually`; tests/test_structure.py sees to it."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+from robocorba.testing.processes import eventually
+
+
+def pause(seconds: float) -> None:
+    """Between two calls or measurements of a test [s]: how far they are apart is what it tries."""
+    time.sleep(seconds)
+
+
+def work_for(seconds: float) -> None:
+    """A callee that takes its time [s], as the test wants it to."""
+    time.sleep(seconds)
+
+
+def outlast(limit_s: float) -> None:
+    """Until a time limit of the product has passed for certain: an expiry, a lease, an interval [s]."""
+    time.sleep(1.1 * limit_s + 0.01)
+
+
+def head_start(seconds: float = 0.1) -> None:
+    """For a call to another process that another thread has begun: it usually waits there then [s]. The test passes,
+    and tries less, where it does not."""
+    time.sleep(seconds)
+
+
+def stays(condition: Callable[[], object], for_s: float = 0.1) -> None:
+    """Fails the test unless a condition holds now and for a while [s], in which what must not come usually would."""
+    until = time.monotonic() + for_s
+    while True:
+        is_last = time.monotonic() >= until
+        assert condition()
+        if is_last:
+            return
+        time.sleep(min(0.02, for_s))
+
+
+def until_waiting(thread: threading.Thread) -> None:
+    """Until a thread of this process waits for a condition, an event or a queue."""
+    waits = threading.__file__
+
+    def is_waiting() -> bool:
+        frame = sys._current_frames().get(thread.ident or 0)
+        return frame is not None and frame.f_code.co_filename == waits and "wait" in frame.f_code.co_name
+
+    eventually(is_waiting, what=f"{thread.name} waits")
