@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import functools
 import math
@@ -12,7 +11,6 @@ from collections import deque
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple
 
 import av
 import numpy as np
@@ -153,93 +151,33 @@ def naming(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield str(running.naming)
 
 
-class Run(NamedTuple):
-    """A hand-over that runs in a folder. printed: so far."""
-
-    process: LoggedProcess
-    folder: Path
-    printed: list[str]
-
-    def read_until(self, word: str) -> None:
-        """Read what it prints up to a line with this word, or all."""
-        while line := self.process.read_line(LIMIT_S):
-            self.printed.append(line.rstrip("\n"))
-            if word and word in line:
-                return
-        assert not word, "\n".join(self.printed) + self.process.log_tail()
-
-    def check(self, kind: str) -> None:
-        """Wait for its end."""
-        self.read_until("")
-        assert (self.process.wait(LIMIT_S), self.process.log_tail()) == (0, ""), "\n".join(self.printed)
-        logged = [line.split(ICON, 1)[1] for line in self.printed if ICON in line]
-        order = ["A  say hand_over.ready", "B  gripper left close", "B  say hand_over.gripped", "A  gripper right open"]
-        assert [line for line in logged if line in order] == order
-        check_joints(self.folder / f"hand-over-{kind}.csv")
-        check_recording(self.folder / f"hand-over-{kind}.mcap")
-
-
-@contextlib.contextmanager
-def running(folder: Path, *options: str) -> Iterator[Run]:
+def run(folder: Path, kind: str, *options: str) -> None:
+    """A hand-over in a folder, and what it prints and writes."""
     command = (*module_command("robocorba.clients.hand_over"), str(folder), *options)
+    printed: list[str] = []
     with LoggedProcess(folder / "errors", *command, cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}) as process:
-        yield Run(process, folder, [])
-
-
-@pytest.fixture(scope="module")
-def actual(naming: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    with running(tmp_path_factory.mktemp("actual"), "--actual", "--naming", naming) as run:
-        yield run
-
-
-@pytest.mark.system
-@pytest.mark.timeout(LIMIT_S + 20)
-def test_actual_robots_in_servers_that_run(actual: Run) -> None:
-    actual.read_until(ICON)
+        while line := process.read_line(LIMIT_S):
+            printed.append(line.rstrip("\n"))
+        assert (process.wait(LIMIT_S), process.log_tail()) == (0, ""), "\n".join(printed)
+    logged = [line.split(ICON, 1)[1] for line in printed if ICON in line]
+    order = ["A  say hand_over.ready", "B  gripper left close", "B  say hand_over.gripped", "A  gripper right open"]
+    assert [line for line in logged if line in order] == order
+    check_joints(folder / f"hand-over-{kind}.csv")
+    check_recording(folder / f"hand-over-{kind}.mcap")
 
 
 @pytest.mark.system
-@pytest.mark.timeout(LIMIT_S + 20)
-def test_actual_robots_meet(actual: Run) -> None:
-    actual.read_until("hand_over.ready")
+@pytest.mark.timeout(3 * LIMIT_S)
+def test_actual_robots_in_servers_that_run(naming: str, tmp_path: Path) -> None:
+    run(tmp_path, "actual", "--actual", "--naming", naming)
+    check_film(tmp_path / "hand-over-actual.mp4")
 
 
 @pytest.mark.system
-@pytest.mark.timeout(LIMIT_S + 20)
-def test_actual_robots_hand_the_sheet_over(actual: Run) -> None:
-    actual.read_until("Largest errors")
-
-
-@pytest.mark.system
-@pytest.mark.timeout(LIMIT_S + 20)
-def test_what_is_written_of_actual_robots(actual: Run) -> None:
-    actual.check("actual")
-    check_film(actual.folder / "hand-over-actual.mp4")
-
-
-@pytest.fixture(scope="module")
-def virtual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    with running(tmp_path_factory.mktemp("virtual"), "--no-film") as run:
-        yield run
-
-
-@pytest.mark.system
-@pytest.mark.timeout(LIMIT_S + 20)
-def test_virtual_robots_in_servers_of_their_own(virtual: Run) -> None:
-    virtual.read_until(ICON)
-
-
-@pytest.mark.system
-@pytest.mark.timeout(LIMIT_S + 20)
-def test_virtual_robots_meet(virtual: Run) -> None:
-    virtual.read_until("hand_over.ready")
-
-
-@pytest.mark.system
-@pytest.mark.timeout(LIMIT_S + 20)
-def test_virtual_robots_hand_the_sheet_over(virtual: Run) -> None:
-    virtual.check("virtual")
-    assert not list(virtual.folder.glob("*.mp4"))
+@pytest.mark.timeout(3 * LIMIT_S)
+def test_virtual_robots_in_servers_of_their_own(tmp_path: Path) -> None:
+    run(tmp_path, "virtual", "--no-film")
+    assert not list(tmp_path.glob("*.mp4"))
 
 
 def check_joints(file: Path) -> None:

@@ -1,7 +1,7 @@
 """Two robots carry a box up one floor: real processes, one command, and the elevator that they all ride together. The
 leader is killed in the cabin, and the other one carries on.
 
-Until then it is the example of docs/mission.md. Each test waits for the next part of one mission."""
+Until then it is the example of docs/mission.md."""
 
 from __future__ import annotations
 
@@ -127,11 +127,10 @@ def carry(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Carry]:
                 yield Carry(orb, watch, launch(ROBOCORBA, *command, **place), robots[0])
 
 
-def test_two_robots_carry_a_box(carry: Carry) -> None:
+@pytest.mark.timeout(4 * PATIENCE_S)
+def test_the_other_one_carries_on_alone_when_the_leader_is_killed_in_the_cabin(carry: Carry) -> None:
     carry.wait_for("L1")
 
-
-def test_they_ride(carry: Carry) -> None:
     def is_riding() -> bool:
         assert carry.user.poll() is None, carry.user.communicate()
         phases = carry.mission().phases
@@ -139,13 +138,7 @@ def test_they_ride(carry: Carry) -> None:
 
     eventually(is_riding, PATIENCE_S, "riding")
     carry.leader.kill()
-
-
-def test_the_other_one_carries_it_out_alone(carry: Carry) -> None:
     carry.wait_for("L2")
-
-
-def test_it_is_put_down_there(carry: Carry) -> None:
     out, err = carry.user.communicate(timeout=PATIENCE_S)
     assert (out.splitlines()[-1].split("\t")[0], err) == ("done", ""), out
     carry.watch.look()
@@ -174,7 +167,9 @@ def check_box(seen: list[Seen]) -> None:
 
 def check_record(content: MissionContent) -> None:
     assert (content.leader, content.term) == ("B", 2)
-    assert [name for name, _ in groupby(phase.name for phase in content.phases)] == [
+    # On a busy machine a carry may wait for the positions of others.
+    names = [phase.name for phase in content.phases if not phase.name.startswith("waiting: ")]
+    assert [name for name, _ in groupby(names)] == [
         *("asking", "reserving", "gathering", "approaching", "gripping", "carrying", "waiting for the cabin"),
         *("driving in", "riding", "recovering", "riding without A", "driving out without A", "carrying without A"),
         *("putting down without A", "backing off without A"),

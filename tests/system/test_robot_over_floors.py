@@ -1,4 +1,4 @@
-"""A program over two floors, run by the command in a robot process. Each test waits for the next part of it."""
+"""A program over two floors, run by the command in a robot process."""
 
 from __future__ import annotations
 
@@ -47,11 +47,9 @@ def ride(system: Running, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
             yield Ride(command, RemoteAgent(orb, "A"), RemotePool.of_robot(orb, "A"))
 
 
-def test_it_rides_to_another_floor(ride: Ride) -> None:
+@pytest.mark.timeout(4 * PATIENCE_S)
+def test_it_rides_to_another_floor_and_ends_there(ride: Ride) -> None:
     eventually(lambda: ride.agent.state().at.floor == "L2", PATIENCE_S, "on the other floor")
-
-
-def test_it_ends_there(ride: Ride) -> None:
     printed = []
     while line := ride.command.read_line(PATIENCE_S):
         printed.append(line.rstrip("\n"))
