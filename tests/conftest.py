@@ -6,10 +6,12 @@ import functools
 import gc
 import os
 import signal
+from collections.abc import Iterator
 
 import hypothesis
 import pytest
 
+from robocorba.planning.planner import PathPlanner
 from robocorba.supervision.compilation import compile_kernels
 from robocorba.supervision.compile_worker import STEPS
 
@@ -48,6 +50,15 @@ def pytest_collection_finish() -> None:
 def sigint() -> None:
     """Shells let what they start in the background ignore Ctrl-C, and it would be ignored by all that tests start."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def patient_planners() -> Iterator[None]:
+    """Planners of this process have a minute for a query by default, as a busy machine needs. Tests of the limit set
+    their own, and processes that tests start have that of the product."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PathPlanner.__init__, "__defaults__", (0, 60.0))
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

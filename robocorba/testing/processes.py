@@ -130,9 +130,11 @@ class Running:
 
 
 def real_system(launch: Callable[..., Popen[str]], state: Path, naming_port: int, *more: str) -> Running:
-    """Start `robocorba up` with the real servers; does not wait. Servers without a compiled planner take a minute."""
-    command = (ROBOCORBA, "up", "--state", str(state), "--naming-port", str(naming_port), "--start-limit", "300")
-    return Running(launch(*command, *more), state, Address("127.0.0.1", naming_port))
+    """Start `robocorba up` with the real servers; does not wait. Servers without a compiled planner take a minute, and
+    one that the machine holds up for a while has not hung."""
+    command = (ROBOCORBA, "up", "--state", str(state), "--naming-port", str(naming_port))
+    limits = ("--start-limit", "300", "--hang-limit", "60")
+    return Running(launch(*command, *limits, *more), state, Address("127.0.0.1", naming_port))
 
 
 @contextlib.contextmanager

@@ -137,7 +137,6 @@ def test_a_copy_that_is_far_behind_is_loaded_again(place: Editor, monkeypatch: p
 
 def test_a_floor_is_loaded_again_only_for_its_own_obstacles(place: Editor) -> None:
     source = RemoteFloorMap(cast(Orb, place))
-    source._editor._reference = place
     first = source.of("L1")
     assert first.floors["L1"].geometrical.walls == place.editor.building.floors["L1"].geometrical.walls
     assert (list(first.floors), first.elevators) == (["L1"], place.editor.building.elevators)
@@ -152,7 +151,6 @@ def test_a_floor_is_loaded_again_only_for_its_own_obstacles(place: Editor) -> No
 
 def test_pages_of_the_editing_client(place: Editor) -> None:
     remote = RemoteMapEditor(cast(Orb, place))
-    remote._editor._reference = place
     create_all(place, many_nodes(5))
     assert remote.elements(ElementKind.NODE, "L2") == place.editor.elements(ElementKind.NODE, "L2")
     assert [change.element for change in remote.changes_since(1)] == many_nodes(5)

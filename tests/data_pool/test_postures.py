@@ -21,7 +21,8 @@ class Source:
         self.known = {"L1": [Posture("A", 1.0, (0.1,)), Posture("B", 2.0, (0.2,))], "L2": [Posture("C", 3.0, ())]}
         self.is_away = False
         self.calls = 0
-        self.pool = PoolPostures(self.postures, lambda: self.floor, self.clock)
+        self.answer = self.postures
+        self.pool = PoolPostures(lambda floor, time_s: self.answer(floor, time_s), lambda: self.floor, self.clock)
 
     def postures(self, floor: str, time_s: float) -> list[Posture]:
         self.calls += 1
@@ -73,14 +74,13 @@ def test_nobody_waits_for_another_reader(source: Source) -> None:
     source.names()
     source.clock.now += KEPT_S
     asked, answers = threading.Event(), threading.Event()
-    answer = source.postures
 
     def hang(floor: str, time_s: float) -> list[Posture]:
         asked.set()
         answers.wait(60.0)
-        return answer(floor, time_s)
+        return source.postures(floor, time_s)
 
-    source.pool._source = hang
+    source.answer = hang
     reader = threading.Thread(target=source.names)
     reader.start()
     assert asked.wait(60.0)

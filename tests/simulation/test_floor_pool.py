@@ -107,12 +107,12 @@ class FakeFloor:
     """A floor that notes the threads that step it. wait: called within a step."""
 
     def __init__(self, name: str, size: int = MIN_SHARED_BODIES, wait: Callable[[], object] = lambda: None) -> None:
-        self.name, self.size, self.is_still, self._wait = name, size, False, wait
+        self.name, self.size, self.is_still, self.wait = name, size, False, wait
         self.threads: list[str] = []
 
     def step(self) -> StepResult:
         self.threads.append(threading.current_thread().name)
-        self._wait()
+        self.wait()
         return StepResult([Contact(self.name, "")], [])
 
 
@@ -255,7 +255,7 @@ def test_few_bodies_are_not_shared_though_it_would_pay() -> None:
         def step() -> None:
             clock.now += 1.0
 
-        floors[0]._wait = step
+        floors[0].wait = step
         for _ in range(3 * WINDOW_STEPS):
             pool.step(floors)
     assert floor_threads() <= before

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import secrets
 import threading
@@ -37,8 +38,8 @@ pytestmark = [pytest.mark.system, pytest.mark.full]
 GROWTH_MIB = 200
 #: The fixtures are of the module, so they are the same for all examples of a test.
 MANY = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-#: Robots that want to log on, far more than may.
-CROWD = 10_000
+#: Robots that want to log on and may not, before the crowd goes, and how long it tries at most [s].
+CROWD, CROWD_LIMIT_S = 2_000, 200.0
 #: Time limit of each of their calls [s]; its usual time is measured in bench/.
 ANSWER_S = 20.0
 #: No text of an answer is longer, whatever was asked.
@@ -287,24 +288,25 @@ def test_a_crowd_that_wants_to_log_on_is_turned_away(place: Place) -> None:
     created = place.editor.create("", RoboCorba.Element(aFloor=field))
     eventually(lambda: "field" in place.database.floors(), what="the new floor")
 
-    def want(first: int) -> None:
-        for number in range(first, CROWD, 4):
-            began = time.monotonic()
+    numbers, until = itertools.count(), time.monotonic() + CROWD_LIMIT_S
+
+    def want() -> None:
+        while len(refused) < CROWD and time.monotonic() < until:
+            number, began = next(numbers), time.monotonic()
             try:
-                place.log_on(f"crowd-{number}", 1.0 * (number % 100), 1.0 * (number // 100), floor="field")
+                place.log_on(f"crowd-{number}", 1.0 * (number % 100), 1.0 * (number // 100 % 100), floor="field")
             except RoboCorba.ServerFull as full:
                 refused.append(full)
             took.append(time.monotonic() - began)
 
-    threads = [threading.Thread(target=want, args=(first,)) for first in range(4)]
+    threads = [threading.Thread(target=want) for _ in range(4)]
     for thread in threads:
         thread.start()
     most = 0
     while any(thread.is_alive() for thread in threads):
         most = max(most, place.server._get_state().robots)
         pause(0.05)
-    assert len(took) == CROWD
-    assert most == limit and len(refused) <= CROWD - limit
+    assert most <= limit and len(refused) >= CROWD
     assert all(one.limit == one.now == limit and one.retryAfter <= 2.0 for one in refused)
     assert max(took) < ANSWER_S
     place.let_go()
