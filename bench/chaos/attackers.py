@@ -207,7 +207,8 @@ class Attacker:
                     uri = f"corbaloc:iiop:1.2@{endpoint}/{CHANNELS}/{name}/gateway"
                     with contextlib.suppress(CORBA.Exception):
                         gateway = self._orb.reference(uri, RoboCorba.PeerGateway)
-                        gateway.forwardAged("1", 1, [0.0], [RoboCorba.EventRun(header, [1.0], [b"\xc0"])])
+                        way = RoboCorba.EventWay([RoboCorba.EventTarget(name, 0)], 0)
+                        gateway.forwardOn("1", 1, [0.0], [way], [RoboCorba.EventRun(header, [1.0], [b"\xc0"])])
             time.sleep(0.1)
         proxy.disconnect_push_consumer()
 

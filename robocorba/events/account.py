@@ -32,3 +32,19 @@ class Account:
     def totals(self, queued: int) -> Totals:
         """Snapshot with `queued` events that wait or are in flight."""
         return Totals(self.received, self.delivered, self.unconfirmed, self.discarded, self.expired, queued)
+
+
+@dataclass(slots=True)
+class Arrivals(Account):
+    """Counters of the events from a peer. repeated: those that came before, which nothing else counts. refused: of the
+    discarded, those of which the channel cannot tell whether they came before, or which it could not read. held: they
+    wait for earlier ones."""
+
+    repeated: int = 0
+    refused: int = 0
+    held: int = 0
+
+    def snapshot(self) -> Totals:
+        return Totals(
+            self.received + self.held, self.delivered, self.unconfirmed, self.discarded, self.expired, self.held
+        )

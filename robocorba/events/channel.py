@@ -7,12 +7,14 @@ clients without the lock, so that a client that hangs blocks only the thread tha
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
+from collections.abc import Iterable
 from typing import NamedTuple, Protocol
 
 from robocorba.errors.events import ProxyGone
-from robocorba.events.account import Account
+from robocorba.events.account import Account, Arrivals
 from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.events.blocking_budget import BlockingBudget
 from robocorba.events.event import EventBatch, EventHeader
@@ -22,6 +24,7 @@ from robocorba.events.feed import Feed
 from robocorba.events.interest import Interest
 from robocorba.events.proxy_consumer import ORDERS
 from robocorba.events.proxy_supplier import ProxySupplier
+from robocorba.events.resequencer import Arrival, Resequencer
 from robocorba.events.seen_events import SeenEvents
 from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription
 
@@ -36,7 +39,11 @@ NEVER_HELD_UP = "mission."
 #: 5 s get an answer within it; without one they would not know whether their event was received.
 MAX_WAIT_S = 4.0
 
-_UNFILTERED = SubscriptionMatch(True, ())
+#: A copy of an event that has crossed this many links is discarded [links]. For the milliseconds in which a change of
+#: the links spreads, two channels may send a copy to each other.
+MAX_HOPS = 1000
+
+_log = logging.getLogger(__name__)
 
 
 def is_urgent(type: str) -> bool:
@@ -47,11 +54,8 @@ def is_urgent(type: str) -> bool:
 class Sink(Protocol):
     """Destination of events: a proxy supplier, or the feed of a peer.
 
-    `accept` queues a batch, or lets the calling thread claim it: that thread must deliver it, without the lock."""
-
-    def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
-        """Accept a batch at `now` [s, time.monotonic]; called with the lock. True if the caller has claimed it and must
-        `deliver` or `defer` it."""
+    Its `accept` queues a batch, or lets the calling thread claim it: then it returns True, and that thread must
+    `deliver` or `defer` it, without the lock."""
 
     def deliver(self, batch: EventBatch) -> bool:
         """Deliver a claimed batch; called without the lock. False if the call was slow or failed."""
@@ -60,17 +64,8 @@ class Sink(Protocol):
         """Return a claimed batch to the queue of the sink, whose own thread delivers it; called without the lock."""
 
 
-#: A batch, and the sinks for which the calling thread has claimed it.
-Claims = tuple[EventBatch, list[Sink]]
-
-
-class Forwarded(NamedTuple):
-    """What became of forwarded events. claims: the caller must pass them to `deliver`. duplicates: number of those that
-    came before. refused: number of those of which the channel cannot tell whether they did."""
-
-    claims: list[Claims]
-    duplicates: int
-    refused: int
+#: Sinks for which the calling thread has claimed a batch.
+Claims = list[tuple[Sink, EventBatch]]
 
 
 class _Route(NamedTuple):
@@ -78,21 +73,21 @@ class _Route(NamedTuple):
 
     #: Header of the events, with their origin.
     header: EventHeader
-    sinks: list[tuple[Sink, SubscriptionMatch]]
-    #: The feeds among them.
-    feeds: list[Feed]
-    #: Feeds of peers that do not want the events; they count them as unseen.
+    proxies: list[tuple[ProxySupplier, SubscriptionMatch]]
+    #: The other channels that want the events, by the feed of the peer that is next on the way to them.
+    ways: list[tuple[Feed, list[str]]]
+    #: Feeds of peers that no channel needs for it; they count the events as unseen.
     uninterested: list[Feed]
     #: Proxies whose policy blocks suppliers while their queue is full.
     blocking: list[ProxySupplier]
     #: Size of the smallest queue among them [events], 0 if there are none.
     blocking_size: int
 
-    def accept(self, batch: EventBatch, now: float) -> list[Sink]:
-        """Pass a batch to all sinks; returns those for which it is claimed."""
+    def supply(self, batch: EventBatch, now: float, claims: Claims) -> None:
+        """Pass a batch to the consumers of this channel; called with the lock."""
+        claims += [(proxy, batch) for proxy, match in self.proxies if proxy.accept(batch, match, now)]
         for feed in self.uninterested:
             feed.unseen += len(batch)
-        return [sink for sink, match in self.sinks if sink.accept(batch, match, now)]
 
 
 class Channel:
@@ -112,8 +107,12 @@ class Channel:
         self._blocking_budget = BlockingBudget()
         self._number = first_number - 1
         self._clock = clock or ArrivalClock()
+        #: Events of peers that came before an earlier one.
+        self._resequencer = Resequencer(seen.has_seen)
+        #: Number of the last event that was sent to each channel.
+        self._last_for: dict[str, int] = {}
         #: Of the federation, when the routes were updated.
-        self._topology = federation.topology
+        self._next_peers = federation.next_peers
         #: By header. A header without origin belongs to a supplier of this channel.
         self._routes: dict[EventHeader, _Route] = {}
 
@@ -151,18 +150,11 @@ class Channel:
             route = self._routes.get(batch.header) or self._find_route(batch.header)
             is_to_wait = route.blocking_size and not is_urgent(batch.header.type)
             if not is_to_wait:
-                batch.header = route.header
-                batch.first = self._number + 1
-                self._number += count
-                for feed in route.uninterested:  # as in `_Route.accept`, without the call
-                    feed.unseen += count
-                claims = [sink for sink, match in route.sinks if sink.accept(batch, match, now - epoch)]
+                claims = self._send(batch, route, now - epoch)
         if is_to_wait:
             self._publish_blocking(batch, route.blocking_size)
-        elif len(claims) == 1:
-            claims[0].deliver(batch)
         else:
-            _deliver(batch, claims)
+            self.deliver(claims)
 
     def _publish_blocking(self, batch: EventBatch, max_events: int) -> None:
         """Publish pieces of at most `max_events`, each when the queues have room or their time limit has passed.
@@ -176,11 +168,25 @@ class Channel:
                 for proxy in self._find_route(header).blocking:
                     proxy.wait_for_room(len(piece), deadline - time.monotonic(), self._blocking_budget)
                 route = self._find_route(header)  # it may have changed during the wait
-                piece.header = route.header
-                piece.first = self._number + 1
-                self._number += len(piece)
-                claims = route.accept(piece, time.monotonic())
-            _deliver(piece, claims)
+                claims = self._send(piece, route, time.monotonic())
+            self.deliver(claims)
+
+    def _send(self, batch: EventBatch, route: _Route, now: float) -> Claims:
+        """Number a batch and pass it to the peers and the consumers; called with the lock."""
+        batch.header, batch.first = route.header, self._number + 1
+        self._number += len(batch.payloads)
+        claims: Claims = []
+        # Peers first: sending to them does not wait for an answer, and takes the longest to arrive.
+        for feed, names in route.ways:
+            targets = {name: self._last_for.get(name, 0) for name in names}
+            for name in names:
+                self._last_for[name] = self._number
+            copy = batch.toward(targets) if batch.targets else batch
+            copy.targets = targets
+            if feed.accept(copy):
+                claims.append((feed, copy))
+        route.supply(batch, now, claims)
+        return claims
 
     def has_had(self, origin: str, number: int) -> bool:
         """Whether this channel has published or forwarded the event with this number of this origin; one of an earlier
@@ -189,40 +195,108 @@ class Channel:
             return self._seen.has_seen(origin, number)
         return number <= self._number or life_of(number) != life_of(self._number)
 
-    def forward(self, batches: list[EventBatch]) -> Forwarded:
-        """Accept events from a peer, in their order. Never waits for room in a queue: that would block the link.
+    def forward(self, batches: list[EventBatch], account: Arrivals) -> Claims:
+        """Accept events from a peer or a foreign channel, and count them in its account. The caller must `deliver` what
+        is returned. Never waits for room in a queue: that would block the link.
 
         A batch without an epoch was stamped by a clock that agrees with this system's."""
-        result = []
-        duplicates = refused = 0
+        claims: Claims = []
         with self.lock:
             now, epoch = time.monotonic(), self._clock.epoch()
             for batch in batches:
-                origin = batch.header.origin
-                if origin == self.name:
-                    if life_of(batch.first) == life_of(self._number):
-                        duplicates += len(batch)
-                    else:
-                        refused += len(batch)
-                    continue
                 batch.epoch = batch.epoch or epoch
-                parts, late = self._seen.add(origin, batch.first, batch.last)
-                refused += late
-                duplicates += len(batch) - late
-                for first, last in parts:
-                    duplicates -= last - first + 1
-                    is_whole = last - first + 1 == len(batch)
-                    part = batch if is_whole else batch.part(first - batch.first, last - batch.first + 1)
-                    alive = part.unexpired(now)
-                    if alive and not self.is_destroyed:
-                        result.append((alive, self._find_route(alive.header).accept(alive, now)))
-        return Forwarded(result, duplicates, refused)
+                if batch.targets is None:
+                    self._forward_foreign(batch, account, now, claims)
+                    continue
+                before = batch.targets.pop(self.name, None)
+                count, is_sent = len(batch), False
+                if batch.targets:
+                    batch.hops += 1
+                    is_sent = self._pass_on(batch, claims)
+                if before is not None:
+                    for arrival in self._resequencer.add(Arrival(batch, before, now, account)):
+                        self._accept(arrival.batch, arrival.account, now, claims)
+                elif not batch.targets:  # a peer sends it again for its account only
+                    account.repeated += count
+                else:
+                    account.received += count
+                    account.delivered += count if is_sent else 0
+                    account.discarded += 0 if is_sent else count
+        return claims
+
+    def release_overdue(self) -> None:
+        """Deliver events that have waited long enough for earlier ones. To be called at least once a second."""
+        claims: Claims = []
+        with self.lock:
+            now, count = time.monotonic(), 0
+            for arrival in self._resequencer.overdue(now):
+                count += len(arrival.batch)
+                self._accept(arrival.batch, arrival.account, now, claims)
+        if count:
+            _log.warning("delivered %d events without some that were sent before them, which have not come", count)
+        self.deliver(claims)
+
+    def _accept(self, batch: EventBatch, account: Arrivals, now: float, claims: Claims) -> list[EventBatch]:
+        """Pass what is new of a batch to the consumers; returns it."""
+        batch.targets = None
+        parts: list[tuple[int, int]] = []
+        if batch.header.origin == self.name:
+            late = 0 if life_of(batch.first) == life_of(self._number) else len(batch)
+        else:
+            parts, late = self._seen.add(batch.header.origin, batch.first, batch.last)
+        new = sum(last - first + 1 for first, last in parts)
+        account.repeated += len(batch) - late - new
+        account.received += late + new
+        account.discarded += late
+        account.refused += late
+        result = []
+        for first, last in parts:
+            is_whole = last - first + 1 == len(batch)
+            part = batch if is_whole else batch.part(first - batch.first, last - batch.first + 1)
+            alive = part.unexpired(now)
+            account.expired += len(part) - len(alive or ())
+            account.delivered += len(alive or ())
+            if alive and not self.is_destroyed:
+                self._find_route(alive.header).supply(alive, now, claims)
+                result.append(alive)
+        return result
+
+    def _pass_on(self, batch: EventBatch, claims: Claims) -> bool:
+        """Send a batch on to its targets; False if it cannot get to any of them."""
+        ways = self._ways(batch)
+        if not ways or batch.hops > MAX_HOPS:
+            _log.info("discarded %s after %d links: no way to %s", batch, batch.hops, [*(batch.targets or ())])
+            return False
+        for feed, copy in ways:
+            if feed.accept(copy):
+                claims.append((feed, copy))
+        return True
+
+    def _ways(self, batch: EventBatch) -> list[tuple[Feed, EventBatch]]:
+        """A copy for each peer that is next on the way to a target of a batch."""
+        ways: dict[str, dict[str, int]] = {}
+        for target, before in (batch.targets or {}).items():
+            ways.setdefault(self.federation.next_peers.get(target, ""), {})[target] = before
+        return [(self.feeds[peer], batch.toward(targets)) for peer, targets in ways.items() if peer in self.feeds]
+
+    def _forward_foreign(self, batch: EventBatch, account: Arrivals, now: float, claims: Claims) -> None:
+        """Accept events of another channel that have come by a foreign one: nobody has sent them to the channels that
+        want them, or these recognise them."""
+        for part in self._accept(batch, account, now, claims):
+            part.targets = {name: 0 for _, names in self._find_route(part.header).ways for name in names}
+            if part.targets:
+                self._pass_on(part, claims)
 
     @staticmethod
-    def deliver(claimed: list[Claims]) -> None:
-        """Deliver the batches that `forward` claimed; called without the lock."""
-        for batch, claims in claimed:
-            _deliver(batch, claims)
+    def deliver(claims: Claims) -> None:
+        """Deliver what was claimed; called without the lock. After a slow call, leave the rest to the sinks' own
+        threads."""
+        is_quick = True
+        for sink, batch in claims:
+            if is_quick:
+                is_quick = sink.deliver(batch)
+            else:
+                sink.defer(batch)
 
     def _find_route(self, header: EventHeader) -> _Route:
         route = self._routes.get(header)
@@ -234,24 +308,19 @@ class Channel:
 
     def _new_route(self, header: EventHeader) -> _Route:
         type, source, origin = header.type, header.source, header.origin
-        feeds, uninterested = [], []
-        for peer, feed in self.feeds.items():
-            if self.federation.is_wanted(peer, type, source, origin):
-                feeds.append(feed)
-            elif peer != origin:
-                uninterested.append(feed)
-        # Peers first: sending to them does not wait for an answer, and takes the longest to arrive.
-        sinks: list[tuple[Sink, SubscriptionMatch]] = [(feed, _UNFILTERED) for feed in feeds]
+        wanting = self.federation.ways(type, source, origin)
+        ways = [(feed, wanting[peer]) for peer, feed in self.feeds.items() if peer in wanting]
+        uninterested = [feed for peer, feed in self.feeds.items() if peer not in wanting and peer != origin]
+        proxies: list[tuple[ProxySupplier, SubscriptionMatch]] = []
         blocking = []
         for proxy in self.proxy_suppliers.values():
             match = match_subscription(proxy.subscription, type, source) if proxy.is_selecting else None
             if match:
-                sinks.append((proxy, match))
+                proxies.append((proxy, match))
                 if proxy.is_blocking:
                     blocking.append(proxy)
-        return _Route(
-            header, sinks, feeds, uninterested, blocking, min((proxy.policy.size for proxy in blocking), default=0)
-        )
+        blocking_size = min((proxy.policy.size for proxy in blocking), default=0)
+        return _Route(header, proxies, ways, uninterested, blocking, blocking_size)
 
     # ---- subscriptions; called with the lock ----
 
@@ -264,41 +333,30 @@ class Channel:
         proxy that may have come, changed or gone; all by default.
 
         Returns whether this channel's own advertisement changed, so that the peers need it."""
-        former, self._routes = self._routes, {}
+        self._routes = {}
         if changed is None:
             self._interest = Interest()
         for proxy in [changed] if changed else self.proxy_suppliers.values():
             self._interest.set(proxy.id, proxy.subscription if proxy.is_selecting else ())
-        is_new = self.federation.advertise(self.feeds, self.interest())
-        if self.federation.topology != self._topology:
-            self._topology = self.federation.topology
-            self._take_over(former)
+        is_new = self.federation.advertise(self.feeds, self.interest(), self.unreached_peers())
+        if self.federation.next_peers is not self._next_peers:
+            self._next_peers = self.federation.next_peers
+            self._move(batch for feed in self.feeds.values() for batch in feed.withdraw(self._next_peers))
         return is_new
 
-    def _take_over(self, former: dict[EventHeader, _Route]) -> None:
-        """Send what waits for peers to those, too, that are on a shortest path only now: the others will not forward it
-        any more. former: the routes before."""
-        held = {feed: {_key(batch): batch for batch in feed.waiting()} for feed in self.feeds.values()}
-        waiting = {key: batch for batches in held.values() for key, batch in batches.items()}
-        for key in sorted(waiting):
-            batch = waiting[key]
-            header = batch.header._replace(origin="") if batch.header.origin == self.name else batch.header
-            known = former.get(header)
-            for feed in self._find_route(header).feeds:
-                if key not in held[feed] and not (known and feed in known.feeds):
-                    feed.take_over(batch)
+    def unreached_peers(self) -> tuple[str, ...]:
+        """The peers that events do not reach at present."""
+        return tuple(sorted(peer for peer, feed in self.feeds.items() if not feed.is_up))
 
+    def remove_feed(self, peer: str) -> None:
+        """End a feed. What waits for it goes by another way; without one it is discarded."""
+        feed = self.feeds.pop(peer)
+        self.update_routes()
+        self._move(feed.end(self._next_peers))
 
-def _key(batch: EventBatch) -> tuple[str, int, int]:
-    """What tells a batch from others, and orders those of an origin."""
-    return batch.header.origin, batch.first, batch.last
-
-
-def _deliver(batch: EventBatch, claims: list[Sink]) -> None:
-    """Call the claimed sinks. After a slow call, leave the remaining ones to their own threads."""
-    is_quick = True
-    for sink in claims:
-        if is_quick:
-            is_quick = sink.deliver(batch)
-        else:
-            sink.defer(batch)
+    def _move(self, batches: Iterable[EventBatch]) -> None:
+        """Send what waited for a peer by another way. An event that two of them have is recognised where it comes
+        again."""
+        for batch in sorted(batches, key=lambda batch: (batch.header.origin, batch.first)):
+            for feed, copy in self._ways(batch):
+                feed.store(copy)

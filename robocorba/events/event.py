@@ -61,11 +61,11 @@ def checked_header(type: str, source: str, priority: int, expiry: float, encodin
 class EventBatch:
     """Consecutive events that share a header, numbered from `first` on. It is an EventRun of the IDL, whose "batch", a
     sequence of runs, is a packet in feed.py. `times` (s since 1970) and `payloads` have one entry for each event. via:
-    the peer that forwarded them, empty for this channel's own suppliers. epoch: when the monotonic clock was 0, by the
+    the foreign channel that they come from, empty for others. epoch: when the monotonic clock was 0, by the
     clock that stamped them [s since 1970]; it is that of the system of their origin. Only the monotonic clock decides
     how old they are: other clocks may be set meanwhile, and need not agree."""
 
-    __slots__ = ("cached", "epoch", "first", "header", "payloads", "times", "via")
+    __slots__ = ("cached", "epoch", "first", "header", "hops", "payloads", "targets", "times", "via")
 
     def __init__(
         self,
@@ -78,6 +78,11 @@ class EventBatch:
     ) -> None:
         self.header, self.times, self.payloads, self.first, self.via = header, times, payloads, first, via
         self.epoch = epoch
+        #: The channels that this copy must still reach, and for each the number of the event before the first one that
+        #: its origin has sent there, 0 if there is none. None for events that are not on their way between channels.
+        self.targets: dict[str, int] | None = None
+        #: Number of links that this copy has crossed.
+        self.hops = 0
         #: The EventRun struct of this batch, cached because several consumers receive the same one.
         self.cached: Any = None
 
@@ -110,7 +115,17 @@ class EventBatch:
     def part(self, start: int, stop: int | None = None) -> EventBatch:
         """The events with indices from `start` to before `stop`."""
         times, payloads = self.times[start:stop], self.payloads[start:stop]
-        return EventBatch(self.header, times, payloads, self.first + start, self.via, self.epoch)
+        part = EventBatch(self.header, times, payloads, self.first + start, self.via, self.epoch)
+        if self.targets is not None:
+            part.hops = self.hops
+            part.targets = dict.fromkeys(self.targets, part.first - 1) if start else self.targets
+        return part
+
+    def toward(self, targets: dict[str, int]) -> EventBatch:
+        """A copy for these channels; see `targets`."""
+        copy = EventBatch(self.header, self.times, self.payloads, self.first, epoch=self.epoch)
+        copy.targets, copy.hops, copy.cached = targets, self.hops, self.cached
+        return copy
 
     def unexpired(self, now: float) -> EventBatch | None:
         """The events that have not expired at `now` (s since `epoch`), None if all have.
@@ -172,7 +187,13 @@ def merged(batches: Iterable[EventBatch]) -> list[EventBatch]:
     expected = 0
     for batch in batches:
         before = groups[-1][0] if groups and batch.first == expected else None
-        if before and batch.header == before.header and batch.via == before.via and batch.epoch == before.epoch:
+        if (
+            before
+            and batch.header == before.header
+            and batch.via == before.via
+            and batch.epoch == before.epoch
+            and _have_one_way(before, batch)
+        ):
             groups[-1].append(batch)
         else:
             groups.append([batch])
@@ -180,7 +201,17 @@ def merged(batches: Iterable[EventBatch]) -> list[EventBatch]:
     return [_joined(group) if len(group) > 1 else group[0] for group in groups]
 
 
+def _have_one_way(before: EventBatch, batch: EventBatch) -> bool:
+    """Whether a batch is for the channels of the one before it, and each of them gets it next."""
+    if before.targets is None or batch.targets is None:
+        return before.targets is batch.targets
+    is_same = before.hops == batch.hops and before.targets.keys() == batch.targets.keys()
+    return is_same and all(number == batch.first - 1 for number in batch.targets.values())
+
+
 def _joined(group: list[EventBatch]) -> EventBatch:
     times = [time for batch in group for time in batch.times]
     payloads = [payload for batch in group for payload in batch.payloads]
-    return EventBatch(group[0].header, times, payloads, group[0].first, group[0].via, group[0].epoch)
+    joined = EventBatch(group[0].header, times, payloads, group[0].first, group[0].via, group[0].epoch)
+    joined.targets, joined.hops = group[0].targets, group[0].hops
+    return joined

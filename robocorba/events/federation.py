@@ -1,8 +1,9 @@
 """The federation as one channel knows it: its channels, their links and their interest (the union of subscriptions).
 
-Each channel advertises its peers and its interest, and passes the advertisements of others on (link-state routing).
-An event goes to those peers that lie on a shortest path from its origin to a channel that wants it. So a channel
-without interest that lies on no such path receives nothing, and events never loop in cyclic topologies.
+Each channel advertises its peers, those of them that its events do not reach at present, and its interest, and passes
+the advertisements of others on (link-state routing). Each copy of an event names the channels that it must reach; for
+each of these a channel knows the peer that is next on the shortest path. A link that is down is used only where there
+is no other way: there the events wait.
 
 A version counts the changes of an advertisement, and names the life of its channel (see event_numbers.py). A channel
 supersedes what others remember of its earlier lives. An earlier life that supersedes it in turn, again and again, is
@@ -11,6 +12,7 @@ another channel of the same name: a conflict, during which the links of both are
 
 from __future__ import annotations
 
+import heapq
 import re
 import time
 from collections.abc import Iterable
@@ -34,21 +36,29 @@ MIN_RETURNS = 4
 CONFLICT_INTERVAL_S = 1.0
 #: A conflict has ended when they have not for this time [s].
 CONFLICT_S = 10.0
-_UNREACHABLE = 1 << 30
+#: Length of a link that is down [links]: longer than any path of links that are up.
+_DOWN_LENGTH = MAX_CHANNELS
+_FAR = (1 << 62, "")
 
 
 class Advertisement(NamedTuple):
-    """A link-state advertisement of channel `name` (a ChannelNotice of the IDL): its peers and its interest. The higher
-    version is the newer one; its upper bits count changes, its lower ones name the channel's life."""
+    """A link-state advertisement of channel `name` (a LinkNotice of the IDL): its peers, its interest, and the peers
+    that its events do not reach at present. The higher version is the newer one; its upper bits count changes, its
+    lower ones name the channel's life."""
 
     name: str
     version: int
     peers: tuple[str, ...]
     interest: tuple[Pattern, ...]
+    down: tuple[str, ...] = ()
 
     @property
     def life(self) -> int:
         return self.version & _LIFE_MASK
+
+    def reaches(self, channel: str) -> bool:
+        """Whether `channel` gets what this one sends without another one between."""
+        return channel == self.name or (channel in self.peers and channel not in self.down)
 
 
 @dataclass(slots=True)
@@ -94,20 +104,20 @@ class Federation:
         self, name: str, known: Iterable[Advertisement] = (), life: int = 1, max_channels: int = MAX_CHANNELS
     ) -> None:
         self.name, self._life = name, life
-        #: Number of changes of the links.
-        self.topology = 0
+        #: The peer by which each reachable channel is reached, as ordered by their distance; itself by "".
+        self.next_peers: dict[str, str] = {}
         self._max_channels = max_channels
         #: Includes channels that are unreachable now. They are ignored, but kept: nobody would send them again.
         self._advertisements = {entry.name: entry for entry in known}
         own = self._advertisements.get(name)
-        version, peers, interest = (own.version, own.peers, own.interest) if own else (0, (), ())
-        self._advertisements[name] = Advertisement(name, self._version_above(version), peers, interest)
+        own = own or Advertisement(name, 0, (), ())
+        self._advertisements[name] = own._replace(version=self._version_above(own.version))
         #: What `advertisements` returns, None after a change.
         self._listed: list[Advertisement] | None = None
         self._rivalries: dict[str, _Rivalry] = {}
         #: An advertisement of this channel's name that has superseded its own, None if there is none.
         self._superseding: Advertisement | None = None
-        self._rebuild_graph()
+        self._find_paths()
 
     @property
     def own(self) -> Advertisement:
@@ -117,7 +127,7 @@ class Federation:
     def advertisements(self) -> list[Advertisement]:
         """Of the reachable channels: its own first, then the others by name. The same list until one changes."""
         if self._listed is None:
-            reachable = (entry for entry in self._advertisements.values() if entry.name in self._own_distances)
+            reachable = (entry for entry in self._advertisements.values() if entry.name in self.next_peers)
             self._listed = sorted(reachable, key=lambda entry: (entry.name != self.name, entry.name))
         return self._listed
 
@@ -126,15 +136,16 @@ class Federation:
         entry = self._advertisements.get(channel)
         return entry.interest if entry else ()
 
-    def advertise(self, peers: Iterable[str], interest: tuple[Pattern, ...]) -> bool:
-        """Set this channel's own advertisement; whether it changed."""
-        own, peers = self.own, tuple(sorted(peers))
-        if (own.peers, own.interest) == (peers, interest):
+    def advertise(self, peers: Iterable[str], interest: tuple[Pattern, ...], down: Iterable[str] = ()) -> bool:
+        """Set this channel's own advertisement; whether it changed. down: the peers that its events do not reach."""
+        before = self.own
+        own = before._replace(peers=tuple(sorted(peers)), interest=interest, down=tuple(sorted(down)))
+        if own == before:
             return False
-        self._advertisements[self.name] = Advertisement(self.name, self._version_above(own.version), peers, interest)
+        self._advertisements[self.name] = own._replace(version=self._version_above(before.version))
         self._listed = None
-        if peers != own.peers:
-            self._rebuild_graph()
+        if (own.peers, own.down) != (before.peers, before.down):
+            self._find_paths()
         return True
 
     def learn(self, advertisements: Iterable[Advertisement]) -> bool:
@@ -157,9 +168,9 @@ class Federation:
                     continue
             self._advertisements[entry.name] = entry._replace(interest=entry.interest[:MAX_UNION])
             self._listed = None
-            links_changed |= known is None or known.peers != entry.peers
+            links_changed |= known is None or (known.peers, known.down) != (entry.peers, entry.down)
         if links_changed:
-            self._rebuild_graph()
+            self._find_paths()
         return self._reassert() or changed
 
     def conflicts(self) -> dict[str, str]:
@@ -204,46 +215,34 @@ class Federation:
         """The next version after `version` that names this life."""
         return (((version >> LIFE_BITS) + 1) << LIFE_BITS) | self._life
 
-    def is_wanted(self, peer: str, type: str, source: str, origin: str) -> bool:
-        """Whether this channel has to forward an event to `peer`."""
-        if origin == peer:
-            return False
-        return any(
-            self._is_next_hop(origin, peer, entry.name) and any(p.matches(type, source) for p in entry.interest)
-            for entry in self._advertisements.values()
-            if entry.name not in (self.name, origin)
-        )
+    def ways(self, type: str, source: str, origin: str) -> dict[str, list[str]]:
+        """The reachable channels that want an event of another one, by the peer that is next on the way to them."""
+        result: dict[str, list[str]] = {}
+        for name, peer in self.next_peers.items():
+            entry = self._advertisements.get(name)
+            if peer and entry and name != origin and any(p.matches(type, source) for p in entry.interest):
+                result.setdefault(peer, []).append(name)
+        return result
 
-    def _is_next_hop(self, origin: str, peer: str, target: str) -> bool:
-        """Whether a shortest path from `origin` to `target` leads through this channel and then `peer`."""
-        rest = 1 + self._distances(peer).get(target, _UNREACHABLE)
-        if origin == self.name or origin not in self._own_distances:
-            return rest == self._own_distances.get(target, _UNREACHABLE)
-        return self._own_distances[origin] + rest == self._distances(origin).get(target, _UNREACHABLE)
-
-    def _distances(self, channel: str) -> dict[str, int]:
-        """Distances from one channel to the others [links]."""
-        import networkx as nx  # here: it takes 0.2 s to load, and every client of a channel loads this module
-
-        if channel not in self._cached_distances:
-            known = channel in self._graph
-            self._cached_distances[channel] = (
-                nx.single_source_shortest_path_length(self._graph, channel) if known else {}
-            )
-        return self._cached_distances[channel]
-
-    def _rebuild_graph(self) -> None:
-        """Use the links that both ends advertise, and links to channels without an advertisement yet."""
-        import networkx as nx
-
-        graph: nx.Graph[str] = nx.Graph()
-        graph.add_node(self.name)
-        for entry in self._advertisements.values():
-            for peer in entry.peers:
-                other = self._advertisements.get(peer)
-                if other is None or entry.name in other.peers:
-                    graph.add_edge(entry.name, peer)
-        self._graph = graph
-        self.topology += 1
-        self._cached_distances: dict[str, dict[str, int]] = {}
-        self._own_distances = self._distances(self.name)
+    def _find_paths(self) -> None:
+        """Dijkstra's algorithm. Links count that both ends advertise, and those to channels without an advertisement
+        yet. Of paths of the same length every channel takes the one by the peer that is first by its name, so that the
+        path to a channel is part of all paths that lead through it."""
+        known = self._advertisements
+        peers = {name: frozenset(entry.peers) for name, entry in known.items()}
+        self.next_peers = {}
+        #: Length of the path, its next peer, and the channel at its end; the shortest one that has been found to each.
+        ends = [(0, "", self.name)]
+        best = {self.name: (0, "")}
+        while ends:
+            length, first, name = heapq.heappop(ends)
+            if name in self.next_peers:
+                continue
+            self.next_peers[name] = first
+            entry = known.get(name)
+            for peer in entry.peers if entry else [other for other in known if name in peers[other]]:
+                is_down = entry is not None and peer in entry.down
+                path = (length + (_DOWN_LENGTH if is_down else 1), first or peer)
+                if path < best.get(peer, _FAR) and name in peers.get(peer, (name,)):
+                    best[peer] = path
+                    heapq.heappush(ends, (*path, peer))

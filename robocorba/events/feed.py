@@ -3,7 +3,8 @@
 Events for the peer wait in a bounded queue, also while the link is down. The feed sends them in packets, numbered by
 position, and keeps each packet until the gateway has acknowledged it. At most WINDOW packets are in flight. On an idle
 link the supplier's own thread sends; otherwise the feed's thread sends all waiting events in one packet, so that under
-load the packets grow instead of the delay.
+load the packets grow instead of the delay. When another way becomes the shorter one, also because the link is down, the
+channel moves what waits there.
 
 The two directions of a link are connections of their own, and either may fail alone, such as at a firewall. So calls of
 the gateway do not show that events get there: the link is up only while the gateway acknowledges what is sent to it. A
@@ -18,6 +19,7 @@ import threading
 import time
 import uuid
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -26,8 +28,7 @@ from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.events.account import Account, Totals
 from robocorba.events.event import EventBatch, merged
 from robocorba.events.policies import LinkPolicy
-from robocorba.events.queue import EventQueue, QueuePolicy
-from robocorba.events.subscription import SubscriptionMatch
+from robocorba.events.queue import EventQueue, QueueItem, QueuePolicy
 
 #: Maximum number of packets in flight.
 WINDOW = 64
@@ -52,6 +53,38 @@ class GatewayPort(Protocol):
         """Send a packet without waiting for an answer. Returns the batches that cannot be sent, and were left out.
 
         Raises NotDelivered if the packet was certainly not sent completely."""
+
+
+class _FeedQueue(EventQueue):
+    """What waits for a peer. The number before a batch (see `EventBatch.targets`) never names events that were lost
+    here: their channels would wait for them."""
+
+    def __init__(self, policy: QueuePolicy) -> None:
+        super().__init__(policy)
+        #: By origin, target and number of the last one of lost events: the number before the first one of them.
+        self._gaps: dict[tuple[str, str, int], int] = {}
+
+    def note_loss(self, item: QueueItem, kept: QueueItem | None) -> None:
+        assert isinstance(item, EventBatch)
+        if not isinstance(kept, EventBatch):
+            self.close_gaps(item)
+            for target, before in (item.targets or {}).items():
+                self._gaps[item.header.origin, target, item.last] = before
+        else:
+            kept.targets = item.targets  # the first ones may be lost
+            if kept.last != item.last:
+                for target in item.targets or ():
+                    self._gaps[item.header.origin, target, item.last] = kept.last
+        if len(self._gaps) > self.policy.size:
+            self._gaps.clear()
+
+    def close_gaps(self, batch: EventBatch) -> None:
+        """Correct the numbers before a batch that leaves the queue."""
+        if self._gaps and batch.targets:
+            origin = batch.header.origin
+            for target, number in list(batch.targets.items()):
+                while (before := self._gaps.pop((origin, target, number), None)) is not None:
+                    batch.targets[target] = number = before
 
 
 @dataclass(slots=True, eq=False)
@@ -100,7 +133,7 @@ class Feed:
         self._lock = lock
         self._changed = threading.Condition(lock)
         self._policy = policy
-        self._queue = EventQueue(QueuePolicy(policy.max_queued))
+        self._queue = _FeedQueue(QueuePolicy(policy.max_queued))
         #: Packets in the order of their positions; the first `_sent` of them are in flight.
         self._unacknowledged: deque[_Packet] = deque()
         self._sent = 0
@@ -150,10 +183,10 @@ class Feed:
         packets sent; whether they arrive is another matter."""
         return self._is_ready and time.monotonic() - self._contact_at < self._policy.lease_s
 
-    def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
-        """Queue events for the peer, unless the peer forwarded them, or let the caller claim them: see channel.Sink."""
+    def accept(self, batch: EventBatch) -> bool:
+        """Queue events for the peer, or let the caller claim them: see channel.Sink."""
         count = len(batch.payloads)
-        if batch.via == self.peer or not count:
+        if not count:
             return False
         is_small = count == 1 or (count <= PACKET_EVENTS and batch.size <= PACKET_BYTES)
         if (
@@ -166,21 +199,43 @@ class Feed:
             self.account.received += count
             self._busy, self._claimed = True, batch
             return True
-        self._store(batch, is_small)
+        self.store(batch, is_small)
         return False
 
-    def waiting(self) -> list[EventBatch]:
-        """What the peer has not acknowledged, in order."""
-        batches = [batch for packet in self._unacknowledged for batch in packet.batches]
-        batches += [self._claimed] if self._claimed else []
-        return batches + [item for item in self._queue.items() if isinstance(item, EventBatch)]
+    def withdraw(self, next_peers: Mapping[str, str]) -> list[EventBatch]:
+        """Give up the events for channels that are reached by another peer now, and return them.
 
-    def take_over(self, batch: EventBatch) -> None:
-        """Queue events that also wait for another peer, unless this peer forwarded them."""
-        if batch.via != self.peer:
-            self._store(batch, is_small=False)
+        next_peers: by channel. While the link is up, what is in flight stays. While it is down nobody knows whether it
+        has arrived: it is sent again, but for those channels only that are reached by this peer, or for none."""
+        moved: list[EventBatch] = []
+        if not self.is_up:
+            for packet in self._unacknowledged:
+                packet.batches = [self._split(batch, next_peers, moved) or batch.toward({}) for batch in packet.batches]
+        items = [item for item in self._queue.items() if isinstance(item, EventBatch)]
+        if any(self._leaves(batch, next_peers) for batch in items):
+            before = self._queue.clear()
+            for batch in items:
+                self._queue.close_gaps(batch)
+                if kept := self._split(batch, next_peers, moved):
+                    self._queue.put(kept)
+            self.account.received -= before - self._queue.length
+        return moved
 
-    def _store(self, batch: EventBatch, is_small: bool) -> None:
+    def _leaves(self, batch: EventBatch, next_peers: Mapping[str, str]) -> bool:
+        return any(next_peers.get(target, self.peer) != self.peer for target in batch.targets or ())
+
+    def _split(self, batch: EventBatch, next_peers: Mapping[str, str], moved: list[EventBatch]) -> EventBatch | None:
+        """What stays of a batch; the rest is appended to `moved`."""
+        if not self._leaves(batch, next_peers):
+            return batch
+        targets = batch.targets or {}
+        leaving = {target for target in targets if next_peers.get(target, self.peer) != self.peer}
+        moved.append(batch.toward({target: targets[target] for target in leaving}))
+        kept = {target: before for target, before in targets.items() if target not in leaving}
+        return batch.toward(kept) if kept else None
+
+    def store(self, batch: EventBatch, is_small: bool = False) -> None:
+        """Queue events for the peer. is_small: they fit into a packet."""
         self.account.received += len(batch.payloads)
         for piece in (batch,) if is_small else _pieces(batch):
             self.account.discarded += self._queue.put(piece)
@@ -254,13 +309,16 @@ class Feed:
             self.conflict = reason
             self._changed.notify()
 
-    def end(self) -> None:
-        """End the feed of a removed peer; queued events count as discarded."""
+    def end(self, next_peers: Mapping[str, str] | None = None) -> list[EventBatch]:
+        """End the feed of a removed peer. Returns what waits for channels that are reached by another peer, see
+        `withdraw`; the rest counts as discarded."""
         self.is_ended = True
         self._requeue()
-        self.account.discarded += self._queue.clear()
         self._port, self._is_ready, self._problem = None, False, "removed"
+        moved = self.withdraw(next_peers or {})
+        self.account.discarded += self._queue.clear()
         self._changed.notify_all()
+        return moved
 
     def snapshot(self) -> FeedSnapshot:
         first = next((batch for packet in self._unacknowledged for batch in packet.batches), self._claimed)
@@ -286,6 +344,7 @@ class Feed:
             if self._claimed is not batch:  # requeued or discarded meanwhile
                 return True
             self._claimed = None
+            self._queue.close_gaps(batch)
             self._append([batch])
             if self._sent < len(self._unacknowledged) - 1:  # older packets must be retransmitted first
                 self._busy = False
@@ -356,8 +415,11 @@ class Feed:
     def _discard(self, unsendable: list[EventBatch], packet: _Packet) -> None:
         count = sum(map(len, unsendable))
         self.account.discarded += count
+        for batch in unsendable:
+            self._queue.note_loss(batch, None)
         if packet in self._unacknowledged:
-            packet.batches = [batch for batch in packet.batches if batch not in unsendable]
+            lost = {(batch.header, batch.first) for batch in unsendable}
+            packet.batches = [batch for batch in packet.batches if (batch.header, batch.first) not in lost]
             packet.count -= count
         else:  # the gateway has already acknowledged the rest of the packet
             self.account.delivered -= count
@@ -382,11 +444,7 @@ class Feed:
                     if self._sent < len(self._unacknowledged):
                         return self._next_transmission()
                     if self._queue.length and not self.conflict and len(self._unacknowledged) < WINDOW:
-                        items, expired = self._queue.take(PACKET_EVENTS, time.monotonic(), PACKET_BYTES)
-                        self.account.expired += expired
-                        batches = merged(item for item in items if isinstance(item, EventBatch))
-                        if batches:
-                            self._append(batches)
+                        self._pack()
                         continue
                     if not self._unacknowledged:
                         left_s = self._reached_at + self._policy.probe_interval_s - time.monotonic()
@@ -397,6 +455,16 @@ class Feed:
                         continue
                 self._changed.wait(self._policy.recheck_s)
             return None
+
+    def _pack(self) -> None:
+        """Take the next packet from the queue."""
+        items, expired = self._queue.take(PACKET_EVENTS, time.monotonic(), PACKET_BYTES)
+        self.account.expired += expired
+        batches = [item for item in items if isinstance(item, EventBatch)]
+        for batch in batches:
+            self._queue.close_gaps(batch)
+        if batches:
+            self._append(merged(batches))
 
     def _requeue(self) -> None:
         """Put unacknowledged packets and the claimed batch back at the head of the queue."""

@@ -19,7 +19,7 @@ from typing import Protocol
 from robocorba.background import Background
 from robocorba.errors.events import InternalFault
 from robocorba.errors.services import NotReachable
-from robocorba.events.account import Account, Totals
+from robocorba.events.account import Arrivals, Totals
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import Peer
 from robocorba.events.clients import ConsumerPort
@@ -155,8 +155,6 @@ class ForeignLink:
         self.problem = "not connected yet"
         #: Number of connections so far.
         self.connections = 0
-        #: Number of echoes and duplicates that were dropped.
-        self.duplicates = 0
         #: Latency of the last event, from its creation to its arrival [s].
         self.lag_s = 0.0
         #: Serves the foreign channel as a consumer.
@@ -171,7 +169,7 @@ class ForeignLink:
         )
         self._channel, self._attach, self._policy = channel, attach, policy
         self._echoes = Echoes()
-        self._account = Account()
+        self._account = Arrivals()
         self._port: ForeignPort | None = None
         self._ended = threading.Event()
         self._loss = _Loss()
@@ -198,7 +196,12 @@ class ForeignLink:
 
     def received_totals(self) -> Totals:
         """Counters of the events from the foreign channel."""
-        return self._account.totals(0)
+        return self._account.snapshot()
+
+    @property
+    def duplicates(self) -> int:
+        """Number of echoes and duplicates that were dropped."""
+        return self._account.repeated
 
     def receive(self, batch: EventBatch, content: Hashable) -> None:
         """Publish an event from the foreign channel, unless it is an echo or a duplicate."""
@@ -208,18 +211,14 @@ class ForeignLink:
             self._set_problem("")
         batch.via = self.name
         if batch.header.origin:
-            claimed, duplicates, refused = self._channel.forward([batch])  # claimed: what this thread must deliver
-            if refused:
+            refused = self._account.refused
+            claims = self._channel.forward([batch], self._account)
+            if self._account.refused > refused:
                 _log.warning("refused an event from %s: nobody knows whether it came before", self.name)
-            self.duplicates += duplicates
-            with self._channel.lock:
-                self._account.received += 1 - duplicates
-                self._account.delivered += len(claimed)
-                self._account.discarded += refused
-                self._account.expired += 1 - duplicates - refused - len(claimed)
-            self._channel.deliver(claimed)
+            self._channel.deliver(claims)
         elif content is not None and self._echoes.recognise(content):
-            self.duplicates += 1
+            with self._channel.lock:
+                self._account.repeated += 1
         else:
             self._channel.publish(batch, self._account)
         self.lag_s = max(0.0, time.time() - batch.times[-1])

@@ -16,7 +16,7 @@ from typing import NamedTuple, Protocol
 from robocorba.background import Background
 from robocorba.errors.events import InvalidPeer, SessionOver
 from robocorba.errors.services import NotReachable
-from robocorba.events.account import Account, Totals
+from robocorba.events.account import Arrivals, Totals
 from robocorba.events.channel import Channel, Claims
 from robocorba.events.event import EventBatch
 from robocorba.events.federation import Advertisement
@@ -101,10 +101,10 @@ class Gateway:
         self._problem = self._logged_problem = "not joined yet"
         #: When the last packet of this session, or a later call of the peer, arrived [s, time.monotonic].
         self._arrived_at: float | None = None
-        self._account = Account()
-        self._joins = self._packets = self._bytes = self._duplicates = 0
-        #: Number of events refused in this session.
-        self._refused = 0
+        self._account = Arrivals()
+        self._joins = self._packets = self._bytes = 0
+        #: Number of events that had been refused when this session began.
+        self._refused_before = 0
         self._lag_s = 0.0
         #: The clock to which the epochs of the peer's batches refer.
         self._clock = PeerClock()
@@ -156,10 +156,10 @@ class Gateway:
             self._arrived_at = time.monotonic()
             if position >= self._expected:
                 self._early.setdefault(position, (batches, invalid))
-            claimed: list[Claims] = []
+            claims: Claims = []
             while (packet := self._early.pop(self._expected, None)) is not None:
                 self._expected += 1
-                claimed += self._accept(*packet)
+                claims += self._accept(*packet)
             if len(self._early) > MAX_EARLY:  # the peer retransmits it
                 del self._early[max(self._early)]
             position, port = self._expected, self._port
@@ -169,47 +169,43 @@ class Gateway:
             ) and position > self._acknowledged
             if due:
                 self._acknowledged, self._acknowledged_at = position, now
-        self._channel.deliver(claimed)
+        self._channel.deliver(claims)
         if due and port:
             port.acknowledge(position)
 
-    def _accept(self, packet: list[EventBatch], invalid: int) -> list[Claims]:
+    def _accept(self, packet: list[EventBatch], invalid: int) -> Claims:
+        account = self._account
         for batch in packet:
-            batch.via = self.peer
             if batch.epoch:
                 batch.epoch -= self._clock.behind_s
-        claimed, duplicates, refused = self._channel.forward(packet)
-        if refused:
-            reason = "they came so late that nobody knows whether they came before"
-            _log.warning("refused %d events from %s: %s", refused, self.peer, reason)
-        refused += invalid
-        self._refused += refused
-        count = sum(map(len, packet)) + invalid
-        delivered = sum(len(batch) for batch, _ in claimed)
         self._packets += bool(packet)
         self._bytes += sum(batch.size for batch in packet)
-        self._duplicates += duplicates
-        self._account.received += count - duplicates
-        self._account.delivered += delivered
-        self._account.discarded += refused
-        self._account.expired += count - duplicates - refused - delivered
-        if claimed:
-            last = claimed[-1][0]
-            self._lag_s = max(0.0, time.monotonic() + last.epoch - last.times[-1])
-        return claimed
+        refused, delivered = account.refused, account.delivered
+        claims = self._channel.forward(packet, account)
+        if account.refused > refused:
+            reason = "they came so late that nobody knows whether they came before"
+            _log.warning("refused %d events from %s: %s", account.refused - refused, self.peer, reason)
+        with self._channel.lock:
+            account.received += invalid
+            account.discarded += invalid
+            account.refused += invalid
+        if account.delivered > delivered:
+            self._lag_s = max(0.0, time.monotonic() + packet[-1].epoch - packet[-1].times[-1])
+        return claims
 
     def snapshot(self) -> GatewaySnapshot:
-        problem = self.problem
-        return GatewaySnapshot(
-            not problem,
-            problem,
-            self._joins,
-            self._lag_s,
-            self._packets,
-            self._bytes,
-            self._duplicates,
-            self._account.totals(0),
-        )
+        problem, account = self.problem, self._account
+        with self._channel.lock:
+            return GatewaySnapshot(
+                not problem,
+                problem,
+                self._joins,
+                self._lag_s,
+                self._packets,
+                self._bytes,
+                account.repeated,
+                account.snapshot(),
+            )
 
     # ---- link maintenance ----
 
@@ -222,6 +218,7 @@ class Gateway:
                 failures = 0
                 while not self._is_ended:
                     self._renew()
+                    self._channel.release_overdue()
                     self._woken.wait(policy.renewal_pause_s(len(self._channel.feeds)))
                     self._woken.clear()
             except (SessionOver, NotReachable) as error:
@@ -235,6 +232,8 @@ class Gateway:
             if self._is_ended:
                 return
             failures += 1
+            self._on_advertisements([])
+            self._channel.release_overdue()
             if self._woken.wait(backoff.pause_s(failures)):
                 failures = 0
             self._woken.clear()
@@ -248,7 +247,7 @@ class Gateway:
             self._known = KnownAdvertisements()
             self._clock.reset()
             self._clock.measure(port.joining)
-            self._refused = 0
+            self._refused_before = self._account.refused
             self._joins += 1
             is_too_late = self._leaves
         if is_too_late:
@@ -263,7 +262,7 @@ class Gateway:
             changed = self._known.missing(federation.advertisements)
             interest = federation.own.interest
         with self._lock:
-            position, refused = self._expected, self._refused
+            position, refused = self._expected, self._account.refused - self._refused_before
             self._acknowledged = position
         answer, exchange = port.renew(position, refused, changed)
         with self._lock:

@@ -130,9 +130,7 @@ class Links:
                 self._store.save_peer(Peer(name, removed=True))
                 self._removed.add(name)
             with self._channel.lock:
-                self._channel.feeds.pop(name, None)
-                link.feed.end()
-                self._channel.update_routes()
+                self._channel.remove_feed(name)
         link.gateway.end(leave=not by_peer)
         self.send_advertisements()
 
@@ -160,7 +158,7 @@ class Links:
         with self._lock:
             links = list(self._links.values())
         for link in links:
-            if not learned or any(link.peer.name not in (entry.name, *entry.peers) for entry in learned):
+            if not learned or any(not entry.reaches(link.peer.name) for entry in learned):
                 link.gateway.wake()
 
     def is_in_force(self, proxy: ProxySupplier, peer: str) -> bool:
@@ -254,10 +252,10 @@ class Links:
             federation = self._channel.federation
             before = federation.advertisements
             changed = federation.learn(advertisements)
-            if changed:
-                self._channel.update_routes()
-            news = [entry for entry in federation.advertisements if entry not in before] if changed else []
             self._note_conflicts()
+            if changed or self._channel.unreached_peers() != federation.own.down:
+                changed |= self._channel.update_routes()
+            news = [entry for entry in federation.advertisements if entry not in before] if changed else []
         if changed:
             self.send_advertisements(() if federation.own in news else news)
 

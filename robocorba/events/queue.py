@@ -96,6 +96,7 @@ class EventQueue:
             alive = item.unexpired(now)
             if alive is not item:
                 expired += len(item) - (len(alive) if alive else 0)
+                self.note_loss(item, alive)
             if isinstance(alive, EventBatch) and len(alive) > max_events - events:
                 rest = alive.part(max_events - events)
                 lane[0] = (sequence, rest)
@@ -111,6 +112,9 @@ class EventQueue:
                 if isinstance(alive, CorrelatedEvents):
                     break
         return taken, expired
+
+    def note_loss(self, item: QueueItem, kept: QueueItem | None) -> None:
+        """Called when events of an item have expired or are discarded. kept: what is left of it."""
 
     def oldest_time(self) -> float | None:
         """When the next event was made (s, time.monotonic), None if the queue is empty."""
@@ -164,9 +168,11 @@ class EventQueue:
             sequence, item = lane[0] if oldest else lane[-1]
             if isinstance(item, EventBatch) and len(item) > excess:
                 kept = item.part(excess) if oldest else item.part(0, len(item) - excess)
+                self.note_loss(item, kept)
                 lane[0 if oldest else -1] = (sequence, kept)
                 self.length -= excess
             else:
+                self.note_loss(item, None)
                 lane.popleft() if oldest else lane.pop()
                 self.length -= len(item)
         return before - self.length

@@ -167,6 +167,12 @@ class Consumer:
             self.node.links.send_advertisements()
 
 
+def _copy(batch: EventBatch, epoch: float) -> EventBatch:
+    copy = batch.toward(dict(batch.targets or {}))
+    copy.epoch = epoch
+    return copy
+
+
 class GatewayWire:
     """A feed's connection to the gateway of `there`."""
 
@@ -181,20 +187,15 @@ class GatewayWire:
         except NotReachable as error:
             raise NotDelivered(str(error)) from None
         here_s = self._network.nodes[self._here].booted_s if self._here in self._network.nodes else 0.0
-        copies = [
-            EventBatch(
-                batch.header, batch.times, batch.payloads, batch.first, epoch=batch.epoch - here_s + there.booted_s
-            )
-            for batch in batches
-        ]
+        copies = [_copy(batch, batch.epoch - here_s + there.booted_s) for batch in batches]
         if weather.strikes(weather.lost):
             return []
         if self._held is None and weather.strikes(weather.late):
             self._held = (session, position, copies)  # comes after the next one
             return []
-        there.links.forward(session, position, copies)
         if weather.strikes(weather.twice):
-            there.links.forward(session, position, copies)
+            there.links.forward(session, position, [_copy(batch, batch.epoch) for batch in copies])
+        there.links.forward(session, position, copies)
         if self._held is not None:
             held, self._held = self._held, None
             there.links.forward(*held)

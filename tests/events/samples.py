@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from robocorba.errors.events import EventError
-from robocorba.events.account import Totals
+from robocorba.events.account import Arrivals, Totals
 from robocorba.events.channel import Channel
 from robocorba.events.event import CorrelatedEvents, EventBatch, EventHeader
 from robocorba.events.federation import Federation
@@ -118,10 +118,19 @@ def failing(*errors: EventError) -> Callable[[Sequence[QueueItem]], None]:
 
 
 @contextmanager
-def open_channel(folder: Path, first_number: int = 1) -> Iterator[Channel]:
-    """Channel `lab`, without peers."""
-    with SeenEvents(folder / "lab.seen") as seen:
-        yield Channel(Federation("lab", []), seen, first_number)
+def open_channel(folder: Path, first_number: int = 1, name: str = "lab") -> Iterator[Channel]:
+    """A channel without peers."""
+    with SeenEvents(folder / f"{name}.seen") as seen:
+        yield Channel(Federation(name, []), seen, first_number)
+
+
+def arrive(channel: Channel, *batches: EventBatch, before: int = 0) -> Arrivals:
+    """Events come from a peer, for this channel. before: number of the event before the first of each batch."""
+    account = Arrivals()
+    for batch in batches:
+        batch.targets = {channel.name: before}
+    channel.deliver(channel.forward(list(batches), account))
+    return account
 
 
 def add(channel: Channel, proxy: ProxySupplier, client: object = None) -> None:

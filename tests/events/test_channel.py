@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from robocorba.errors.events import ProxyGone
-from robocorba.events.account import Account
+from robocorba.events.account import Account, Arrivals
 from robocorba.events.channel import Channel
 from robocorba.events.event import EventBatch
 from robocorba.events.event_numbers import first_number_of
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import ALL, Pattern, Subscription
-from tests.events.samples import NOW, add, events, open_channel, supplied, wanting
+from tests.events.samples import NOW, add, arrive, events, open_channel, supplied, wanting
 
 
 @pytest.fixture
@@ -102,9 +102,7 @@ def test_duplicates_from_a_peer_are_recognised(channel: Channel) -> None:
     def forward(first: int, count: int, origin: str = "hall") -> int:
         batch = events(first, count)
         batch.header = batch.header._replace(origin=origin)
-        claimed, duplicates, _ = channel.forward([batch])
-        channel.deliver(claimed)
-        return duplicates
+        return arrive(channel, batch).repeated
 
     assert [forward(1, 3), forward(2, 4), forward(1, 5), forward(7, 1), forward(6, 2)] == [0, 2, 5, 0, 1]
     assert forward(50, 2, origin="lab") == 2  # its own
@@ -117,18 +115,18 @@ def test_forged_numbers_harm_no_other_event(channel: Channel) -> None:
     forged = ((1 << 64) - 1, first + 1000, first_number_of(8))
     sent = [*forged, first, first + 1, first + 999, first + 1001]
     for number in sent:
-        _, duplicates, refused = channel.forward([from_hall(number)])
-        assert (duplicates, refused) == (0, 0)
+        account = arrive(channel, from_hall(number))
+        assert (account.repeated, account.refused) == (0, 0)
     assert [number for number, _ in pulled(proxy)] == sent
-    assert channel.forward([from_hall(first, 2)]).duplicates == 2
+    assert arrive(channel, from_hall(first, 2)).repeated == 2
 
 
 def test_events_that_waited_on_an_earlier_path_are_no_duplicates(channel: Channel) -> None:
     """A direct link was added, and a newer event came by it."""
     proxy = consumer(channel, "1")
     for first, count in ((1, 10), (1011, 1), (11, 1000), (500, 600)):
-        _, duplicates, refused = channel.forward([from_hall(first, count)])
-        assert (duplicates, refused) == ((512, 0) if first == 500 else (0, 0))
+        account = arrive(channel, from_hall(first, count))
+        assert (account.repeated, account.refused) == ((512, 0) if first == 500 else (0, 0))
     assert sorted(number for number, _ in pulled(proxy)) == list(range(1, 1100))
 
 
@@ -136,7 +134,7 @@ def test_events_of_its_name_from_another_life_are_refused(channel: Channel) -> N
     """They are of another channel with the same name, or of an earlier process."""
     consumer(channel, "1")
     batch = events(first_number_of(7))
-    assert channel.forward([batch]) == ([], 0, 1)
+    assert arrive(channel, batch) == Arrivals(received=1, discarded=1, refused=1)
     assert channel.has_had("lab", first_number_of(7))
 
 

@@ -15,13 +15,9 @@ from robocorba.events.account import Totals
 from robocorba.events.event import Encoding, EventBatch, EventHeader
 from robocorba.events.feed import INLINE_TIMEOUT_S, INLINE_WINDOW, PACKET_BYTES, PACKET_EVENTS, WINDOW, Feed
 from robocorba.events.policies import LinkPolicy
-from robocorba.events.subscription import SubscriptionMatch
 from robocorba.testing.processes import eventually
 from tests.events.samples import is_balanced
 from tests.waits import outlast, stays
-
-FIT = SubscriptionMatch(True, ())
-
 
 #: Without probes, which would get positions between those of events.
 DEFAULTS = LinkPolicy(probe_interval_s=math.inf)
@@ -86,7 +82,7 @@ class Setting:
 
     def accept(self, batch: EventBatch) -> bool:
         with self.lock:
-            return self.feed.accept(batch, FIT, time.monotonic())
+            return self.feed.accept(batch)
 
     def publish(self, count: int = 1, **how: object) -> None:
         batch = self.batch(count, **how)  # type: ignore[arg-type]
@@ -360,11 +356,80 @@ def test_expired_events_are_not_sent(at: Setting) -> None:
     assert at.check_account().expired == 2
 
 
-def test_events_from_the_peer_are_not_sent_back(at: Setting) -> None:
-    batch = at.batch()
-    batch.via = "hall"
-    assert not at.accept(batch)
-    assert at.check_account().received == 0
+# ---- channels beyond the peer ----
+
+
+def for_channels(batch: EventBatch, **before: int) -> EventBatch:
+    batch.targets = before
+    return batch
+
+
+def send(at: Setting, batch: EventBatch) -> None:
+    if at.accept(batch):
+        at.feed.deliver(batch)
+
+
+def sent(gateway: Gateway) -> list[tuple[int, int, dict[str, int] | None]]:
+    """First and last number and the targets of what was sent."""
+    return [(batch.first, batch.last, batch.targets) for _, _, batches in gateway.got for batch in batches]
+
+
+@pytest.mark.parametrize("at", [replace(DEFAULTS, max_queued=4)], indirect=True)
+def test_nobody_waits_for_discarded_events(at: Setting) -> None:
+    for number in range(7):
+        send(at, for_channels(at.batch(), hall=number, yard=number))
+    at.connect()
+    eventually(lambda: sent(at.gateway) == [(4, 7, {"hall": 0, "yard": 0})], what="the newest, the first ones there")
+
+
+def test_nobody_waits_for_expired_events(at: Setting) -> None:
+    send(at, for_channels(at.batch(), hall=0))
+    send(at, for_channels(at.batch(3, expiry=0.05), hall=1))
+    send(at, for_channels(at.batch(), hall=4))
+    send(at, for_channels(at.batch(expiry=0.05), hall=5))
+    time.sleep(0.1)
+    at.connect()
+    eventually(lambda: sent(at.gateway) == [(1, 1, {"hall": 0}), (5, 5, {"hall": 1})], what="what lives")
+    send(at, for_channels(at.batch(), hall=6))
+    eventually(lambda: sent(at.gateway)[2:] == [(7, 7, {"hall": 5})], what="what comes next")
+
+
+def test_what_waits_moves_to_a_shorter_way_and_what_is_in_flight_stays(at: Setting) -> None:
+    at.connect()
+    send(at, for_channels(at.batch(), yard=0, hall=0))
+    with at.lock:
+        for batch in (for_channels(at.batch(2), yard=1, hall=1), for_channels(at.batch(), yard=3)):
+            at.feed.store(batch)
+        moved = at.feed.withdraw({"hall": "hall", "yard": "attic"})
+    assert [(batch.first, batch.last, batch.targets) for batch in moved] == [(2, 3, {"yard": 1}), (4, 4, {"yard": 3})]
+    eventually(lambda: len(sent(at.gateway)) == 2, what="the rest")
+    assert sent(at.gateway) == [(1, 1, {"yard": 0, "hall": 0}), (2, 3, {"hall": 1})]
+    assert at.check_account() == (3, 0, 0, 0, 0, 3)
+
+
+def test_what_is_in_flight_at_a_link_that_is_down_goes_by_both_ways(at: Setting) -> None:
+    """It may have arrived: then the account of the peer has it, too."""
+    at.connect()
+    at.gateway.is_dead = True
+    send(at, for_channels(at.batch(), yard=0, hall=0))
+    eventually(lambda: at.problem() == "it is dead", what="the link to be down")
+    send(at, for_channels(at.batch(), yard=1))
+    ways = {"hall": "hall", "yard": "attic"}
+    with at.lock:
+        moved = [(batch.first, batch.targets) for batch in at.feed.withdraw(ways)]
+        assert (moved, at.feed.withdraw(ways)) == ([(1, {"yard": 0}), (2, {"yard": 1})], [])
+    assert at.check_account().queued == 1
+    at.gateway.is_dead = False
+    at.renew(1)
+    eventually(lambda: sent(at.gateway) == [(1, 1, {"hall": 0})], what="the rest")
+
+
+def test_a_removed_link_hands_over_what_has_another_way(at: Setting) -> None:
+    send(at, for_channels(at.batch(2), yard=0, hall=0))
+    with at.lock:
+        moved = at.feed.end({"yard": "attic"})
+    assert [(batch.first, batch.last, batch.targets) for batch in moved] == [(1, 2, {"yard": 0})]
+    assert at.check_account() == (2, 0, 0, 2, 0, 0)
 
 
 def test_a_large_batch_is_sent_in_several_packets(at: Setting) -> None:

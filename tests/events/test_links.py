@@ -302,7 +302,12 @@ class Alone:
 
     def forward(self, position: int, *numbers: int, session: str = "s1") -> None:
         batches = [EventBatch(EventHeader("t", "s", "hall"), [1.0], [b"x"], number) for number in numbers]
-        self.gateway.forward(session, position, batches)
+        self.accept(position, *batches, session=session)
+
+    def accept(self, position: int, *batches: EventBatch, session: str = "s1") -> None:
+        for batch in batches:
+            batch.targets = {"lab": 0}
+        self.gateway.forward(session, position, [*batches])
 
     def received(self) -> tuple[int, int]:
         state = self.gateway.snapshot()
@@ -386,7 +391,7 @@ def test_a_fault_does_not_end_the_gateway(tmp_path: Path) -> None:
 def test_its_own_events_are_duplicates(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
         eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
-        alone.gateway.forward("s1", 1, [EventBatch(EventHeader("t", "s", "lab"), [1.0], [b"x"], 1)])
+        alone.accept(1, EventBatch(EventHeader("t", "s", "lab"), [1.0], [b"x"], 1))
         assert alone.received() == (0, 1)
 
 
@@ -394,7 +399,7 @@ def test_expired_events_are_counted_and_not_published(tmp_path: Path) -> None:
     with Alone(tmp_path) as alone:
         eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
         header = EventHeader("t", "s", "hall", expiry=1.0)
-        alone.gateway.forward("s1", 1, [EventBatch(header, [time.time() - 5, time.time()], [b"x", b"y"], 1)])
+        alone.accept(1, EventBatch(header, [time.time() - 5, time.time()], [b"x", b"y"], 1))
         assert alone.gateway.snapshot().totals == (2, 1, 0, 0, 1, 0)
 
 
@@ -418,7 +423,7 @@ def test_the_age_of_events_does_not_depend_on_clocks_that_are_set(tmp_path: Path
         header, made = EventHeader("t", "s", "hall", expiry=10.0), time.time() - 3600.0
         batch = EventBatch(header, [made - 20.0, made - 5.0], [b"x", b"y"], 1)
         batch.epoch = made - (time.monotonic() - 1000.0)
-        alone.gateway.forward("s1", 1, [batch])
+        alone.accept(1, batch)
         snapshot = alone.gateway.snapshot()
         assert snapshot.totals == (2, 1, 0, 0, 1, 0)
         assert 5.0 <= snapshot.lag_s < 10.0

@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from robocorba.backoff import Backoff
+from robocorba.events.links import LinkSnapshot
 from robocorba.events.policies import LinkPolicy
 from robocorba.testing.processes import eventually
 from tests.events.network import Consumer, Network, Weather
@@ -177,8 +178,46 @@ def test_a_direct_link_that_is_added_loses_nothing_of_what_waits_on_the_way(slow
         network.cut.clear()
         eventually(lambda: len(consumer.read()) >= 1002, what="all events")
         stays(lambda: len(consumer.read()) == 1002)
-        assert [text for text in consumer.got if text.isdigit()] == [str(number) for number in range(1000)]
+        assert consumer.got == ["first", *map(str, range(1000)), "new"]
         check_accounts(network)
+
+
+def test_what_waits_for_a_link_that_is_down_goes_by_the_other_way() -> None:
+    """And by the shorter way again when it is up."""
+    with Network("A", "B", "C", policy=replace(QUICK, lease_s=0.2, silence_s=0.5)) as network:
+        network.link("AB", "BC", "CA")
+        consumers = {name: network[name].consume("t") for name in "ABC"}
+        eventually(lambda: all(all_know(network, name, "t") for name in "ABC"), what="the interest everywhere")
+        _wait_links_known(network, ("AB", "BC", "CA"))
+        eventually(lambda: all(state.feed.is_up for state in _states(network)), what="all links")
+        published: dict[str, list[str]] = {name: [] for name in "ABC"}
+
+        def publish(count: int) -> None:
+            for _ in range(count):
+                for name in "ABC":
+                    published[name].append(f"{name}{len(published[name])}")
+                    network[name].publish(published[name][-1])
+                pause(0.001)
+
+        def all_came() -> bool:
+            return all(len(consumer.read()) == sum(map(len, published.values())) for consumer in consumers.values())
+
+        for _ in range(2):
+            publish(100)
+            network.cut.add(frozenset("AB"))
+            publish(100)
+            eventually(all_came, what="all events by way of C")
+            network.cut.clear()
+        eventually(lambda: all(state.feed.is_up for state in _states(network)), what="all links again")
+        publish(1)
+        _check_all(consumers, published)
+        check_accounts(network)
+        assert network["C"].channel.feeds["B"].account.delivered >= 400 + 200, "those of C, and those of A meanwhile"
+        eventually(lambda: all(not state.feed.totals.queued for state in _states(network)), what="all acknowledged")
+
+
+def _states(network: Network) -> list[LinkSnapshot]:
+    return [state for node in network.nodes.values() for state in node.links.snapshots()]
 
 
 def test_interest_follows_consumers() -> None:

@@ -16,7 +16,7 @@ from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.seen_events import SeenEvents
 from robocorba.events.subscription import Clause, Pattern, Subscription
-from tests.events.samples import events, supplied, wanting
+from tests.events.samples import arrive, events, supplied, wanting
 from tests.waits import outlast
 
 HOURS_S = 7200.0
@@ -84,7 +84,7 @@ def test_events_of_a_machine_whose_clock_is_wrong_live_as_long_as_others(channel
     for number, age_s in ((1, 0.0), (2, 50.0), (3, 70.0)):
         batch = from_hall(number, now - age_s)
         batch.epoch = now - time.monotonic()
-        channel.forward([batch])
+        arrive(channel, batch)
     assert [batch.first for batch in (proxy.pull(0.0), proxy.pull(0.0), proxy.pull(0.0)) if batch] == [1, 2]
 
 
@@ -94,5 +94,5 @@ def test_a_conjunction_of_events_of_two_machines(channel: Channel, ahead_s: floa
     channel.publish(supplied("a", b"a"), Account())
     batch = from_hall(1, time.time() + ahead_s)
     batch.epoch = time.time() + ahead_s - time.monotonic()
-    channel.forward([batch])
+    arrive(channel, batch)
     assert [batch.header.type for batch in (proxy.pull(0.0), proxy.pull(0.0)) if batch] == ["a", "t"]

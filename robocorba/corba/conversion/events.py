@@ -34,7 +34,7 @@ from robocorba.events.event import (
     check,
     checked_header,
 )
-from robocorba.events.federation import Advertisement, check_name, is_name
+from robocorba.events.federation import MAX_CHANNELS, Advertisement, check_name, is_name
 from robocorba.events.foreign import ForeignLink
 from robocorba.events.links import Links, LinkSnapshot
 from robocorba.events.proxies import Proxies, ProxySnapshot
@@ -89,6 +89,16 @@ class PlainPayload:
 
     def __len__(self) -> int:
         return len(self.encoded)
+
+
+class _EventTargetStruct(NamedTuple):
+    channel: str
+    before: int
+
+
+class _EventWayStruct(NamedTuple):
+    targets: list[_EventTargetStruct]
+    hops: int
 
 
 class _EventRunStruct(NamedTuple):
@@ -165,9 +175,9 @@ def _as_numbered(batch: EventBatch, header: Any) -> EventBatch:
     return batch
 
 
-def forwarded_batch_of(struct: Any, epoch: float) -> EventBatch:
-    """The events of an EventRun struct from a peer, with origin and numbers. epoch: by the peer's clock. Raises
-    InvalidEvent."""
+def forwarded_batch_of(struct: Any, epoch: float, way: Any) -> EventBatch:
+    """The events of an EventRun struct from a peer, with origin and numbers. epoch: by the peer's clock. way: EventWay
+    struct. Raises InvalidEvent."""
     batch = batch_of(struct)
     batch.header = _with_origin(batch.header, struct.first.origin)
     batch.first, batch.epoch = struct.first.number, epoch
@@ -175,7 +185,18 @@ def forwarded_batch_of(struct: Any, epoch: float) -> EventBatch:
         raise InvalidEvent("number", f"{batch.first} is out of range as the first of {len(batch)} events")
     if not -MAX_SECONDS <= epoch <= MAX_SECONDS:
         raise InvalidEvent("epoch", f"{epoch} is out of range")
+    if len(way.targets) > MAX_CHANNELS:
+        raise InvalidEvent("targets", f"{len(way.targets)} channels; at most {MAX_CHANNELS} are allowed")
+    batch.targets, batch.hops = {_channel(target.channel): target.before for target in way.targets}, way.hops
     return batch
+
+
+@lru_cache(4096)
+def _channel(name: str) -> str:
+    try:
+        return check_name(name)
+    except InvalidPeer as error:
+        raise InvalidEvent("targets", error.reason) from None
 
 
 @lru_cache(4096)
@@ -199,6 +220,14 @@ def event_run(batch: EventBatch) -> Any:
 def event_runs(batches: Iterable[EventBatch]) -> list[Any]:
     """An EventRunSeq for a peer."""
     return [event_run(batch) for batch in batches]
+
+
+def event_ways(batches: Iterable[EventBatch]) -> list[Any]:
+    """An EventWaySeq for a peer."""
+    return [
+        _EventWayStruct(list(map(_EventTargetStruct._make, (batch.targets or {}).items())), batch.hops)
+        for batch in batches
+    ]
 
 
 def event(batch: EventBatch) -> Any:
@@ -356,17 +385,25 @@ def feed_terms(feed: Any, session: str, position: int) -> Any:
 
 
 def advertisements(values: Iterable[Advertisement]) -> list[Any]:
-    """A ChannelNoticeSeq: the IDL calls an advertisement a ChannelNotice."""
-    return [RoboCorba.ChannelNotice(n.name, n.version, list(n.peers), patterns(n.interest)) for n in values]
+    """A LinkNoticeSeq: the IDL calls an advertisement a notice."""
+    return [
+        RoboCorba.LinkNotice(
+            RoboCorba.ChannelNotice(entry.name, entry.version, list(entry.peers), patterns(entry.interest)),
+            list(entry.down),
+        )
+        for entry in values
+    ]
 
 
 def advertisements_of(structs: Iterable[Any]) -> list[Advertisement]:
-    """The advertisements of a ChannelNoticeSeq, without those with invalid channel names."""
-    return [
-        Advertisement(n.name, n.version, tuple(n.peers), tuple(Pattern(p.type, p.source) for p in n.interest))
-        for n in structs
-        if is_name(n.name) and all(map(is_name, n.peers))
-    ]
+    """The advertisements of a LinkNoticeSeq, without those with invalid channel names."""
+    result = []
+    for struct in structs:
+        notice, down = struct.notice, tuple(struct.down)
+        if is_name(notice.name) and all(map(is_name, (*notice.peers, *down))):
+            interest = tuple(Pattern(pattern.type, pattern.source) for pattern in notice.interest)
+            result.append(Advertisement(notice.name, notice.version, tuple(notice.peers), interest, down))
+    return result
 
 
 def peer(record: Peer) -> Any:

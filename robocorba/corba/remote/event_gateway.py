@@ -47,10 +47,11 @@ class RemoteGateway:
         epochs = [batch.epoch for batch in batches]
         try:
             try:
-                self._remote.forwardAged(session, position, epochs, events.event_runs(batches))
+                ways, runs = events.event_ways(batches), events.event_runs(batches)
+                self._remote.forwardOn(session, position, epochs, ways, runs)
             except _PERMANENT_FAILURES as error:
                 _log.warning("a packet cannot be sent (%s)", describe(error))
-                self._remote.forwardAged(session, position, [], [])
+                self._remote.forwardOn(session, position, [], [], [])
                 return batches
         except CORBA.SystemException as error:
             raise NotDelivered(f"{self._address} can't be called ({describe(error)})") from None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
 import time
 from typing import Any
 
@@ -21,7 +20,7 @@ class PeerGatewayServant(RoboCorba__POA.PeerGateway):
     """RoboCorba::PeerGateway: receives events from the feeds of peers."""
 
     #: Headers are checked once for many events.
-    checks_texts_itself = frozenset({"forwardAged"})
+    checks_texts_itself = frozenset({"forwardOn"})
 
     def __init__(self, links: Links) -> None:
         self._links = links
@@ -29,14 +28,14 @@ class PeerGatewayServant(RoboCorba__POA.PeerGateway):
     def forward(self, session: str, position: int, runs: Any) -> None:
         """Nothing: no feed of release 0.1.0 has a session with this gateway."""
 
-    def forwardAged(self, session: str, position: int, epochs: Any, runs: Any) -> None:
+    def forwardOn(self, session: str, position: int, epochs: Any, ways: Any, runs: Any) -> None:
         received, invalid = [], 0
-        if len(epochs) != len(runs):
-            _log.warning("a peer forwarded %d epochs for %d runs", len(epochs), len(runs))
-            epochs = [math.nan] * len(runs)  # none of them is valid
-        for struct, epoch in zip(runs, epochs, strict=True):
+        if not len(epochs) == len(ways) == len(runs):
+            _log.warning("a peer forwarded %d epochs and %d ways for %d runs", len(epochs), len(ways), len(runs))
+            invalid, runs, epochs, ways = sum(len(struct.payloads) for struct in runs), [], [], []
+        for struct, epoch, way in zip(runs, epochs, ways, strict=True):
             try:
-                received.append(events.forwarded_batch_of(struct, epoch))
+                received.append(events.forwarded_batch_of(struct, epoch, way))
             except InvalidEvent as error:  # oneway: the next renewal reports their number
                 _log.warning("a peer forwarded invalid events (%s)", error)
                 invalid += len(struct.payloads)

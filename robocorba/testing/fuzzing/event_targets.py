@@ -99,12 +99,14 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
                 also=also,
                 omitted=blocked,
             )
+    notice = RoboCorba.ChannelNotice("c", 1, ["a"], [pattern])
+    ways = [RoboCorba.EventWay([RoboCorba.EventTarget("c", 1)], 1)]
     join = {
         "forward": [example("session", 1, runs_from)],
-        "forwardAged": [example("session", 1, [0.0], runs_from)],
+        "forwardOn": [example("session", 1, [0.0], ways, runs_from)],
         "acknowledge": [example("session", 1)],
-        "renew": [example("session", 1, [RoboCorba.ChannelNotice("c", 1, ["a"], [pattern])])],
-        "renewPeer": [example("session", 1, 0, [RoboCorba.ChannelNotice("c", 1, ["a"], [pattern])])],
+        "renew": [example("session", 1, [notice])],
+        "renewPeer": [example("session", 1, 0, [RoboCorba.LinkNotice(notice, ["a"])])],
         "leave": [example("session")],
     }
     for key, interface in (
