@@ -31,7 +31,11 @@ class StopLatch:
     @property
     def reason(self) -> str:
         """The first reason that holds; empty if none does."""
-        return next(iter(self.reasons), "")
+        return self.reason_after(0)
+
+    def reason_after(self, number: int) -> str:
+        """The first reason that holds by a stop after this number; empty if none does."""
+        return next((reason for reason, last in self.reasons.items() if last > number), "")
 
     def stop(self, reason: str) -> int:
         """Hold; returns the number of this stop."""

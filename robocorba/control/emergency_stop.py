@@ -80,7 +80,7 @@ class EmergencyStop:
         with self._calling:
             self._report_pending()
             if self.latch.number > seen:
-                raise IllegalOrder("restart", f"was stopped again: {self.latch.reason}")
+                raise IllegalOrder("restart", f"was stopped again: {self.latch.reason_after(seen)}")
             try:
                 hold = self._session.end_stops(self._known)
             except RobotLost:  # it may have ended them

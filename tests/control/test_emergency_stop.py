@@ -619,7 +619,7 @@ def test_a_reset_that_is_refused_for_a_later_stop_has_reported_that_one() -> Non
     stop.stop("button")
     seen = stop.latch.number
     stop.stop("another button")
-    with pytest.raises(IllegalOrder, match="was stopped again"):
+    with pytest.raises(IllegalOrder, match="was stopped again: another button"):
         stop.end(seen)
     assert session.latch.is_on and stop.wait_until_reported(0.0)
     session.meanwhile = lambda: stop.stop("during the call")
@@ -660,3 +660,15 @@ def test_a_repeated_delivery_of_a_stop_that_was_reset_is_another_stop() -> None:
     stop.latch.end(1)
     stop.stop("fire", 3)
     assert stop.latch.is_on
+
+
+def test_a_stop_that_the_server_holds_again_is_learned_again() -> None:
+    """As after a restart of the server that could not write its end."""
+    session: Any = ReportingSession()
+    stop = emergency_stop.EmergencyStop(session)
+    session.latch.stop("fire")
+    stop.attend()
+    assert stop.latch.reason == "fire"
+    stop.latch.end(1)
+    stop.attend()
+    assert stop.latch.reason == "fire"
