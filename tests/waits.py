@@ -3,12 +3,33 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import threading
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
 from robocorba.testing.processes import eventually
+
+
+def _slowness() -> float:
+    """How many times as long as on an idle machine a thread takes to be woken, 1 to 5."""
+    began, naps, nap_s = time.monotonic(), 40, 0.001
+    for _ in range(naps):
+        time.sleep(nap_s)
+    return min(5.0, max(1.0, (time.monotonic() - began) / (naps * nap_s * 1.5)))
+
+
+#: Of this machine when the tests began.
+SLOWNESS = _slowness()
+Policy = TypeVar("Policy")
+
+
+def patient(policy: Policy) -> Policy:
+    """A policy of a test, its timeouts longer on a slow machine. policy: a dataclass."""
+    names = [field.name for field in dataclasses.fields(policy) if field.name.endswith("timeout_s")]  # type: ignore[arg-type]
+    return dataclasses.replace(policy, **{name: SLOWNESS * getattr(policy, name) for name in names})  # type: ignore[type-var]
 
 
 def pause(seconds: float) -> None:

@@ -27,7 +27,7 @@ from robocorba.spatial.pose import Pose
 from robocorba.testing.processes import eventually
 from tests.control.places import Place
 from tests.missions.places import Crew, Given
-from tests.waits import outlast
+from tests.waits import outlast, patient
 
 pytestmark = pytest.mark.slow
 
@@ -37,16 +37,20 @@ ROBOTS = {"A": Pose("L1", 7.0, 2.18, math.pi / 2), "B": Pose("L1", 7.0, 3.82, -m
 PLACES = {"A": (0.0, -0.82, math.pi / 2), "B": (0.0, 0.82, -math.pi / 2)}
 GRIPS = {"A": (7.0, 2.8), "B": (7.0, 3.2)}
 ROWS = Trajectory([(7.0, 3.0, 0.0), (8.2, 3.0, 0.0)]).to_rows()
-LEADING = LeaderPolicy(
-    offer_timeout_s=1.0, surplus_offer_timeout_s=0.3, member_timeout_s=1.5, end_timeout_s=12.0, max_recoveries=1
+LEADING = patient(
+    LeaderPolicy(
+        offer_timeout_s=1.0, surplus_offer_timeout_s=0.3, member_timeout_s=1.5, end_timeout_s=12.0, max_recoveries=1
+    )
 )
-TAKING_PART = MemberPolicy(
-    leader_timeout_s=1.5,
-    succession_timeout_s=0.5,
-    holding_timeout_s=6.0,
-    end_order_timeout_s=3.0,
-    final_state_s=0.5,
-    driving_posture="home",
+TAKING_PART = patient(
+    MemberPolicy(
+        leader_timeout_s=1.5,
+        succession_timeout_s=0.5,
+        holding_timeout_s=6.0,
+        end_order_timeout_s=3.0,
+        final_state_s=0.5,
+        driving_posture="home",
+    )
 )
 
 
