@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import psutil
 from omniORB import CORBA
 
 from robocorba.claimed_ports import claimed_ports
@@ -71,6 +72,9 @@ class Channels:
         self._ports = itertools.count(port + 1)
         self._port_of: dict[str, int] = {}
         self._probes = itertools.count()
+        #: Of channels behind relays; the links between them that are cut.
+        self._relays: dict[str, Relay] = {}
+        self._cut: set[frozenset[str]] = set()
 
     # ---- processes ----
 
@@ -87,11 +91,39 @@ class Channels:
         where = ("--state", str(self.folder / name), "--endpoint", self.address(name))
         naming = ("--naming", f"127.0.0.1:{self.port}", "--name", name)
         command = (*module_command(module), *where, *naming, *more)
+        if name in self._relays:
+            environment |= self.relayed(name)
         self.processes[name] = self._launch(*command, **environment)
 
     def relay(self, name: str) -> Relay:
         """A relay for a channel that is started with the environment `relayed`."""
-        return Relay(self._relay_port(name), int(self.address(name).rpartition(":")[2]))
+        target = int(self.address(name).rpartition(":")[2])
+        return Relay(self._relay_port(name), target, lambda port: self._is_cut(name, port))
+
+    @contextlib.contextmanager
+    def behind_relays(self, *names: str) -> Iterator[None]:
+        """Start channels whose links can be cut."""
+        with contextlib.ExitStack() as stack:
+            for name in names:
+                self._relays[name] = stack.enter_context(self.relay(name))
+            self.start(*names)
+            yield
+
+    def cut(self, link: str) -> None:
+        """Cut a link (such as "AB") between channels behind relays: its ends can't call each other."""
+        self._cut.add(frozenset(link))
+        for name in link:
+            self._relays[name].end_refused()
+
+    def restore(self, link: str) -> None:
+        self._cut.discard(frozenset(link))
+
+    def _is_cut(self, name: str, port: int) -> bool:
+        """Whether the client of this local port is a channel whose link with `name` is cut."""
+        pids = {self.processes[other].pid for link in self._cut if name in link for other in link - {name}}
+        if not pids:
+            return False
+        return any(each.laddr.port == port and each.pid in pids for each in psutil.net_connections("tcp4"))
 
     def relayed(self, name: str) -> dict[str, str]:
         """The environment of a channel that others reach by its relay."""

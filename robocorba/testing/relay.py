@@ -1,4 +1,4 @@
-"""A relay of TCP connections to one server, which can be closed: a firewall that stands before it.
+"""A relay of TCP connections to one server, which can be closed, for all clients or for some: a firewall before it.
 
 The server publishes the relay's address in its references (environment variable ORBendPointPublish), so that others
 connect with it by the relay, while its own connections to them are direct."""
@@ -8,17 +8,21 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
+from collections.abc import Callable
 from types import TracebackType
 
 
 class Relay:
-    """Relays connections to `port` to those at `target` on this machine; ended with its `with`."""
+    """Relays connections to `port` to those at `target` on this machine; ended with its `with`.
 
-    def __init__(self, port: int, target: int) -> None:
-        self._port, self._target = port, target
+    refuses: whether a client with this local port may not connect."""
+
+    def __init__(self, port: int, target: int, refuses: Callable[[int], bool] = lambda port: False) -> None:
+        self._port, self._target, self._refuses = port, target, refuses
         self._lock = threading.Lock()
         self._listener: socket.socket | None = None
-        self._connections: set[socket.socket] = set()
+        #: Both sockets of each connection, with the port of the client.
+        self._connections: dict[socket.socket, int] = {}
 
     def open(self) -> None:
         """Accept connections."""
@@ -33,6 +37,15 @@ class Relay:
         for each in ending:
             _end(each)
 
+    def end_refused(self) -> None:
+        """End the connections of clients that may not connect any more."""
+        with self._lock:
+            connections = dict(self._connections)
+        refused = {port for port in set(connections.values()) if self._refuses(port)}
+        for each, port in connections.items():
+            if port in refused:
+                _end(each)
+
     def __enter__(self) -> Relay:
         self.open()
         return self
@@ -45,14 +58,17 @@ class Relay:
     def _accept(self, listener: socket.socket) -> None:
         with listener, contextlib.suppress(OSError):
             while True:
-                here, _ = listener.accept()
+                here, (_, port) = listener.accept()
+                if self._refuses(port):
+                    here.close()
+                    continue
                 try:
                     there = socket.create_connection(("127.0.0.1", self._target))
                 except OSError:
                     here.close()
                     continue
                 with self._lock:
-                    self._connections |= {here, there}
+                    self._connections |= {here: port, there: port}
                     is_closed = self._listener is not listener
                 for one, other in ((here, there), (there, here)):
                     threading.Thread(target=self._copy, args=(one, other), daemon=True).start()
@@ -66,7 +82,7 @@ class Relay:
         for each in (source, sink):
             _end(each)
         with self._lock:
-            self._connections.discard(source)
+            self._connections.pop(source, None)
         source.close()
 
 
