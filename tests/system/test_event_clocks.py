@@ -3,43 +3,45 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Iterator
 
 import pytest
 
 from robocorba.testing.federation import LIMIT_S, Channels, Consumer, Counts, channels
 from robocorba.testing.processes import eventually
+from tests.system.wrong_clocks import HOUR_S, JUMPS_S, YEAR_S, Clocks, wrong_clocks
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 
-HOUR_S, YEAR_S = 3600.0, 365 * 86400.0
 LINK = "AB"
 
 _payloads = itertools.count()
 
 
 @pytest.fixture(scope="module")
-def at(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Channels]:
+def clocks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Clocks]:
+    with wrong_clocks(tmp_path_factory.mktemp("clocks")) as clocks:
+        yield clocks
+
+
+@pytest.fixture(scope="module")
+def at(tmp_path_factory: pytest.TempPathFactory, clocks: Clocks) -> Iterator[Channels]:
     """Channels A and B, linked."""
     with channels(tmp_path_factory.mktemp("federation"), *LINK) as started:
         started.shape(LINK)
         yield started
 
 
-def set_clock(at: Channels, name: str, ahead_s: float) -> None:
-    """Set the clock of a channel that runs or is to be started ahead of the true time."""
-    new = at.folder / "new clock"
-    new.write_text(str(ahead_s))
-    new.replace(at.folder / f"clock of {name}")
-
-
-def restart(at: Channels, name: str, ahead_s: float, keeps_state: bool = True) -> None:
-    """Restart a channel on a machine whose clock is ahead."""
-    set_clock(at, name, ahead_s)
+def restart(at: Channels, clocks: Clocks, name: str, ahead_s: float, keeps_state: bool = True) -> None:
+    """Restart a channel on a machine whose clock is ahead; the other one keeps its own."""
     at.kill(name)
     if not keeps_state:
         at.forget(name)
-    at.spawn(name, module="wrong_clock_channel", CLOCK=str(at.folder / f"clock of {name}"))
+    clocks.set_others(ahead_s)
+    at.spawn(name)
+    clocks.set(at.processes[name].pid, ahead_s)
+    clocks.set_others(0.0)
     at.wait_ready(name)
     if not keeps_state:  # its proxies are forgotten as well
         at.clients[name] = type(at.clients[name])(at.orb, name, name)
@@ -66,23 +68,36 @@ def check_both_ways(at: Channels, expiry_s: float = 60.0) -> None:
 
 @pytest.mark.parametrize("keeps_state", [True, False])
 @pytest.mark.parametrize("ahead_s", [HOUR_S, -HOUR_S, 1.0, YEAR_S])
-def test_a_channel_that_was_once_started_with_a_wrong_clock(at: Channels, ahead_s: float, keeps_state: bool) -> None:
-    restart(at, "A", ahead_s)
+def test_a_channel_that_was_once_started_with_a_wrong_clock(
+    at: Channels, clocks: Clocks, ahead_s: float, keeps_state: bool
+) -> None:
+    restart(at, clocks, "A", ahead_s)
     check_both_ways(at)
-    restart(at, "A", 0.0, keeps_state)
+    restart(at, clocks, "A", 0.0, keeps_state)
     check_both_ways(at)
 
 
-def test_a_computer_without_a_clock_starts_at_the_same_time_again(at: Channels) -> None:
+def test_a_computer_without_a_clock_starts_at_the_same_time_again(at: Channels, clocks: Clocks) -> None:
     for _ in range(3):
-        restart(at, "A", -50 * YEAR_S, keeps_state=False)
+        restart(at, clocks, "A", -50 * YEAR_S, keeps_state=False)
         check_both_ways(at)
+
+
+def test_the_clock_is_really_another(at: Channels, clocks: Clocks) -> None:
+    consumer = Consumer(at.clients["B"], ("t", "probe"))
+    at.wait_reaches({"B": consumer}, LINK)
+    clocks.set(at.processes["A"].pid, YEAR_S)
+    at.clients["A"].push("t", "later")
+    eventually(lambda: consumer.payloads("A") == ["later"], LIMIT_S, "the event")
+    assert abs(consumer.events[-1].time - time.time() - YEAR_S) < HOUR_S
+    consumer.subscription.end()
+    clocks.set(at.processes["A"].pid, 0.0)
 
 
 @pytest.mark.parametrize("name", LINK)
-def test_the_clock_of_a_running_channel_is_set(at: Channels, name: str) -> None:
-    restart(at, name, 0.0)
-    for ahead_s in (HOUR_S, 0.0, -HOUR_S, -1.0, YEAR_S, -YEAR_S):
-        set_clock(at, name, ahead_s)
+def test_the_clock_of_a_running_channel_is_set(at: Channels, clocks: Clocks, name: str) -> None:
+    restart(at, clocks, name, 0.0)
+    for ahead_s in JUMPS_S:
+        clocks.set(at.processes[name].pid, ahead_s)
         check_both_ways(at)
-    restart(at, name, 0.0)
+    restart(at, clocks, name, 0.0)
