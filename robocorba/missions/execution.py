@@ -139,7 +139,12 @@ class StepExecutor:
         self._robot.wait_for_ride(RidePhase.ALIGHTING, otherwise, check=self._check_hold)
         if self._areas:
             self._areas = self._areas[1:]
-            self._robot.session.keep_areas(self._areas)
+            try:
+                self._robot.session.keep_areas(self._areas)
+            except InvalidReservation as error:
+                if error.field == "robot":
+                    raise
+                _log.info("all areas are kept, since a floor has another name now: %s", error)
 
     @execute.register
     def _(self, step: subplan.PutDown) -> None:

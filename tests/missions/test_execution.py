@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 from robocorba.control.robot import Robot
 from robocorba.errors.robots import RideLost, ServerAway
+from robocorba.errors.simulation import InvalidReservation
 from robocorba.maps.model import BoxShape, MapObject
 from robocorba.maps.samples import load_sample
 from robocorba.missions.carry_progress import CarryProgress
@@ -126,6 +128,24 @@ def test_areas_that_were_reserved_with_the_plan_keep_their_turn() -> None:
     assert crowd.run(20.0, A=partial(reserve, area=east)) == {}  # another way: not what was reserved
     assert crowd.run(20.0, B=partial(reserve, area=west)) == {}
     assert granted == [west[0], east[0], west[0]]
+
+
+@pytest.mark.parametrize(
+    ("error", "goes_on"),
+    [
+        (InvalidReservation("areas[0]", "A has not reserved it"), True),  # since its floor was renamed during the ride
+        (InvalidReservation("robot", "A has no reservation"), False),
+    ],
+)
+def test_a_ride_ends_also_on_a_floor_that_got_another_name(error: InvalidReservation, goes_on: bool) -> None:
+    robot = Mock()
+    executor = executor_of(robot)
+    areas = tuple((floor, ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))) for floor in ("L1", "L2"))
+    executor.execute(Reserve(areas=areas, hold_s=60.0))
+    robot.session.keep_areas.side_effect = error
+    with contextlib.nullcontext() if goes_on else pytest.raises(InvalidReservation):
+        executor.execute(Ride(elevator="E1", destination="L2"))
+    assert robot.session.keep_areas.call_args.args == (areas[1:],)
 
 
 def test_an_object_moved_after_planning_is_not_gripped() -> None:
