@@ -184,7 +184,7 @@ class Attempt:
 
     def _phase_name(self, step: int) -> str:
         if self._way and self._way.blocker:
-            return f"waiting: {self._way.blocker.name} is in the way"
+            return f"waiting: {self._way.reason}"
         return self.plan.phases[step] + (f" without {', '.join(sorted(self.without))}" if self.without else "")
 
     # ---- the way of a carry ----
@@ -210,7 +210,7 @@ class Attempt:
         if way.blocker and (way.waited_s > self._policy.way_timeout_s or way.staying):
             at = f" at ({way.blocker.x:.2f}, {way.blocker.y:.2f})" if way.blocker.x or way.blocker.y else ""
             why = f", and {way.staying}" if way.staying else ""
-            raise AttemptFailed(f"carrying: {way.blocker.name} is in the way{at}{why}")
+            raise AttemptFailed(f"carrying: {way.reason}{at}{why}")
         return rate
 
     def _carry_rate(self) -> float:

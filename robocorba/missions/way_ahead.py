@@ -32,7 +32,7 @@ class WayAhead:
 
     def __init__(self, lookout: Lookout, ask: Callable[[str], Requests | None]) -> None:
         self._lookout, self._ask = lookout, ask
-        #: What the body waits for; None while it goes on.
+        #: What the body waits for, without a name if that is unknown; None while it goes on.
         self.blocker: Ahead | None = None
         self._since = self._blocked_at = self._known_at = time.monotonic()
         self._looked_at, self._rate = 0.0, 1.0
@@ -42,6 +42,13 @@ class WayAhead:
     def waited_s(self) -> float:
         """How long the body has waited for the blocker [s]."""
         return time.monotonic() - self._since if self.blocker else 0.0
+
+    @property
+    def reason(self) -> str:
+        """Why the body waits; empty while it goes on."""
+        if self.blocker is None:
+            return ""
+        return f"{self.blocker.name} is in the way" if self.blocker.name else "what is in the way is unknown"
 
     @property
     def staying(self) -> str:
@@ -58,7 +65,9 @@ class WayAhead:
             except NotReachable as unknown:
                 if now - self._known_at < UNKNOWN_S:
                     return self._rate
-                ahead = Ahead(str(unknown), False, 0.0, 0.0, 0.0)
+                if self.blocker is None or self.blocker.name:
+                    _log.info("the carry waits: %s", unknown)
+                ahead = Ahead("", False, 0.0, 0.0, 0.0)
             else:
                 self._known_at = now
             self._rate = self._rate_for(ahead, now)

@@ -152,7 +152,7 @@ def test_the_body_stops_once_its_way_is_unknown(monkeypatch: pytest.MonkeyPatch)
     scene.seen = NotReachable("positions of other robots are unknown")
     assert scene.rate() == 1.0
     assert scene.rate(1.5) == 0.0
-    assert scene.way.blocker and "unknown" in scene.way.blocker.name
+    assert scene.way.reason == "what is in the way is unknown"
     scene.seen = None
     scene.rate()
     assert scene.rate(1.0) == 1.0

@@ -15,6 +15,8 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.control.agent_state import AgentCondition
 from robocorba.errors.robots import InTheWay, MissionTakenOver
+from robocorba.errors.services import NotReachable
+from robocorba.missions import way_ahead
 from robocorba.missions.carry_progress import CATCH_UP_RATE
 from robocorba.missions.lookout import Seen
 from robocorba.missions.report import MissionReport
@@ -178,6 +180,22 @@ def test_a_carry_waits_for_what_is_in_its_way(crew: Crew) -> None:
     before, waiting, after = report.phases
     assert before.began < waiting.began < after.began
     assert set(before.done) == set(waiting.done) == set(after.done) == {"A", "B"}
+
+
+def test_a_carry_that_can_not_see_its_way_says_so_in_one_phase(crew: Crew) -> None:
+    lags = iter(f"the data pool lags by {lag:.2f} s" for lag in (0.4, 0.5, 0.6, 0.7))
+
+    def look() -> list[Seen]:
+        for lag in lags:
+            raise NotReachable(lag)
+        return []
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(way_ahead, "UNKNOWN_S", 0.0)
+        report = crew.leader("A", look=look).lead("test", Carried)
+    assert (report.result, report.reason) == ("done", "")
+    names = [phase.name for phase in report.phases]
+    assert [name for name in names if name != "phase 0"] == ["waiting: what is in the way is unknown"]
 
 
 def test_what_stays_in_the_way_ends_the_attempt(crew: Crew) -> None:
