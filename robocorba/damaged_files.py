@@ -50,4 +50,6 @@ def restore_advice(file: Path) -> str:
                 command = shlex.join(("robocorba", "restore", note.file, "--state", str(state)))
                 return f"restore the backup of {made} with: {command}"
             return f"the last backup, of {made}, is no longer at {note.file}; from a copy: robocorba restore FILE"
-    return "no backup is known here; with one: robocorba restore FILE; else move it to another folder to begin anew"
+    return (
+        "no backup is known here; with one: robocorba restore FILE; else move it to another folder to begin without it"
+    )

@@ -83,7 +83,7 @@ def decompress_zstd(data: bytes, declared: int, limit: int, what: str) -> bytes:
 
 
 class Work:
-    """Work that others wait for, at most `limit_s` [s]. Whoever does it calls `check` often. Thread-safe."""
+    """Work that others wait for, at most `limit_s` [s]. The thread that does it calls `check` often. Thread-safe."""
 
     def __init__(self, limit_s: float) -> None:
         self._limit_s, self._ends_s = limit_s, time.monotonic() + limit_s

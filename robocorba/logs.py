@@ -153,7 +153,7 @@ class _LogFile(RotatingFileHandler):
 
 
 class _Stderr(logging.StreamHandler[Any]):
-    """Never waits for whoever reads stderr: a full pipe that nobody reads would hold up each thread that logs, such as
+    """Never waits for a reader of stderr: a full pipe that nobody reads would hold up each thread that logs, such as
     one that stops a robot. What does not fit is left out and counted; the log file has it."""
 
     _lost = 0

@@ -1,7 +1,8 @@
 """What programs print: the one place where text from elsewhere is made harmless for a terminal.
 
-Names, reasons and payloads come from whoever reaches a port. Control characters in them could move the cursor, rewrite
-what was printed, or set the terminal's title; directional overrides could reorder a line. They are shown escaped."""
+Names, reasons and payloads come from every client that reaches a port. Control characters in them could move the
+cursor, rewrite what was printed, or set the terminal's title; directional overrides could reorder a line. They are
+shown escaped."""
 
 from __future__ import annotations
 

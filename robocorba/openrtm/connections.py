@@ -1,8 +1,8 @@
 """Connections between ports of RT components (OMG RTC 1.1, section 5.3.2.2).
 
-Whoever connects ports calls `connect` of one of them, which calls `notify_connect` of the first port of the connection.
-Each port adds to the properties what others need to reach it, has the next port do the same, and then takes from them
-what it needs itself."""
+A client that connects ports calls `connect` of one of them, which calls `notify_connect` of the first port of the
+connection. Each port adds to the properties what others need to reach it, has the next port do the same, and then takes
+from them what it needs itself."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
 """Emergency stops at the simulation server: it holds the robots' bodies, and calls the robots themselves.
 
-A stop belongs to the robot's name: it holds whoever logs on by it, until it is reset. A stop of all robots has a latch
-of its own: while that is on, each robot that logs on gets a stop of its name. What must outlive the server's process is
-in a file: for each name, and for ALL, the stops that hold it, and the reference of its robot's stop target. With that
-file an operator can stop the robots, too, while the server does not answer. If it can't be read, nobody knows who was
-stopped: that is a stop of all."""
+A stop belongs to the robot's name: it holds every robot that logs on by it, until it is reset. A stop of all robots
+has a latch of its own: while that is on, each robot that logs on gets a stop of its name. What must outlive the
+server's process is in a file: for each name, and for ALL, the stops that hold it, and the reference of its robot's
+stop target. With that file an operator can stop the robots, too, while the server does not answer. If it can't be
+read, nobody knows who was stopped: that is a stop of all."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from robocorba import cores
 from robocorba.background import Background, end_process
 from robocorba.simulation.physics import StepResult
 
-#: Steps after which the pool decides anew whether threads share the next ones.
+#: Steps after which the pool decides again whether threads share the next ones.
 WINDOW_STEPS = 8
 #: Windows until the slower way is tried again. A trial costs at most a few windows in a hundred.
 TRIAL_WINDOWS = 24
@@ -152,7 +152,7 @@ class SharingChoice:
 
 
 class _Turn:
-    """One step of all floors. Whoever is free takes the next one of `shared`."""
+    """One step of all floors. Each thread that is free takes the next one of `shared`."""
 
     def __init__(self, floors: Sequence[Floor], shared: Sequence[int]) -> None:
         self._floors, self._shared = floors, shared

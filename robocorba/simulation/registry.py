@@ -117,7 +117,7 @@ class RobotClient:
             self._in_progress += 1
 
     def end_call(self) -> None:
-        """A call ends, and the lease begins anew."""
+        """A call ends, and the lease begins again."""
         with self._lock:
             self.last_call_at = max(self.last_call_at, self._clock())
             self._in_progress -= 1

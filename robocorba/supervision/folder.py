@@ -8,7 +8,7 @@ supervisor.ior the reference of the supervisor, for this user only
 logs/          a file for each process
 omninames/     the bindings of the naming service
 
-The folder and all files are for this user only. What is damaged of them is set aside, and written anew.
+The folder and all files are for this user only. What is damaged of them is set aside, and written again.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ class StateFolder:
 
     def set_damaged_record_aside(self) -> None:
         """For the owner of the lock, before it writes a record of its own."""
-        self._read_or_set_aside(self.path / "up.json", SystemRecord, "it is written anew")
+        self._read_or_set_aside(self.path / "up.json", SystemRecord, "it is written again")
 
     def remove_record(self) -> None:
         (self.path / "up.json").unlink(missing_ok=True)
@@ -185,7 +185,7 @@ class StateFolder:
         except OSError as error:
             raise ServiceError(f"can't read {file}: {error.strerror}") from None
         except msgspec.MsgspecError as error:
-            raise DamagedFile(f"{file} is damaged ({error}); robocorba up writes it anew") from None
+            raise DamagedFile(f"{file} is damaged ({error}); robocorba up writes it again") from None
 
     def _read_or_set_aside(self, file: Path, schema: type[Schema], consequence: str) -> Schema | None:
         """As `_read`; a damaged file is set aside. For the owner of the lock."""

@@ -69,7 +69,7 @@ def _use_earlier(file: Path, earlier: Path) -> None:
         earlier.unlink()
         _log.warning("%s is missing; an earlier state is used, and servers bind their names again", file)
     else:
-        set_aside(earlier, "line 1", "the naming service begins anew; servers bind their names again")
+        set_aside(earlier, "line 1", "the naming service begins without names; servers bind their names again")
 
 
 def _write(file: Path, content: bytes) -> None:
@@ -86,7 +86,7 @@ def _consequence(lines: int, kept: bytes, former: bytes) -> str:
         return f"its intact beginning is used; {max(lines, 1)} later changes are lost, servers bind their names again"
     if former:
         return "an earlier state is used; servers bind their names again"
-    return "the naming service begins anew; servers bind their names again"
+    return "the naming service begins without names; servers bind their names again"
 
 
 def intact_part(content: bytes) -> bytes:

@@ -13,28 +13,16 @@ from omniORB import CORBA
 from robocorba.corba.call_limit import CallLimit
 from robocorba.corba.orb import Orb
 from robocorba.settings import Address
-from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
+from tests.corba.held_planner import HeldPlanner, held_planner
 from tests.waits import work_for
 
 
-class Planner(RoboCorba__POA.PathPlanner):
-    """Its map version is known when the test says so."""
-
-    def __init__(self) -> None:
-        self.called, self.go_on = threading.Semaphore(0), threading.Event()
-
-    def _get_mapVersion(self) -> int:
-        self.called.release()
-        assert self.go_on.wait(60.0)
-        return 7
-
-
 @pytest.fixture
-def planner() -> Iterator[Planner]:
-    planner = Planner()
-    yield planner
-    planner.go_on.set()
+def planner() -> Iterator[HeldPlanner]:
+    with held_planner() as planner:
+        yield planner
 
 
 @pytest.fixture
@@ -43,7 +31,7 @@ def pool() -> Iterator[ThreadPoolExecutor]:
         yield pool
 
 
-def reference_of(planner: Planner, orb: Orb) -> RoboCorba.PathPlanner:
+def reference_of(planner: HeldPlanner, orb: Orb) -> RoboCorba.PathPlanner:
     return orb.activate(planner)._narrow(RoboCorba.PathPlanner)
 
 
@@ -58,7 +46,7 @@ def refused(call: Future[int]) -> bool:
 
 
 def test_calls_beyond_the_limit_wait_and_further_ones_are_refused(
-    planner: Planner, pool: ThreadPoolExecutor, orb: Orb
+    planner: HeldPlanner, pool: ThreadPoolExecutor, orb: Orb
 ) -> None:
     CallLimit(at_once=2, waiting=1).apply(planner, "_get_mapVersion")
     reference = reference_of(planner, orb)
@@ -72,7 +60,7 @@ def test_calls_beyond_the_limit_wait_and_further_ones_are_refused(
     assert reference._get_mapVersion() == 7
 
 
-def test_a_call_does_not_wait_for_good(planner: Planner, pool: ThreadPoolExecutor, orb: Orb) -> None:
+def test_a_call_does_not_wait_for_good(planner: HeldPlanner, pool: ThreadPoolExecutor, orb: Orb) -> None:
     CallLimit(at_once=1, limit_s=0.01).apply(planner, "_get_mapVersion")
     reference = reference_of(planner, orb)
     first = pool.submit(reference._get_mapVersion)

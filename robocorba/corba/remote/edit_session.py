@@ -106,7 +106,7 @@ class RemoteMapEditor:
         return version
 
     def undo(self, expected: int) -> int:
-        """Revert the last edit, whoever made it. Returns the new version. Raises StaleVersion, NothingToUndo."""
+        """Revert the last edit of any author. Returns the new version. Raises StaleVersion, NothingToUndo."""
         version: int = self._slow_editor.call(lambda editor: editor.undo(expected))
         return version
 
