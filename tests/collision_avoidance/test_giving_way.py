@@ -105,7 +105,7 @@ PLACES = some.tuples(some.floats(-4.0, 4.0), some.floats(-4.0, 4.0))
 SPEEDS = some.floats(0.1, 1.0)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(some.lists(some.tuples(PLACES, PLACES, SPEEDS), min_size=2, max_size=4))
 @example([((-4.0, 0.0), (4.0, 0.0), 1.0), ((4.0, 0.0), (-4.0, 0.0), 1.0)])
 @example([((-4.0, 0.0), (4.0, 0.0), 1.0), ((0.0, -4.0), (0.0, 4.0), 1.0)])

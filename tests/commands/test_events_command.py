@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocorba.commands import event_stats
@@ -75,6 +75,7 @@ VALUES = st.recursive(
 )
 
 
+@settings(max_examples=40)
 @given(payload=VALUES, words=st.text(), moment=st.floats())
 def test_any_event_is_one_line(payload: Any, words: str, moment: float) -> None:
     one = event(payload, type=words, source=words, time=moment)

@@ -153,4 +153,4 @@ class SeenAgainstASet(RuleBasedStateMachine):
 
 
 TestSeenAgainstASet = SeenAgainstASet.TestCase
-TestSeenAgainstASet.settings = settings(max_examples=200, stateful_step_count=40, deadline=None)
+TestSeenAgainstASet.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)

@@ -33,7 +33,7 @@ CASES = {**DRAWN, **IMPORTED, **grids(32), **rooms_at_random(range(4)), **buildi
 #: Buildings with a roadmap between all of their places.
 MAPPED = [*SAMPLES, *IMPORTED]
 #: Queries in each building and mode, and random trips for costs along the roadmap.
-QUERIES, TRIPS = 40, 400
+QUERIES, TRIPS = 24, 160
 #: Number of paths in a large building that are compared to its fine grid.
 MAX_COMPARED_ON_GRID = 25
 

@@ -34,7 +34,7 @@ from tests.programs.plain_programs import PROGRAMS, SCHEMA, Malformed, malformed
 UNHURRIED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 
-@settings(UNHURRIED, max_examples=150)
+@settings(UNHURRIED, max_examples=60)
 @given(PROGRAMS)
 def test_what_the_schema_accepts_is_read_and_written_the_same(plain: dict[str, Any]) -> None:
     program = loads(json.dumps(plain))

@@ -593,7 +593,7 @@ moments = st.builds(
 WIDTHS = (200, 333, 640)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=60)
 @given(st.sampled_from(["L1", "L2"]), placed_bodies, fans, moments, st.sampled_from(WIDTHS), st.text(max_size=250))
 def test_any_view_gives_a_picture(
     floor: str, placed: list[Placed], seen: list[ScanFan], moment: ElevatorState, width: int, caption: str

@@ -88,7 +88,7 @@ def test_an_update_is_read_as_it_was_written(update: FloorUpdate) -> None:
     assert same(loads(dumps(update)), update)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=50)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=25)
 @given(steps=st.lists(st.tuples(updates, st.floats(0.0, 3.0)), max_size=10))
 def test_a_recording_is_read_as_it_was_written(tmp_path: Path, steps: list[tuple[FloorUpdate, float]]) -> None:
     file = tmp_path / "a.mcap"
@@ -251,7 +251,7 @@ def test_a_truncated_file_is_read_up_to_its_end(recorded: tuple[bytes, list[Floo
             Recording(file)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=300)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
 @given(draw=st.data())
 def test_a_damaged_byte_is_reported(
     recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path, draw: st.DataObject

@@ -214,7 +214,7 @@ def test_one_moment_has_a_limit(tmp_path: Path) -> None:
         list(Recording(file).changes())
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=200)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=80)
 @given(draw=st.data())
 def test_any_change_of_what_a_chunk_holds_is_read_or_reported(tmp_path: Path, draw: st.DataObject) -> None:
     """Behind the compression and without a checksum, where damage reaches the decoders."""
