@@ -133,7 +133,7 @@ def x_of(agent: RemoteAgent) -> float:
 
 
 def test_tools_show_the_robots(door: Door) -> None:
-    assert sorted(door.run("rtls", "/").split()) == ["A.rtc", "B_2.rtc", "RoboCorba/"]
+    assert {*door.run("rtls", "/").split()} >= {"A.rtc", "B_2.rtc", "RoboCorba/"}
     shown = door.run("rtcat", "-ll", "/B_2.rtc")
     for text in ("Inactive", "RoboCorbaRobot", "pose", "floor", "range", "velocity", "B.2", "IDL:RTC/TimedPose2D:1.0"):
         assert text in shown
@@ -256,8 +256,9 @@ def test_the_door_may_be_killed_and_ends_without_a_trace(
 ) -> None:
     """A robot that was driven stands; the names are those of the new process; connections are made again."""
     a = agents["A"]
+    before = x_of(a)
     door.run("rtact", "/A.rtc")
-    eventually(lambda: peer("send", velocity=AHEAD) and peer("poses")[-1:] and x_of(a) > 5.4, PATIENCE_S, "A drives")
+    eventually(lambda: peer("send", velocity=AHEAD) and peer("poses") and x_of(a) > before + 0.1, PATIENCE_S, "driving")
     door.process.kill()
     door.process.wait(PATIENCE_S)
     eventually(lambda: a.state().condition is AgentCondition.IDLE, PATIENCE_S, "A stands")
@@ -266,3 +267,5 @@ def test_the_door_may_be_killed_and_ends_without_a_trace(
     door.process.send_signal(signal.SIGTERM)
     assert door.process.wait(PATIENCE_S) == 0
     assert sorted(door.run("rtls", "/").split()) == ["Peer.rtc", "RoboCorba/"]
+    door.start()
+    eventually(lambda: door.state("A") and door.state("B_2"), PATIENCE_S, "a door for other tests")
