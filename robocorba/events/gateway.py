@@ -71,7 +71,8 @@ class Gateway:
     """Supplies `channel` with the events that `peer` forwards.
 
     join: begins a session with the peer's feed; raises NotReachable, InvalidPeer.
-    on_advertisements: called, without a lock, with the advertisements that the peer sends."""
+    on_advertisements: called, without a lock, with the advertisements that the peer sends, and with none before each
+    attempt to join it."""
 
     def __init__(
         self,
@@ -214,6 +215,8 @@ class Gateway:
         while not self._is_ended:
             backoff = policy.backoff
             try:
+                self._on_advertisements([])  # the link may be down
+                self._channel.release_overdue()
                 self._begin(self._join())
                 failures = 0
                 while not self._is_ended:
@@ -232,8 +235,6 @@ class Gateway:
             if self._is_ended:
                 return
             failures += 1
-            self._on_advertisements([])
-            self._channel.release_overdue()
             if self._woken.wait(backoff.pause_s(failures)):
                 failures = 0
             self._woken.clear()
