@@ -255,6 +255,7 @@ class HighController:
         has to every CHECK_INTERVAL_S, as `move` does, to show that the process runs: its pauses are no hang."""
         self._awake.attend()
         self._check_hang()
+        self._halt_if_due()
 
     def check(self) -> None:
         """Raise IllegalOrder or RobotLost if the robot is stopped."""
@@ -411,8 +412,7 @@ class HighController:
 
     def _use_adaptor(self) -> None:
         if self.stopped:
-            if self._halted != self._numbers:
-                self.halt()
+            self._halt_if_due()
             return
         state, robot = RobotState(), self._adaptor.waits_for
         try:
@@ -436,6 +436,11 @@ class HighController:
         except DEFECTS as error:  # a defect of an adaptor must not leave the robot driving
             _log.exception("the adaptor failed")
             self._fail(f"{type(error).__name__}: {error}")
+
+    def _halt_if_due(self) -> None:
+        """After a stop of the latch that was set elsewhere."""
+        if self.stopped and self._halted != self._numbers:
+            self.halt()
 
     def _fail(self, reason: str) -> None:
         if not self.stopped:

@@ -411,6 +411,24 @@ def test_a_stop_of_the_latch_reaches_the_adaptor(adaptor: Watched) -> None:
     high.close()
 
 
+def test_a_stop_of_the_latch_reaches_an_adaptor_that_hangs(adaptor: Watched) -> None:
+    latch = StopLatch()
+    high = HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, stops=latch, hang_limit_s=600.0)
+    high.start(())
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    count = len(adaptor.commands)
+    adaptor.hangs.set()
+    eventually(lambda: len(adaptor.commands) > count, "a write that hangs")
+    latch.stop("button")
+    thread.join(30.0)
+    assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
+    assert adaptor.stops == 1
+    adaptor.hangs.clear()
+    adaptor.goes_on.set()
+    high.close()
+
+
 def test_a_controller_of_a_stopped_robot_starts_and_stops_its_adaptor(adaptor: Watched) -> None:
     latch = StopLatch()
     latch.stop("button")
