@@ -332,6 +332,9 @@ def test_a_lost_robot_that_was_stopped_by_hand_stays_so(high: HighController, ad
     adaptor.failure = RobotLost("nobody answers")
     eventually(lambda: high.stopped == "nobody answers", "lost")
     high.emergency_stop("button")
+    assert not high.is_lost
+    with pytest.raises(IllegalOrder, match="is stopped: button"):
+        high.check()  # no RobotLost, after which a program would wait for it
     adaptor.failure = None
     stays(lambda: high.stopped == "button", 1.2)
 
