@@ -141,7 +141,7 @@ def show(
         Path, typer.Option(metavar="FILE", help="The picture to write, in place of an earlier one.")
     ] = Path("map.png"),
     floor: Annotated[str, typer.Option(metavar="NAME", help="Only this floor.")] = "",
-    width: Annotated[int, typer.Option(metavar="PIXELS", min=100, max=8000)] = 1200,
+    width: Annotated[int, typer.Option(metavar="PIXELS", min=200, max=8000)] = 1200,
 ) -> None:
     """Draw the floors of a map as a picture."""
     from robocorba.maps.drawing import draw_building, draw_floor

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import glob
 import json
+import math
 import re
 import time
 from collections.abc import Callable, Iterator
@@ -279,7 +280,9 @@ def parse_destination(text: str) -> Destination:
     match = re.fullmatch(r"(.+):([^,:]+),([^,:]+)(?:,([^,:]+))?", text)
     try:
         if match:
-            return Destination(match[1], float(match[2]), float(match[3]), float(match[4] or 0.0))
+            x, y, heading = float(match[2]), float(match[3]), float(match[4] or 0.0)
+            if math.isfinite(x) and math.isfinite(y) and math.isfinite(heading):
+                return Destination(match[1], x, y, heading)
     except ValueError:
         pass
     raise InvalidRequest("to", f"{text[:80]!r} is not of the form FLOOR:X,Y or FLOOR:X,Y,HEADING, such as L1:12,3")

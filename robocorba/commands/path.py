@@ -19,6 +19,7 @@ from robocorba.corba.conversion import paths
 from robocorba.errors.paths import InvalidRequest
 from robocorba.maps.model import Building
 from robocorba.planning.request import (
+    MAX_ALTERNATIVES,
     SMARTPAL_SPEED_M_S,
     Criterion,
     Path,
@@ -59,7 +60,9 @@ def path(
     graph: Annotated[
         str, typer.Option(metavar="NAME", help="Only edges of this navigation graph, and edges that name no graph.")
     ] = "",
-    alternatives: Annotated[int, typer.Option(metavar="N", help="Number of alternative paths.")] = 0,
+    alternatives: Annotated[
+        int, typer.Option(metavar="N", min=0, max=MAX_ALTERNATIVES, help="Number of alternative paths.")
+    ] = 0,
     naming: Naming = None,
 ) -> None:
     """Plan a path with the running path planning agent."""

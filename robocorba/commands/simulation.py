@@ -21,7 +21,7 @@ app = typer.Typer(help="Set limit and pace of the simulation, and log robots off
 
 @app.command()
 def limit(
-    robots: Annotated[int, typer.Argument(min=0, help="Robots at most. Robots that are logged on stay.")],
+    robots: Annotated[int, typer.Argument(min=0, max=10_000, help="Robots at most. Robots that are logged on stay.")],
     state: State = None,
 ) -> None:
     """Limit the number of logged-on robots."""
@@ -81,7 +81,7 @@ def resume(state: State = None) -> None:
 
 @app.command()
 def step(
-    steps: Annotated[int, typer.Argument(help="Steps of 0.02 s, at most 10,000.")] = 1, state: State = None
+    steps: Annotated[int, typer.Argument(min=1, max=10_000, help="Steps of 0.02 s.")] = 1, state: State = None
 ) -> None:
     """Execute steps while simulated time is paused."""
     with _administrator(state) as simulation:

@@ -46,7 +46,7 @@ def watch(
         float, typer.Option(metavar="S", min=0.0, help="Duration of the video [s]; 0: until Ctrl-C.")
     ] = 0.0,
     fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures per second of the video.")] = 10,
-    width: Annotated[int, typer.Option(metavar="PX", help="Width of the video.")] = 960,
+    width: Annotated[int, typer.Option(metavar="PX", min=200, max=4096, help="Width of the video.")] = 960,
     naming: Naming = None,
 ) -> None:
     """Show the simulation server, its robots, elevators and sensors, until Ctrl-C."""

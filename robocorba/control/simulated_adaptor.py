@@ -46,6 +46,8 @@ class SimulatedAdaptor(RobotAdaptor):
     def start(self, argv: Sequence[str]) -> bool:
         if self._is_started:
             return False
+        if argv:
+            raise AdaptorFailed(f"the virtual robot takes no arguments, such as {argv[0][:80]!r}")
         try:
             self._session.log_on()
         except (SimulationError, UnknownFloor) as error:

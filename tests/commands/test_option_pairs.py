@@ -68,3 +68,20 @@ def test_options_that_have_an_effect_are_accepted(typed: str) -> None:
     write_ros(Path(), np.full((20, 20), WHITE), "ros")
     result = CliRunner().invoke(command(), typed.split())
     assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize(
+    ("typed", "code", "reason"),
+    [
+        ("map show two.yaml --width 100", 2, "'--width'"),
+        ("simulation limit 5000000000", 2, "robots"),
+        ("simulation step 20000", 2, "steps"),
+        ("path L1:1,1 L1:2,2 --alternatives -1", 2, "'--alternatives'"),
+        ("watch --video new.mp4 --width 5000000000", 2, "'--width'"),
+        ("mission start move-table --table box --to L1:nan,1", 1, "'L1:nan,1' is not of the form FLOOR:X,Y"),
+        ("mission start move-table --table box --to L1:1,1,inf", 1, "'L1:1,1,inf' is not of the form FLOOR:X,Y"),
+    ],
+)
+def test_values_beyond_their_limits_are_refused_before_anything_is_called(typed: str, code: int, reason: str) -> None:
+    result = CliRunner().invoke(command(), typed.split(), env={"COLUMNS": "200", "NO_COLOR": "1"})
+    assert (result.exit_code, reason.lower() in result.output.lower()) == (code, True), result.output

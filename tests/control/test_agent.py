@@ -385,13 +385,19 @@ def test_a_body_that_is_lost_is_put_where_its_robot_is(
     assert session.state().at[1:3] == pytest.approx(at[1:3], abs=0.02)
 
 
-@pytest.mark.parametrize("adaptor", ["simulated", "smartpal"])
+def test_arguments_without_effect_are_refused(agent: ControlAgent) -> None:
+    with pytest.raises(AdaptorFailed, match="the virtual robot takes no arguments, such as '--x'"):
+        agent.switch("simulated", ("--x", "1"))
+    eventually(lambda: agent.is_free, "it is as before")
+
+
+@pytest.mark.parametrize(("adaptor", "argv"), [("simulated", ()), ("smartpal", ("--naming", "127.0.0.1:9"))])
 def test_a_switch_while_the_server_is_away_leaves_a_robot_that_comes_back(
-    agent: ControlAgent, session: InProcessSession, adaptor: str
+    agent: ControlAgent, session: InProcessSession, adaptor: str, argv: Sequence[str]
 ) -> None:
     session.is_away = True
     with pytest.raises(AdaptorFailed, match="nobody answers"):
-        agent.switch(adaptor, ("--naming", "127.0.0.1:9"))
+        agent.switch(adaptor, argv)
     session.is_away = False
     eventually(lambda: agent.is_free, "the robot is back")
     agent.load(SHORT)
