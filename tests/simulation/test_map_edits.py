@@ -5,7 +5,7 @@ The model knows floors and objects by numbers of its own, whatever their names a
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +13,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
+from robocorba.maps import native
 from robocorba.maps.edits import MapChange
 from robocorba.maps.lineage import Lineage
 from robocorba.maps.map_building_agent import BuildingEditor
@@ -161,6 +162,60 @@ class MapEdits(RuleBasedStateMachine):
             number = self._next()
             self.editor.create("", Floor(name, number, 4.0 * number))
             self.floors[number] = name
+
+    # ---- undo, redo, import ----
+
+    @rule(floor=numbers, name=st.sampled_from(FLOOR_NAMES), follows=st.booleans(), redoes=st.booleans())
+    def undo_a_rename(self, floor: int, name: str, follows: bool, redoes: bool) -> None:
+        number = self._floor(floor)
+        before = self.floors[number]
+        self.rename_floor(floor, name)
+        if self.floors[number] != before:
+            self._undo(follows)
+            if redoes:
+                self.editor.redo(self.editor.version)
+            else:
+                self.floors[number] = before
+
+    @precondition(lambda self: self.things)
+    @rule(which=numbers, follows=st.booleans())
+    def undo_a_removal(self, which: int, follows: bool) -> None:
+        key, thing = self._thing(which)
+        self.remove(which)
+        self._undo(follows)
+        thing.floor, thing.place, thing.is_held = thing.map_floor, thing.map_place, False
+        self.things[key] = thing
+
+    @precondition(lambda self: self.things)
+    @rule(which=numbers, follows=st.booleans())
+    def undo_a_move(self, which: int, follows: bool) -> None:
+        """What nobody has followed has not moved anything."""
+        _, thing = self._thing(which)
+        before = replace(thing)
+        self.move(which)
+        self._undo(follows)
+        thing.map_place = before.map_place
+        thing.floor, thing.place, thing.is_held = before.floor, before.place, before.is_held
+        if follows:
+            thing.floor, thing.place, thing.is_held = thing.map_floor, thing.map_place, False
+
+    @rule(floor=numbers, name=st.sampled_from(FLOOR_NAMES))
+    def import_a_renamed_floor(self, floor: int, name: str) -> None:
+        """The whole building from a file in which one floor has another name: one edit."""
+        number = self._floor(floor)
+        if name not in self.floors.values():
+            before, exported = self.floors[number], native.loads(native.dumps(self.editor.building))
+            with tempfile.TemporaryDirectory() as folder, MapStore.create(Path(folder) / "map", exported) as store:
+                other = BuildingEditor(store)
+                other.rename(FLOOR, "", before, name, other.read(FLOOR, "", before)[1])
+                self.editor.replace(native.loads(native.dumps(other.building)), self.editor.version)
+            self.floors[number] = name
+
+    def _undo(self, follows: bool) -> None:
+        """Undo the last edit, which the simulation may have followed."""
+        if follows:
+            self.follow()
+        self.editor.undo(self.editor.version)
 
     # ---- the simulation ----
 
