@@ -7,6 +7,7 @@ import gc
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import hypothesis
 import pytest
@@ -32,6 +33,14 @@ def pytest_configure(config: pytest.Config) -> None:
     in one with all other workers, a robot within a test waits for seconds on a busy machine, and loses its lease."""
     if hasattr(config, "workerinput"):
         os.setsid()
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Files of the other half are not even imported, by any worker; whole files are marked."""
+    half = {"full": False, "not full": True}.get(config.getoption("markexpr"))
+    if half is None or not collection_path.name.startswith("test_") or collection_path.suffix != ".py":
+        return None
+    return ("pytest.mark.full" in collection_path.read_text()) is half or None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
