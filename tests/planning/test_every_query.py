@@ -35,7 +35,7 @@ MAPPED = [*SAMPLES, *IMPORTED]
 #: Queries in each building and mode, and random trips for costs along the roadmap.
 QUERIES, TRIPS = 24, 160
 #: Number of paths in a large building that are compared to its fine grid.
-MAX_COMPARED_ON_GRID = 25
+MAX_COMPARED_ON_GRID = 10
 
 
 @lru_cache(maxsize=1)
@@ -101,7 +101,7 @@ coarse = st.tuples(st.integers(-2, 10), st.integers(-2, 10)).map(lambda at: (at[
 fine = st.tuples(*[st.floats(-1.0, 9.5, allow_nan=False).map(lambda value: round(value, 3))] * 2)
 
 
-@settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
+@settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
 @given(
     buildings().filter(lambda building: bool(building.floors)),
     st.lists(st.tuples(st.integers(0, 2), coarse | fine), min_size=2, max_size=6),
