@@ -246,7 +246,7 @@ class Feed:
 
         Returns the name of the session and the position of its first packet.
         Packets in flight are sent again first; the gateway drops duplicates."""
-        self._requeue()
+        self._requeue_claimed()
         self.session, self._port = uuid.uuid4().hex, port
         # Nothing is sent before the first `renew`, which proves that the gateway has the answer to this call.
         self._contact_at, self._failed_at, self._is_ready = time.monotonic(), 0.0, False
@@ -254,7 +254,11 @@ class Feed:
         self._joins += 1
         self._next_position = 1
         self._refused = 0
+        in_flight, self._unacknowledged, self._sent = self._unacknowledged, deque(), 0
         self._append([])
+        for packet in in_flight:
+            if packet.batches:
+                self._append(packet.batches)
         if self._thread is None:
             self._thread = Background(f"feed of {self.peer}", self._run, self._thread_failed)
             self._thread.start()

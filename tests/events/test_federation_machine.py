@@ -76,7 +76,7 @@ class Wire(Feed):
         self.acknowledge(self.session, position + 1)
 
     def begin_session(self) -> None:
-        self._requeue()
+        self._sent = 0  # what is in flight is sent again
         self.works = True
 
     def held(self) -> Iterator[tuple[str, set[str]]]:
