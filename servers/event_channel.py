@@ -138,11 +138,6 @@ class ChannelServer:
         self._orb.withdraw(self.path)
 
 
-def preload() -> None:
-    """Load what the first federation loads."""
-    Federation("none")
-
-
 def main(arguments: Sequence[str] | None = None, policy: ProxyPolicy | None = None) -> None:
     settings = ChannelSettings.read(arguments, __doc__ or "")
     process, folder = f"events_{check_name(settings.name)}", settings.server.state / "channels"

@@ -17,7 +17,7 @@ from robocorba.errors.events import ProxyGone
 from robocorba.events.account import Account, Arrivals
 from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.events.blocking_budget import BlockingBudget
-from robocorba.events.event import EventBatch, EventHeader
+from robocorba.events.event import EventBatch, EventHeader, merged
 from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Federation
 from robocorba.events.feed import Feed
@@ -357,6 +357,6 @@ class Channel:
     def _move(self, batches: Iterable[EventBatch]) -> None:
         """Send what waited for a peer by another way. An event that two of them have is recognised where it comes
         again."""
-        for batch in sorted(batches, key=lambda batch: (batch.header.origin, batch.first)):
+        for batch in merged(sorted(batches, key=lambda batch: (batch.header.origin, batch.first))):
             for feed, copy in self._ways(batch):
                 feed.store(copy)

@@ -212,7 +212,8 @@ class Feed:
             for packet in self._unacknowledged:
                 packet.batches = [self._split(batch, next_peers, moved) or batch.toward({}) for batch in packet.batches]
         items = [item for item in self._queue.items() if isinstance(item, EventBatch)]
-        if any(self._leaves(batch, next_peers) for batch in items):
+        targets = {target for batch in items for target in batch.targets or ()}
+        if any(next_peers.get(target, self.peer) != self.peer for target in targets):
             before = self._queue.clear()
             for batch in items:
                 self._queue.close_gaps(batch)
@@ -221,17 +222,13 @@ class Feed:
             self.account.received -= before - self._queue.length
         return moved
 
-    def _leaves(self, batch: EventBatch, next_peers: Mapping[str, str]) -> bool:
-        return any(next_peers.get(target, self.peer) != self.peer for target in batch.targets or ())
-
     def _split(self, batch: EventBatch, next_peers: Mapping[str, str], moved: list[EventBatch]) -> EventBatch | None:
         """What stays of a batch; the rest is appended to `moved`."""
-        if not self._leaves(batch, next_peers):
-            return batch
         targets = batch.targets or {}
-        leaving = {target for target in targets if next_peers.get(target, self.peer) != self.peer}
-        moved.append(batch.toward({target: targets[target] for target in leaving}))
-        kept = {target: before for target, before in targets.items() if target not in leaving}
+        kept = {target: before for target, before in targets.items() if next_peers.get(target, self.peer) == self.peer}
+        if len(kept) == len(targets):
+            return batch
+        moved.append(batch.toward({target: targets[target] for target in targets.keys() - kept}) if kept else batch)
         return batch.toward(kept) if kept else None
 
     def store(self, batch: EventBatch, is_small: bool = False) -> None:

@@ -10,9 +10,9 @@ from robocorba.events.account import Arrivals
 from robocorba.events.event import EventBatch
 from robocorba.events.event_numbers import life_of
 
-#: Maximum time that an event waits for earlier ones [s]. These may be on their way by a link that has just been cut: the
-#: channel before it notices that after 5 s at most (LinkPolicy.silence_s), and sends them by another way. What a killed
-#: channel held never comes.
+#: Maximum time that an event waits for earlier ones [s]. These may be on their way by a link that has just been cut:
+#: the channel before it notices that after 5 s at most (LinkPolicy.silence_s), and sends them by another way. What a
+#: killed channel held never comes.
 MAX_WAIT_S = 6.0
 #: Maximum number of events that wait. Beyond that the missing ones are not waited for.
 MAX_HELD = 10_000

@@ -123,7 +123,8 @@ class Channels:
         pids = {self.processes[other].pid for link in self._cut if name in link for other in link - {name}}
         if not pids:
             return False
-        return any(each.laddr.port == port and each.pid in pids for each in psutil.net_connections("tcp4"))
+        ends = [(each.laddr, each.pid) for each in psutil.net_connections("tcp4")]
+        return any(address and address.port == port and pid in pids for address, pid in ends)
 
     def relayed(self, name: str) -> dict[str, str]:
         """The environment of a channel that others reach by its relay."""
