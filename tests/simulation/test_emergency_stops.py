@@ -294,10 +294,11 @@ def test_a_stop_of_all_holds_robots_that_log_on_until_it_is_ended(scene: Scene, 
         assert hold == (True, 1, "fire")
         restarted.stops.stop([], "smoke")
         assert restarted.stops.end_stop_of_all(hold.number) == (True, 2, "smoke")
+        assert read_records(scene.file)[ALL].held == "smoke"
         assert restarted.stops.end_stop_of_all(2) == (False, 2, "")
+        assert not read_records(scene.file)[ALL].held
         assert not refuses(restarted.agent.register(robot("D", x=7.0, y=5.0)))
         assert refuses(sessions["B"])  # until it is reset
-    assert not read_records(scene.file)[ALL].held
 
 
 @given(
