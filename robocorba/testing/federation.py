@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import psutil
 from omniORB import CORBA
 
-from robocorba.claimed_ports import claimed_ports
+from robocorba.claimed_ports import PORTS_PER_BLOCK, claimed_ports
 from robocorba.corba.event_client import Event, EventClient, EventSubscription
 from robocorba.corba.orb import Orb
 from robocorba.settings import Address
@@ -69,7 +69,8 @@ class Channels:
         self.processes: dict[str, subprocess.Popen[str]] = {}
         self.clients: dict[str, EventClient] = {}
         self._launch = launch
-        self._ports = itertools.count(port + 1)
+        self._blocks = contextlib.ExitStack()
+        self._ports = self._free_ports(port + 1)
         self._port_of: dict[str, int] = {}
         self._probes = itertools.count()
         #: Of channels behind relays; the links between them that are cut.
@@ -77,6 +78,16 @@ class Channels:
         self._cut: set[frozenset[str]] = set()
 
     # ---- processes ----
+
+    def _free_ports(self, first: int) -> Iterator[int]:
+        """The rest of the claimed block, then those of further ones, which `close` gives back."""
+        yield from range(first, first + PORTS_PER_BLOCK - 2)
+        while True:
+            block = self._blocks.enter_context(claimed_ports())
+            yield from range(block, block + PORTS_PER_BLOCK - 1)
+
+    def close(self) -> None:
+        self._blocks.close()
 
     def start_naming(self) -> None:
         self.naming = self._launch(*naming_service_command(Address("127.0.0.1", self.port), self.folder))
@@ -249,8 +260,8 @@ def channels(folder: Path, *names: str) -> Iterator[Channels]:
         claimed_ports() as port,
         Launcher(folder) as launch,
         Orb(Address("127.0.0.1", port), call_timeout_s=5.0) as orb,
+        contextlib.closing(Channels(launch, folder, port, orb)) as result,
     ):
-        result = Channels(launch, folder, port, orb)
         result.start_naming()
         result.start(*names)
         yield result

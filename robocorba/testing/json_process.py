@@ -85,10 +85,11 @@ def answer_lines(answer: Callable[[Any], Any], ready: Any = None) -> None:
         print(json.dumps(answer(json.loads(line))), flush=True)
 
 
-def answer_commands(*commands: Callable[..., Any]) -> None:
-    """Answer lines of JSON on stdin by calls: {"do": NAME, **ARGUMENTS}, with the name of one of the commands."""
+def answer_commands(*commands: Callable[..., Any], ready: Any = None) -> None:
+    """Print `ready`, then answer lines of JSON on stdin by calls: {"do": NAME, **ARGUMENTS}, where NAME is that of a
+    command."""
     by_name = {command.__name__: command for command in commands}
-    answer_lines(lambda asked: by_name[asked.pop("do")](**asked))
+    answer_lines(lambda asked: by_name[asked.pop("do")](**asked), ready)
 
 
 def pids_of(state: Path, name: str) -> list[int]:

@@ -1,4 +1,4 @@
-"""python -m bench.events.channel [latency|throughput|stalled|fanout|memory|all] [--quick] [--minutes N]"""
+"""python -m bench.events.channel [latency|throughput|stalled|fanout|mesh|memory|all] [--quick] [--minutes N]"""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from functools import partial
 
 from bench.common.harness import run
 from bench.events.channel.consumers import fanout, memory, stalled
+from bench.events.channel.mesh import mesh
 from bench.events.channel.speed import latency, throughput
 
 
 def main(*bench: str, quick: bool = False, minutes: float = 60.0) -> bool:
-    benches = {one.__name__: partial(one, quick) for one in (latency, throughput, stalled, fanout)}
+    benches = {one.__name__: partial(one, quick) for one in (latency, throughput, stalled, fanout, mesh)}
     names = list(benches) if bench in ((), ("all",)) else bench
     benches["memory"] = partial(memory, minutes)
     if unknown := set(names) - benches.keys():

@@ -1,4 +1,4 @@
-"""Many consumers of one channel: a stopped one of ten, the cost of 1 to 200, and memory over an hour."""
+"""Many consumers of one channel: a stopped one of ten, the cost of 1 to 2,000, and memory over an hour."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import statistics
 import time
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import psutil
@@ -19,7 +19,7 @@ from robocorba.repeating import Repeating
 from robocorba.testing.json_process import Cpu, Process
 from robocorba.testing.peers.corba import BOUND, BOUNDED, CLIENT, HEADER, PLAIN, connected
 from robocorba.testing.processes import eventually
-from robocorba.testing.report import PROGRESS, at_most, curves, quantile, summarize
+from robocorba.testing.report import PROGRESS, at_least, at_most, curves, quantile, summarize
 
 # ---- one of ten consumers is stopped (SIGSTOP) ----
 
@@ -105,35 +105,40 @@ def _send(supplier: Process, consumers: list[Process], numbers: range, latencies
     return [collect(consumer, [numbers], LIMIT_S, latencies_from)[0] for consumer in consumers]
 
 
-# ---- the cost of a delivery with 1 to 200 consumers ----
+# ---- the cost of a delivery with 1 to 2,000 consumers ----
 
 
-CONSUMERS = (1, 10, 50, 100, 200)
+CONSUMERS = (1, 10, 100, 300, 1000, 2000)
 PROCESSES = 4
 WAYS = (PLAIN.name, HEADER.name)
 #: Maximum ratio of the cost of a delivery with many consumers to that with one.
 MAX_COST_GROWTH = 1.5
-MAX_EVENTS = 5000
+#: Minimum ratio of the deliveries a second with more than MANY consumers to those with MANY.
+MANY, MIN_RATE_KEPT = 100, 0.7
+#: Events of a flood: the longer it lasts, the more of them go in one call, so those with MANY or more have as many.
+MIN_EVENTS, MAX_EVENTS, DELIVERIES = 100, 5000, 10_000
 FANOUT_LIMIT_S = 120.0
 
 
 def fanout(quick: bool) -> bool:
     """Whether every mark was reached."""
-    rounds, deliveries = (2, 10_000) if quick else (5, 30_000)
-    found: dict[tuple[str, int], list[tuple[float, float, int]]] = defaultdict(list)
+    rounds = 2 if quick else 5
+    found: dict[tuple[str, int], list[Fanout]] = defaultdict(list)
     for number in range(rounds):
         for count in CONSUMERS:
             for peer in WAYS:
-                found[peer, count].append(_fanout_round(peer, count, deliveries))
-                cost = found[peer, count][-1][0]
+                found[peer, count].append(_fanout_round(peer, count))
+                cost = found[peer, count][-1].cpu_us
                 PROGRESS.print(f"fanout: round {number + 1} of {rounds}: {peer}, {count} consumers: {cost:.1f} us")
     rows: list[dict[str, Any]] = [
         {
             "consumers are": peer,
             "consumers": count,
-            "CPU, us": statistics.median(cpu for cpu, _, _ in results),
-            "wall, us": statistics.median(wall for _, wall, _ in results),
-            "lost": sum(lost for _, _, lost in results),
+            "to subscribe, s": statistics.median(one.subscribed_s for one in results),
+            "CPU, us": statistics.median(one.cpu_us for one in results),
+            "wall, us": (wall := statistics.median(one.wall_us for one in results)),
+            "deliveries/s": 1e6 / wall,
+            "lost": sum(one.lost for one in results),
         }
         for (peer, count), results in found.items()
     ]
@@ -142,32 +147,56 @@ def fanout(quick: bool) -> bool:
         for peer in WAYS
         for column in ("CPU, us", "wall, us")
     }
+    rates = {(row["consumers are"], row["consumers"]): row["deliveries/s"] for row in rows}
     marks = [
         at_most("events lost", sum(row["lost"] for row in rows), 0),
+        *(
+            at_least(
+                f"{peer}: deliveries/s, worst of more than {MANY} consumers / {MANY}",
+                min(rates[peer, count] for count in CONSUMERS if count > MANY) / rates[peer, MANY],
+                MIN_RATE_KEPT,
+            )
+            for peer in WAYS
+        ),
         *(
             at_most(f"{what} a delivery, worst / one consumer", max(us) / us[0], MAX_COST_GROWTH)
             for what, us in costs.items()
         ),
     ]
-    title = "Cost of a delivery: CPU time of the channel's process, and wall time"
-    draw = curves(CONSUMERS, costs, "consumers", xscale="log", ylabel="us for each delivery", ylim=(0, None))
+    title = "Deliveries of one channel, and CPU time of its process"
+    shown = {
+        f"{peer}, {column}": [row[column] for row in rows if row["consumers are"] == peer]
+        for peer in WAYS
+        for column in ("deliveries/s", "to subscribe, s")
+    }
+    draw = curves(CONSUMERS, shown, "consumers", xscale="log", yscale="log", ylabel="deliveries/s; s to subscribe all")
     return summarize("event_channel_fanout", title, rows, marks, draw)
 
 
-def _fanout_round(peer: str, count: int, deliveries: int) -> tuple[float, float, int]:
-    """CPU and wall time of a delivery to `count` consumers [us], and lost events."""
+class Fanout(NamedTuple):
+    """Time in which all consumers subscribed [s], CPU and wall time of a delivery [us], and lost events."""
+
+    subscribed_s: float
+    cpu_us: float
+    wall_us: float
+    lost: int
+
+
+def _fanout_round(peer: str, count: int) -> Fanout:
+    """With `count` consumers."""
     with Stage() as stage:
         broker = stage.broker(peer)
         shares = [count // PROCESSES + (place < count % PROCESSES) for place in range(min(PROCESSES, count))]
         consumers = [stage.consumer(peer, broker, share) for share in shares]
-        ready(*consumers)
+        subscribed_s = ready(*consumers)
         supplier = stage.supplier(peer, broker)
         ready(supplier)
-        events = min(MAX_EVENTS, deliveries // count)
+        events = max(MIN_EVENTS, min(MAX_EVENTS, DELIVERIES // count))
         _flood(supplier, consumers, 0, max(20, events // 10))
         cpu = Cpu([broker.pid])
         ns, lost = _flood(supplier, consumers, 1_000_000, events)
-        return cpu.spent_s()[0] / (events * count) * 1e6, ns / (events * count) / 1e3, lost
+        each = 1e6 / (events * count)
+        return Fanout(subscribed_s, cpu.spent_s()[0] * each, ns / 1e9 * each, lost)
 
 
 def _flood(supplier: Process, consumers: list[Process], first: int, events: int) -> tuple[int, int]:

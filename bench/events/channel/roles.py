@@ -3,7 +3,8 @@
 python -m bench.events.channel.roles supplier PEER ADDRESS
 python -m bench.events.channel.roles consumer PEER ADDRESS [HOW MANY]
 
-It answers every line by one line on stdout, the first one when it is connected, and ends with its stdin.
+It answers every line by one line on stdout, and ends with its stdin. The first line comes when it is connected, and is
+the time that this took, in seconds.
 """
 
 from __future__ import annotations
@@ -108,14 +109,15 @@ def _attempt(call: Callable[..., object], *arguments: Any) -> int:
 
 def main(role: str, peer: str, address: str, how_many: str = "1") -> None:
     gc.disable()  # a garbage collection would look like a delay of the broker
+    began = time.monotonic()
     if role == "supplier":
         with PEERS[peer].supplier(address) as supplier:
             found = SupplierRole(supplier)
-            answer_commands(found.pace, found.flood, found.runs)
+            answer_commands(found.pace, found.flood, found.runs, ready=time.monotonic() - began)
     else:
         tallies = [Tally() for _ in range(int(how_many))]
         with PEERS[peer].consumer(address, *(tally.receive for tally in tallies)):
-            answer_commands(ConsumerRole(tallies).collect)
+            answer_commands(ConsumerRole(tallies).collect, ready=time.monotonic() - began)
 
 
 if __name__ == "__main__":

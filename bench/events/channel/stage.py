@@ -14,7 +14,7 @@ from robocorba.testing.peers import PEERS
 from robocorba.testing.peers.base import Broker
 
 #: Timeout for a role to connect, which may wait for its broker to start [s].
-START_LIMIT_S = 40.0
+START_LIMIT_S = 90.0
 #: A consumer has received everything when no event arrived for this time [s].
 QUIET_S = 2.0
 
@@ -50,10 +50,9 @@ class Stage(contextlib.ExitStack):
         return self.enter_context(Process(command, self.folder / f"{next(self._logs)}.log"))
 
 
-def ready(*roles: Process) -> None:
-    """Wait until they are connected. Raises ProcessFailed."""
-    for role in roles:
-        role.receive(START_LIMIT_S)
+def ready(*roles: Process) -> float:
+    """Wait until they are connected; the longest time that one of them took [s]. Raises ProcessFailed."""
+    return max(float(role.receive(START_LIMIT_S)) for role in roles)
 
 
 def send(supplier: Process, how: str, limit_s: float, **arguments: Any) -> dict[str, Any]:
