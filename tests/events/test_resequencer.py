@@ -12,7 +12,10 @@ from hypothesis import strategies as st
 
 from robocorba.events import resequencer
 from robocorba.events.account import Account, Arrivals
-from robocorba.events.channel import Channel
+from robocorba.events.channel import MAX_HOPS, Channel
+from robocorba.events.federation import Advertisement
+from robocorba.events.feed import Feed
+from robocorba.events.policies import LinkPolicy
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.resequencer import Arrival, Resequencer
@@ -100,3 +103,18 @@ def test_an_event_without_a_way_is_discarded(hall: Channel) -> None:
     assert account == Arrivals(received=1, discarded=1)
     hall.publish(events(1), Account())
     assert len(got(hall)) == 1
+
+
+def test_a_copy_does_not_go_round_for_ever(hall: Channel) -> None:
+    """Each of two channels takes the other one for the next on the way."""
+    feed = Feed(hall.lock, "lab", LinkPolicy())
+    with hall.lock:
+        hall.feeds["lab"] = feed
+        hall.update_routes()
+        hall.federation.learn([Advertisement("lab", 1, ("hall", "yard"), ()), Advertisement("yard", 1, ("lab",), ())])
+    batch, account = events(1), Arrivals()
+    for _ in range(MAX_HOPS + 1):
+        batch.targets = {"yard": 0}
+        hall.forward([batch], account)
+    assert (account.delivered, account.discarded) == (MAX_HOPS, 1)
+    assert feed.account.received == MAX_HOPS
