@@ -359,7 +359,6 @@ class HighController:
             self._check_hang()
             if (pause_s := time.monotonic() - self._ticked_at_clock) > self._hang_limit_s:
                 self._restart_after_pause(pause_s)
-            self._note_tick()
             self._tick()
             self._ticked.set()
             if self.is_lost:
@@ -407,6 +406,7 @@ class HighController:
             self._waits_for = ""
 
     def _tick(self) -> None:
+        self._note_tick()
         with self._adaptor_in_use:
             self._use_adaptor()
 

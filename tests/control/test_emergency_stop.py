@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from robocorba.control import agent as agent_module
-from robocorba.control import emergency_stop, high_controller, model_switcher
+from robocorba.control import emergency_stop, high_controller, model_switcher, session
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.agent import ControlAgent
 from robocorba.control.high_controller import HighController
@@ -418,8 +418,9 @@ class World:
         script, self.script = self.script, []
         for _ in range(2):  # the first one may have to log on
             Steps.tasks["emergency stop"]()
-        for stop in self.standing:
-            stop.is_durable |= not self.is_away
+        if not self.is_away and self.session.present:  # one that is kept out can't report
+            for stop in self.standing:
+                stop.is_durable = True
         self.script = script
 
     def deliver(self) -> None:
@@ -474,6 +475,7 @@ class Stops(RuleBasedStateMachine):
             patch.setattr(module, "Repeating", Steps)
         patch.setattr(emergency_stops, "Workers", Calls)
         patch.setattr(high_controller, "REFRESH_LIMIT_S", 0.0)
+        patch.setattr(session, "GIVING_BACK_S", 0.0)
         patch.setattr(high_controller, "CHECK_INTERVAL_S", 600.0)
         patch.setattr(high_controller, "END_LIMIT_S", 0.0)  # a reset within another one does not wait for it
         patch.setattr(model_switcher, "make", lambda name, context: context.orb.make(name, context))

@@ -168,7 +168,7 @@ def test_a_motion_ends_with_the_defect_of_the_control_loop_and_a_reset_starts_an
         assert f"is stopped: internal fault in 'high controller' ({text})" in str(raised[0])
         assert text in high.stopped
         adaptor.defect = None
-        time.sleep(high._hang_limit_s)  # a loop that has ended does not hang
+        stays(lambda: high.stopped, high_controller.HANG_LIMIT_S)  # a loop that has ended does not hang
         high.reset_stop()
         high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
 

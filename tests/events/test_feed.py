@@ -387,7 +387,7 @@ def test_nobody_waits_for_expired_events(at: Setting) -> None:
     send(at, for_channels(at.batch(3, expiry=0.05), hall=1))
     send(at, for_channels(at.batch(), hall=4))
     send(at, for_channels(at.batch(expiry=0.05), hall=5))
-    time.sleep(0.1)
+    outlast(0.05)
     at.connect()
     eventually(lambda: sent(at.gateway) == [(1, 1, {"hall": 0}), (5, 5, {"hall": 1})], what="what lives")
     send(at, for_channels(at.batch(), hall=6))

@@ -33,7 +33,7 @@ from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually
 from robocorba.testing.simulation import GONE
 from tests.system.wrong_clocks import HOUR_S, JUMPS_S, YEAR_S, Clocks, wrong_clocks
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.full, pytest.mark.slow]
 
 #: Timeout of what takes a second or two [s].
 LIMIT_S = 60.0

@@ -3,7 +3,6 @@ way, each once and in order."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -12,8 +11,9 @@ from robocorba.stubs import RoboCorba
 from robocorba.testing.federation import LIMIT_S, Channels, Consumer, Counts, channels
 from robocorba.testing.federation_chaos import Supplier
 from robocorba.testing.processes import eventually
+from tests.waits import stays
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 
 @pytest.fixture(scope="module")
@@ -72,11 +72,15 @@ class Traffic:
         """Each event has come exactly once, in order."""
         for origin, name in routes:
             self.wait_last(origin, name)
-        time.sleep(0.2)  # copies would come now
-        for origin, name in routes:
-            got = self.consumers[name].payloads(origin)
-            assert got == sorted(set(got)), f"{name} gets events of {origin} twice or too late"
-            assert set(self.accepted(origin)) <= set(got), f"{name} misses events of {origin}"
+
+        def came_once() -> bool:
+            for origin, name in routes:
+                got = self.consumers[name].payloads(origin)
+                assert got == sorted(set(got)), f"{name} gets events of {origin} twice or too late"
+                assert set(self.accepted(origin)) <= set(got), f"{name} misses events of {origin}"
+            return True
+
+        stays(came_once, 0.2)  # copies would come now
 
     def check_accounts(self) -> None:
         for name in self.names:
