@@ -28,6 +28,7 @@ from robocorba.testing.buildings import two_floors
 from robocorba.testing.intrusion.intruder import WAYS, Intruder
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually, real_system
 from robocorba.testing.simulation import about
+from tests.system.state_files import state_files
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 
@@ -182,8 +183,7 @@ def test_an_operator_edits_and_stops(orb: Orb, guarded: Running, tmp_path: Path)
 
 
 def test_the_files_are_for_this_user_only(guarded: Running) -> None:
-    folder = guarded.state / "access"
-    modes = {file: file.stat().st_mode & 0o777 for file in (folder, *folder.rglob("*"))}
+    modes = {file.path: file.mode for file in state_files(guarded.state / "access")}
     assert modes == {file: 0o700 if file.is_dir() else 0o600 for file in modes}
     assert len(modes) > 3
 

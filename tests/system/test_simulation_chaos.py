@@ -16,6 +16,7 @@ from robocorba.simulation.registry import LEASE_S
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import eventually
 from robocorba.testing.simulation import BACK_LIMIT_S, GONE, Chaos, ClientProcess, Place, away, error_lines, simulation
+from tests.system.state_files import state_files
 from tests.waits import outlast
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
@@ -69,9 +70,9 @@ def test_a_robot_whose_floor_went_and_that_logged_on_elsewhere_outlives_the_serv
         known = bytes.fromhex(place.orb.uri(reference).removeprefix("IOR:"))
         secret = known.partition(prefix)[2][:32]
         assert len(set(secret)) > 10
-        files = [path for path in place.running.state.rglob("*") if path.is_file()]
-        assert [path.name for path in files if secret in path.read_bytes()] == []
-    assert [path.name for path in files if path.stat().st_mode & 0o077] == []
+        files = state_files(place.running.state)
+        assert [file.path.name for file in files if secret in file.content] == []
+    assert [file.path.name for file in files if file.mode & 0o077] == []
 
 
 def test_robots_stay_logged_on_when_all_was_held_up(place: Place) -> None:
