@@ -62,10 +62,10 @@ class SimulatedRobot:
             raise InvalidCommand("wanted", f"({ahead}, {left}, {turn}) is not a velocity")
         if not 0.0 <= valid_s <= MAX_VALID_S:
             raise InvalidCommand("validFor", f"{valid_s} is not 0 to {MAX_VALID_S:g} s")
-        if reason := self._stops.reason:
-            raise InvalidCommand(STOPPED, reason)
+        if self._stops.reasons:
+            raise InvalidCommand(STOPPED, self._stops.reason)
         self.physics.command(self.body, ahead, left, turn, valid_s)
-        if self._stops.is_on:  # the robot was stopped meanwhile, perhaps before this command
+        if self._stops.reasons:  # the robot was stopped meanwhile, perhaps before this command
             self.physics.brake(self.body)
 
     def brake(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import Any
 
 import msgspec
@@ -50,6 +51,8 @@ class Crowd:
             building.floors[name] = msgspec.structs.replace(floor, topological=topological_map(building, name))
         _warm_up()
         self._place = Place(building)
+        #: Held while the building changes, by a step or by a robot, as changes wait for their turn in the product.
+        self._changing = threading.RLock()
         self.world, planner = self._place.world, PathPlanner(building)
         self.robots: dict[str, Robot] = {}
         self._controllers: list[Stepped] = []
@@ -57,7 +60,7 @@ class Crowd:
             self.world.add(Description(name, Pose(FLOOR, x, y, heading)))
         self._pools = {name: self._place.pool(FLOOR, name) for name in starts}
         for name, pool in self._pools.items():
-            session = InStep(self.world, name)
+            session = InStep(self.world, name, self._changing)
             session.state()
             controller = Stepped(SimulatedAdaptor(session), BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED)
             controller.start(())
@@ -78,8 +81,9 @@ class Crowd:
 
     def carried(self, thing: str, to: tuple[float, float]) -> None:
         """Move an object to another place."""
-        item = self.world.occupants.objects[thing]
-        self.world.occupants.move_object(thing, Pose(item.floor, *to, item.map_object.heading))
+        with self._changing:
+            item = self.world.occupants.objects[thing]
+            self.world.occupants.move_object(thing, Pose(item.floor, *to, item.map_object.heading))
         for _ in range(FOLLOW_STEPS):
             self._step()
 
@@ -106,7 +110,8 @@ class Crowd:
         return wrong
 
     def _step(self) -> None:
-        happened = self.world.step()
+        with self._changing:
+            happened = self.world.step()
         self.touched += [each.who for each in happened if each.kind == "collision"]
         self._place.clock.now += STEP_S
         for number, pool in enumerate(self._pools.values()):
@@ -139,8 +144,8 @@ class Stepped(HighController):
 class InStep:
     """A BuildingSession of a robot in a building that the test steps."""
 
-    def __init__(self, world: Any, name: str) -> None:
-        self._world, self._robot = world, world.occupants.robots[name]
+    def __init__(self, world: Any, name: str, changing: AbstractContextManager[Any]) -> None:
+        self._world, self._robot, self._changing = world, world.occupants.robots[name], changing
         self.latest: SessionState
 
     def log_on(self, at: Pose | None = None) -> None:
@@ -181,10 +186,12 @@ class InStep:
         raise NotImplementedError
 
     def grip(self, what: str, x: float, y: float) -> None:
-        self._world.occupants.grip(self._robot.name, what, (x, y))
+        with self._changing:
+            self._world.occupants.grip(self._robot.name, what, (x, y))
 
     def release(self) -> None:
-        self._world.occupants.release(self._robot.name)
+        with self._changing:
+            self._world.occupants.release(self._robot.name)
 
     def longest_elevator_wait_s(self) -> float:
         return 0.0
@@ -195,28 +202,34 @@ class InStep:
         raise NotImplementedError
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
-        self._world.reserve(self._robot.name, [area_request(areas, limit_s, self._world.occupants.floors)])
+        with self._changing:
+            self._world.reserve(self._robot.name, [area_request(areas, limit_s, self._world.occupants.floors)])
 
     def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
-        return self._world.reserve(
-            self._robot.name, [area_request(areas, limit_s, self._world.occupants.floors) for areas in alternatives]
-        )
+        with self._changing:
+            return self._world.reserve(
+                self._robot.name, [area_request(areas, limit_s, self._world.occupants.floors) for areas in alternatives]
+            )
 
     def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
-        request = area_request(areas, least_s, self._world.occupants.floors)
-        return self._world.reservations.exchange(self._robot.name, request, least_s)
+        with self._changing:
+            request = area_request(areas, least_s, self._world.occupants.floors)
+            return self._world.reservations.exchange(self._robot.name, request, least_s)
 
     def take_over_areas(self, former: str) -> None:
-        self._world.reservations.take_over(self._robot.name, former)
+        with self._changing:
+            self._world.reservations.take_over(self._robot.name, former)
 
     def reservation(self) -> Reservation | None:
         return self._world.reservations.find(self._robot.name, self._world.time)
 
     def keep_areas(self, areas: Sequence[FloorArea]) -> None:
-        self._world.reservations.keep(self._robot.name, canonical_areas(areas))
+        with self._changing:
+            self._world.reservations.keep(self._robot.name, canonical_areas(areas))
 
     def release_areas(self) -> None:
-        self._world.reservations.release(self._robot.name)
+        with self._changing:
+            self._world.reservations.release(self._robot.name)
 
     def cancel_elevator(self) -> None:
         pass
