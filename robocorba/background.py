@@ -13,6 +13,9 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NoReturn
 
+#: Timeout for the end of a thread that was told to end [s].
+END_LIMIT_S = 30.0
+
 _log = logging.getLogger(__name__)
 
 
@@ -26,6 +29,13 @@ class Background(threading.Thread):
 
     def run(self) -> None:
         _attempt(self.name, self._work, self._on_failure)
+
+    def wait_for_end(self, limit_s: float = END_LIMIT_S) -> None:
+        """Wait until it has ended; a warning names one that goes on after `limit_s`. It does not keep the process."""
+        if self.is_alive():
+            self.join(limit_s)
+            if self.is_alive():
+                _log.warning("the thread '%s' has not ended within %g s", self.name, limit_s)
 
 
 class Workers:

@@ -36,8 +36,7 @@ class Repeating:
         """Wait for the call in progress; make no further calls."""
         self._closing = True
         self._woken.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._thread.wait_for_end()
 
     def _run(self) -> None:
         while not self._closing:

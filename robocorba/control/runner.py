@@ -234,7 +234,7 @@ class Runner:
             yield
         finally:
             ended.set()
-            watcher.join()
+            watcher.wait_for_end()
             self._robot.execution.settle(lambda why: isinstance(why, SensorStop) and why.icon is icon)
 
     def _update(self, **changes: Any) -> None:

@@ -69,7 +69,7 @@ class MissionAgent:
     def close(self) -> None:
         self._closing.set()
         self._transport.wake()
-        self._thread.join()
+        self._thread.wait_for_end()
 
     @property
     def mission(self) -> str:

@@ -81,7 +81,7 @@ class Succession:
         with self._lock:
             threads = list(self._waiting.values())
         for thread in threads:
-            thread.join()
+            thread.wait_for_end()
 
     def _run(self, mission: str, term: int) -> None:
         began = time.monotonic()

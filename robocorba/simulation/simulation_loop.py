@@ -63,8 +63,7 @@ class SimulationLoop:
     def close(self) -> None:
         """Stop the thread; pending calls fail with SimulationBusy."""
         self._closing = True
-        if self._thread.is_alive():
-            self._thread.join()
+        self._thread.wait_for_end()
         with contextlib.suppress(Empty):
             while True:
                 self._calls.get_nowait()[1].set_exception(SimulationBusy("the simulation is shutting down"))

@@ -37,7 +37,7 @@ class StateWriter:
             self._is_closing = True
             self._changed.notify_all()
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.wait_for_end()
         else:
             self._write()
 

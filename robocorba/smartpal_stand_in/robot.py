@@ -82,8 +82,7 @@ class RealTime:
 
     def close(self) -> None:
         self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._thread.wait_for_end()
 
     def _run(self) -> None:
         due = time.monotonic()
