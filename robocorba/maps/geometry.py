@@ -33,6 +33,7 @@ from robocorba.maps.model import (
     Shape,
     Wall,
 )
+from robocorba.spatial.frames import into
 from robocorba.spatial.pose import XY
 
 #: Maximum distance between a door and a parallel wall into which it cuts an opening [m].
@@ -144,6 +145,12 @@ def to_floor_frame(points: Sequence[XY] | Array, at: XY, heading: float) -> Arra
 def shaft_polygon(elevator: Elevator) -> Polygon:
     """The shaft's footprint in the floor's frame."""
     return shapely.polygons(to_floor_frame(_rectangle(elevator.size), elevator.at, elevator.heading))
+
+
+def is_in_shaft(elevator: Elevator, x: float, y: float) -> bool:
+    """Whether a point of the floor lies inside of the shaft's footprint."""
+    across, along = into(x, y, (*elevator.at, elevator.heading))
+    return abs(across) < elevator.size[0] / 2 and abs(along) < elevator.size[1] / 2
 
 
 def landing_line(elevator: Elevator, door: ElevatorDoor) -> LineString:

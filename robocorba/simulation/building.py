@@ -4,12 +4,12 @@ time."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 from shapely import Point, Polygon
 
-from robocorba.maps.geometry import shaft_polygon
+from robocorba.maps.geometry import is_in_shaft
 from robocorba.maps.lineage import SAME_NAMES, Lineage
 from robocorba.maps.model import Building
 from robocorba.maps.movable import fixed_obstacles, movables
@@ -24,7 +24,7 @@ from robocorba.simulation.simulated_robot import SimulatedRobot
 from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.static_parts import static_parts
 from robocorba.simulation.world_record import WorldRecord
-from robocorba.spatial.pose import Pose
+from robocorba.spatial.pose import XY, Pose
 
 
 class MapUpdate(NamedTuple):
@@ -145,12 +145,12 @@ class SimulatedBuilding:
     def _why_inaccessible(self, pose: Pose) -> str:
         """Why no body can get to a pose of a floor: it is outside of the floor, or in a shaft whose cabin belongs to
         another one. Empty if one can, unless something stands there."""
-        centre, outline = Point(pose.x, pose.y), self.building.floors[pose.floor].floor.outline
-        if outline and not Polygon(outline).contains(centre):
+        outline = self.building.floors[pose.floor].floor.outline
+        if outline and not _ground(outline).contains(Point(pose.x, pose.y)):
             return f"it is outside of the outline of {pose.floor}"
         for elevator in self.building.elevators_through(pose.floor):
             cabin_floor = self.elevators.cabins[elevator.name].floor
-            if cabin_floor != pose.floor and shaft_polygon(elevator).contains(centre):
+            if cabin_floor != pose.floor and is_in_shaft(elevator, pose.x, pose.y):
                 return f"it is in the shaft of {elevator.name}, whose cabin is on {cabin_floor}"
         return ""
 
@@ -224,3 +224,9 @@ class SimulatedBuilding:
         self.elevators.restore(world.cabins, self.time, present)
         self.reservations.restore(world.reservations, self.time, world.robots.keys() & present)
         self._look_into_cabins()
+
+
+@lru_cache(256)
+def _ground(outline: Sequence[XY]) -> Polygon:
+    """The inside of a floor's outline: each robot that logs on asks for the same ones."""
+    return Polygon(outline)

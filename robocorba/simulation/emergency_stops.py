@@ -126,6 +126,11 @@ class _Name:
         self.called, self.is_confirmed, self.problem = 0, False, ""
 
     @property
+    def is_recorded(self) -> bool:
+        """Whether the file has to have it. A robot without a target that was never stopped logs on without a write."""
+        return bool(self.target or self.latch.number)
+
+    @property
     def record(self) -> StopRecord:
         latch = self.latch
         return StopRecord(
@@ -210,7 +215,8 @@ class EmergencyStops:
         with self._lock:
             known = self._of(session)
         session.robot.hold_by(known.latch)
-        self._writer.wake()
+        if known.is_recorded:
+            self._writer.wake()
 
     def report_target(self, session: Session, target: str, stands_with_body: bool) -> None:
         """Set the URI at which a robot is stopped itself."""
@@ -224,11 +230,13 @@ class EmergencyStops:
             known = self._names.get(session.name)
             if known is None or known.registration != registration(session):
                 return
+            was_recorded = known.is_recorded
             if known.latch.is_on:
                 known.registration = known.target = ""
             else:
                 del self._names[session.name]
-        self._writer.wake()
+        if was_recorded:
+            self._writer.wake()
 
     # ---- stops ----
 
@@ -417,7 +425,7 @@ class EmergencyStops:
     def _write(self) -> None:
         with self._writing:
             with self._lock:
-                records = {name: known.record for name, known in self._names.items()}
+                records = {name: known.record for name, known in self._names.items() if known.is_recorded}
                 if self._all.number:
                     records[ALL] = _Name(self._all).record
                 content = msgspec.json.encode(records)

@@ -114,8 +114,9 @@ class FloorPhysics:
         #: Last command of each robot, packed: replacing one needs no lock, reading all of them needs no loop.
         self._packed_commands: dict[str, bytes] = {}
         self._name_of: dict[int, str] = {}
-        #: How far each body may move in a substep [m], by its id.
-        self._reach_m: dict[int, float] = {}
+        #: By name: how far each body may move in a substep [m], and its mass and moment of inertia [kg, kg m^2].
+        self._reach_m: dict[str, float] = {}
+        self._inertia_of: dict[str, tuple[float, float]] = {}
         self._is_moving = False
         self._rebuild_rows()
         self.set_obstacles(obstacles)
@@ -206,7 +207,8 @@ class FloorPhysics:
     def remove(self, name: str) -> None:
         """Remove a robot or an object with its grips. Raises KeyError for an unknown name."""
         body = self._bodies.pop(name)
-        del self._name_of[body.id], self._reach_m[body.id]
+        del self._name_of[body.id], self._reach_m[name]
+        self._inertia_of.pop(name, None)
         self._robots.pop(name, None)
         self._masses.remove(name)
         self._packed_commands.pop(name, None)
@@ -309,7 +311,7 @@ class FloorPhysics:
         for shape in shapes:
             shape.friction = 0.3
         self._space.add(body, *shapes)
-        self._bodies[name], self._name_of[body.id], self._reach_m[body.id] = body, name, reach_m
+        self._bodies[name], self._name_of[body.id], self._reach_m[name] = body, name, reach_m
         if limits:
             self._robots[name] = limits
             self._packed_commands[name] = _NO_COMMAND  # drops a command of an earlier robot of this name
@@ -335,14 +337,16 @@ class FloorPhysics:
 
     def _adapt_to_bodies(self) -> None:
         """Choose substeps and iterations by the bodies that are present."""
-        self._masses.apply()
+        for name in self._masses.apply():
+            self._inertia_of.pop(name, None)
         self._space.iterations = self._masses.iterations
-        bodies = [self._bodies.get(name) for name in self._names]
-        reach_m = np.array([self._reach_m[body.id] if body else math.inf for body in bodies])
+        reach_m = np.array([self._reach_m.get(name, math.inf) for name in self._names])
         self._substeps = substeps_for(self._limits[:, 0].max(), reach_m.min())
         substep_s = STEP_S / self._substeps
         self._caps = reach_m / substep_s
-        inertia = [(body.mass, body.moment) if body else (0.0, 0.0) for body in bodies]
+        for name in self._bodies.keys() - self._inertia_of.keys():
+            self._inertia_of[name] = self._bodies[name].mass, self._bodies[name].moment
+        inertia = [self._inertia_of.get(name, (0.0, 0.0)) for name in self._names]
         self._inertia = np.array(inertia).reshape(-1, 2) / substep_s
 
     def touching(self, x: float, y: float, radius_m: float, but: str | None = None) -> str | None:

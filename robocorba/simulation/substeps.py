@@ -37,24 +37,29 @@ class RobotMasses:
     MAX_MASS_RATIO."""
 
     def __init__(self) -> None:
-        self._robots: dict[str, tuple[pymunk.Body, float]] = {}
+        #: Body, mass, and the mass that it counts as [kg].
+        self._robots: dict[str, tuple[pymunk.Body, float, float]] = {}
         #: Iterations for the contacts of these robots.
         self.iterations = ITERATIONS
 
     def add(self, name: str, body: pymunk.Body, mass_kg: float) -> None:
-        self._robots[name] = body, mass_kg
+        self._robots[name] = body, mass_kg, mass_kg
 
     def remove(self, name: str) -> None:
         self._robots.pop(name, None)
 
-    def apply(self) -> None:
-        """Set the masses of the bodies, and the iterations."""
-        masses = [mass_kg for _, mass_kg in self._robots.values()]
+    def apply(self) -> list[str]:
+        """Set the masses of the bodies, and the iterations; returns the robots whose mass has changed."""
+        masses = [mass_kg for _, mass_kg, _ in self._robots.values()]
         least_kg = max(masses, default=0.0) / MAX_MASS_RATIO
-        for body, mass_kg in self._robots.values():
+        changed = []
+        for name, (body, mass_kg, before_kg) in self._robots.items():
             counted_kg = max(mass_kg, least_kg)
-            if body.mass != counted_kg:
-                body.moment *= counted_kg / body.mass
+            if counted_kg != before_kg:
+                body.moment *= counted_kg / before_kg
                 body.mass = counted_kg
+                self._robots[name] = body, mass_kg, counted_kg
+                changed.append(name)
         ratio = max(masses) / max(least_kg, min(masses)) if masses else 1.0
         self.iterations = max(ITERATIONS, math.ceil(ITERATIONS_PER_RATIO * ratio))
+        return changed
