@@ -8,6 +8,7 @@ clients without the lock, so that a client that hangs blocks only the thread tha
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Iterable
@@ -224,12 +225,13 @@ class Channel:
                     account.discarded += 0 if is_sent else count
         return claims
 
-    def release_overdue(self) -> None:
-        """Deliver events that have waited long enough for earlier ones. To be called at least once a second."""
+    def release_overdue(self, is_over: bool = False) -> None:
+        """Deliver events that have waited long enough for earlier ones. To be called about once a second while there are
+        peers. is_over: no peer is left from which the earlier ones could come."""
         claims: Claims = []
         with self.lock:
             now, count = time.monotonic(), 0
-            for arrival in self._resequencer.overdue(now):
+            for arrival in self._resequencer.overdue(math.inf if is_over else now):
                 count += len(arrival.batch)
                 self._accept(arrival.batch, arrival.account, now, claims)
         if count:

@@ -131,7 +131,9 @@ class Links:
                 self._removed.add(name)
             with self._channel.lock:
                 self._channel.remove_feed(name)
+            is_last = not self._links
         link.gateway.end(leave=not by_peer)
+        self._channel.release_overdue(is_over=is_last)
         self.send_advertisements()
 
     def close(self) -> None:
