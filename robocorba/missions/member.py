@@ -282,7 +282,7 @@ class Member:
             f"steps[{self._step}]" if self._step >= 0 else "",
             self._phase(),
             reason,
-            self._step + (1 if self._is_done else 0),
+            self._step + 1 if self._is_done else max(self._step, 0),
             time.monotonic() - self._began,
         )
 
