@@ -50,7 +50,7 @@ DONE = {"robots": 0.95, "servers": 0.96, "nothing": 1.0}
 #: What is done to whom; "stops" without a mark, since a robot that stands may be in the way of every other carry.
 KILLS = (*DONE, "stops")
 #: Time limit for an emergency stop to be confirmed, and after that for a body to stand [s].
-STOP_LIMIT_S, GRACE_S = 10.0, 1.0
+STOP_LIMIT_S, GRACE_S = 60.0, 1.0
 #: Time for which robots may drive after the kill of their leader [s]: carriers stand 0.4 s after its last order, and
 #: the witness looks every 0.04 s.
 DROVE_ON_S = 0.5
