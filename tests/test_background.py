@@ -5,9 +5,6 @@ from __future__ import annotations
 import queue
 import subprocess
 import sys
-import threading
-
-import pytest
 
 from robocorba.background import Background, Workers
 
@@ -53,14 +50,3 @@ def test_a_process_ends_with_an_error_though_its_main_thread_waits() -> None:
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=LIMIT_S)
     assert ended.returncode == 1
     assert "the process ends: internal fault in 'worker' (ZeroDivisionError" in ended.stderr
-
-
-def test_a_thread_that_does_not_end_is_named(caplog: pytest.LogCaptureFixture) -> None:
-    end = threading.Event()
-    thread = Background("test", end.wait, lambda reason: None)
-    thread.start()
-    thread.wait_for_end(0.01)
-    assert "the thread 'test' has not ended within 0.01 s" in caplog.text
-    end.set()
-    thread.wait_for_end(LIMIT_S)
-    assert not thread.is_alive()
