@@ -173,6 +173,18 @@ class Channels:
         """Delete the state folder of a channel that does not run."""
         shutil.rmtree(self.folder / name)
 
+    def restart(self, *names: str, forgets: bool = False, **environment: str) -> None:
+        """Kill channels and start them again. forgets: without their files, and so without their proxies."""
+        for name in names:
+            self.kill(name)
+            if forgets:
+                self.forget(name)
+            self.spawn(name, **environment)
+        for name in names:
+            self.wait_ready(name)
+            if forgets:
+                self.clients[name] = EventClient(self.orb, name, name, timeout_s=LIMIT_S)
+
     @contextlib.contextmanager
     def stopped(self, name: str) -> Iterator[None]:
         """A channel whose process hangs (SIGSTOP)."""

@@ -1,23 +1,38 @@
-"""A consumer that prints its reference, then a line for each event: python any_consumer.py"""
+"""A consumer that prints its reference, then a line for each event, its content: python any_consumer.py [bare]
+
+bare: plain omniORBpy, without anything of ours in between."""
 
 from __future__ import annotations
 
 import sys
 from typing import Any
 
-from robocorba.corba.orb import Orb
-from robocorba.settings import Address
-from robocorba.stubs import RoboCorba__POA
+import omniORB
+from omniORB import CORBA
+
+import CosEventComm__POA  # isort: skip  (found once omniORB is imported)
+
+from robocorba.testing.random_anys import content
 
 
-class Consumer(RoboCorba__POA.EventConsumer):
-    def push(self, data: Any) -> None:
-        print(repr(data.value()), flush=True)
+class Consumer(CosEventComm__POA.PushConsumer):
+    def push(self, value: Any) -> None:
+        print(content(value), flush=True)
 
     def disconnect_push_consumer(self) -> None:
         pass
 
 
-with Orb(Address("127.0.0.1", 1)) as orb:
-    print(orb.uri(orb.activate(Consumer())), flush=True)
+if sys.argv[1:] == ["bare"]:
+    bare = CORBA.ORB_init(["x", "-ORBnativeCharCodeSet", "UTF-8"], CORBA.ORB_ID)
+    bare.resolve_initial_references("RootPOA")._get_the_POAManager().activate()
+    print(bare.object_to_string(Consumer()._this()), flush=True)
+    assert omniORB.orb is bare
     sys.stdin.read()
+else:
+    from robocorba.corba.orb import Orb
+    from robocorba.settings import Address
+
+    with Orb(Address("127.0.0.1", 1)) as orb:
+        print(orb.uri(orb.activate(Consumer())), flush=True)
+        sys.stdin.read()

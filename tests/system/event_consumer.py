@@ -1,8 +1,7 @@
-"""A consumer in a process of its own: python event_consumer.py CHANNEL_URI FILE [--queue SIZE].
+"""A consumer in a process of its own: python -m tests.system.event_consumer CHANNEL_URI FILE [--queue SIZE].
 
 Each event with a string becomes a line of FILE. It is a plain consumer, unless a queue of its own is given.
-Prints `ready`; ends with SIGTERM.
-"""
+Prints `ready`; ends with SIGTERM."""
 
 from __future__ import annotations
 
@@ -15,34 +14,8 @@ from omniORB import CORBA
 
 from robocorba.corba.orb import Orb
 from robocorba.settings import Address
-from robocorba.stubs import RoboCorba, RoboCorba__POA
-
-import CosEventComm__POA  # isort: skip  (found once omniORB is imported)
-
-
-class PlainConsumer(CosEventComm__POA.PushConsumer):
-    """Writes down what comes."""
-
-    def __init__(self, file: Path) -> None:
-        self._file = file.open("a", encoding="utf-8", buffering=1)
-
-    def push(self, value: Any) -> None:
-        self._file.write(f"{value.value()}\n")
-
-    def disconnect_push_consumer(self) -> None:
-        pass
-
-
-class Consumer(PlainConsumer, RoboCorba__POA.EventConsumer):
-    """The same for batches."""
-
-    def pushRuns(self, runs: Any) -> None:
-        for run in runs:
-            for payload in run.payloads:
-                self.push(omniORB.cdrUnmarshal(CORBA.TC_any, payload))
-
-    def pushTogether(self, which: int, events: Any) -> None:
-        raise CORBA.NO_IMPLEMENT
+from robocorba.stubs import RoboCorba
+from tests.system.event_place import EventConsumer, PushConsumer, clauses
 
 
 def main() -> None:
@@ -51,15 +24,24 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     parser.add_argument("--queue", type=int, default=0)
     given = parser.parse_args()
-    with Orb(Address("127.0.0.1", 1)) as orb:
+    with given.file.open("a", encoding="utf-8", buffering=1) as file, Orb(Address("127.0.0.1", 1)) as orb:
+
+        def take(value: Any) -> None:
+            file.write(f"{value.value()}\n")
+
+        class Consumer(EventConsumer):
+            def pushRuns(self, runs: Any) -> None:
+                for run in runs:
+                    for payload in run.payloads:
+                        take(omniORB.cdrUnmarshal(CORBA.TC_any, payload))
+
         channel = orb.reference(given.channel, RoboCorba.EventChannel)
         if given.queue:
-            everything = [RoboCorba.Clause([RoboCorba.EventPattern("", "")], 0.0)]
             policy = RoboCorba.QueuePolicy(given.queue, RoboCorba.DISCARD_OLDEST, 0.0)
-            channel.subscribe("", orb.activate(Consumer(given.file)), everything, policy)
+            channel.subscribe("", orb.activate(Consumer()), clauses(""), policy)
         else:
             proxy = channel.for_consumers().obtain_push_supplier()
-            proxy.connect_push_consumer(orb.activate(PlainConsumer(given.file)))
+            proxy.connect_push_consumer(orb.activate(PushConsumer(take=take)))
         print("ready", flush=True)
         orb.run()
 

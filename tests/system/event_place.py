@@ -25,7 +25,8 @@ from robocorba.testing.processes import Launcher, eventually
 
 #: A channel's server that gives silent clients up sooner, and has MAX_PROXIES.
 IMPATIENT, MAX_PROXIES = "event_impatient_server", 100
-CONSUMER = (sys.executable, str(Path(__file__).with_name("event_consumer.py")))
+ROOT = Path(__file__).resolve().parents[2]
+QUEUE = RoboCorba.QueuePolicy(1000, RoboCorba.DISCARD_OLDEST, 0.0)
 
 
 @contextlib.contextmanager
@@ -64,9 +65,26 @@ class Place:
     def channel(self, name: str) -> Any:
         return self.orb.reference(self.uri(name), RoboCorba.EventChannel)
 
+    def client(self, module: str, *arguments: str) -> Popen[str]:
+        """A process with a module of this folder."""
+        command = (sys.executable, "-m", f"tests.system.{module}")
+        return self.launch(*command, *arguments, PYTHONPATH=str(ROOT))
+
+    def push_to(self, consumer: Any, channel: Any = None) -> Any:
+        """Connect a plain consumer to a channel, by default `lab`; returns its proxy."""
+        proxy = (channel or self.channel("lab")).for_consumers().obtain_push_supplier()
+        proxy.connect_push_consumer(self.orb.activate(consumer))
+        return proxy
+
+    def supplier(self, channel: Any = None) -> Any:
+        """A proxy to push plain events to."""
+        proxy = (channel or self.channel("lab")).for_suppliers().obtain_push_consumer()
+        proxy.connect_push_supplier(None)
+        return proxy
+
     def consumer(self, name: str, file: Path, *more: str) -> Popen[str]:
         """A process with a consumer of a channel; each event becomes a line of `file`."""
-        process = self.launch(*CONSUMER, self.uri(name), str(file), *more)
+        process = self.client("event_consumer", self.uri(name), str(file), *more)
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         return process
@@ -89,6 +107,11 @@ class Place:
             return False
 
 
+def clauses(*types: str) -> list[Any]:
+    """A subscription to events of these types; an empty one is all."""
+    return [RoboCorba.Clause([RoboCorba.EventPattern(type, "")], 0.0) for type in types]
+
+
 def text(value: str) -> Any:
     """An `any` with a string."""
     return CORBA.Any(CORBA.TC_string, value)
@@ -107,14 +130,17 @@ class _Told:
 
 
 class PushConsumer(_Told, CosEventComm__POA.PushConsumer):
-    """A plain consumer: `got` has the values that came."""
+    """A plain consumer: `got` has the values that came. take: gets the events instead."""
 
-    def __init__(self, farewell: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, farewell: Callable[[], None] = lambda: None, take: Callable[[Any], object] | None = None
+    ) -> None:
         super().__init__(farewell)
         self.got: list[Any] = []
+        self._take = take or (lambda value: self.got.append(value.value()))
 
     def push(self, value: Any) -> None:
-        self.got.append(value.value())
+        self._take(value)
 
     def disconnect_push_consumer(self) -> None:
         self._disconnected()

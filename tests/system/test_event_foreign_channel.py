@@ -1,127 +1,139 @@
-"""omniEvents' channel and two of ours in one federation, all real processes."""
+"""omniEvents' channel and two of ours in one federation, and its own commands at a channel of ours."""
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import signal
 import subprocess
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import CosEventChannelAdmin
-import CosEventComm__POA
 import pytest
 from omniORB import CORBA, tcInternal
 
 from robocorba.corba.event_client import EventClient
-from robocorba.corba.orb import Orb
-from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.launch import module_command
-from robocorba.supervision.system import naming_service_command
 from robocorba.testing.processes import eventually
+from tests.system.event_place import Place, PushConsumer, open_place, text
 from tests.waits import stays
 
-OMNIEVENTS, EVENTC = shutil.which("omniEvents", path="/usr/sbin:/usr/local/sbin:/usr/bin"), shutil.which("eventc")
+COMMANDS = {name: shutil.which(name) for name in ("eventc", "eventf", "events", "rmeventc")}
+OMNIEVENTS = shutil.which("omniEvents", path="/usr/sbin:/usr/local/sbin:/usr/bin")
 pytestmark = [
     pytest.mark.full,
     pytest.mark.system,
-    pytest.mark.skipif(not (OMNIEVENTS and EVENTC), reason="omniEvents is not installed"),
+    pytest.mark.skipif(not (OMNIEVENTS and all(COMMANDS.values())), reason="omniEvents is not installed"),
 ]
 
 
-class Collector(CosEventComm__POA.PushConsumer):
-    """A plain consumer: what it got, strings as they are, events with a header as type and origin."""
+class OmniEvents:
+    """A process of omniEvents with the channel `foreign`, beside our channels."""
 
-    def __init__(self) -> None:
-        self.got: list[Any] = []
+    def __init__(self, place: Place) -> None:
+        self.place, self._port, self._folder = place, place.port + 9, place.launch.folder / "foreign"
+        self._folder.mkdir()
+        self.uri = f"corbaloc::127.0.0.1:{self._port}/foreign"
+        self.start()
+        make = ("-n", "foreign", "-i", "foreign", "-c", "1000", f"corbaloc::127.0.0.1:{self._port}/omniEvents")
+        eventually(lambda: self.run("eventc", *make).returncode == 0, what="eventc")
 
-    def push(self, value: Any) -> None:
-        content = value.value()
-        is_event = isinstance(content, RoboCorba.Event)
-        self.got.append((content.header.type, content.header.origin) if is_event else content)
+    def start(self) -> None:
+        where = ("-p", str(self._port), "-l", str(self._folder), "-t", str(self._folder / "trace"))
+        self.process = self.place.launch(str(OMNIEVENTS), "-f", *where, *self.naming())
 
-    def disconnect_push_consumer(self) -> None:
-        pass
+    def naming(self) -> tuple[str, str]:
+        return "-ORBInitRef", f"NameService=corbaloc::127.0.0.1:{self.place.port}/NameService"
+
+    def command(self, name: str, *arguments: str) -> list[str]:
+        return [str(COMMANDS[name]), *self.naming(), *arguments]
+
+    def run(self, name: str, *arguments: str) -> subprocess.CompletedProcess[bytes]:
+        return subprocess.run(self.command(name, *arguments), capture_output=True, timeout=20)
+
+    def channel(self) -> Any:
+        """Connections of before a kill fail once."""
+        found = self.place.orb.reference(self.uri, CosEventChannelAdmin.EventChannel)
+
+        def answers() -> bool:
+            with contextlib.suppress(CORBA.COMM_FAILURE, CORBA.TRANSIENT):
+                return not found._non_existent()
+            return False
+
+        eventually(answers, what="the foreign channel")
+        return found
+
+    def link(self) -> tuple[Any, Any]:
+        """The states of the link with lab, into this and out of it."""
+        incoming, outgoing = (link for link in self.place.channel("lab").state().links if link.peer == "foreign")
+        return incoming, outgoing
+
+    def wait_linked(self) -> None:
+        def is_linked() -> bool:
+            return all(link.condition == RoboCorba.UP for link in self.place.channel("lab").state().links)
+
+        eventually(is_linked, 60.0, what="all links")
 
 
 class Client:
-    """A plain supplier and a plain consumer of one channel."""
+    """A plain supplier and a plain consumer of one channel, which gets events with a header as type and origin."""
 
-    def __init__(self, orb: Orb, channel: Any) -> None:
-        self._collector = Collector()
-        channel.for_consumers().obtain_push_supplier().connect_push_consumer(orb.activate(self._collector))
-        self._proxy = channel.for_suppliers().obtain_push_consumer()
-        self._proxy.connect_push_supplier(None)
+    def __init__(self, place: Place, channel: Any) -> None:
+        self._got: list[Any] = []
+        self._proxies = [place.push_to(PushConsumer(take=self._take), channel), place.supplier(channel)]
 
-    def say(self, text: str) -> None:
-        self.push(CORBA.Any(CORBA.TC_string, text))
+    def _take(self, value: Any) -> None:
+        content = value.value()
+        is_event = isinstance(content, RoboCorba.Event)
+        self._got.append((content.header.type, content.header.origin) if is_event else content)
+
+    def say(self, said: str) -> None:
+        self.push(text(said))
 
     def push(self, value: Any) -> None:
-        self._proxy.push(value)
+        self._proxies[1].push(value)
 
     def got(self) -> list[Any]:
-        return sorted(self._collector.got, key=str)
+        return sorted(self._got, key=str)
+
+    def leave(self) -> None:
+        self._proxies[0].disconnect_push_supplier()
+        self._proxies[1].disconnect_push_consumer()
 
 
-class Place:
-    """What the test needs of the processes: the client's ORB, and omniEvents to be killed and started again."""
-
-    def __init__(self, launch: Callable[..., subprocess.Popen[str]], folder: Path, port: int, client: Orb) -> None:
-        self.orb, self.port = client, port
-        self.foreign_uri = f"corbaloc::127.0.0.1:{port + 5}/foreign"
-        self._launch, self._folder = launch, folder
-        naming = ("-ORBInitRef", f"NameService=corbaloc::127.0.0.1:{port}/NameService")
-        self._naming = naming
-        launch(*naming_service_command(Address("127.0.0.1", port), folder))
-        (folder / "foreign").mkdir()
-        self.omnievents = self.start_omnievents()
-        factory = f"corbaloc::127.0.0.1:{port + 5}/omniEvents"
-        command = (str(EVENTC), "-n", "foreign", "-i", "foreign", "-c", "1000", *naming, factory)
-        eventually(lambda: subprocess.run(command, capture_output=True, timeout=10).returncode == 0, what="eventc")
-
-    def start_omnievents(self) -> subprocess.Popen[str]:
-        state = self._folder / "foreign"
-        where = ("-p", str(self.port + 5), "-l", str(state), "-t", str(state / "trace"))
-        return self._launch(str(OMNIEVENTS), "-f", *where, *self._naming)
-
-    def start_channel(self, name: str, offset: int, *more: str) -> None:
-        addresses = ("--endpoint", f"127.0.0.1:{self.port + offset}", "--naming", f"127.0.0.1:{self.port}")
-        state = ("--state", str(self._folder / "state"))
-        self._launch(*module_command("robocorba.servers.event_channel"), *state, *addresses, "--name", name, *more)
-
-    def channel(self, name: str) -> Any:
-        return self.orb.resolve(f"EventChannels/{name}", RoboCorba.EventChannel)
-
-    def links(self, name: str) -> list[Any]:
-        return [link for link in self.channel(name).state().links if link.peer == "foreign"]
-
-    def is_linked(self) -> bool:
-        return all(link.condition == RoboCorba.UP for link in self.channel("lab").state().links)
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory: pytest.TempPathFactory) -> Iterator[OmniEvents]:
+    """Beside it, lab and hall are linked, and desk is alone."""
+    with open_place(tmp_path_factory.mktemp("foreign")) as place:
+        foreign = OmniEvents(place)
+        place.start("lab", "robocorba.servers.event_channel", "--foreign", f"foreign={foreign.uri}")
+        place.start("hall", "robocorba.servers.event_channel", "--peer", "lab")
+        place.start("desk")
+        yield foreign
 
 
 @pytest.fixture
-def place(
-    launch: Callable[..., subprocess.Popen[str]], tmp_path: Path, naming_port: int, client: Orb
-) -> Iterator[Place]:
-    place = Place(launch, tmp_path, naming_port, client)
-    place.start_channel("lab", 1, "--foreign", f"foreign={place.foreign_uri}")
-    place.start_channel("hall", 2, "--peer", "lab")
-    yield place
+def linked(foreign: OmniEvents) -> Iterator[OmniEvents]:
+    """With a new link between it and lab."""
+    foreign.wait_linked()
+    lab = foreign.place.channel("lab")
+    yield foreign
+    lab.removePeer("foreign")
+    assert "foreign" not in [peer.name for peer in lab.peers()]
+    lab.addPeer(RoboCorba.PeerAddress("foreign", foreign.uri, True))
 
 
-def test_ours_and_omnievents_are_one_federation(place: Place) -> None:
-    lab, hall = place.channel("lab"), place.channel("hall")
-    foreign = place.orb.reference(place.foreign_uri, CosEventChannelAdmin.EventChannel)
-    clients = {"foreign": Client(place.orb, foreign), "lab": Client(place.orb, lab), "hall": Client(place.orb, hall)}
+def test_ours_and_omnievents_are_one_federation(linked: OmniEvents) -> None:
+    place = linked.place
+    channels = {"foreign": linked.channel(), "lab": place.channel("lab"), "hall": place.channel("hall")}
+    clients = {name: Client(place, channel) for name, channel in channels.items()}
 
     def all_got(expected: list[Any]) -> None:
         for name, client in clients.items():
             eventually(lambda client=client: len(client.got()) >= len(expected), what=f"events at {name}")
         stays(lambda: all(client.got() == sorted(expected, key=str) for client in clients.values()), 0.3)
 
-    eventually(place.is_linked, what="all links")
     with EventClient(place.orb, "hall", "C") as observer:
         everything = observer.subscribe(lambda event: None)
         assert everything.wait_in_force("lab")
@@ -144,65 +156,124 @@ def test_ours_and_omnievents_are_one_federation(place: Place) -> None:
         said.append(("robot.state", "hall"))
         all_got(said)
 
-    incoming, outgoing = place.links("lab")
+    incoming, outgoing = linked.link()
     assert incoming.repeated == outgoing.events.delivered  # omniEvents gave back all that it was given
     assert incoming.events.delivered == 5  # 3 and twice "same" began there
+    for client in clients.values():
+        client.leave()
 
 
-def test_a_foreign_channel_that_was_killed_is_joined_again(place: Place) -> None:
-    eventually(place.is_linked, what="all links")
-    lab = Client(place.orb, place.channel("lab"))
+def test_a_foreign_channel_that_was_killed_is_joined_again(linked: OmniEvents) -> None:
+    lab = Client(linked.place, linked.place.channel("lab"))
     lab.say("before")
-    eventually(lambda: place.links("lab")[1].events.delivered == 1, what="delivery to omniEvents")
+    eventually(lambda: linked.link()[1].events.delivered == 1, what="delivery to omniEvents")
 
-    place.omnievents.send_signal(signal.SIGKILL)
-    place.omnievents.wait()
+    linked.process.send_signal(signal.SIGKILL)
+    linked.process.wait()
     for round_ in range(3):
         lab.say(f"away {round_}")
-    eventually(lambda: all(link.condition != RoboCorba.UP for link in place.links("lab")), what="the end of the link")
-    place.start_omnievents()
-    eventually(place.is_linked, 60.0, what="the link again")
+    eventually(lambda: all(end.condition != RoboCorba.UP for end in linked.link()), what="the end of the link")
+    linked.start()
+    linked.wait_linked()
 
     def is_all_accounted_for() -> bool:
-        events = place.links("lab")[1].events
+        events = linked.link()[1].events
         return (events.received, events.delivered, events.queued) == (4, 4, 0)
 
     eventually(is_all_accounted_for, what="delivery of what waited")
-    outgoing = place.links("lab")[1]
+    outgoing = linked.link()[1]
     assert outgoing.events.unconfirmed <= 2  # one for each connection that died with omniEvents
     assert outgoing.reconnects >= 1
-    foreign = Client(place.orb, place.orb.reference(place.foreign_uri, CosEventChannelAdmin.EventChannel))
-    foreign.say("after")
+    linked.place.supplier(linked.channel()).push(text("after"))
     eventually(lambda: "after" in lab.got(), what="an event from the foreign channel")
     stays(lambda: lab.got().count("after") == 1, 0.3)
+    lab.leave()
 
 
-def test_an_event_that_is_refused_does_not_end_the_link(place: Place) -> None:
+def test_an_event_that_is_refused_does_not_end_the_link(linked: OmniEvents) -> None:
     """omniEvents disconnects a consumer that refuses an event."""
-    eventually(place.is_linked, what="all links")
-    lab = Client(place.orb, place.channel("lab"))
-    foreign = Client(place.orb, place.orb.reference(place.foreign_uri, CosEventChannelAdmin.EventChannel))
+    lab = Client(linked.place, linked.place.channel("lab"))
     descriptor = CORBA.TC_string._d
     for _ in range(80):  # deeper than our end accepts
         descriptor = (tcInternal.tv_sequence, descriptor, 0)
-    foreign.push(CORBA.Any(tcInternal.createTypeCode(descriptor), []))
-    eventually(lambda: place.links("lab")[0].reconnects == 1, what="another connection")
-    eventually(place.is_linked, what="all links")
-    foreign = Client(place.orb, place.orb.reference(place.foreign_uri, CosEventChannelAdmin.EventChannel))
-    foreign.say("after")
+    linked.place.supplier(linked.channel()).push(CORBA.Any(tcInternal.createTypeCode(descriptor), []))
+    eventually(lambda: linked.link()[0].reconnects == 1, what="another connection")
+    linked.wait_linked()
+    there = Client(linked.place, linked.channel())
+    there.say("after")
     lab.say("back")
-    for client in (lab, foreign):
+    for client in (lab, there):
         eventually(lambda client=client: {"after", "back"} <= set(client.got()), what="both events")
+        client.leave()
 
 
-def test_a_foreign_channel_can_be_added_and_removed(place: Place) -> None:
-    lab = place.channel("lab")
-    lab.removePeer("foreign")
-    assert "foreign" not in [peer.name for peer in lab.peers()]
+def test_a_foreign_channel_needs_its_address(linked: OmniEvents) -> None:
+    lab = linked.place.channel("lab")
     with pytest.raises(RoboCorba.InvalidPeer) as refused:
         lab.addPeer(RoboCorba.PeerAddress("foreign", "", True))
     assert refused.value.field == "address"
     lab.addPeer(RoboCorba.PeerAddress("foreign", "corbaloc::127.0.0.1:1/nobody", True))
-    eventually(lambda: "ConnectFailed" in place.links("lab")[0].problem, what="a problem that is told")
-    lab.addPeer(RoboCorba.PeerAddress("foreign", place.foreign_uri, True))
-    eventually(place.is_linked, what="the link at its new address")
+    eventually(lambda: "ConnectFailed" in linked.link()[0].problem, what="a problem that is told")
+    lab.addPeer(RoboCorba.PeerAddress("foreign", linked.uri, True))
+    linked.wait_linked()
+
+
+# ---- commands of omniEvents ----
+
+
+def test_events_records_and_plays_back(foreign: OmniEvents) -> None:
+    place, tape = foreign.place, foreign.place.launch.folder / "tape"
+    desk, before = place.channel("desk"), len(place.balanced_states("desk"))
+    record = foreign.command("events", place.uri("desk"))
+    with tape.open("wb") as file, subprocess.Popen(record, stdout=file) as recorder:
+        try:
+            eventually(lambda: len(place.balanced_states("desk")) > before)
+            supplier = place.supplier(desk)
+            for number in range(5):
+                supplier.push(text(f"said {number}"))
+            eventually(lambda: tape.read_bytes().count(b"said ") == 5)
+            eventually(lambda: all(state.events.queued == 0 for state in place.balanced_states("desk")))
+        finally:
+            recorder.send_signal(signal.SIGINT)
+            recorder.wait(60.0)
+    consumer = PushConsumer()
+    proxy = place.push_to(consumer, desk)
+    play = foreign.command("events", "-s", "-n", "RoboCorba/EventChannels/desk")
+    with tape.open("rb") as file, subprocess.Popen(play, stdin=file, stdout=subprocess.DEVNULL) as player:
+        try:
+            # More than the first one it does not play back within seconds, to a channel of omniEvents neither.
+            eventually(lambda: consumer.got[:1] == ["said 0"])
+        finally:
+            player.kill()
+    proxy.disconnect_push_supplier()
+
+
+def bound(place: Place, name: str) -> Any:
+    """Another channel, which the naming service knows."""
+    place.start(name)
+    return place.orb.resolve(f"EventChannels/{name}", RoboCorba.EventChannel)
+
+
+@pytest.mark.parametrize("from_ours", [True, False])
+def test_eventf_joins_our_channel_and_one_of_omnievents(foreign: OmniEvents, from_ours: bool) -> None:
+    place, name = foreign.place, f"eventf{from_ours}"
+    channels = [bound(place, name), foreign.channel()]
+    uris = [f"corbaname::127.0.0.1:{place.port}#{end}" for end in (f"RoboCorba/EventChannels/{name}", "foreign")]
+    if not from_ours:
+        uris, channels = uris[::-1], channels[::-1]
+    joined = foreign.run("eventf", *uris)
+    assert joined.returncode == 0, joined.stderr
+    consumer, supplier = PushConsumer(), place.supplier(channels[0])
+    place.push_to(consumer, channels[1])
+    for number in range(20):
+        supplier.push(text(str(number)))
+    eventually(lambda: consumer.got == [str(number) for number in range(20)])
+
+
+def test_rmeventc_destroys_the_channel(foreign: OmniEvents) -> None:
+    consumer, place = PushConsumer(), foreign.place
+    place.push_to(consumer, bound(place, "gone"))
+    removed = foreign.run("rmeventc", "-n", "RoboCorba/EventChannels/gone")
+    assert removed.returncode == 0, removed.stderr
+    eventually(lambda: consumer.disconnections == 1)
+    assert place.channel("gone")._non_existent()

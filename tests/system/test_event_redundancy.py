@@ -1,16 +1,22 @@
-"""Rings and meshes of real channels under traffic: where a link is cut or a channel is killed, events go by the other
-way, each once and in order."""
+"""Real channels under traffic: where a link is cut or a channel is killed, events go by the other way, each once and in
+order. Two channels of one name, and one of another release, lose nothing, and all see why they are down."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NoReturn
 
 import pytest
+from omniORB import CORBA
 
-from robocorba.stubs import RoboCorba
+from robocorba.claimed_ports import claimed_ports
+from robocorba.corba.event_client import EventClient
+from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.testing.federation import LIMIT_S, Channels, Consumer, Counts, channels
 from robocorba.testing.federation_chaos import Supplier
-from robocorba.testing.processes import eventually
+from robocorba.testing.processes import Launcher, eventually
 from tests.waits import stays
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
@@ -56,31 +62,23 @@ class Traffic:
         for origin, name in routes:
             count = len(self.accepted(origin)) + 20
             eventually(lambda count=count, origin=origin: len(self.accepted(origin)) > count, LIMIT_S, "new events")
-            last = self.accepted(origin)[count]
-            eventually(
-                lambda origin=origin, name=name, last=last: last in self.consumers[name].payloads(origin),
-                LIMIT_S,
-                f"new events of {origin} at {name}",
-            )
+            self.wait_for(self.accepted(origin)[count], origin, name)
 
-    def wait_last(self, origin: str, name: str) -> None:
-        last = self.accepted(origin)[-1]
-        what = f"the last event of {origin} at {name}"
-        eventually(lambda: last in self.consumers[name].payloads(origin), LIMIT_S, what)
+    def wait_for(self, event: int, origin: str, name: str) -> None:
+        what = f"event {event} of {origin} at {name}"
+        eventually(lambda: event in self.consumers[name].payloads(origin), LIMIT_S, what)
+
+    def lost(self, origin: str, name: str) -> set[int]:
+        """What has not come; what has come was in order, each once."""
+        got = self.consumers[name].payloads(origin)
+        assert got == sorted(set(got)), f"{name} gets events of {origin} twice or too late"
+        return set(self.accepted(origin)) - set(got)
 
     def check(self, *routes: str) -> None:
         """Each event has come exactly once, in order."""
         for origin, name in routes:
-            self.wait_last(origin, name)
-
-        def came_once() -> bool:
-            for origin, name in routes:
-                got = self.consumers[name].payloads(origin)
-                assert got == sorted(set(got)), f"{name} gets events of {origin} twice or too late"
-                assert set(self.accepted(origin)) <= set(got), f"{name} misses events of {origin}"
-            return True
-
-        stays(came_once, 0.2)  # copies would come now
+            self.wait_for(self.accepted(origin)[-1], origin, name)
+        stays(lambda: not any(self.lost(*route) for route in routes), 0.2)  # copies would come now
 
     def check_accounts(self) -> None:
         for name in self.names:
@@ -89,18 +87,13 @@ class Traffic:
 
 
 def routes(names: str) -> list[str]:
-    return [origin + name for origin in names for name in names if origin != name]
+    return list(map("".join, itertools.permutations(names, 2)))
 
 
-def is_down(at: Channels, *links: str) -> bool:
-    ends = [
-        end for a, b in links for end in (at.outgoing(a, b), at.incoming(a, b), at.outgoing(b, a), at.incoming(b, a))
-    ]
-    return all(end.condition == RoboCorba.DOWN and end.problem for end in ends)
-
-
-def reverse(link: str) -> str:
-    return link[::-1]
+def is_down(at: Channels, link: str, reason: str = "") -> bool:
+    """Whether both ends of a link are down in both directions, with this reason, or any."""
+    ends = [end(a, b) for a, b in (link, link[::-1]) for end in (at.outgoing, at.incoming)]
+    return all(end.condition == RoboCorba.DOWN and end.problem and reason in end.problem for end in ends)
 
 
 def agree(at: Channels, a: str, b: str) -> bool:
@@ -133,7 +126,9 @@ def test_where_a_link_is_cut_events_go_the_other_way_round(at: Channels, shape: 
         traffic.wait_flow("AB", "BA")
     traffic.check(*routes(names))
     traffic.check_accounts()
-    eventually(lambda: all(agree(at, a, b) for a, b in (*shape, *map(reverse, shape))), LIMIT_S, "the same counts")
+    eventually(
+        lambda: all(agree(at, a, b) for link in shape for a, b in (link, link[::-1])), LIMIT_S, "the same counts"
+    )
 
 
 def test_while_a_channel_is_dead_the_others_miss_nothing(at: Channels) -> None:
@@ -157,10 +152,8 @@ def test_while_a_channel_is_dead_the_others_miss_nothing(at: Channels) -> None:
     traffic.check(*routes("ABC"))
     traffic.check_accounts()
     for origin in "ABC":
-        got = traffic.consumers["D"].payloads(origin)
-        assert got == sorted(set(got))
-        lost = set(traffic.accepted(origin)) - set(got)
-        assert not lost & set(traffic.accepted(origin)[killed[origin] + 1 :]), "what was published since has waited"
+        since = traffic.accepted(origin)[killed[origin] + 1 :]
+        assert not traffic.lost(origin, "D") & set(since), "what was published since has waited"
 
 
 def test_where_a_channel_on_the_way_is_killed_events_take_the_other_way(at: Channels) -> None:
@@ -179,8 +172,72 @@ def test_where_a_channel_on_the_way_is_killed_events_take_the_other_way(at: Chan
         eventually(lambda: at.is_up(*shape), LIMIT_S, "all links")
         traffic.wait_flow("AC", "CA")
     for origin, name in ("AC", "CA"):
-        traffic.wait_last(origin, name)
-        got, accepted = traffic.consumers[name].payloads(origin), traffic.accepted(origin)
-        assert got == sorted(set(got))
-        assert not set(accepted[killed[origin] + 1 :]) - set(got)
+        traffic.wait_for(traffic.accepted(origin)[-1], origin, name)
+        assert not traffic.lost(origin, name) & set(traffic.accepted(origin)[killed[origin] + 1 :])
     traffic.check_accounts()
+
+
+# ---- channels that may not be linked ----
+
+TWICE = "two channels with the name X are in the federation"
+
+
+@pytest.fixture
+def halves(at: Channels, tmp_path: Path) -> Iterator[tuple[Channels, Channels]]:
+    """X - A and N - X, each with a naming service of its own."""
+    at.start("X")
+    with claimed_ports() as port, Launcher(tmp_path) as launch:
+        two = Channels(launch, tmp_path, port, at.orb)
+        two.start_naming()
+        for name in "NX":
+            two.spawn(name)
+            two.wait_ready(name)
+        two.clients["N"] = EventClient(at.orb, "N", "N", channel_at=two.channel("N"))
+        at.shape("XA")
+        two.channel("N").addPeer(RoboCorba.PeerAddress("X", "", False))
+        eventually(lambda: two.is_up("NX"), LIMIT_S, "the link of the others")
+        yield at, two
+        at.shape()
+    at.clients.pop("X").close()
+    at.kill("X")
+
+
+def test_two_channels_of_one_name_are_down_until_one_of_them_has_gone(halves: tuple[Channels, Channels]) -> None:
+    """They are no neighbours."""
+    one, two = halves
+    here, there = Consumer(one.clients["A"], ("t",)), Consumer(two.clients["N"], ("t",))
+    one.channel("A").addPeer(RoboCorba.PeerAddress("N", two.address("N"), False))
+    eventually(lambda: is_down(one, "XA", TWICE) and is_down(two, "XN", TWICE), LIMIT_S, "the conflict at all ends")
+    for number in range(200):
+        one.clients["X"].push("t", number)
+    waiting = one.outgoing("X", "A").events
+    assert waiting.received == waiting.delivered + waiting.queued
+    assert one.outgoing("A", "N").condition == RoboCorba.UP
+
+    two.kill("X")
+    eventually(lambda: one.is_up("XA"), LIMIT_S, "the link of the one that is left")
+    for consumer in (here, there):
+        eventually(lambda consumer=consumer: len(consumer.payloads("X")) >= 200, LIMIT_S, "all events")
+        assert consumer.payloads("X") == list(range(200))
+
+
+class ChannelOfRelease010(RoboCorba__POA.EventChannel):
+    """What a channel of release 0.1.0 answers."""
+
+    def _get_name(self) -> str:
+        return "old"
+
+    def joinPeer(self, *arguments: Any) -> NoReturn:
+        raise CORBA.BAD_OPERATION(0, CORBA.COMPLETED_NO)
+
+
+def test_a_channel_of_release_0_1_0_is_refused_with_the_reason_at_both_ends(at: Channels) -> None:
+    old = at.orb.activate(ChannelOfRelease010())
+    with pytest.raises(RoboCorba.InvalidPeer) as refused:
+        at.channel("A").joinGateway("old", old, None)
+    reason = "old runs release 0.1.0, which takes event numbers for times; it needs a later one"
+    assert refused.value.reason == reason
+    at.channel("A").addPeer(RoboCorba.PeerAddress("old", at.orb.uri(old), False))
+    eventually(lambda: reason in at.incoming("A", "old").problem, LIMIT_S, "the reason")
+    assert at.incoming("A", "old").condition == at.outgoing("A", "old").condition == RoboCorba.DOWN
+    at.channel("A").removePeer("old")

@@ -1,12 +1,14 @@
-"""A channel whose process is killed and started again: for its clients nothing has changed."""
+"""A channel whose process is killed and started again: for its clients nothing has changed, also for those to which
+nobody can connect."""
 
 from __future__ import annotations
 
+import itertools
+import json
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
@@ -16,9 +18,10 @@ from omniORB import CORBA
 
 from robocorba.corba.event_client import EventClient
 from robocorba.errors.events import Unconfirmed
+from robocorba.errors.services import NotReachable
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import eventually
+from robocorba.testing.processes import ROBOCORBA, eventually, refusal
 from tests.system.event_place import (
     EventConsumer,
     InBackground,
@@ -26,24 +29,51 @@ from tests.system.event_place import (
     PullConsumer,
     PullSupplier,
     PushConsumer,
+    clauses,
     open_place,
     text,
 )
 from tests.waits import head_start, pause
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
-EVERYTHING = [RoboCorba.Clause([RoboCorba.EventPattern("", "")], 0.0)]
+SERVER = "robocorba.servers.event_channel"
+#: Of the channels.
+NUMBERS = itertools.count()
 
 
-@pytest.fixture
-def place(tmp_path: Path) -> Iterator[Place]:
-    with open_place(tmp_path) as place:
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    with open_place(tmp_path_factory.mktemp("restart")) as place:
         yield place
 
 
-def killed(process: Popen[str]) -> None:
-    process.send_signal(signal.SIGKILL)
-    process.wait(60.0)
+class Lab:
+    """A channel of one test."""
+
+    def __init__(self, place: Place, name: str, *more: str) -> None:
+        self.place, self.name, self._more = place, name, more
+        self.process = place.start(name, SERVER, *more)
+        self.channel = place.channel(name)
+
+    def restart(self, number: signal.Signals = signal.SIGKILL) -> None:
+        self.process.send_signal(number)
+        assert self.process.wait(60.0) == (0 if number == signal.SIGTERM else -number)
+        self.process = self.place.start(self.name, SERVER, *self._more)
+
+    def client(self, source: str = "") -> EventClient:
+        return EventClient(self.place.orb, self.name, source)
+
+    def state(self, proxy: str) -> Any:
+        (state,) = [state for state in self.place.balanced_states(self.name) if state.name == proxy]
+        return state
+
+
+@pytest.fixture
+def lab(place: Place, request: pytest.FixtureRequest) -> Iterator[Lab]:
+    """With the arguments that the test's parameter has."""
+    lab = Lab(place, f"lab-{next(NUMBERS)}", *getattr(request, "param", ()))
+    yield lab
+    lab.process.kill()
 
 
 def again(call: Callable[[], Any], timeout_s: float = 10.0) -> Any:
@@ -56,23 +86,15 @@ def again(call: Callable[[], Any], timeout_s: float = 10.0) -> Any:
             assert time.monotonic() < deadline
 
 
-def state_of(place: Place, name: str) -> Any:
-    (state,) = [state for state in place.balanced_states("lab") if state.name == name]
-    return state
-
-
-def test_references_stay_valid_and_plain_clients_go_on(place: Place) -> None:
-    first = place.start("lab")
-    channel = place.channel("lab")
+def test_references_stay_valid_and_plain_clients_go_on(place: Place, lab: Lab) -> None:
+    channel = lab.channel
     admins = (channel.for_consumers(), channel.for_suppliers())
     consumer, polled = PushConsumer(), PullSupplier()
-    pushed = admins[0].obtain_push_supplier()
-    pushed.connect_push_consumer(place.orb.activate(consumer))
+    pushed = place.push_to(consumer, channel)
     pulled = admins[0].obtain_pull_supplier()
     pulled.connect_pull_consumer(place.orb.activate(PullConsumer()))
     admins[1].obtain_pull_consumer().connect_pull_supplier(place.orb.activate(polled))
-    supplier, unconnected = admins[1].obtain_push_consumer(), admins[1].obtain_push_consumer()
-    supplier.connect_push_supplier(None)
+    supplier, unconnected = place.supplier(channel), admins[1].obtain_push_consumer()
     ended = admins[1].obtain_push_consumer()
     ended.disconnect_push_consumer()
     supplier.push(text("before"))
@@ -80,8 +102,7 @@ def test_references_stay_valid_and_plain_clients_go_on(place: Place) -> None:
     assert pulled.pull().value() == "before"
     last = channel.state().lastNumber
 
-    killed(first)
-    place.start("lab")
+    lab.restart()
 
     again(lambda: supplier.push(text("after")))
     eventually(lambda: consumer.got == ["before", "after"])
@@ -99,9 +120,8 @@ def test_references_stay_valid_and_plain_clients_go_on(place: Place) -> None:
     assert consumer.disconnections == 1
 
 
-def test_durable_subscriptions_keep_their_set_up_and_numbers_rise(place: Place) -> None:
-    first = place.start("lab")
-    channel = place.channel("lab")
+def test_durable_subscriptions_keep_their_set_up_and_numbers_rise(place: Place, lab: Lab) -> None:
+    channel = lab.channel
     consumer, suspended = EventConsumer(), EventConsumer()
     wanted = [
         RoboCorba.Clause([RoboCorba.EventPattern("a*", "B")], 0.0),
@@ -109,24 +129,23 @@ def test_durable_subscriptions_keep_their_set_up_and_numbers_rise(place: Place) 
     ]
     policy = RoboCorba.QueuePolicy(77, RoboCorba.BLOCK_SUPPLIER, 0.5)
     channel.subscribe("log", place.orb.activate(consumer), wanted, policy)
-    sleeper = channel.subscribe("sleeper", place.orb.activate(suspended), EVERYTHING, policy)
+    sleeper = channel.subscribe("sleeper", place.orb.activate(suspended), clauses(""), policy)
     sleeper.suspend()
-    with EventClient(place.orb, "lab", "B") as robot:
+    with lab.client("B") as robot:
         robot.push("a1", 1)
         eventually(lambda: len(consumer.got) == 1)
-        before = repr((state_of(place, "log").subscribed, state_of(place, "log").queue))
+        before = repr((lab.state("log").subscribed, lab.state("log").queue))
 
-        killed(first)
-        place.start("lab")
+        lab.restart()
 
-        assert repr((state_of(place, "log").subscribed, state_of(place, "log").queue)) == before
-        assert state_of(place, "sleeper").condition == RoboCorba.SUSPENDED
+        assert repr((lab.state("log").subscribed, lab.state("log").queue)) == before
+        assert lab.state("sleeper").condition == RoboCorba.SUSPENDED
         again(lambda: robot.push("a2", 2))
         robot.push("b", 3)
         eventually(lambda: len(consumer.got) == 2)
         assert [type for _, type, _, _ in consumer.got] == ["a1", "a2"]
         assert consumer.got[1][0] > consumer.got[0][0]
-        assert (state_of(place, "sleeper").events.queued, suspended.got) == (2, [])
+        assert (lab.state("sleeper").events.queued, suspended.got) == (2, [])
         sleeper.resume()
         eventually(lambda: len(suspended.got) == 2)
     channel.unsubscribe("log")
@@ -134,27 +153,25 @@ def test_durable_subscriptions_keep_their_set_up_and_numbers_rise(place: Place) 
     assert (consumer.disconnections, suspended.disconnections) == (1, 1)
 
 
-def test_a_durable_subscription_waits_for_its_next_process(place: Place) -> None:
-    place.start("lab")
+def test_a_durable_subscription_waits_for_its_next_process(lab: Lab) -> None:
     got: list[Any] = []
-    with EventClient(place.orb, "lab", "A") as robot:
-        with EventClient(place.orb, "lab") as observer:
+    with lab.client("A") as robot:
+        with lab.client() as observer:
             observer.subscribe(lambda event: got.append(event.payload), name="log")
             robot.push("t", 1)
             eventually(lambda: got == [1])
         robot.push("t", 2)
-        assert state_of(place, "log").condition == RoboCorba.WAITING
-        with EventClient(place.orb, "lab") as observer:
+        assert lab.state("log").condition == RoboCorba.WAITING
+        with lab.client() as observer:
             policy = QueuePolicy(50, OverflowRule.DISCARD_NEWEST)
             observer.subscribe(lambda event: got.append(event.payload), name="log", queue=policy)
             eventually(lambda: got == [1, 2])
-            assert state_of(place, "log").queue.size == 50
+            assert lab.state("log").queue.size == 50
 
 
-def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_is_reported(place: Place) -> None:
-    process = place.start("lab")
+def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_is_reported(lab: Lab) -> None:
     got: list[int] = []
-    with EventClient(place.orb, "lab", "A") as robot, EventClient(place.orb, "lab", "B") as observer:
+    with lab.client("A") as robot, lab.client("B") as observer:
         observer.subscribe(lambda event: got.append(event.payload))
         reported: list[int] = []
         stop = threading.Event()
@@ -172,9 +189,8 @@ def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_is_reported(place
         talking = threading.Thread(target=talk)
         talking.start()
         eventually(lambda: len(got) > 50)
-        killed(process)
         count = len(got)
-        place.start("lab")
+        lab.restart()
         eventually(lambda: len(got) > count + 50, 60.0)
         stop.set()
         talking.join(15)
@@ -186,36 +202,65 @@ def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_is_reported(place
     assert len(missing - set(reported)) <= 2
 
 
-def test_a_pull_that_waits_neither_holds_up_the_end_nor_is_it_disconnected(place: Place) -> None:
-    process = place.start("lab")
-    proxy = place.channel("lab").for_consumers().obtain_pull_supplier()
+def test_a_pull_that_waits_neither_holds_up_the_end_nor_is_it_disconnected(lab: Lab) -> None:
+    proxy = lab.channel.for_consumers().obtain_pull_supplier()
     proxy.connect_pull_consumer(None)
     pull = InBackground(proxy.pull)
     head_start(0.2)
-    process.send_signal(signal.SIGTERM)
-    assert process.wait(60.0) == 0
-    place.start("lab")
+    lab.restart(signal.SIGTERM)
     answer = pull.answer(1.0) if not pull.is_waiting() else None
     assert answer is None or isinstance(answer, CORBA.TRANSIENT | CORBA.COMM_FAILURE)
-    with EventClient(place.orb, "lab", "A") as robot:
+    with lab.client("A") as robot:
         again(lambda: robot.push("t", 1))
     if answer is not None:
         pull = InBackground(lambda: again(proxy.pull))
     assert isinstance(pull.answer().value(), RoboCorba.Event)
 
 
-def test_a_destroyed_channel_is_a_fresh_one_after_the_next_start(place: Place) -> None:
-    process = place.start("lab")
-    channel = place.channel("lab")
-    consumer = PushConsumer()
-    proxy = channel.for_consumers().obtain_push_supplier()
-    proxy.connect_push_consumer(place.orb.activate(consumer))
+def test_a_destroyed_channel_is_a_fresh_one_after_the_next_start(place: Place, lab: Lab) -> None:
+    channel, consumer = lab.channel, PushConsumer()
+    proxy = place.push_to(consumer, channel)
     last = channel.state().lastNumber
     channel.destroy()
     assert consumer.disconnections == 1
-    process.send_signal(signal.SIGTERM)
-    assert process.wait(60.0) == 0
-    place.start("lab")
+    lab.restart(signal.SIGTERM)
     assert channel.state().proxies == []
     assert channel.state().lastNumber > last
     assert again(proxy._non_existent)
+
+
+# ---- consumers to which nobody can connect: the channel calls them over their own connection ----
+
+
+def tail(lab: Lab) -> Popen[str]:
+    """A consumer whose reference leads nowhere."""
+    naming = ("--naming", f"127.0.0.1:{lab.place.port}")
+    command = (ROBOCORBA, "events", "tail", lab.name, "--behind-nat", "--type", "t", "--json", *naming)
+    return lab.place.launch(*command, ORBendPointPublish="giop:tcp:127.0.0.1:1")
+
+
+def is_pushed(events: EventClient) -> bool:
+    try:
+        events.push("t", 2)
+    except (NotReachable, Unconfirmed):
+        return False
+    return True
+
+
+@pytest.mark.parametrize("lab", [("--bidirectional",)], indirect=True)
+def test_a_consumer_behind_nat_receives_events_before_and_after_a_restart_of_the_channel(lab: Lab) -> None:
+    consumer = tail(lab)
+    assert consumer.stdout is not None
+    with lab.client() as events:
+        kinds = [RoboCorba.PUSH_SUPPLIER]
+        eventually(lambda: [proxy.kind for proxy in events.channel.state().proxies] == kinds, 30.0, "the subscription")
+        events.push("t", 1)
+        assert json.loads(consumer.stdout.readline())["payload"] == 1
+        lab.restart()
+        eventually(lambda: is_pushed(events), 30.0, "pushed")  # connections of before may still fail
+        received = json.loads(consumer.stdout.readline())  # the client finds its way back within some seconds
+        assert received["payload"] == 2
+
+
+def test_a_channel_that_does_not_call_back_says_so(lab: Lab) -> None:
+    assert "robocorba up --bidirectional" in refusal(tail(lab), 60.0)

@@ -11,31 +11,26 @@ from typing import Any
 
 import pytest
 
-from robocorba.claimed_ports import claimed_ports
 from robocorba.supervision.launch import module_command
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, real_system, refusal
+from robocorba.testing.processes import ROBOCORBA, Running, eventually, refusal, running_system
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
-Launch = Callable[..., subprocess.Popen[str]]
+Launch = Events = Callable[..., subprocess.Popen[str]]
 
 
 @pytest.fixture(scope="module")
 def federation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     """A system with the channels lab and hall."""
-    folder = tmp_path_factory.mktemp("federation")
-    with claimed_ports() as port, Launcher(folder) as launch:
-        yield real_system(launch, folder / "state", port, "--subnets", "lab,hall").wait_ready()
+    with running_system(tmp_path_factory.mktemp("federation"), "--subnets", "lab,hall") as (running, _):
+        yield running
 
 
 @pytest.fixture
-def events(launch: Launch, federation: Running) -> Callable[..., subprocess.Popen[str]]:
+def events(launch: Launch, federation: Running) -> Events:
     """Starts `robocorba events` with arguments."""
     return lambda *arguments: launch(ROBOCORBA, "events", *arguments, ROBOCORBA_NAMING=str(federation.naming))
-
-
-Events = Callable[..., subprocess.Popen[str]]
 
 
 def done(process: subprocess.Popen[str]) -> str:
@@ -59,9 +54,14 @@ def is_linked(events: Events, channel: str) -> bool:
     return len(links) == 2 and all(link["condition"] == "UP" for link in links)
 
 
-def is_wanted(events: Events, pattern: dict[str, str], at: str) -> bool:
-    """Whether the peer of channel `at` is known there to want this."""
-    return any(pattern in link["interest"] for link in state(events, at)["links"] if link["direction"] == "OUTGOING")
+def wait_wanted(events: Events, type: str, source: str) -> None:
+    """Until it is known at lab that hall wants this."""
+
+    def is_wanted() -> bool:
+        links = state(events, "lab")["links"]
+        return any({"type": type, "source": source} in link["interest"] for link in links)
+
+    eventually(is_wanted, 60.0, "the interest of hall")
 
 
 def test_stats_tell_of_all_channels(events: Events) -> None:
@@ -74,7 +74,7 @@ def test_stats_tell_of_all_channels(events: Events) -> None:
 
 def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> None:
     listener = events("tail", "hall", "--type", "robot.*", "--source", "A", "--count", "2")
-    eventually(lambda: is_wanted(events, {"type": "robot.*", "source": "A"}, "lab"), 60.0, "the interest of hall")
+    wait_wanted(events, "robot.*", "A")
     (proxy,) = consumers(events, "hall")
     assert proxy["condition"] == "CONNECTED" and proxy["client"]
 
@@ -93,27 +93,23 @@ def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> No
     assert into_hall["bytes"] > 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_tail_ends_by_a_signal_and_leaves_nothing(events: Events, number: signal.Signals) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, None])
+def test_tail_ends_and_leaves_nothing(events: Events, number: signal.Signals | None) -> None:
+    """By a signal, or when nobody reads it any more."""
     listener = events("tail", "lab", "--json")
     eventually(lambda: len(consumers(events, "lab")) == 1, 60.0, "the consumer")
     done(events("push", "lab", "x", "[1, 2]"))
-    assert listener.stdout is not None
+    assert listener.stdout is not None and listener.stderr is not None
     said = json.loads(listener.stdout.readline())
     assert (said["type"], said["payload"], said["origin"]) == ("x", [1, 2], "lab")
-    listener.send_signal(number)
-    assert done(listener) == ""
-    assert consumers(events, "lab") == []
-
-
-def test_tail_that_nobody_reads_any_more_ends(events: Events) -> None:
-    listener = events("tail", "lab")
-    eventually(lambda: len(consumers(events, "lab")) == 1, 60.0, "the consumer")
-    assert listener.stdout is not None
-    listener.stdout.close()
-    done(events("push", "lab", "x", "1"))
-    listener.wait(60.0)
-    assert listener.stderr is not None and listener.stderr.read() == ""
+    if number:
+        listener.send_signal(number)
+        assert done(listener) == ""
+    else:
+        listener.stdout.close()
+        done(events("push", "lab", "x", "1"))
+        listener.wait(60.0)
+        assert listener.stderr.read() == ""
     assert consumers(events, "lab") == []
 
 
@@ -128,27 +124,24 @@ def test_links_end_and_begin(events: Events) -> None:
     eventually(lambda: is_linked(events, "lab") and is_linked(events, "hall"), 60.0, "the link again")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (("tail", "nowhere"), "RoboCorba/EventChannels/nowhere is not reachable"),
-        (("push", "nowhere", "x", "1"), "RoboCorba/EventChannels/nowhere is not reachable"),
-        (("push", "lab", "x", "{1"), "payload: '{1' is not JSON"),
-        (("push", "lab", "", "1"), "type: is empty"),
-        (("push", "lab", "x", "1", "--expiry", "-1"), "expiry: -1.0 is not between 0 and"),
-        (("push", "lab", "x", str(2**64)), "payload: cannot be encoded by msgpack"),
-        (("tail", "lab", "--type", "t" * 201), "[0].patterns[0].type: 201 characters"),
-        (("peer", "add", "lab", "a/b"), "name: 'a/b' is not 1 to 60 letters"),
-        (("peer", "remove", "lab", "yard"), "'yard' is not a peer; peers are hall"),
-        (("stats", "--naming", "here"), "--naming is 'here': not of the form HOST:PORT"),
-    ],
-)
-def test_what_cant_be_done_is_one_line(events: Events, arguments: tuple[str, ...], reason: str) -> None:
-    said = refusal(events(*arguments), 30)
-    assert said.startswith("robocorba events ") and f": {reason}" in said
+def test_what_cant_be_done_is_one_line(events: Events, launch: Launch, naming_port: int) -> None:
+    reasons = {
+        ("tail", "nowhere"): "RoboCorba/EventChannels/nowhere is not reachable",
+        ("push", "lab", "x", "{1"): "payload: '{1' is not JSON",
+        ("push", "lab", "", "1"): "type: is empty",
+        ("push", "lab", "x", str(2**64)): "payload: cannot be encoded by msgpack",
+        ("tail", "lab", "--type", "t" * 201): "[0].patterns[0].type: 201 characters",
+        ("peer", "add", "lab", "a/b"): "name: 'a/b' is not 1 to 60 letters",
+        ("peer", "remove", "lab", "yard"): "'yard' is not a peer; peers are hall",
+        ("stats", "--naming", "here"): "--naming is 'here': not of the form HOST:PORT",
+    }
+    reasons["stats", "--naming", f"127.0.0.1:{naming_port}"] = (
+        f"the naming service at 127.0.0.1:{naming_port} does not answer"
+    )
+    for process, reason in [(events(*arguments), reason) for arguments, reason in reasons.items()]:
+        said = refusal(process)
+        assert said.startswith("robocorba events ") and f": {reason}" in said
 
-
-def test_a_channel_that_is_not_there_is_told(events: Events) -> None:
     process = events("stats", "lab", "nowhere")
     out, err = process.communicate(timeout=30)
     assert (process.returncode, err) == (1, "")
@@ -156,30 +149,21 @@ def test_a_channel_that_is_not_there_is_told(events: Events) -> None:
     assert "nowhere\tproblem\tRoboCorba/EventChannels/nowhere is not reachable" in out
 
 
-def test_without_a_naming_service(launch: Launch, naming_port: int) -> None:
-    said = refusal(launch(ROBOCORBA, "events", "stats", "--naming", f"127.0.0.1:{naming_port}"))
-    assert said.startswith(f"robocorba events stats: the naming service at 127.0.0.1:{naming_port} does not answer")
-
-
-#: How each example is told where the naming service is, and what its consumer is interested in.
-CLIENTS: dict[str, tuple[Callable[[str], tuple[str, ...]], dict[str, str]]] = {
-    "events": (lambda naming: (), {"type": "robot.*", "source": "*"}),
-    "plain_events": (lambda naming: (naming, "-ORBendPoint", "giop:tcp:127.0.0.1:"), {"type": "*", "source": "*"}),
-}
+#: By the name of an example: the type of the events that its consumer is interested in.
+CLIENTS = {"events": "robot.*", "plain_events": "*"}
 
 
 @pytest.mark.parametrize("client", CLIENTS)
 def test_the_example_clients(launch: Launch, federation: Running, events: Events, client: str) -> None:
-    arguments, interest = CLIENTS[client]
-    more = ("3", *arguments(str(federation.naming)))
+    plain = (str(federation.naming), "-ORBendPoint", "giop:tcp:127.0.0.1:") if client == "plain_events" else ()
     environment = {"PYTHONPATH": str(ROOT), "ROBOCORBA_NAMING": str(federation.naming)}
     program = module_command(f"robocorba.clients.{client}")
 
-    consumer = launch(*program, "consume", "hall", *more, **environment)
+    consumer = launch(*program, "consume", "hall", "3", *plain, **environment)
     assert consumer.stdout is not None
     assert consumer.stdout.readline() == "waiting\n"
-    eventually(lambda: is_wanted(events, interest, "lab"), 60.0, "the interest of hall")
-    done(launch(*program, "publish", "lab", *more, **environment))
+    wait_wanted(events, CLIENTS[client], "*")
+    done(launch(*program, "publish", "lab", "3", *plain, **environment))
     lines = done(consumer).splitlines()
     assert len(lines) == 3
     assert all(str(number) in line for number, line in enumerate(lines))
