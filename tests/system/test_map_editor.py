@@ -5,19 +5,19 @@ from __future__ import annotations
 import io
 import os
 import signal
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from PIL import Image
 
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.edit_session import RemoteEditSession, RemoteMapEditor
+from robocorba.corba.remote.edit_session import RemoteMapEditor
 from robocorba.errors.maps import (
     EditedByOthers,
     InvalidElement,
     NothingToRedo,
     SessionEnded,
-    TooManyTransactions,
     TransactionClosed,
     UnknownElement,
 )
@@ -51,6 +51,22 @@ def words(id: Any) -> tuple[str, str, str]:
     return str(id.kind), id.onFloor, id.name
 
 
+def refused(error: type[Exception], *calls: Callable[[], object]) -> Any:
+    """The exception of this kind that each of the calls raises; the last one."""
+    for call in calls:
+        with pytest.raises(error) as raised:
+            call()
+    return raised.value
+
+
+def node(name: str, x: float, y: float) -> Any:
+    return RoboCorba.Element(aNode=RoboCorba.PathNode(name, XY(x, y), ""))
+
+
+def edge(name: str, a: str, b: str) -> Any:
+    return RoboCorba.Element(anEdge=RoboCorba.PathEdge(name, a, b, False, 0.0, 0.0, []))
+
+
 @pytest.mark.parametrize("kind", examples(""))
 def test_each_kind_is_created_read_changed_and_removed(editor: Any, kind: str) -> None:
     floor, value, changed = examples(NAME)[kind]
@@ -61,18 +77,15 @@ def test_each_kind_is_created_read_changed_and_removed(editor: Any, kind: str) -
     assert first == began + 1 == editor._get_currentVersion()
     record = editor.read(id)
     assert (record.onFloor, repr(record.value), record.changedAt) == (floor, repr(value), first)
-    with pytest.raises(RoboCorba.DuplicateElement) as duplicate:
-        editor.create(floor, changed)
-    assert words(duplicate.value.id) == (kind, floor, NAME)
+    duplicate = refused(RoboCorba.DuplicateElement, lambda: editor.create(floor, changed))
+    assert words(duplicate.id) == (kind, floor, NAME)
 
     second = editor.change(floor, changed, first)
     (record,) = [found for found in editor.elements(value._d, floor) if found.value._v.name == NAME]
     assert (record.onFloor, repr(record.value), record.changedAt) == (floor, repr(changed), second)
     for stale in (lambda: editor.change(floor, value, first), lambda: editor.remove(id, first)):
-        with pytest.raises(RoboCorba.StaleEdit) as refused:
-            stale()
-        assert words(refused.value.id) == (kind, floor, NAME)
-        assert (refused.value.expected, refused.value.current) == (first, second)
+        said = refused(RoboCorba.StaleEdit, stale)
+        assert (words(said.id), said.expected, said.current) == ((kind, floor, NAME), first, second)
 
     third = editor.remove(id, second)
     for missing in (
@@ -80,126 +93,101 @@ def test_each_kind_is_created_read_changed_and_removed(editor: Any, kind: str) -
         lambda: editor.change(floor, value, second),
         lambda: editor.remove(id, second),
     ):
-        with pytest.raises(RoboCorba.UnknownElement) as unknown:
-            missing()
-        assert words(unknown.value.id) == (kind, floor, NAME)
-    assert [
-        (change.changedTo, str(change.kind), change.onFloor, repr(change.value))
-        for change in editor.changesSince(began)
-    ] == [
+        assert words(refused(RoboCorba.UnknownElement, missing).id) == (kind, floor, NAME)
+    changes = editor.changesSince(began)
+    assert [(change.changedTo, str(change.kind), change.onFloor, repr(change.value)) for change in changes] == [
         (first, "CREATED", floor, repr(value)),
         (second, "CHANGED", floor, repr(changed)),
         (third, "REMOVED", floor, repr(changed)),
     ]
 
 
-def test_what_there_is(editor: Any) -> None:
+def test_what_there_is_and_what_breaks_a_rule(editor: Any) -> None:
     assert editor._get_buildingName() == "two floors"
     assert editor.floors() == ["L1", "L2"]
-    assert [record.value._v.name for record in editor.elements(RoboCorba.NODE_ELEMENT, "L1")] == [
-        *("west", "east", "lift1")
-    ]
-
-
-def test_an_unknown_floor_is_named(editor: Any) -> None:
+    nodes = editor.elements(RoboCorba.NODE_ELEMENT, "L1")
+    assert [record.value._v.name for record in nodes] == ["west", "east", "lift1"]
+    began = editor._get_currentVersion()
     for call in (
         lambda: editor.elements(RoboCorba.WALL_ELEMENT, "L9"),
         lambda: editor.create("L9", wall("w")),
         lambda: editor.buildTopologicalMap("L9", 0.4),
     ):
-        with pytest.raises(RoboCorba.UnknownElement) as unknown:
-            call()
-        assert words(unknown.value.id) == ("FLOOR_ELEMENT", "", "L9")
-
-
-def test_what_breaks_a_rule_is_refused_with_its_reason(editor: Any) -> None:
-    began = editor._get_currentVersion()
-    on_wall = RoboCorba.Element(aNode=RoboCorba.PathNode("n", XY(10.0, 2.0), ""))
-    with pytest.raises(RoboCorba.InvalidElement) as refused:
-        editor.create("L1", on_wall)
-    assert words(refused.value.id) == ("NODE_ELEMENT", "L1", "n")
-    assert refused.value.reason == "it stands on wall 'w'"
-    needed = editor.read(RoboCorba.ElementId(RoboCorba.NODE_ELEMENT, "L1", "west"))
-    with pytest.raises(RoboCorba.InvalidElement) as refused:
-        editor.remove(id_of("L1", needed.value), needed.changedAt)
-    assert words(refused.value.id) == ("EDGE_ELEMENT", "L1", "west-east")
-    assert refused.value.reason == "node 'west' does not exist on this floor"
+        assert words(refused(RoboCorba.UnknownElement, call).id) == ("FLOOR_ELEMENT", "", "L9")
+    said = refused(RoboCorba.InvalidElement, lambda: editor.create("L1", node("n", 10.0, 2.0)))
+    assert (words(said.id), said.reason) == (("NODE_ELEMENT", "L1", "n"), "it stands on wall 'w'")
+    west = id_of("L1", nodes[0].value)
+    said = refused(RoboCorba.InvalidElement, lambda: editor.remove(west, nodes[0].changedAt))
+    assert words(said.id) == ("EDGE_ELEMENT", "L1", "west-east")
+    assert said.reason == "node 'west' does not exist on this floor"
+    for radius in (50.0, 0.0, float("nan")):
+        said = refused(RoboCorba.InvalidElement, lambda radius=radius: editor.buildTopologicalMap("L1", radius))
+        assert words(said.id) == ("FLOOR_ELEMENT", "", "L1") and said.reason
+    document = "robocorba: 1\nname: x\nfloors:\n- {name: a, level: 1, elevation: .nan}\n"
+    said = refused(RoboCorba.InvalidMap, lambda: editor.importMap(document, began))
+    assert (said.line, said.key) == (4, "floors[0]")
+    assert said.reason == "floor 'a': elevation is not a finite number"
     assert editor._get_currentVersion() == began
 
 
-def test_a_floor_goes_with_all_that_is_on_it(editor: Any) -> None:
-    before = all_elements(editor)
-    began = editor._get_currentVersion()
-    floor = RoboCorba.Element(aFloor=RoboCorba.Floor("roof", 9, 30.0, 3.0, []))
-    made = editor.create("", floor)
-    editor.create("roof", wall("w"))
-    editor.remove(id_of("", floor), made)
-    assert "roof" not in editor.floors()
-    assert [str(change.kind) for change in editor.changesSince(began)] == ["CREATED", "CREATED", "REMOVED", "REMOVED"]
-    assert all_elements(editor) == before
+# ---- transactions ----
 
 
 def test_a_transaction_is_one_edit(editor: Any) -> None:
     began = editor._get_currentVersion()
     transaction = editor.begin()
-    node = RoboCorba.Element(aNode=RoboCorba.PathNode("n", XY(15.0, 8.0), ""))
-    transaction.create("L2", RoboCorba.Element(anEdge=RoboCorba.PathEdge("e", "n", "top", False, 0.0, 0.0, [])))
-    transaction.create("L2", node)
+    made = node("n", 15.0, 8.0)
+    transaction.create("L2", edge("e", "n", "top"))
+    transaction.create("L2", made)
     transaction.create("L2", wall("gone"))
     transaction.change("L2", wall("gone", height=1.0), 0)
     transaction.remove(RoboCorba.ElementId(RoboCorba.WALL_ELEMENT, "L2", "gone"), 0)
     assert editor._get_currentVersion() == began
-    with pytest.raises(RoboCorba.UnknownElement):
-        editor.read(id_of("L2", node))
+    refused(RoboCorba.UnknownElement, lambda: editor.read(id_of("L2", made)))
     assert transaction.commit() == began + 1
-    made = editor.changesSince(began)
-    assert sorted((change.changedTo, change.value._v.name) for change in made) == [(began + 1, "e"), (began + 1, "n")]
+    changes = editor.changesSince(began)
+    assert sorted((change.changedTo, change.value._v.name) for change in changes) == [
+        (began + 1, "e"),
+        (began + 1, "n"),
+    ]
     assert editor.undo(began + 1) == began + 2
-    with pytest.raises(RoboCorba.UnknownElement):
-        editor.read(id_of("L2", node))
+    refused(RoboCorba.UnknownElement, lambda: editor.read(id_of("L2", made)))
 
 
 def test_a_transaction_sees_the_exceptions_of_an_edit(editor: Any) -> None:
     first = editor.create("L2", wall("there"))
-    transaction = editor.begin()
-    with pytest.raises(RoboCorba.DuplicateElement):
-        transaction.create("L2", wall("there"))
-    with pytest.raises(RoboCorba.UnknownElement):
-        transaction.create("L9", wall("w"))
-    with pytest.raises(RoboCorba.UnknownElement):
-        transaction.change("L2", wall("nowhere"), first)
-    with pytest.raises(RoboCorba.InvalidElement):
-        transaction.change("L2", wall("there", height=-1.0), first)
-    with pytest.raises(RoboCorba.StaleEdit) as stale:
-        transaction.remove(id_of("L2", wall("there")), first - 1)
-    assert (stale.value.expected, stale.value.current) == (first - 1, first)
-    transaction.remove(id_of("L2", wall("there")), first)
+    there, transaction = id_of("L2", wall("there")), editor.begin()
+    refused(RoboCorba.DuplicateElement, lambda: transaction.create("L2", wall("there")))
+    refused(
+        RoboCorba.UnknownElement,
+        lambda: transaction.create("L9", wall("w")),
+        lambda: transaction.change("L2", wall("nowhere"), first),
+    )
+    refused(RoboCorba.InvalidElement, lambda: transaction.change("L2", wall("there", height=-1.0), first))
+    stale = refused(RoboCorba.StaleEdit, lambda: transaction.remove(there, first - 1))
+    assert (stale.expected, stale.current) == (first - 1, first)
+    transaction.remove(there, first)
     assert transaction.commit() == first + 1
 
 
-@pytest.mark.parametrize("end", ["commit", "rollBack", "failed commit"])
-def test_an_ended_transaction_says_so(editor: Any, end: str) -> None:
+def test_an_ended_transaction_says_so(editor: Any) -> None:
     began = editor._get_currentVersion()
-    transaction = editor.begin()
-    if end == "failed commit":
-        transaction.create("L2", RoboCorba.Element(anEdge=RoboCorba.PathEdge("e", "a", "b", False, 0.0, 0.0, [])))
-        with pytest.raises(RoboCorba.InvalidElement) as refused:
-            transaction.commit()
-        assert (words(refused.value.id), refused.value.reason) == (
-            ("EDGE_ELEMENT", "L2", "e"),
-            "node 'a' does not exist on this floor",
+    committed, rolled_back, failed = (editor.begin() for _ in range(3))
+    committed.commit()
+    rolled_back.rollBack()
+    failed.create("L2", edge("e", "a", "b"))
+    said = refused(RoboCorba.InvalidElement, failed.commit)
+    assert words(said.id) == ("EDGE_ELEMENT", "L2", "e")
+    assert said.reason == "node 'a' does not exist on this floor"
+    for ended in (committed, rolled_back, failed):
+        refused(
+            RoboCorba.TransactionClosed,
+            lambda ended=ended: ended.create("L2", wall("w")),
+            lambda ended=ended: ended.change("L2", wall("w"), 1),
+            lambda ended=ended: ended.remove(id_of("L2", wall("w")), 1),
+            ended.commit,
+            ended.rollBack,
         )
-    else:
-        getattr(transaction, end)()
-    for again in (
-        lambda: transaction.create("L2", wall("w")),
-        lambda: transaction.change("L2", wall("w"), 1),
-        lambda: transaction.remove(id_of("L2", wall("w")), 1),
-        transaction.commit,
-        transaction.rollBack,
-    ):
-        with pytest.raises(RoboCorba.TransactionClosed):
-            again()
     assert editor._get_currentVersion() == began
 
 
@@ -211,32 +199,32 @@ def test_a_transaction_is_refused_where_another_editor_was_faster(editor: Any) -
     removing.remove(id_of("L2", wall("contested")), first)
     second = editor.change("L2", wall("contested", height=2.0), first)
     third = editor.create("L2", wall("new"))
-    with pytest.raises(RoboCorba.StaleEdit) as stale:
-        changing.commit()
-    assert (stale.value.expected, stale.value.current) == (first, second)
-    with pytest.raises(RoboCorba.DuplicateElement) as duplicate:
-        creating.commit()
-    assert words(duplicate.value.id) == ("WALL_ELEMENT", "L2", "new")
+    stale = refused(RoboCorba.StaleEdit, changing.commit)
+    assert (stale.expected, stale.current) == (first, second)
+    assert words(refused(RoboCorba.DuplicateElement, creating.commit).id) == ("WALL_ELEMENT", "L2", "new")
     editor.remove(id_of("L2", wall("contested")), second)
-    with pytest.raises(RoboCorba.UnknownElement):
-        removing.commit()
+    refused(RoboCorba.UnknownElement, removing.commit)
     editor.remove(id_of("L2", wall("new")), third)
 
 
-def test_at_most_64_transactions_are_open(editor: Any) -> None:
-    """Those without a session are 32 at most, so that a session has room."""
+def test_transactions_and_sessions_are_bounded(editor: Any) -> None:
+    """Transactions without a session are 32 at most, so that a session has room."""
     ada, bob = editor.openSession("Ada"), editor.openSession("Bob")
     for _ in range(3):  # those that ended leave room for as many again
         opened = []
         for client, limit in ((editor, 32), (ada, 32), (bob, 64)):
             opened += [client.begin() for _ in range(32 if limit == 32 else 0)]
-            with pytest.raises(RoboCorba.TooManyTransactions) as refused:
-                client.begin()
-            assert refused.value.limit == limit
+            assert refused(RoboCorba.TooManyTransactions, client.begin).limit == limit
         for transaction in opened:
             transaction.rollBack()
-    ada.close()
-    bob.close()
+    sessions = [ada, bob, *(editor.openSession("Eve") for _ in range(62))]
+    assert refused(RoboCorba.TooManyTransactions, lambda: editor.openSession("Eve")).limit == 64
+    for session in sessions:
+        session.close()
+    assert "the author's name is empty" in refused(RoboCorba.InvalidElement, lambda: editor.openSession("")).reason
+
+
+# ---- history ----
 
 
 def test_undo_goes_back_to_the_beginning_and_redo_forward_again(editor: Any) -> None:
@@ -256,27 +244,18 @@ def test_undo_goes_back_to_the_beginning_and_redo_forward_again(editor: Any) -> 
         assert editor.redo(version) == version + 1
         version += 1
     assert all_elements(editor) == after
-    with pytest.raises(RoboCorba.NothingToRedo):
-        editor.redo(version)
+    refused(RoboCorba.NothingToRedo, lambda: editor.redo(version))
     for step in (editor.undo, editor.redo):
-        with pytest.raises(RoboCorba.StaleVersion) as stale:
-            step(version - 1)
-        assert (stale.value.expected, stale.value.current) == (version - 1, version)
-
-
-def test_changes_of_the_future_are_not_there(editor: Any) -> None:
-    current = editor._get_currentVersion()
-    assert editor.changesSince(current) == []
-    with pytest.raises(RoboCorba.VersionUnavailable) as unavailable:
-        editor.changesSince(current + 1)
-    assert (unavailable.value.asked, unavailable.value.current) == (current + 1, current)
-    with pytest.raises(RoboCorba.VersionUnavailable) as unavailable:
-        editor.changesSince(0)
-    assert (unavailable.value.asked, unavailable.value.oldest) == (0, 1)
+        stale = refused(RoboCorba.StaleVersion, lambda step=step: step(version - 1))
+        assert (stale.expected, stale.current) == (version - 1, version)
 
 
 def test_elements_and_changes_come_in_pages(editor: Any) -> None:
     began = editor._get_currentVersion()
+    assert editor.changesSince(began) == []
+    for asked in (began + 1, 0):  # changes of the future are not there
+        unavailable = refused(RoboCorba.VersionUnavailable, lambda asked=asked: editor.changesSince(asked))
+        assert (unavailable.asked, unavailable.oldest, unavailable.current) == (asked, 1, began)
     editor.remove(id_of("L2", wall("paged")), editor.create("L2", wall("paged")))
     everything, start, records = RoboCorba.MapSelection([], ""), 0, []
     while True:
@@ -294,8 +273,8 @@ def test_elements_and_changes_come_in_pages(editor: Any) -> None:
     page = editor.readChanges(page.next, walls, 0)
     assert ([str(change.kind) for change in page.changes], page.isLast) == (["REMOVED"], True)
     assert (page.next.since, page.next.taken, page.left) == (began + 2, 0, 0)
-    with pytest.raises(RoboCorba.VersionUnavailable):
-        editor.readChanges(RoboCorba.ChangePosition(2**64 - 1, 2**32 - 1), everything, 2**32 - 1)
+    beyond = RoboCorba.ChangePosition(2**64 - 1, 2**32 - 1)
+    refused(RoboCorba.VersionUnavailable, lambda: editor.readChanges(beyond, everything, 2**32 - 1))
     assert editor.readElements(2**64 - 1, everything, 2**32 - 1).isLast
 
 
@@ -305,9 +284,8 @@ def test_the_map_goes_out_and_in_as_text(editor: Any) -> None:
     assert editor.importMap(document, began) == began  # nothing differs
     renamed = document.replace("two floors", "二つの階 ё", 1).replace("from: [10.0, 0.0]", "from: [10.0, 0.5]")
     assert renamed.count("10.0, 0.5") == 1
-    with pytest.raises(RoboCorba.StaleVersion) as stale:
-        editor.importMap(renamed, began - 1)
-    assert (stale.value.expected, stale.value.current) == (began - 1, began)
+    stale = refused(RoboCorba.StaleVersion, lambda: editor.importMap(renamed, began - 1))
+    assert (stale.expected, stale.current) == (began - 1, began)
     assert editor.importMap(renamed, began) == began + 1
     assert editor._get_buildingName() == "二つの階 ё"
     assert editor.read(id_of("L1", wall("w"))).value._v.fromPoint.y == 0.5
@@ -315,32 +293,14 @@ def test_the_map_goes_out_and_in_as_text(editor: Any) -> None:
     assert editor.undo(began + 1) == began + 2
     assert (editor._get_buildingName(), editor.exportMap()) == ("two floors", document)
 
-
-def test_a_wrong_map_is_refused_with_line_and_key(editor: Any) -> None:
-    began = editor._get_currentVersion()
-    with pytest.raises(RoboCorba.InvalidMap) as refused:
-        editor.importMap("robocorba: 1\nname: x\nfloors:\n- {name: a, level: 1, elevation: .nan}\n", began)
-    assert (refused.value.line, refused.value.key) == (4, "floors[0]")
-    assert refused.value.reason == "floor 'a': elevation is not a finite number"
-    assert editor._get_currentVersion() == began
-
-
-def test_a_topological_map_is_drawn_as_one_edit(editor: Any) -> None:
-    before, began = all_elements(editor), editor._get_currentVersion()
+    began += 2
     assert editor.buildTopologicalMap("L1", 0.4) == began + 1
     assert replay(before, editor.changesSince(began)) == all_elements(editor) != before
     editor.undo(began + 1)
     assert all_elements(editor) == before
 
 
-@pytest.mark.parametrize("radius", [50.0, 0.0, -1.0, float("nan"), float("inf"), 1e308])
-def test_no_topological_map_for_a_radius_that_fits_nowhere(editor: Any, radius: float) -> None:
-    began = editor._get_currentVersion()
-    with pytest.raises(RoboCorba.InvalidElement) as refused:
-        editor.buildTopologicalMap("L1", radius)
-    assert words(refused.value.id) == ("FLOOR_ELEMENT", "", "L1")
-    assert refused.value.reason
-    assert editor._get_currentVersion() == began
+# ---- paths ----
 
 
 def lock(editor: Any, locked: bool) -> int:
@@ -353,9 +313,7 @@ def lock(editor: Any, locked: bool) -> int:
 def test_an_edit_is_seen_by_the_next_path(editor: Any, planner: Any) -> None:
     for _ in range(10):
         version = lock(editor, True)
-        with pytest.raises(RoboCorba.NoPath) as refused:
-            planner.getPath(WEST, EAST)
-        (blocker,) = refused.value.blockers
+        (blocker,) = refused(RoboCorba.NoPath, lambda: planner.getPath(WEST, EAST)).blockers
         assert (str(blocker.id.kind), blocker.id.name, blocker.reason) == ("DOOR_ELEMENT", "d", "is locked")
         assert planner._get_mapVersion() == version
         version = lock(editor, False)
@@ -374,44 +332,27 @@ def test_an_edge_is_blocked_while_its_door_is_locked(editor: Any, planner: Any, 
 
     assert blocked() == []
     assert [found.id.name for found in editor.check()] == ["west", "east"]  # no edge leads back from the elevator
-    (direct,) = planner.findPaths(planner.defaultRequest(WEST, EAST))
     version = lock(editor, True)
     reason = "it leads through locked door 'd' near 10, 5"
     assert blocked() == [("EDGE_ELEMENT", "west-east", "L1", 10.0, 5.0, f"blocked: {reason}")]
     log = (system.state / "logs" / "map_editor.log").read_text()
     assert f"version {version} blocks edge 'west-east' on L1: {reason}\n" in log
-    with pytest.raises(RoboCorba.NoPath):
-        planner.getPath(WEST, EAST)
-    edge = editor.read(RoboCorba.ElementId(RoboCorba.EDGE_ELEMENT, "L1", "west-east"))
-    edge.value._v.speedLimit = 0.5
-    changed = editor.change("L1", edge.value, edge.changedAt)
-    again = RoboCorba.Element(anEdge=RoboCorba.PathEdge("again", "west", "east", False, 0.0, 0.0, []))
-    with pytest.raises(RoboCorba.InvalidElement) as refused:
-        editor.create("L1", again)
-    assert words(refused.value.id) == ("EDGE_ELEMENT", "L1", "again")
-
-    around = editor.begin()
-    around.create(
-        "L1", RoboCorba.Element(aDoor=RoboCorba.Door("d2", XY(10.0, 1.0), XY(10.0, 2.5), RoboCorba.HINGED, False))
-    )
-    around.create("L1", RoboCorba.Element(aNode=RoboCorba.PathNode("west2", XY(8.0, 1.75), "")))
-    around.create("L1", RoboCorba.Element(aNode=RoboCorba.PathNode("east2", XY(12.0, 1.75), "")))
-    for a, b in (("west", "west2"), ("west2", "east2"), ("east2", "east")):
-        around.create("L1", RoboCorba.Element(anEdge=RoboCorba.PathEdge(f"{a}-{b}", a, b, False, 0.0, 0.0, [])))
-    version = around.commit()
-    (longer,) = planner.findPaths(planner.defaultRequest(WEST, EAST))
-    assert longer.distance > direct.distance + 1.0
-    assert min(point.position.y for point in longer.points) < 2.5
+    refused(RoboCorba.NoPath, lambda: planner.getPath(WEST, EAST))
+    blocked_edge = editor.read(RoboCorba.ElementId(RoboCorba.EDGE_ELEMENT, "L1", "west-east"))
+    blocked_edge.value._v.speedLimit = 0.5
+    changed = editor.change("L1", blocked_edge.value, blocked_edge.changedAt)
+    said = refused(RoboCorba.InvalidElement, lambda: editor.create("L1", edge("again", "west", "east")))
+    assert words(said.id) == ("EDGE_ELEMENT", "L1", "again")
 
     lock(editor, False)
     assert blocked() == []
-    editor.undo(version + 1)
-    editor.undo(version + 2)  # the way around
-    editor.undo(version + 3)  # the speed limit
-    editor.undo(version + 4)  # the lock
+    editor.undo(changed + 1)  # the lock
+    assert blocked() != []
+    editor.redo(changed + 2)
     assert blocked() == []
-    (path,) = planner.findPaths(planner.defaultRequest(WEST, EAST))
-    assert path.distance == direct.distance and changed < path.mapVersion
+
+
+# ---- as an editing client in Python has it ----
 
 
 def short_wall(name: str, x: float = 0.5) -> Wall:
@@ -430,9 +371,8 @@ def test_two_authors_share_a_map(system_orb: Orb) -> None:
     ada.undo()
     assert ada.redoable() == "wall c on L2 created"
     changed = bob.change("L2", short_wall("a", 0.75), made)
-    with pytest.raises(EditedByOthers) as refused:
-        ada.undo()
-    assert (refused.value.kind, refused.value.name, refused.value.author) == ("wall", "a", "Bob")
+    others = refused(EditedByOthers, ada.undo)
+    assert (others.kind, others.name, others.author) == ("wall", "a", "Bob")
     assert remote.read(ElementKind.WALL, "L2", "a") == (short_wall("a", 0.75), changed)
     assert bob.rename(ElementKind.WALL, "L2", "a", "z", changed) == changed + 1
     transaction = bob.begin()
@@ -441,8 +381,7 @@ def test_two_authors_share_a_map(system_orb: Orb) -> None:
     assert (problem.name, problem.where) == ("n", ("L2", 1.0, 1.0))
     assert problem.reason == "it names elevator 'E9', which does not exist"
     transaction.roll_back()
-    with pytest.raises(TransactionClosed):
-        transaction.problems()
+    refused(TransactionClosed, transaction.problems)
     assert [(edit.author, edit.summary) for edit in remote.edits_since(began)] == [
         ("Ada Ж", "wall a on L2 created"),
         ("Bob", "wall b on L2 created"),
@@ -453,8 +392,7 @@ def test_two_authors_share_a_map(system_orb: Orb) -> None:
     ]
     assert [change.kind for change in remote.changes_since(changed)] == [ChangeKind.REMOVED, ChangeKind.CREATED]
     ada.redo()
-    with pytest.raises(NothingToRedo):
-        ada.redo()
+    refused(NothingToRedo, ada.redo)
     ada.undo()
     for _ in range(3):
         bob.undo()
@@ -466,21 +404,7 @@ def test_two_authors_share_a_map(system_orb: Orb) -> None:
     for session in (ada, bob, remote_edit):
         session.close()
         session.close()
-        with pytest.raises(SessionEnded):
-            session.undoable()
-
-
-def test_sessions_are_bounded_and_named(system_orb: Orb) -> None:
-    remote = RemoteMapEditor(system_orb)
-    with pytest.raises(InvalidElement, match="the author's name is empty"):
-        remote.open_session("")
-    opened: list[RemoteEditSession] = []
-    with pytest.raises(TooManyTransactions):
-        while len(opened) < 100:
-            opened.append(remote.open_session("Ada"))
-    assert len(opened) == 64
-    for session in opened:
-        session.close()
+        refused(SessionEnded, session.undoable)
 
 
 def test_a_floor_is_checked_for_a_robot_of_any_size(system_orb: Orb) -> None:
@@ -489,9 +413,8 @@ def test_a_floor_is_checked_for_a_robot_of_any_size(system_orb: Orb) -> None:
     assert len(remote.check_floor("L1", 1.5)) > len(remote.check_floor("L1", 0.3))
     with pytest.raises(UnknownElement):
         remote.check_floor("L9", 0.4)
-    for radius in (float("nan"), 0.0, 6.0):
-        with pytest.raises(InvalidElement, match="the radius of the robot must be from"):
-            remote.check_floor("L1", radius)
+    with pytest.raises(InvalidElement, match="the radius of the robot must be from"):
+        remote.check_floor("L1", float("nan"))
 
 
 def test_authors_and_pictures_survive_a_kill(system_orb: Orb, system: Running) -> None:
