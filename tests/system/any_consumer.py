@@ -1,6 +1,6 @@
-"""A consumer that prints its reference, then a line for each event, its content: python any_consumer.py [bare]
+"""A consumer that prints its reference, then a line for each event, its content: python any_consumer.py [bare|batches]
 
-bare: plain omniORBpy, without anything of ours in between."""
+bare: plain omniORBpy, without anything of ours in between. batches: it takes events with headers, in batches."""
 
 from __future__ import annotations
 
@@ -32,7 +32,15 @@ if sys.argv[1:] == ["bare"]:
 else:
     from robocorba.corba.orb import Orb
     from robocorba.settings import Address
+    from robocorba.stubs import RoboCorba__POA
+
+    class Batches(Consumer, RoboCorba__POA.EventConsumer):
+        def pushRuns(self, runs: Any) -> None:
+            for run in runs:
+                for payload in run.payloads:
+                    self.push(omniORB.cdrUnmarshal(CORBA.TC_any, payload))
 
     with Orb(Address("127.0.0.1", 1)) as orb:
-        print(orb.uri(orb.activate(Consumer())), flush=True)
+        consumer = Batches() if sys.argv[1:] == ["batches"] else Consumer()
+        print(orb.uri(orb.activate(consumer)), flush=True)
         sys.stdin.read()

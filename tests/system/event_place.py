@@ -7,6 +7,7 @@ import queue
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from subprocess import Popen
 from typing import Any
@@ -19,9 +20,8 @@ from robocorba.claimed_ports import claimed_ports
 from robocorba.corba.orb import Orb
 from robocorba.settings import Address
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.supervision.launch import module_command
-from robocorba.supervision.system import naming_service_command
-from robocorba.testing.processes import Launcher, eventually
+from robocorba.testing.federation import SERVER, Channels
+from robocorba.testing.processes import Launcher
 
 #: A channel's server that gives silent clients up sooner, and has MAX_PROXIES.
 IMPATIENT, MAX_PROXIES = "event_impatient_server", 100
@@ -36,34 +36,28 @@ def open_place(folder: Path) -> Iterator[Place]:
         claimed_ports() as port,
         Launcher(folder) as launch,
         Orb(Address("127.0.0.1", port), call_timeout_s=20.0) as orb,
+        contextlib.closing(Place(launch, folder, port, orb)) as place,
     ):
-        yield Place(launch, port, orb)
+        place.start_naming()
+        yield place
 
 
-class Place:
-    """A naming service on `port`, channels on the ports after it, and this process's ORB."""
+class Place(Channels):
+    """Channels and a naming service, and clients of all kinds."""
 
-    def __init__(self, launch: Launcher, port: int, orb: Orb) -> None:
-        self.launch, self.port, self.orb = launch, port, orb
-        self._offsets: dict[str, int] = {}
-        launch(*naming_service_command(Address("127.0.0.1", port), launch.folder))
+    def __init__(self, launch: Launcher, folder: Path, port: int, orb: Orb) -> None:
+        super().__init__(launch, folder, port, orb)
+        self.launch = launch
 
-    def start(self, name: str, server: str = "robocorba.servers.event_channel", *more: str) -> Popen[str]:
-        """Start channel `name`, or start it again, with more arguments; waits until it answers."""
-        offset = self._offsets.setdefault(name, len(self._offsets) + 1)
-        addresses = ("--endpoint", f"127.0.0.1:{self.port + offset}", "--naming", f"127.0.0.1:{self.port}")
-        command = (*module_command(server), "--state", str(self.launch.folder / "state"), *addresses)
-        process = self.launch(*command, "--name", name, *more)
-        eventually(lambda: process.poll() is not None or self._answers(name), 30, f"channel {name}")
-        assert process.poll() is None, process.communicate()[1]
-        return process
+    def begin(self, name: str, *more: str, module: str = SERVER) -> Any:
+        """Start channel `name`, or start it again, with more arguments; returns it when it answers."""
+        self.spawn(name, *more, module=module)
+        self.wait_ready(name)
+        return self.channel(name)
 
     def uri(self, name: str) -> str:
         """Where a channel is found without the naming service."""
-        return f"corbaloc:iiop:127.0.0.1:{self.port + self._offsets[name]}/EventChannels/{name}"
-
-    def channel(self, name: str) -> Any:
-        return self.orb.reference(self.uri(name), RoboCorba.EventChannel)
+        return f"corbaloc:iiop:{self.address(name)}/EventChannels/{name}"
 
     def client(self, module: str, *arguments: str) -> Popen[str]:
         """A process with a module of this folder."""
@@ -82,11 +76,17 @@ class Place:
         proxy.connect_push_supplier(None)
         return proxy
 
-    def consumer(self, name: str, file: Path, *more: str) -> Popen[str]:
-        """A process with a consumer of a channel; each event becomes a line of `file`."""
-        process = self.client("event_consumer", self.uri(name), str(file), *more)
+    def consumer(self, name: str, queue: int = 0) -> Popen[str]:
+        """A process with a consumer of a channel, which prints each event; a plain one, unless it has a queue."""
+        process = self.client("any_consumer", *(["batches"] if queue else []))
         assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
+        uri, channel = process.stdout.readline().strip(), self.channel(name)
+        if queue:
+            policy = RoboCorba.QueuePolicy(queue, RoboCorba.DISCARD_OLDEST, 0.0)
+            channel.subscribe("", self.orb.reference(uri, RoboCorba.EventConsumer), clauses(""), policy)
+        else:
+            proxy = channel.for_consumers().obtain_push_supplier()
+            proxy.connect_push_consumer(self.orb.reference(uri, CosEventComm.PushConsumer))
         return process
 
     def evicted(self, name: str) -> int:
@@ -99,12 +99,6 @@ class Place:
             account = state.events
             assert account.received == account.delivered + account.discarded + account.expired + account.queued, state
         return states
-
-    def _answers(self, name: str) -> bool:
-        try:
-            return self.channel(name)._get_name() == name
-        except CORBA.SystemException:
-            return False
 
 
 def clauses(*types: str) -> list[Any]:
@@ -124,7 +118,7 @@ class _Told:
         self.disconnections = 0
         self._farewell = farewell
 
-    def _disconnected(self) -> None:
+    def disconnected(self) -> None:
         self.disconnections += 1
         self._farewell()
 
@@ -142,8 +136,7 @@ class PushConsumer(_Told, CosEventComm__POA.PushConsumer):
     def push(self, value: Any) -> None:
         self._take(value)
 
-    def disconnect_push_consumer(self) -> None:
-        self._disconnected()
+    disconnect_push_consumer = _Told.disconnected
 
 
 class EventConsumer(_Told, RoboCorba__POA.EventConsumer):
@@ -164,11 +157,7 @@ class EventConsumer(_Told, RoboCorba__POA.EventConsumer):
     def pushTogether(self, which: int, events: Any) -> None:
         self.together.append((which, events))
 
-    def push(self, value: Any) -> None:
-        raise CORBA.NO_IMPLEMENT
-
-    def disconnect_push_consumer(self) -> None:
-        self._disconnected()
+    disconnect_push_consumer = _Told.disconnected
 
     @property
     def payloads(self) -> list[bytes]:
@@ -178,54 +167,40 @@ class EventConsumer(_Told, RoboCorba__POA.EventConsumer):
 class PullConsumer(_Told, CosEventComm__POA.PullConsumer):
     """Known to its proxy only to be told of its disconnection."""
 
-    def disconnect_pull_consumer(self) -> None:
-        self._disconnected()
+    disconnect_pull_consumer = _Told.disconnected
 
 
 class PushSupplier(_Told, CosEventComm__POA.PushSupplier):
     """The same for a supplier that pushes."""
 
-    def disconnect_push_supplier(self) -> None:
-        self._disconnected()
+    disconnect_push_supplier = _Told.disconnected
 
 
 class PullSupplier(_Told, CosEventComm__POA.PullSupplier):
-    """Gives what was put into `waiting`; counts how often it is asked."""
+    """Gives what was put into `waiting`."""
 
     def __init__(self, farewell: Callable[[], None] = lambda: None) -> None:
         super().__init__(farewell)
         self.waiting: queue.Queue[Any] = queue.Queue()
-        self.asked = 0
-
-    def pull(self) -> Any:
-        raise CosEventComm.Disconnected
 
     def try_pull(self) -> tuple[Any, bool]:
-        self.asked += 1
         try:
             return self.waiting.get_nowait(), True
         except queue.Empty:
             return CORBA.Any(CORBA.TC_null, None), False
 
-    def disconnect_pull_supplier(self) -> None:
-        self._disconnected()
+    disconnect_pull_supplier = _Told.disconnected
 
 
-class InBackground:
-    """A call that another thread makes: its result, or what it raised."""
+def in_background(call: Callable[[], Any]) -> Future[Any]:
+    """A call that another thread makes: its result, or the CORBA exception that it raised."""
+    future: Future[Any] = Future()
 
-    def __init__(self, call: Callable[[], Any]) -> None:
-        self._answers: queue.Queue[Any] = queue.Queue()
-        threading.Thread(target=self._run, args=(call,), daemon=True).start()
-
-    def _run(self, call: Callable[[], Any]) -> None:
+    def run() -> None:
         try:
-            self._answers.put(call())
+            future.set_result(call())
         except CORBA.Exception as error:
-            self._answers.put(error)
+            future.set_result(error)
 
-    def answer(self, timeout_s: float = 60.0) -> Any:
-        return self._answers.get(timeout=timeout_s)
-
-    def is_waiting(self) -> bool:
-        return self._answers.empty()
+    threading.Thread(target=run, daemon=True).start()
+    return future

@@ -1,9 +1,12 @@
-"""Clients of every kind against running servers: our commands, a bare CORBA client, those in C++, the demo."""
+"""Clients of every kind against running servers: our commands, a bare CORBA client, the demo, and the robot client in
+20 lines, which is what the README shows, and does what it says."""
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -23,6 +26,8 @@ from robocorba.testing.simulation import about
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 ROOT = Path(__file__).resolve().parents[2]
+#: Where the robot of this client begins.
+X, Y = 3.0, 4.0
 WEST, EAST = ("L1", "3", "3"), ("L1", "15", "3")
 #: A spot within the wall between them.
 WALLED = ("L1", "10", "2")
@@ -64,55 +69,54 @@ def test_the_command_prints_and_draws(system: Running, launch: Launcher, tmp_pat
 
 
 def test_a_robot_drives_along_a_path_and_rides(system: Running, system_orb: Orb, launch: Launcher) -> None:
-    simulation, state = (ROBOCORBA, "simulation"), ("--state", str(system.state))
+    def said(*command: str) -> str:
+        code, out, err = run(launch, ROBOCORBA, "simulation", *command, "--state", str(system.state))
+        assert (code, err) == (0, "")
+        return out
+
     # A ride is lost 15 s of simulated time after the doors opened: faster, a busy machine takes longer to drive in.
-    assert run(launch, *simulation, "pace", "2", *state) == (0, "", "")
+    assert said("pace", "2") == ""
     environment = {"PYTHONPATH": str(ROOT), "ROBOCORBA_NAMING": str(system.naming)}
     process = launch(*module_command("robocorba.clients.drive"), "A", *WEST, "L2", "14", "3", **environment)
     out, err = process.communicate(timeout=180.0)
-    code = process.returncode
-    assert (code, err) == (0, "")
+    assert (process.returncode, err) == (0, "")
+    assert said("pace", "1") == ""
     assert out.splitlines()[:2] == ["A calls E1", "A is on L2"]
     assert out.splitlines()[2].startswith("A has arrived: L2 (")
-    code, out, err = run(launch, *simulation, "evict", "A", *state)
-    again = "To let it in again: robocorba simulation admit A"
-    assert (code, out, err) == (0, f"A\tis kept out; it was not logged on. {again}\n", "")
     server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer, 30.0)
     robot = about("A", float(WEST[1]), float(WEST[2]))
+    again = "To let it in again: robocorba simulation admit A"
+
+    assert said("evict", "A") == f"A\tis kept out; it was not logged on. {again}\n"
     with pytest.raises(RoboCorba.InvalidDescription) as refused:
         server.registerRobot(robot)
     assert refused.value.reason == "an administrator keeps A out, until `robocorba simulation admit A`"
-    assert run(launch, *simulation, "admit", *state) == (0, "A\n", "")
-    assert run(launch, *simulation, "admit", "A", *state) == (0, "A\tmay log on again\n", "")
+    assert said("admit") == "A\n"
+    assert said("admit", "A") == "A\tmay log on again\n"
     session = server.registerRobot(robot)
     with contextlib.closing(heartbeats(lambda: [session])):
-        code, out, err = run(launch, *simulation, "evict", "A", *state)
-    assert (code, out, err) == (0, f"A\tis logged off and kept out. {again}\n", "")
+        assert said("evict", "A") == f"A\tis logged off and kept out. {again}\n"
     with pytest.raises(CORBA.OBJECT_NOT_EXIST):
         session.heartbeat()
-    assert run(launch, *simulation, "admit", "A", *state) == (0, "A\tmay log on again\n", "")
-    assert run(launch, *simulation, "admit", "A", *state) == (0, "A\twas not kept out\n", "")
+    assert said("admit", "A") == "A\tmay log on again\n"
+    assert said("admit", "A") == "A\twas not kept out\n"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        ((place(WEST), place(WALLED)), "goal L1:10,2 is not free: 0.000 m to wall w, 0.400 m needed"),
-        ((place(WEST), "L9:1,1"), "goal: there is no floor 'L9'; known are L1, L2"),
-        ((place(WEST), "L1:nan,1"), "goal.x: nan is not a number within 1000000 m"),
-        ((place(WEST), "L1"), "goal: 'L1' is not of the form FLOOR:X,Y, such as L1:3,4"),
-        ((place(WEST), place(EAST), "--radius", "5"), "robotRadius: 5.0 is not between 0 and 3 m"),
-        ((place(WEST), place(EAST), "--graph", "tram"), "navigationGraph: no edge belongs to a graph 'tram'"),
-        ((place(WEST), "L2:14,3", "--avoid", "E1"), "no elevator leads from L1 to L2; elevator 'E1'"),
-    ],
-)
-def test_the_command_says_why_there_is_no_path(
-    system: Running, launch: Launcher, arguments: tuple[str, ...], reason: str
-) -> None:
-    code, out, err = run(launch, ROBOCORBA, "path", *arguments, "--naming", str(system.naming))
-    assert (code, out) == (1, "")
-    assert err.startswith(f"robocorba path: {reason}"), err
-    assert len(err.splitlines()) == 1
+def test_the_command_says_why_there_is_no_path(system: Running, launch: Launcher) -> None:
+    reasons = {
+        (place(WEST), place(WALLED)): "goal L1:10,2 is not free: 0.000 m to wall w, 0.400 m needed",
+        (place(WEST), "L9:1,1"): "goal: there is no floor 'L9'; known are L1, L2",
+        (place(WEST), "L1:nan,1"): "goal.x: nan is not a number within 1000000 m",
+        (place(WEST), "L1"): "goal: 'L1' is not of the form FLOOR:X,Y, such as L1:3,4",
+        (place(WEST), place(EAST), "--radius", "5"): "robotRadius: 5.0 is not between 0 and 3 m",
+        (place(WEST), "L2:14,3", "--avoid", "E1"): "no elevator leads from L1 to L2; elevator 'E1'",
+    }
+    command, naming = (ROBOCORBA, "path"), ("--naming", str(system.naming))
+    for process, reason in [(launch(*command, *where, *naming), reason) for where, reason in reasons.items()]:
+        out, err = process.communicate(timeout=60)
+        assert (process.returncode, out) == (1, "")
+        assert err.startswith(f"robocorba path: {reason}"), err
+        assert len(err.splitlines()) == 1
 
 
 def test_a_bare_uri_and_the_stubs_suffice(system: Running, system_orb: Orb) -> None:
@@ -161,6 +165,52 @@ def test_a_demo_that_is_interrupted_leaves_nothing_behind(launch: Launcher, tmp_
 def left_of_the_demo(folder: Path) -> list[str]:
     """State folders in `folder`, and processes that use it."""
     lines = (" ".join(child.info["cmdline"] or []) for child in psutil.process_iter(["cmdline"]))
-    return [line for line in lines if f"{folder}/robocorba-demo-" in line] + [
-        *map(str, folder.glob("robocorba-demo-*"))
-    ]
+    folders = map(str, folder.glob("robocorba-demo-*"))
+    return [*(line for line in lines if f"{folder}/robocorba-demo-" in line), *folders]
+
+
+# ---- the robot client in 20 lines ----
+
+
+def test_the_readme_shows_it_and_it_needs_nothing_but_an_orb_and_the_stubs() -> None:
+    text = (ROOT / "clients" / "new_robot.py").read_text()
+    lines = text.splitlines(keepends=True)[ast.parse(text).body[0].end_lineno :]  # without the docstring
+    code = "".join(lines).lstrip("\n")
+    section = (ROOT / "README.md").read_text().split("## A robot client in 20 lines")[1].split("\n## ")[0]
+    assert re.findall(r"```python\n(.*?)```", section, re.DOTALL) == [code]
+    assert len(code.splitlines()) <= 20
+    assert {line for line in code.splitlines() if "import" in line} == {
+        *("import sys", "import time", "from omniORB import CORBA", "from robocorba.stubs import RoboCorba")
+    }
+
+
+def test_it_drives_until_something_is_near(system: Running, launch: Launcher, system_orb: Orb) -> None:
+    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+
+    def robots() -> dict[str, float]:
+        return {client.name: client.at.x for client in server.clients()}
+
+    uri = corbaname(system.naming, "RoboCorba/SimulationServer")
+    process = launch(*module_command("robocorba.clients.new_robot"), uri, PYTHONPATH=str(ROOT))
+    eventually(lambda: robots().get("new", 0.0) > X + 1.0, 60.0, "it drives")
+    out, err = process.communicate(timeout=60.0)
+    assert (process.returncode, err) == (0, "")
+    found = re.fullmatch(r"something is near .*RoboCorba\.Pose\(floor='L1', x=(.*), y=(.*), heading=(.*)\)\n", out)
+    assert found, out
+    x, y, heading = map(float, found.groups())
+    assert (y, heading) == pytest.approx((Y, 0.0), abs=1e-3)
+    # The wall across the floor is at x = 10; at 0.5 m/s it needs a tick and some way to stand.
+    assert 8.7 < x < 9.5
+    assert robots() == {}
+
+
+def test_it_is_logged_off_also_where_it_is_refused(system: Running, launch: Launcher, system_orb: Orb) -> None:
+    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    other = server.registerRobot(about("other", X + 0.5, Y))
+    uri = corbaname(system.naming, "RoboCorba/SimulationServer")
+    process = launch(*module_command("robocorba.clients.new_robot"), uri, PYTHONPATH=str(ROOT))
+    _, err = process.communicate(timeout=60.0)
+    other.deregister()
+    assert process.returncode == 1
+    assert "PlaceTaken" in err and "other" in err
+    assert [client.name for client in server.clients()] == []

@@ -1,14 +1,18 @@
-"""Clients in C++, compiled here, against running servers."""
+"""Clients that are compiled here, against running servers: in C++, and in Python with the IDL of a release."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from robocorba import __version__
 from robocorba.control.agent_state import ProgramResult
 from robocorba.corba.naming import corbaname
 from robocorba.corba.orb import Orb
@@ -18,88 +22,60 @@ from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import Destination
 from robocorba.programs.program import dumps
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually, read_json
 from robocorba.testing.simulation import about
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
+RELEASED = ROOT / "idl" / "released"
 WEST, EAST = ("L1", "3", "3"), ("L1", "15", "3")
 #: A spot within the wall between them.
 WALLED = ("L1", "10", "2")
+
+
+#: The system's one: that of a virtual environment comes first on PATH and has no back-end for C++.
+OMNIIDL = shutil.which("omniidl", path="/usr/local/bin:/usr/bin:/bin")
+#: A clean environment: Debian's omniidl must not find the Python modules of another one.
+CLEAN = {"PATH": "/usr/local/bin:/usr/bin:/bin"}
+#: Makes the program of a client.
+CppCompiler = Callable[[str], Path]
+
+
+def run_clean(*command: str | None, limit_s: float = 250.0, **options: Any) -> subprocess.CompletedProcess[str]:
+    """A command that has ended, in a clean environment."""
+    words = [str(each) for each in command]
+    return subprocess.run(words, capture_output=True, text=True, env=CLEAN, timeout=limit_s, **options)
 
 
 def has_cpp() -> bool:
     """Whether a program for C++ and omniORB can be built here."""
     if not (shutil.which("make") and shutil.which("g++") and OMNIIDL):
         return False
-    includes = subprocess.run(
-        ["g++", "-E", "-x", "c++", "-"], input="#include <omniORB4/CORBA.h>", capture_output=True, text=True
-    )
-    back_end = subprocess.run(
-        [OMNIIDL, "-bcxx", "-u"], capture_output=True, text=True, env={"PATH": "/usr/bin:/bin"}, timeout=30
-    )
+    includes = run_clean("g++", "-E", "-x", "c++", "-", input="#include <omniORB4/CORBA.h>")
+    back_end = run_clean(OMNIIDL, "-bcxx", "-u")
     return includes.returncode == 0 and "-Wb" in back_end.stdout + back_end.stderr
 
 
-#: The system's one: that of a virtual environment comes first on PATH and has no back-end for C++.
-OMNIIDL = shutil.which("omniidl", path="/usr/local/bin:/usr/bin:/bin")
-
-
-#: A clean environment: Debian's omniidl must not find the Python modules of another one.
-CLEAN = {"PATH": "/usr/local/bin:/usr/bin:/bin"}
-
-
-#: Makes the program of a client.
-CppCompiler = Callable[[str], Path]
-
-
-def make_cpp(folder: Path, target: str) -> subprocess.Popen[str]:
-    """Begin to make a file of clients/cpp in a folder."""
-    options = (f"OUT={folder}", f"OMNIIDL={OMNIIDL}", "OPTIMIZE=-O0")
-    command = ("make", "-C", str(ROOT / "clients" / "cpp"), *options, str(folder / target))
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=CLEAN)
-
-
-def made(making: subprocess.Popen[str]) -> None:
-    """Wait for what `make_cpp` has begun."""
-    output, _ = making.communicate(timeout=250)
-    assert making.returncode == 0, output
-
-
 @pytest.fixture(scope="module")
-def cpp_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("cpp")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cpp_stubs(cpp_folder: Path) -> Iterator[subprocess.Popen[str] | None]:
-    """Compiles the stubs that all clients in C++ need, while the tests before theirs run; None where C++ is missing."""
-    if not has_cpp():
-        yield None
-        return
-    with make_cpp(cpp_folder, "robocorbaSK.o") as making:
-        yield making
-        making.terminate()  # if no test has waited for it
-
-
-@pytest.fixture(scope="module")
-def cpp(cpp_folder: Path, cpp_stubs: subprocess.Popen[str] | None) -> CppCompiler:
+def cpp(tmp_path_factory: pytest.TempPathFactory) -> CppCompiler:
     """Compiles a client in C++."""
-    if cpp_stubs is None:
+    if not has_cpp():
         pytest.skip("needs make, g++, libomniorb4-dev and omniidl with its back-end for C++")
-    made(cpp_stubs)
+    folder = tmp_path_factory.mktemp("cpp")
+    make = ("make", "-C", str(ROOT / "clients" / "cpp"), f"OUT={folder}", f"OMNIIDL={OMNIIDL}", "OPTIMIZE=-O0")
 
     def compiled(name: str) -> Path:
-        made(make_cpp(cpp_folder, name))
-        return cpp_folder / name
+        made = run_clean(*make, str(folder / name))
+        assert made.returncode == 0, made.stdout + made.stderr
+        return folder / name
 
     return compiled
 
 
-def run_cpp(program: Path, *arguments: str, timeout_s: float = 60.0) -> tuple[int, str, str]:
+def run_cpp(program: Path, *arguments: str) -> tuple[int, str, str]:
     """Exit code, stdout and stderr."""
-    ran = subprocess.run((str(program), *arguments), capture_output=True, text=True, env=CLEAN, timeout=timeout_s)
+    ran = run_clean(str(program), *arguments, limit_s=60.0)
     return ran.returncode, ran.stdout, ran.stderr
 
 
@@ -170,3 +146,28 @@ def test_an_adaptor_in_cpp(
     eventually(lambda: abs(next(c for c in server.clients() if c.name == "disc").at.x - 4.0) < 0.05)  # its body follows
     nobody = run_cpp(cpp("disc_adaptor"), "corbaloc::127.0.0.1:1/NameService", "disc")
     assert nobody == (1, "", "the call failed: TRANSIENT\n")
+
+
+@pytest.mark.parametrize("release", [folder.name for folder in sorted(RELEASED.iterdir())])
+def test_a_client_of_a_release_works_unchanged(system: Running, tmp_path: Path, release: str) -> None:
+    """With Python stubs of its IDL, as the client's own project would make them."""
+    make = [sys.executable, str(ROOT / "idl" / "make_stubs.py"), str(tmp_path / "stubs"), str(RELEASED / release)]
+    subprocess.run(make, check=True, timeout=60)
+    command = (sys.executable, str(Path(__file__).with_name("released_client.py")), str(system.naming))
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "stubs")}
+    ran = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    found: dict[str, Any] = read_json(ran.stdout)
+    path = found.pop("path")
+    assert (path[0], path[-1]) == ("START", "GOAL") and "ELEVATOR_ENTRY" in path
+    assert found == {
+        "paths": 1,
+        "refused": ["goal", "L9", ["L1", "L2"]],
+        "edited": True,
+        "rays": 181,
+        "bodies": ["released"],
+        "since": True,
+        "event": "released.client",
+        "missions": 0,
+        "release": __version__,
+    }

@@ -1,40 +1,65 @@
-"""What a channel adds to the standard: headers, subscriptions, batches, queues, accounts; and how it refuses."""
+"""What the COS event service demands of a channel, its admins and its proxies, with plain clients; what a channel adds:
+headers, subscriptions, batches, queues, accounts; and how it refuses."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-import random
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import CosEventChannelAdmin
+import CosEventComm
 import msgpack
 import omniORB
 import pytest
 from omniORB import CORBA
 
+from robocorba.corba.calls import set_call_timeout
 from robocorba.corba.event_client import Event, EventClient, _EventConsumerServant
 from robocorba.corba.remote import robot_channel
 from robocorba.errors.events import InvalidEvent, InvalidSubscription
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import eventually
-from tests.system.event_place import QUEUE, EventConsumer, Place, PushConsumer, clauses, open_place, text
-from tests.waits import outlast, pause
+from robocorba.testing.processes import eventually, hang
+from tests.system.event_place import (
+    IMPATIENT,
+    MAX_PROXIES,
+    QUEUE,
+    EventConsumer,
+    Place,
+    PullConsumer,
+    PullSupplier,
+    PushConsumer,
+    PushSupplier,
+    clauses,
+    in_background,
+    open_place,
+    text,
+)
+from tests.system.refusals import refused
+from tests.waits import head_start, pause, stays
 
 pytestmark = pytest.mark.system
-#: Time after which an event expires that nobody takes [s]; it must have arrived before, also on a busy machine.
-EXPIRY_S = 2.0
+GONE = CORBA.OBJECT_NOT_EXIST
+#: By the kind of a proxy: the kind of its client, and a class of such clients.
+CLIENTS: dict[str, tuple[str, Any]] = {
+    "push_consumer": ("push_supplier", PushSupplier),
+    "pull_consumer": ("pull_supplier", PullSupplier),
+    "push_supplier": ("push_consumer", PushConsumer),
+    "pull_supplier": ("pull_consumer", PullConsumer),
+}
 Client = Callable[[str], EventClient]
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     with open_place(tmp_path_factory.mktemp("channel")) as place:
-        place.start("lab")
+        place.begin("lab")
+        place.begin("desk", module=IMPATIENT)
         yield place
 
 
@@ -160,32 +185,6 @@ def test_a_supplier_whose_proxy_another_client_has_ended_goes_on(client: Client)
 # ---- subscriptions ----
 
 
-def test_wildcards_and_disjunctions_select(client: Client) -> None:
-    a, b = client("A"), client("B")
-    states, digits, from_b, everything = (Receiver() for _ in range(4))
-    a.subscribe(states, "robot.*.state", "door")
-    a.subscribe(digits, "t?")
-    a.subscribe(from_b, ("*", "B"))
-    a.subscribe(everything)
-    for robot, type in ((a, "robot.1.state"), (b, "robot.1.state"), (b, "robot.1"), (a, "door"), (b, "t1"), (a, "t12")):
-        robot.push(type, [robot.source, type])
-    eventually(lambda: len(everything) == 6)
-    eventually(lambda: [e.type for e in states] == ["robot.1.state", "robot.1.state", "door"])
-    eventually(lambda: [e.type for e in digits] == ["t1"])
-    eventually(lambda: [e.type for e in from_b] == ["robot.1.state", "robot.1", "t1"])
-
-
-def test_a_change_of_subscription_takes_effect_at_once(client: Client) -> None:
-    robot, receive = client("A"), Receiver()
-    subscription = robot.subscribe(receive, "a")
-    for round_ in range(10):
-        subscription.change("b" if round_ % 2 else "a")
-        robot.push("a", f"a{round_}")
-        robot.push("b", f"b{round_}")
-    eventually(lambda: len(receive) == 10)
-    assert receive.payloads == [f"{'b' if round_ % 2 else 'a'}{round_}" for round_ in range(10)]
-
-
 def test_a_conjunction_delivers_its_events_together_within_the_window(
     place: Place, channel: Any, client: Client
 ) -> None:
@@ -214,25 +213,20 @@ def test_a_conjunction_delivers_its_events_together_within_the_window(
 
 
 def test_events_of_each_supplier_keep_their_order(client: Client) -> None:
-    receivers = [Receiver() for _ in range(3)]
-    observer = client("observer")
-    subscriptions = [observer.subscribe(receive) for receive in receivers]
+    receive = Receiver()
+    subscription = client("observer").subscribe(receive)
 
     def talk(robot: EventClient) -> None:
         for number in range(0, 120, 4):
             robot.push("count", number)
             robot.push_many("count", [number + 1, number + 2, number + 3])
 
-    threads = [threading.Thread(target=talk, args=(client(name),)) for name in "ABC"]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(30)
-    eventually(lambda: all(account(subscription).delivered == 360 for subscription in subscriptions))
-    for receive in receivers:
-        assert [e.number for e in receive] == list(range(receive[0].number, receive[0].number + 360))
-        for name in "ABC":
-            assert [e.payload for e in receive if e.source == name] == list(range(120))
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(talk, [client(name) for name in "ABC"]))
+    eventually(lambda: account(subscription).delivered == 360)
+    assert [e.number for e in receive] == list(range(receive[0].number, receive[0].number + 360))
+    for name in "ABC":
+        assert [e.payload for e in receive if e.source == name] == list(range(120))
 
 
 def test_a_late_call_is_not_overtaken(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -286,21 +280,6 @@ def test_a_supplier_is_blocked_until_there_is_room(client: Client) -> None:
     assert subscription.proxy.state().condition == RoboCorba.CONNECTED
 
 
-def test_the_lowest_priority_goes_first_and_the_expired_are_not_delivered(client: Client) -> None:
-    robot, receive = client("A"), Receiver()
-    subscription = robot.subscribe(receive, queue=QueuePolicy(3))
-    subscription.proxy.suspend()
-    for number, priority in enumerate((1, 0, 2, 0, 2)):
-        robot.push("t", number, priority=priority)
-    robot.push("t", "expires", priority=9, expiry_s=EXPIRY_S)  # the last: it still counts when it gets there
-    outlast(EXPIRY_S)
-    subscription.proxy.resume()
-    eventually(lambda: receive.payloads == [2, 4])
-    eventually(lambda: account(subscription).queued == 0)
-    events = account(subscription)
-    assert (events.received, events.delivered, events.discarded, events.expired) == (6, 2, 3, 1)
-
-
 def test_a_consumer_that_raises_loses_that_event_only(place: Place, channel: Any) -> None:
     class Moody(EventConsumer):
         def pushRuns(self, runs: Any) -> None:
@@ -334,17 +313,14 @@ def test_an_event_that_is_refused_names_its_field(channel: Any) -> None:
         ("time", event(time=math.inf)),
         ("payload", event(payload=bytes(8 * 2**20 + 1))),
     ):
-        with pytest.raises(RoboCorba.InvalidEvent) as refused:
-            supplier.pushEvent(one)
-        assert refused.value.field == field and refused.value.reason
-        with pytest.raises(RoboCorba.InvalidEvent) as refused:
-            supplier.pushRuns([good, RoboCorba.EventRun(one.header, [one.header.time], [one.payload])])
-        assert refused.value.field == field
-        with pytest.raises(CORBA.IMP_LIMIT if field == "payload" else CORBA.BAD_PARAM):
-            supplier.push(CORBA.Any(RoboCorba._tc_Event, one))
-    with pytest.raises(RoboCorba.InvalidEvent) as refused:
-        supplier.pushRuns([RoboCorba.EventRun(event().header, [0.0], [b"", b""])])
-    assert refused.value.field == "times"
+        said = refused(RoboCorba.InvalidEvent, supplier.pushEvent, one)
+        assert said.field == field and said.reason
+        runs = [good, RoboCorba.EventRun(one.header, [one.header.time], [one.payload])]
+        assert refused(RoboCorba.InvalidEvent, supplier.pushRuns, runs).field == field
+        error = CORBA.IMP_LIMIT if field == "payload" else CORBA.BAD_PARAM
+        refused(error, supplier.push, CORBA.Any(RoboCorba._tc_Event, one))
+    runs = [RoboCorba.EventRun(event().header, [0.0], [b"", b""])]
+    assert refused(RoboCorba.InvalidEvent, supplier.pushRuns, runs).field == "times"
     assert channel.state().lastNumber == last  # of a call that is refused nothing is taken in
 
 
@@ -356,47 +332,30 @@ def test_a_subscription_that_is_refused_names_the_place(place: Place, channel: A
         ("[0].window", [RoboCorba.Clause([pattern("a", "")], -1.0)]),
         ("[0].patterns[1].source", [RoboCorba.Clause([pattern("a", ""), pattern("b", "x" * 201)], 0.0)]),
     ):
-        with pytest.raises(RoboCorba.InvalidSubscription) as refused:
-            channel.subscribe("", consumer, wrong, QUEUE)
-        assert refused.value.where == where and refused.value.reason
-        with pytest.raises(RoboCorba.InvalidSubscription) as refused:
-            proxy.changeSubscription(wrong)
-        assert refused.value.where == where
+        said = refused(RoboCorba.InvalidSubscription, channel.subscribe, "", consumer, wrong, QUEUE)
+        assert said.where == where and said.reason
+        assert refused(RoboCorba.InvalidSubscription, proxy.changeSubscription, wrong).where == where
     assert [clause.patterns[0].type for clause in proxy.state().subscribed] == ["a"]
     proxy.disconnect_push_supplier()
     for field, queue in (
         ("size", RoboCorba.QueuePolicy(1_000_001, RoboCorba.DISCARD_OLDEST, 0.0)),
         ("blockLimit", RoboCorba.QueuePolicy(1, RoboCorba.BLOCK_SUPPLIER, math.nan)),
     ):
-        with pytest.raises(RoboCorba.InvalidQueue) as refused:
-            channel.subscribe("", consumer, clauses("a"), queue)
-        assert refused.value.field == field and refused.value.reason
-    with pytest.raises(RoboCorba.UnknownSubscription) as refused:
-        channel.unsubscribe("nobody")
-    assert refused.value.name == "nobody"
-    with pytest.raises(CORBA.BAD_PARAM):
-        channel.subscribe("", None, clauses("a"), QUEUE)
+        said = refused(RoboCorba.InvalidQueue, channel.subscribe, "", consumer, clauses("a"), queue)
+        assert said.field == field and said.reason
+    assert refused(RoboCorba.UnknownSubscription, channel.unsubscribe, "nobody").name == "nobody"
+    refused(CORBA.BAD_PARAM, channel.subscribe, "", None, clauses("a"), QUEUE)
 
 
 def test_the_client_refuses_before_it_asks(client: Client) -> None:
     robot = client("A")
-    with pytest.raises(InvalidEvent) as refused:
-        robot.push("t", object())
-    assert refused.value.field == "payload"
-    with pytest.raises(InvalidEvent):
-        robot.push("", 1)
-    with pytest.raises(InvalidSubscription):
-        robot.subscribe(Receiver(), "x" * 201)
+    assert refused(InvalidEvent, robot.push, "t", object()).field == "payload"
+    refused(InvalidEvent, robot.push, "", 1)
+    refused(InvalidSubscription, robot.subscribe, Receiver(), "x" * 201)
 
 
-def test_garbage_leaves_the_server_alive(place: Place, channel: Any, client: Client) -> None:
-    # Not GIOP, then GIOP with a random body.
-    chance = random.Random(1)
-    giop = (b"", b"\x40\0\0\0", b"\xff\xff\xff\x7f")
-    for start in (b"", b"GET / HTTP/1.0\r\n\r\n", *(b"GIOP\1\2\1\0" + length for length in giop)):
-        with socket.create_connection(("127.0.0.1", place.port + 1), 5) as connection:
-            connection.sendall(start + chance.randbytes(200))
-    # Payloads that are not what they say; in one another struct goes by the name of our own.
+def test_payloads_that_are_not_what_they_say_leave_the_server_alive(place: Place, channel: Any, client: Client) -> None:
+    """In one another struct goes by the name of our own."""
     members = [CORBA.StructMember("x", CORBA.TC_long, None)]
     type = CORBA.ORB_init().create_struct_tc("IDL:RoboCorba/Evens:1.0", "Evens", members)
     made = omniORB.createUnknownStruct("IDL:RoboCorba/Evens:1.0", ["x"])
@@ -415,3 +374,244 @@ def test_garbage_leaves_the_server_alive(place: Place, channel: Any, client: Cli
     eventually(lambda: plain.got and plain.got[-1].header.source == "A")
     assert proxy.state().condition == RoboCorba.CONNECTED
     proxy.disconnect_push_supplier()
+
+
+# ---- the standard, with plain clients only ----
+
+
+class Lab:
+    """A channel as a plain client sees it: proxies by their kind. They go with the test."""
+
+    def __init__(self, place: Place, name: str) -> None:
+        self.place, self.name = place, name
+        self.channel = place.orb.reference(place.uri(name), CosEventChannelAdmin.EventChannel)
+        self._ends: list[Callable[[], None]] = []
+
+    def obtain(self, kind: str) -> Any:
+        admin = self.channel.for_suppliers() if kind.endswith("consumer") else self.channel.for_consumers()
+        proxy = getattr(admin, f"obtain_{kind}")()
+        self._ends.append(getattr(proxy, f"disconnect_{kind}"))
+        return proxy
+
+    def connect(self, proxy: Any, kind: str, client: Any) -> None:
+        """Connect a proxy with its client, a servant or nil."""
+        getattr(proxy, f"connect_{CLIENTS[kind][0]}")(client and self.place.orb.activate(client))
+
+    def connected(self, kind: str, client: Any = None) -> Any:
+        """A proxy that is connected."""
+        proxy = self.obtain(kind)
+        self.connect(proxy, kind, client)
+        return proxy
+
+    def supplier(self) -> Any:
+        """A proxy to push to."""
+        return self.connected("push_consumer")
+
+    def end(self) -> None:
+        for end in self._ends:
+            with contextlib.suppress(GONE):
+                end()
+
+
+@pytest.fixture
+def lab(place: Place) -> Iterator[Lab]:
+    lab = Lab(place, "desk")
+    yield lab
+    lab.end()
+
+
+def test_only_clients_that_are_not_called_may_be_nil(lab: Lab) -> None:
+    consumer = PushConsumer()
+    for kind, client in (("push_supplier", consumer), ("pull_consumer", PullSupplier())):
+        proxy = lab.obtain(kind)
+        refused(CORBA.BAD_PARAM, lab.connect, proxy, kind, None)
+        lab.connect(proxy, kind, client)
+    puller = lab.connected("pull_supplier")
+    lab.supplier().push(text("a"))
+    eventually(lambda: consumer.got == ["a"])
+    assert puller.pull().value() == "a"
+
+
+def test_a_proxy_of_the_same_channel_is_refused(lab: Lab) -> None:
+    """Each event would come back to the channel for ever."""
+    pushing, pulled = lab.supplier(), lab.obtain("pull_supplier")
+    refused(CosEventChannelAdmin.TypeError, lab.obtain("push_supplier").connect_push_consumer, pushing)
+    refused(CosEventChannelAdmin.TypeError, lab.obtain("pull_consumer").connect_pull_supplier, pulled)
+    pulled.connect_pull_consumer(None)
+    pushing.push(text("a"))
+    assert pulled.pull().value() == "a"
+    assert not pulled.try_pull()[1]
+
+
+def test_a_second_connect_is_already_connected(lab: Lab) -> None:
+    for kind, (_, client) in CLIENTS.items():
+        proxy = lab.connected(kind, client())
+        refused(CosEventChannelAdmin.AlreadyConnected, lab.connect, proxy, kind, client())
+    for kind in ("push_consumer", "pull_supplier"):
+        for first, second in ((CLIENTS[kind][1](), None), (None, None), (None, CLIENTS[kind][1]())):
+            proxy = lab.connected(kind, first)
+            refused(CosEventChannelAdmin.AlreadyConnected, lab.connect, proxy, kind, second)
+
+
+def test_before_connect_and_after_disconnect_nothing_goes_through(lab: Lab) -> None:
+    pushing, pulling = lab.obtain("push_consumer"), lab.obtain("pull_supplier")
+    for call in (lambda: pushing.push(text("a")), pulling.pull, pulling.try_pull):
+        refused(CosEventComm.Disconnected, call)
+    consumer = PushConsumer()
+    lab.connected("push_supplier", consumer)
+    gone, pulled, other = lab.supplier(), lab.connected("pull_supplier"), lab.supplier()
+    gone.disconnect_push_consumer()
+    pulled.disconnect_pull_supplier()
+    for call in (lambda: gone.push(text("late")), pulled.pull, pulled.try_pull):  # never TRANSIENT
+        refused((CosEventComm.Disconnected, GONE), call)
+    other.push(text("marker"))
+    eventually(lambda: consumer.got == ["marker"])
+
+
+# ---- pulling ----
+
+
+def test_pulls_wait_for_the_next_events_and_get_one_each(lab: Lab) -> None:
+    proxy = lab.connected("pull_supplier")
+    value, has_event = proxy.try_pull()
+    assert not has_event and isinstance(value, CORBA.Any)
+    waiting = [in_background(proxy.pull) for _ in range(3)]
+    stays(lambda: not any(pull.done() for pull in waiting))
+    supplier = lab.supplier()
+    for number in range(3):
+        supplier.push(text(str(number)))
+    assert sorted(pull.result(60.0).value() for pull in waiting) == ["0", "1", "2"]
+
+
+def test_a_pull_that_waits_is_woken_by_disconnect(lab: Lab) -> None:
+    for patience_s in (0.1, 1.0, 10.0):
+        proxy = lab.connected("pull_supplier")
+        pulls = [in_background(proxy.pull) for _ in range(3)]
+        head_start(patience_s)
+        proxy.disconnect_pull_supplier()
+        answers = {type(pull.result(60.0)) for pull in pulls}
+        if GONE not in answers:  # else one of them came later than the disconnect, on a busy machine
+            break
+    assert answers == {CosEventComm.Disconnected}
+
+
+def test_pulls_that_timed_out_lose_no_event(lab: Lab) -> None:
+    """omniORB's servants are not notified of a timeout, and go on."""
+    proxy, supplier = lab.connected("pull_supplier"), lab.supplier()
+    for number in range(3):
+        set_call_timeout(proxy, 0.1)
+        for _ in range(3):
+            refused(CORBA.TIMEOUT, proxy.pull)
+        set_call_timeout(proxy, None)
+        waiting = in_background(proxy.pull)
+        supplier.push(text(f"first {number}"))
+        supplier.push(text(f"second {number}"))
+        assert [waiting.result(60.0).value(), proxy.pull().value()] == [f"first {number}", f"second {number}"]
+    events = proxy._narrow(RoboCorba.EventProxyPullSupplier).state().events
+    assert (events.received, events.delivered, events.queued) == (6, 6, 0)
+
+
+# ---- disconnecting, and the channel's end ----
+
+
+def test_a_mutual_disconnect_does_not_recur_and_a_second_one_does_not_exist(lab: Lab) -> None:
+    """Each peer is told once; one disconnects its proxy meanwhile, and finds that it does not exist any more."""
+    for kind, (_, kind_of_client) in CLIENTS.items():
+        proxies: list[Any] = []
+        found: list[bool] = []
+
+        def farewell(kind: str = kind, proxies: list[Any] = proxies, found: list[bool] = found) -> None:
+            refused(GONE, getattr(proxies[0], f"disconnect_{kind}"))
+            found.append(True)
+
+        clients = kind_of_client(farewell), kind_of_client()
+        proxies += [lab.connected(kind, client) for client in clients]
+        for proxy in proxies:
+            getattr(proxy, f"disconnect_{kind}")()
+            refused(GONE, getattr(proxy, f"disconnect_{kind}"))
+            assert proxy._non_existent()
+        stays(lambda clients=clients: [client.disconnections for client in clients] == [1, 1])
+        assert found == [True]
+
+
+def test_destroy_disconnects_all_kinds_and_nothing_exists_afterwards(place: Place) -> None:
+    """A callback that raises keeps no other from being called."""
+
+    def fail() -> None:
+        raise CORBA.INTERNAL
+
+    place.begin("ending")
+    lab = Lab(place, "ending")
+    clients = [kind_of_client(fail) for _, kind_of_client in CLIENTS.values()]
+    clients += [kind_of_client() for _, kind_of_client in CLIENTS.values()]
+    proxies = [lab.connected(kind, client) for kind, client in zip([*CLIENTS, *CLIENTS], clients, strict=True)]
+    admins = (lab.channel.for_consumers(), lab.channel.for_suppliers())
+    pull = in_background(proxies[3].pull)
+    head_start()
+    lab.channel.destroy()
+    assert isinstance(pull.result(60.0), (CosEventComm.Disconnected, GONE))  # gone: on a busy machine it came too late
+    assert [client.disconnections for client in clients] == [1] * 8
+    for call in (
+        lab.channel.for_consumers,
+        lab.channel.destroy,
+        admins[0].obtain_push_supplier,
+        admins[1].obtain_pull_consumer,
+        proxies[2].disconnect_push_supplier,
+        lambda: proxies[0].push(text("late")),
+    ):
+        refused(GONE, call)
+
+
+def test_there_are_no_more_proxies_than_the_limit(lab: Lab) -> None:
+    kinds = list(CLIENTS)
+    for number in range(MAX_PROXIES - len(lab.place.balanced_states(lab.name))):
+        lab.obtain(kinds[number % 4])
+    for kind in kinds:
+        refused(CORBA.IMP_LIMIT, lab.obtain, kind)
+    assert refused(RoboCorba.TooManyProxies, lab.place.channel(lab.name).supply, "one too many").limit == MAX_PROXIES
+
+
+# ---- delivery ----
+
+
+def test_all_mixes_work_with_several_proxies_in_one_process(lab: Lab) -> None:
+    pushed = [PushConsumer() for _ in range(2)]
+    for consumer in pushed:
+        lab.connected("push_supplier", consumer)
+    pulling = [lab.connected("pull_supplier") for _ in range(2)]
+    suppliers = [PullSupplier() for _ in range(2)]
+    for supplier in suppliers:
+        lab.connected("pull_consumer", supplier)
+    sources = [lab.supplier().push for _ in range(2)] + [supplier.waiting.put for supplier in suppliers]
+    for number in range(20):
+        for source, say in enumerate(sources):
+            say(text(f"{source} {number}"))
+    eventually(lambda: all(len(consumer.got) >= 80 for consumer in pushed))
+    for got in [consumer.got for consumer in pushed] + [[proxy.pull().value() for _ in range(80)] for proxy in pulling]:
+        assert len(got) == 80
+        for source in "0123":
+            assert [each for each in got if each[0] == source] == [f"{source} {number}" for number in range(20)]
+    assert not any(proxy.try_pull()[1] for proxy in pulling)
+
+
+# ---- consumers that stall or die ----
+
+
+def test_consumers_that_stall_or_die_delay_nobody_and_are_evicted_in_the_end(lab: Lab) -> None:
+    supplier, healthy = lab.supplier(), PushConsumer()
+    lab.connected("push_supplier", healthy)
+    before, count = lab.place.evicted(lab.name), len(lab.place.balanced_states(lab.name))
+    consumers = [lab.place.consumer(lab.name, queue) for queue in (0, 100, 0, 100)]
+    supplier.push(text("first"))
+    assert all(consumer.stdout and "first" in consumer.stdout.readline() for consumer in consumers)
+    for consumer in consumers[:2]:
+        hang(consumer.pid)
+    for consumer in consumers[2:]:
+        consumer.kill()
+    for number in range(50):
+        supplier.push(text(str(number)))
+    eventually(lambda: healthy.got[-1:] == ["49"])
+    eventually(lambda: lab.place.evicted(lab.name) == before + 4, 60.0, "eviction")
+    assert len(lab.place.balanced_states(lab.name)) == count
+    supplier.push(text("after"))
+    eventually(lambda: healthy.got == ["first", *map(str, range(50)), "after"])

@@ -174,14 +174,20 @@ def test_a_change_of_subscriptions_loses_nothing_and_accounts_stay_exact(at: Cha
     assert at.outgoing("B", "C").lag == 0.0
 
 
-def test_batches_grow_under_load_and_expired_events_are_dropped_on_the_way(at: Channels) -> None:
+def test_a_channel_that_was_suspended_gets_all_it_missed_once_but_the_expired(at: Channels) -> None:
+    """Longer than a session lasts without a sign. What has waited comes in large batches."""
     consumer = linked(at)
     with at.stopped("B"):
         for number in range(1000):
             if number < 200:
                 at.clients["A"].push("t", -1 - number, expiry_s=0.2)
             at.clients["A"].push("t", number)
+        eventually(lambda: at.outgoing("A", "B").condition == RoboCorba.DOWN, LIMIT_S, "the end of the link")
+        assert at.outgoing("A", "B").problem
+        eventually(lambda: at.incoming("A", "B").condition == RoboCorba.DOWN, LIMIT_S, "the end at the gateway")
+        assert at.outgoing("A", "B").events.queued > 0
         outlast(0.2)
+    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")
     check_got({"B": consumer}, {"A": list(range(1000))})
     assert at.outgoing("A", "B").batches < 250
 
@@ -190,42 +196,6 @@ def test_batches_grow_under_load_and_expired_events_are_dropped_on_the_way(at: C
     accounts = [Counts.of(part.events) for state in states for part in (*state.proxies, *state.links)]
     assert all(account.is_exact for account in accounts)
     assert sum(account.expired for account in accounts) >= 200
-
-
-def test_a_channel_that_was_suspended_gets_all_it_missed_once(at: Channels) -> None:
-    """Longer than a session lasts without a sign."""
-    consumer = linked(at)
-    with talking(at, "A") as said:
-        eventually(lambda: consumer.events, LIMIT_S, "traffic")
-        with at.stopped("B"):
-            eventually(lambda: at.outgoing("A", "B").condition == RoboCorba.DOWN, LIMIT_S, "the end of the link")
-            assert at.outgoing("A", "B").problem
-            eventually(lambda: at.incoming("A", "B").condition == RoboCorba.DOWN, LIMIT_S, "the end at the gateway")
-            assert at.outgoing("A", "B").events.queued > 0
-    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")
-    check_got({"B": consumer}, {"A": said})
-
-
-def test_a_removed_peer_stays_removed_until_it_is_added_again(at: Channels) -> None:
-    consumer = linked(at)
-    at.channel("A").removePeer("B")
-    eventually(lambda: at.links("A") == at.links("B") == {}, LIMIT_S, "the end of both directions")
-    at.clients["A"].push("t", 1)
-    at.restart(*"AB")
-    assert at.links("A") == at.links("B") == {}
-    assert at.channel("A").peers() == at.channel("B").peers() == []
-    with pytest.raises(RoboCorba.UnknownPeer) as unknown:
-        at.channel("A").removePeer("B")
-    assert (unknown.value.peer, unknown.value.known) == ("B", [])
-
-    # B can't link by itself what A has removed, and is told why.
-    at.channel("B").addPeer(RoboCorba.PeerAddress("A", "", False))
-    eventually(lambda: "A has removed B; add it there again" in at.incoming("B", "A").problem, LIMIT_S, "the reason")
-    at.channel("A").addPeer(RoboCorba.PeerAddress("B", "", False))
-    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link again")
-    assert consumer.subscription.wait_in_force("A")
-    at.clients["A"].push("t", 2)
-    eventually(lambda: consumer.payloads("A") == [2], LIMIT_S, "an event over the link")
 
 
 def test_wrong_addresses_are_told_in_the_state_of_the_link(at: Channels) -> None:
@@ -312,19 +282,6 @@ def test_an_event_that_no_link_can_carry_is_refused(at: Channels) -> None:
     assert Counts.of(at.outgoing("A", "B").events) == Counts(4, 4, 0, 0, 0, 0)
     assert Counts.of(at.incoming("B", "A").events) == Counts(4, 4, 0, 0, 0, 0)
     plain.disconnect_push_consumer()
-
-
-def test_a_channel_that_lost_its_files_is_linked_again_and_its_events_are_new(at: Channels) -> None:
-    consumer = linked(at)
-    at.clients["A"].push("t", 1)
-    eventually(lambda: consumer.payloads("A") == [1], LIMIT_S, "the first event")
-    at.restart("A", forgets=True)
-    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")
-    assert consumer.subscription.wait_in_force("A")
-    at.clients["A"].push("t", 2)
-    eventually(lambda: consumer.payloads("A") == [1, 2], LIMIT_S, "the second event")
-    assert consumer.events[1].number >> 32 != consumer.events[0].number >> 32  # another life
-    assert at.incoming("B", "A").repeated == 0
 
 
 def test_a_link_is_down_at_both_ends_while_one_of_them_cannot_be_called(at: Channels) -> None:

@@ -32,7 +32,7 @@ class OmniEvents:
     """A process of omniEvents with the channel `foreign`, beside our channels."""
 
     def __init__(self, place: Place) -> None:
-        self.place, self._port, self._folder = place, place.port + 9, place.launch.folder / "foreign"
+        self.place, self._port, self._folder = place, place.port + 9, place.folder / "foreign"
         self._folder.mkdir()
         self.uri = f"corbaloc::127.0.0.1:{self._port}/foreign"
         self.start()
@@ -81,7 +81,8 @@ class Client:
 
     def __init__(self, place: Place, channel: Any) -> None:
         self._got: list[Any] = []
-        self._proxies = [place.push_to(PushConsumer(take=self._take), channel), place.supplier(channel)]
+        place.push_to(PushConsumer(take=self._take), channel)
+        self.push = place.supplier(channel).push
 
     def _take(self, value: Any) -> None:
         content = value.value()
@@ -91,15 +92,8 @@ class Client:
     def say(self, said: str) -> None:
         self.push(text(said))
 
-    def push(self, value: Any) -> None:
-        self._proxies[1].push(value)
-
     def got(self) -> list[Any]:
         return sorted(self._got, key=str)
-
-    def leave(self) -> None:
-        self._proxies[0].disconnect_push_supplier()
-        self._proxies[1].disconnect_push_consumer()
 
 
 @pytest.fixture(scope="module")
@@ -107,9 +101,9 @@ def foreign(tmp_path_factory: pytest.TempPathFactory) -> Iterator[OmniEvents]:
     """Beside it, lab and hall are linked, and desk is alone."""
     with open_place(tmp_path_factory.mktemp("foreign")) as place:
         foreign = OmniEvents(place)
-        place.start("lab", "robocorba.servers.event_channel", "--foreign", f"foreign={foreign.uri}")
-        place.start("hall", "robocorba.servers.event_channel", "--peer", "lab")
-        place.start("desk")
+        place.begin("lab", "--foreign", f"foreign={foreign.uri}")
+        place.begin("hall", "--peer", "lab")
+        place.begin("desk")
         yield foreign
 
 
@@ -159,8 +153,6 @@ def test_ours_and_omnievents_are_one_federation(linked: OmniEvents) -> None:
     incoming, outgoing = linked.link()
     assert incoming.repeated == outgoing.events.delivered  # omniEvents gave back all that it was given
     assert incoming.events.delivered == 5  # 3 and twice "same" began there
-    for client in clients.values():
-        client.leave()
 
 
 def test_a_foreign_channel_that_was_killed_is_joined_again(linked: OmniEvents) -> None:
@@ -187,7 +179,6 @@ def test_a_foreign_channel_that_was_killed_is_joined_again(linked: OmniEvents) -
     linked.place.supplier(linked.channel()).push(text("after"))
     eventually(lambda: "after" in lab.got(), what="an event from the foreign channel")
     stays(lambda: lab.got().count("after") == 1, 0.3)
-    lab.leave()
 
 
 def test_an_event_that_is_refused_does_not_end_the_link(linked: OmniEvents) -> None:
@@ -204,7 +195,6 @@ def test_an_event_that_is_refused_does_not_end_the_link(linked: OmniEvents) -> N
     lab.say("back")
     for client in (lab, there):
         eventually(lambda client=client: {"after", "back"} <= set(client.got()), what="both events")
-        client.leave()
 
 
 def test_a_foreign_channel_needs_its_address(linked: OmniEvents) -> None:
@@ -222,7 +212,7 @@ def test_a_foreign_channel_needs_its_address(linked: OmniEvents) -> None:
 
 
 def test_events_records_and_plays_back(foreign: OmniEvents) -> None:
-    place, tape = foreign.place, foreign.place.launch.folder / "tape"
+    place, tape = foreign.place, foreign.place.folder / "tape"
     desk, before = place.channel("desk"), len(place.balanced_states("desk"))
     record = foreign.command("events", place.uri("desk"))
     with tape.open("wb") as file, subprocess.Popen(record, stdout=file) as recorder:
@@ -250,7 +240,7 @@ def test_events_records_and_plays_back(foreign: OmniEvents) -> None:
 
 def bound(place: Place, name: str) -> Any:
     """Another channel, which the naming service knows."""
-    place.start(name)
+    place.begin(name)
     return place.orb.resolve(f"EventChannels/{name}", RoboCorba.EventChannel)
 
 
@@ -258,7 +248,8 @@ def bound(place: Place, name: str) -> Any:
 def test_eventf_joins_our_channel_and_one_of_omnievents(foreign: OmniEvents, from_ours: bool) -> None:
     place, name = foreign.place, f"eventf{from_ours}"
     channels = [bound(place, name), foreign.channel()]
-    uris = [f"corbaname::127.0.0.1:{place.port}#{end}" for end in (f"RoboCorba/EventChannels/{name}", "foreign")]
+    names = (f"RoboCorba/EventChannels/{name}", "foreign")
+    uris = [f"corbaname::127.0.0.1:{place.port}#{end}" for end in names]
     if not from_ours:
         uris, channels = uris[::-1], channels[::-1]
     joined = foreign.run("eventf", *uris)

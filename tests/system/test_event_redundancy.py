@@ -103,9 +103,8 @@ def agree(at: Channels, a: str, b: str) -> bool:
     return not sent.queued and received <= sent.delivered <= received + came.repeated
 
 
-@pytest.mark.parametrize("shape", [("AB", "BC", "AC"), ("AB", "BC", "CD", "AD")], ids=["ring of three", "ring of four"])
-def test_where_a_link_is_cut_events_go_the_other_way_round(at: Channels, shape: tuple[str, ...]) -> None:
-    names = "".join(sorted(set("".join(shape))))
+def test_where_a_link_is_cut_events_go_the_other_way_round(at: Channels) -> None:
+    shape, names = ("AB", "BC", "CD", "AD"), "ABCD"
     at.shape(*shape)
     with Traffic(at, names) as traffic:
         traffic.wait_flow("AB")
@@ -129,31 +128,6 @@ def test_where_a_link_is_cut_events_go_the_other_way_round(at: Channels, shape: 
     eventually(
         lambda: all(agree(at, a, b) for link in shape for a, b in (link, link[::-1])), LIMIT_S, "the same counts"
     )
-
-
-def test_while_a_channel_is_dead_the_others_miss_nothing(at: Channels) -> None:
-    """In a mesh no events between them are in the killed process. What is meant for it waits."""
-    shape = ("AB", "AC", "AD", "BC", "BD", "CD")
-    at.shape(*shape)
-    with Traffic(at, "ABCD") as traffic:
-        traffic.wait_flow(*routes("ABCD"))
-        traffic.suppliers["D"].end()
-        at.cut("AB")
-        traffic.wait_flow("AB", "BA")
-        at.kill("D")
-        killed = {name: len(traffic.accepted(name)) for name in "ABC"}
-        eventually(lambda: at.outgoing("C", "D").condition == RoboCorba.DOWN, LIMIT_S, "the link with D to be down")
-        traffic.wait_flow(*routes("ABC"))
-        at.spawn("D")
-        at.wait_ready("D")
-        at.restore("AB")
-        eventually(lambda: at.is_up(*shape), LIMIT_S, "all links")
-        traffic.wait_flow("AD", "BD", "CD")
-    traffic.check(*routes("ABC"))
-    traffic.check_accounts()
-    for origin in "ABC":
-        since = traffic.accepted(origin)[killed[origin] + 1 :]
-        assert not traffic.lost(origin, "D") & set(since), "what was published since has waited"
 
 
 def test_where_a_channel_on_the_way_is_killed_events_take_the_other_way(at: Channels) -> None:

@@ -19,24 +19,22 @@ from omniORB import CORBA
 from robocorba.corba.event_client import EventClient
 from robocorba.errors.events import Unconfirmed
 from robocorba.errors.services import NotReachable
-from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import ROBOCORBA, eventually, refusal
 from tests.system.event_place import (
     EventConsumer,
-    InBackground,
     Place,
     PullConsumer,
     PullSupplier,
     PushConsumer,
     clauses,
+    in_background,
     open_place,
     text,
 )
 from tests.waits import head_start, pause
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
-SERVER = "robocorba.servers.event_channel"
 #: Of the channels.
 NUMBERS = itertools.count()
 
@@ -52,13 +50,13 @@ class Lab:
 
     def __init__(self, place: Place, name: str, *more: str) -> None:
         self.place, self.name, self._more = place, name, more
-        self.process = place.start(name, SERVER, *more)
-        self.channel = place.channel(name)
+        self.channel = place.begin(name, *more)
 
     def restart(self, number: signal.Signals = signal.SIGKILL) -> None:
-        self.process.send_signal(number)
-        assert self.process.wait(60.0) == (0 if number == signal.SIGTERM else -number)
-        self.process = self.place.start(self.name, SERVER, *self._more)
+        process = self.place.processes[self.name]
+        process.send_signal(number)
+        assert process.wait(60.0) == (0 if number == signal.SIGTERM else -number)
+        self.place.begin(self.name, *self._more)
 
     def client(self, source: str = "") -> EventClient:
         return EventClient(self.place.orb, self.name, source)
@@ -73,7 +71,7 @@ def lab(place: Place, request: pytest.FixtureRequest) -> Iterator[Lab]:
     """With the arguments that the test's parameter has."""
     lab = Lab(place, f"lab-{next(NUMBERS)}", *getattr(request, "param", ()))
     yield lab
-    lab.process.kill()
+    place.kill(lab.name)
 
 
 def again(call: Callable[[], Any], timeout_s: float = 10.0) -> Any:
@@ -121,52 +119,30 @@ def test_references_stay_valid_and_plain_clients_go_on(place: Place, lab: Lab) -
 
 
 def test_durable_subscriptions_keep_their_set_up_and_numbers_rise(place: Place, lab: Lab) -> None:
-    channel = lab.channel
-    consumer, suspended = EventConsumer(), EventConsumer()
-    wanted = [
-        RoboCorba.Clause([RoboCorba.EventPattern("a*", "B")], 0.0),
-        RoboCorba.Clause([RoboCorba.EventPattern("x", ""), RoboCorba.EventPattern("y", "")], 2.0),
-    ]
+    consumer = EventConsumer()
+    both = [RoboCorba.EventPattern("x", ""), RoboCorba.EventPattern("y", "")]
     policy = RoboCorba.QueuePolicy(77, RoboCorba.BLOCK_SUPPLIER, 0.5)
-    channel.subscribe("log", place.orb.activate(consumer), wanted, policy)
-    sleeper = channel.subscribe("sleeper", place.orb.activate(suspended), clauses(""), policy)
-    sleeper.suspend()
+    wanted = [*clauses("a*"), RoboCorba.Clause(both, 2.0)]
+    proxy = lab.channel.subscribe("log", place.orb.activate(consumer), wanted, policy)
     with lab.client("B") as robot:
         robot.push("a1", 1)
         eventually(lambda: len(consumer.got) == 1)
-        before = repr((lab.state("log").subscribed, lab.state("log").queue))
+        proxy.suspend()
+        before = lab.state("log")
 
         lab.restart()
 
-        assert repr((lab.state("log").subscribed, lab.state("log").queue)) == before
-        assert lab.state("sleeper").condition == RoboCorba.SUSPENDED
+        after = lab.state("log")
+        assert repr((after.subscribed, after.queue)) == repr((before.subscribed, before.queue))
+        assert after.condition == RoboCorba.SUSPENDED
         again(lambda: robot.push("a2", 2))
         robot.push("b", 3)
-        eventually(lambda: len(consumer.got) == 2)
-        assert [type for _, type, _, _ in consumer.got] == ["a1", "a2"]
+        assert lab.state("log").events.queued == 1
+        proxy.resume()
+        eventually(lambda: [type for _, type, _, _ in consumer.got] == ["a1", "a2"])
         assert consumer.got[1][0] > consumer.got[0][0]
-        assert (lab.state("sleeper").events.queued, suspended.got) == (2, [])
-        sleeper.resume()
-        eventually(lambda: len(suspended.got) == 2)
-    channel.unsubscribe("log")
-    channel.unsubscribe("sleeper")
-    assert (consumer.disconnections, suspended.disconnections) == (1, 1)
-
-
-def test_a_durable_subscription_waits_for_its_next_process(lab: Lab) -> None:
-    got: list[Any] = []
-    with lab.client("A") as robot:
-        with lab.client() as observer:
-            observer.subscribe(lambda event: got.append(event.payload), name="log")
-            robot.push("t", 1)
-            eventually(lambda: got == [1])
-        robot.push("t", 2)
-        assert lab.state("log").condition == RoboCorba.WAITING
-        with lab.client() as observer:
-            policy = QueuePolicy(50, OverflowRule.DISCARD_NEWEST)
-            observer.subscribe(lambda event: got.append(event.payload), name="log", queue=policy)
-            eventually(lambda: got == [1, 2])
-            assert lab.state("log").queue.size == 50
+    lab.channel.unsubscribe("log")
+    assert consumer.disconnections == 1
 
 
 def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_is_reported(lab: Lab) -> None:
@@ -205,28 +181,16 @@ def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_is_reported(lab: 
 def test_a_pull_that_waits_neither_holds_up_the_end_nor_is_it_disconnected(lab: Lab) -> None:
     proxy = lab.channel.for_consumers().obtain_pull_supplier()
     proxy.connect_pull_consumer(None)
-    pull = InBackground(proxy.pull)
+    pull = in_background(proxy.pull)
     head_start(0.2)
     lab.restart(signal.SIGTERM)
-    answer = pull.answer(1.0) if not pull.is_waiting() else None
+    answer = pull.result() if pull.done() else None
     assert answer is None or isinstance(answer, CORBA.TRANSIENT | CORBA.COMM_FAILURE)
     with lab.client("A") as robot:
         again(lambda: robot.push("t", 1))
     if answer is not None:
-        pull = InBackground(lambda: again(proxy.pull))
-    assert isinstance(pull.answer().value(), RoboCorba.Event)
-
-
-def test_a_destroyed_channel_is_a_fresh_one_after_the_next_start(place: Place, lab: Lab) -> None:
-    channel, consumer = lab.channel, PushConsumer()
-    proxy = place.push_to(consumer, channel)
-    last = channel.state().lastNumber
-    channel.destroy()
-    assert consumer.disconnections == 1
-    lab.restart(signal.SIGTERM)
-    assert channel.state().proxies == []
-    assert channel.state().lastNumber > last
-    assert again(proxy._non_existent)
+        pull = in_background(lambda: again(proxy.pull))
+    assert isinstance(pull.result(60.0).value(), RoboCorba.Event)
 
 
 # ---- consumers to which nobody can connect: the channel calls them over their own connection ----

@@ -13,7 +13,6 @@ import CosNaming
 import pytest
 from omniORB import CORBA
 
-from robocorba.claimed_ports import claimed_ports
 from robocorba.control.agent_state import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
@@ -26,7 +25,7 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.supervision.stop_addresses import stop_addresses
 from robocorba.testing.buildings import two_floors
 from robocorba.testing.intrusion.intruder import WAYS, Intruder
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually, real_system
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, running_system
 from robocorba.testing.simulation import about
 from tests.system.state_files import state_files
 
@@ -43,10 +42,8 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     """A guarded system with a robot A."""
     folder = tmp_path_factory.mktemp("guarded")
     native.save(two_floors(), folder / "two-floors.yaml")
-    with claimed_ports() as port, Launcher(folder) as launch:
-        options = ("--building", "two-floors.yaml", "--subnets", "a", "--guarded", "--bidirectional")
-        running = real_system(launch, folder / "state", port, *options).wait_ready()
-        drain(running.process)
+    options = ("--building", "two-floors.yaml", "--subnets", "a", "--guarded", "--bidirectional")
+    with running_system(folder, *options) as (running, launch):
         robot = launch(ROBOCORBA, "robot", "A", "--channel", "a", "--state", str(running.state))
         assert robot.stdout is not None
         assert robot.stdout.readline() == "ready\n"
@@ -78,6 +75,11 @@ def found(orb: Orb, guarded: Running, role: Role, name: str) -> Any:
     return names_of(orb, guarded, role).resolve_str(f"RoboCorba/{name}")
 
 
+def refused(call: Any, *arguments: Any, by: type[Exception] = CORBA.NO_PERMISSION) -> None:
+    with pytest.raises(by):
+        call(*arguments)
+
+
 @pytest.mark.parametrize("role", ATTACKERS)
 def test_a_role_calls_what_it_may_and_nothing_else(orb: Orb, guarded: Running, role: Role) -> None:
     """Every operation of every object that it finds by a name, or that such an object returns."""
@@ -94,9 +96,8 @@ def test_the_sensor_of_a_robot_gives_no_right_to_those_of_others(orb: Orb, guard
     server = found(orb, guarded, Role.ROBOT, "SimulationServer")._narrow(RoboCorba.SimulationServer)
     session = server.registerRobot(about("other", 8.0, 8.0))
     sensor = session._get_sensor()
-    for operation in (sensor.forRobot, sensor.dismiss):
-        with pytest.raises(CORBA.NO_PERMISSION):
-            operation("A")
+    refused(sensor.forRobot, "A")
+    refused(sensor.dismiss, "A")
     assert sensor.forRobot("other") is not None
     session.deregister()
 
@@ -108,34 +109,27 @@ def test_names_are_read_only(orb: Orb, guarded: Running, role: Role) -> None:
     robots = root.resolve_str("RoboCorba/Robots")._narrow(CosNaming.NamingContext)
     name = [CosNaming.NameComponent("A", "")]
     for context in (root, robots):
-        for attack in (
-            lambda context=context: context.rebind(name, agent),
-            lambda context=context: context.bind(name, agent),
-            lambda context=context: context.unbind(name),
-            lambda context=context: context.rebind_context(name, root),
-            lambda context=context: context.bind_context(name, root),
-            lambda context=context: context.bind_new_context(name),
-            context.new_context,
-            context.destroy,
-        ):
-            with pytest.raises(CORBA.NO_PERMISSION):
-                attack()
+        refused(context.rebind, name, agent)
+        refused(context.bind, name, agent)
+        refused(context.unbind, name)
+        refused(context.rebind_context, name, root)
+        refused(context.bind_context, name, root)
+        refused(context.bind_new_context, name)
+        refused(context.new_context)
+        refused(context.destroy)
     assert found(orb, guarded, Role.OBSERVER, "Robots/A")._is_equivalent(agent)
 
 
 def test_a_robot_takes_no_other_name(orb: Orb, guarded: Running) -> None:
     theirs = found(orb, guarded, Role.OBSERVER, "Robots/A")
-    with pytest.raises(CosNaming.NamingContext.NotFound):
-        names_of(orb, guarded, Role.OBSERVER).resolve_str("NameRegistry")
+    observer = names_of(orb, guarded, Role.OBSERVER)
+    refused(observer.resolve_str, "NameRegistry", by=CosNaming.NamingContext.NotFound)
     registry = names_of(orb, guarded, Role.ROBOT).resolve_str("NameRegistry")._narrow(RoboCorba.NameRegistry)
     fake = [RoboCorba.RoleReference(RoboCorba.OPERATOR_ROLE, theirs)]
-    with pytest.raises(RoboCorba.NameHeld):
-        registry.announce("RoboCorba/Robots/A", fake, SECRET)
-    with pytest.raises(RoboCorba.NameHeld):
-        registry.withdraw("RoboCorba/Robots/A", SECRET)
+    refused(registry.announce, "RoboCorba/Robots/A", fake, SECRET, by=RoboCorba.NameHeld)
+    refused(registry.withdraw, "RoboCorba/Robots/A", SECRET, by=RoboCorba.NameHeld)
     for name in ("RoboCorba/SimulationServer", "RoboCorba/VirtualSensors/s2", "RoboCorba/Robots/A/pool", "x"):
-        with pytest.raises(RoboCorba.InvalidBinding):
-            registry.announce(name, fake, SECRET)
+        refused(registry.announce, name, fake, SECRET, by=RoboCorba.InvalidBinding)
     registry.announce("RoboCorba/Robots/free", fake, SECRET)  # its own name
     registry.withdraw("RoboCorba/Robots/free", SECRET)
 
@@ -152,10 +146,8 @@ def test_only_operators_name_a_subscription_that_others_may_have_made(orb: Orb, 
     for role in ATTACKERS:
         channel = found(orb, guarded, role, "EventChannels/a")._narrow(RoboCorba.EventChannel)
         policy = RoboCorba.QueuePolicy(10, RoboCorba.DISCARD_OLDEST, 0.0)
-        with pytest.raises(CORBA.NO_PERMISSION):
-            channel.subscribe("theirs", None, [], policy)
-        with pytest.raises(CORBA.BAD_PARAM):
-            channel.subscribe("", None, [], policy)
+        refused(channel.subscribe, "theirs", None, [], policy)
+        refused(channel.subscribe, "", None, [], policy, by=CORBA.BAD_PARAM)
 
 
 def test_an_operator_edits_and_stops(orb: Orb, guarded: Running, tmp_path: Path) -> None:
@@ -176,10 +168,8 @@ def test_an_operator_edits_and_stops(orb: Orb, guarded: Running, tmp_path: Path)
     assert orb.reference(uri, RoboCorba.SimulationServer).stopRobots(["nobody"], "") == []
     uri = orb.uri_at(addresses.channels["a"], addresses.key("EventChannels/a"))
     assert orb.reference(uri, RoboCorba.EventChannel).supply("") is not None
-    editor = found(orb, guarded, Role.OPERATOR, "MapEditor")._narrow(RoboCorba.MapEditor)
-    with pytest.raises(CORBA.NO_PERMISSION):
-        found(orb, guarded, Role.ROBOT, "MapEditor")._narrow(RoboCorba.MapEditor).begin()
-    editor.begin().rollBack()
+    refused(found(orb, guarded, Role.ROBOT, "MapEditor")._narrow(RoboCorba.MapEditor).begin)
+    found(orb, guarded, Role.OPERATOR, "MapEditor")._narrow(RoboCorba.MapEditor).begin().rollBack()
 
 
 def test_the_files_are_for_this_user_only(guarded: Running) -> None:
@@ -215,10 +205,6 @@ def test_a_robot_with_a_file_of_its_own_is_nobody_else(orb: Orb, guarded: Runnin
             return not any(get(f"RoboCorba/{name}", CORBA.Object)._non_existent() for name in names)
         except (CORBA.OBJECT_NOT_EXIST, CosNaming.NamingContext.NotFound):  # servers still return their names
             return False
-
-    def refused(call: Any, *arguments: Any, by: type[Exception] = CORBA.NO_PERMISSION) -> None:
-        with pytest.raises(by):
-            call(*arguments)
 
     eventually(is_there, PATIENCE_S, "the robot's right")
     registry = get("NameRegistry", RoboCorba.NameRegistry)

@@ -64,12 +64,22 @@ def pid_behind(client: Orb) -> int:
     return resolve(client)._get_mapVersion()
 
 
-@pytest.mark.parametrize("floor", ["Erdgeschoß 一階 🛗", "x" * 3 * 1024 * 1024])
-def test_any_text_of_any_size_arrives(names: object, serve: Callable, client: Orb, floor: str) -> None:
-    serve()
-    with pytest.raises(RoboCorba.UnknownFloor) as unknown:
-        resolve(client).getPath(RoboCorba.Point(floor, 1.0, 2.0), RoboCorba.Point("", 0.0, 0.0))
-    assert unknown.value.floorName == floor
+def test_any_client_finds_an_object_and_texts_of_any_size_arrive(
+    names: object, serve: Callable, client: Orb, naming_port: int
+) -> None:
+    server = serve()
+    planner = resolve(client)
+    for floor in ("Erdgeschoß 一階 🛗", "x" * 3 * 1024 * 1024):
+        with pytest.raises(RoboCorba.UnknownFloor) as unknown:
+            planner.getPath(RoboCorba.Point(floor, 1.0, 2.0), RoboCorba.Point("", 0.0, 0.0))
+        assert unknown.value.floorName == floor
+    with pytest.raises(NotReachable, match="is not a IDL:RoboCorba/MapEditor"):
+        client.resolve("PathPlanner", RoboCorba.MapEditor, timeout_s=60.0)
+    # What a client does that has omniORB and the IDL, and nothing of ours.
+    uri = corbaname(Address("127.0.0.1", naming_port), "RoboCorba/PathPlanner")
+    orb = CORBA.ORB_init([], CORBA.ORB_ID)
+    for text in (uri, f"corbaloc:iiop:127.0.0.1:{naming_port + 1}/PathPlanner"):
+        assert orb.string_to_object(text)._narrow(RoboCorba.PathPlanner)._get_mapVersion() == server.pid
 
 
 def test_a_server_that_was_there_before_the_naming_service_is_bound(
@@ -82,26 +92,24 @@ def test_a_server_that_was_there_before_the_naming_service_is_bound(
     assert pid_behind(client) == server.pid
 
 
-def test_a_stopped_server_takes_its_name_along(names: object, serve: Callable, client: Orb) -> None:
-    server = serve()
-    assert pid_behind(client) == server.pid
-    server.send_signal(signal.SIGTERM)
-    assert server.wait(60.0) == 0
-    with pytest.raises(NotReachable, match="does not know it"):
-        resolve(client, 0.1)
-
-
-def test_a_name_that_another_server_took_over_stays(names: object, serve: Callable, client: Orb) -> None:
+def test_a_stopped_server_takes_its_name_along_but_not_that_of_another(
+    names: object, serve: Callable, client: Orb
+) -> None:
     first = serve(1)
     assert pid_behind(client) == first.pid
     second = serve(2)
     eventually(lambda: pid_behind(client) == second.pid, what="the second server has the name")
-    first.send_signal(signal.SIGTERM)
-    first.wait(60.0)
-    assert pid_behind(client) == second.pid
+    for server in (first, second):
+        assert pid_behind(client) == second.pid
+        server.send_signal(signal.SIGTERM)
+        assert server.wait(60.0) == 0
+    with pytest.raises(NotReachable, match="does not know it"):
+        resolve(client, 0.1)
 
 
 def test_a_reference_works_again_after_kill_9_and_a_start_by_hand(names: object, serve: Callable, client: Orb) -> None:
+    """It is never told that its object is gone, not even between the moments when the new process listens and when its
+    servants are there."""
     server = serve()
     planner = resolve(client)
     assert planner._get_mapVersion() == server.pid
@@ -111,17 +119,6 @@ def test_a_reference_works_again_after_kill_9_and_a_start_by_hand(names: object,
         planner._get_mapVersion()
     with pytest.raises(NotReachable, match=r"its server at \S+ does not answer"):
         resolve(client, 0.2)
-    again = serve()
-    assert pid_behind(client) == again.pid
-    assert planner._get_mapVersion() == again.pid
-
-
-def test_a_kept_reference_is_never_told_that_its_object_is_gone(names: object, serve: Callable, client: Orb) -> None:
-    """Not even between the moments when the new process listens and when its servants are there."""
-    first = serve()
-    planner = resolve(client)
-    first.kill()
-    first.wait()
     again = serve(ECHO_MODE="slow")
 
     def answer() -> int:
@@ -131,9 +128,10 @@ def test_a_kept_reference_is_never_told_that_its_object_is_gone(names: object, s
             return 0
 
     assert eventually(answer, what="answers again") == again.pid
+    assert pid_behind(client) == again.pid
 
 
-def test_calls_to_a_server_that_hangs_end(names: object, serve: Callable, client: Orb) -> None:
+def test_calls_to_what_hangs_end(names: subprocess.Popen[str], serve: Callable, client: Orb) -> None:
     server = serve()
     planner = client.resolve("PathPlanner", RoboCorba.PathPlanner, call_timeout_s=0.3)
     hang(server.pid)
@@ -143,31 +141,10 @@ def test_calls_to_a_server_that_hangs_end(names: object, serve: Callable, client
         resolve(client, 0.3)
     os.kill(server.pid, signal.SIGCONT)
     assert planner._get_mapVersion() == server.pid
-
-
-def test_a_naming_service_that_hangs_is_told(names: subprocess.Popen[str], client: Orb) -> None:
     hang(names.pid)
     with pytest.raises(NotReachable, match="TIMEOUT"):
         resolve(client, 0.3)
     os.kill(names.pid, signal.SIGCONT)
-
-
-def test_a_name_of_another_interface_is_refused(names: object, serve: Callable, client: Orb) -> None:
-    serve()
-    resolve(client)
-    with pytest.raises(NotReachable, match="is not a IDL:RoboCorba/MapEditor"):
-        client.resolve("PathPlanner", RoboCorba.MapEditor, timeout_s=60.0)
-
-
-def test_a_bare_uri_suffices(names: object, serve: Callable, client: Orb, naming_port: int) -> None:
-    """What a client does that has omniORB and the IDL, and nothing of ours."""
-    server = serve()
-    resolve(client)
-    uri = corbaname(Address("127.0.0.1", naming_port), "RoboCorba/PathPlanner")
-    orb = CORBA.ORB_init([], CORBA.ORB_ID)
-    without_naming = f"corbaloc:iiop:127.0.0.1:{naming_port + 1}/PathPlanner"
-    for text in (uri, without_naming):
-        assert orb.string_to_object(text)._narrow(RoboCorba.PathPlanner)._get_mapVersion() == server.pid
 
 
 def test_stolen_naming_contexts_are_taken_back(
