@@ -68,14 +68,14 @@ class Names:
 
 
 @pytest.fixture
-def names(monkeypatch: pytest.MonkeyPatch) -> Names:
+def names(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(module, "BINDING_CHECK_INTERVAL_S", 0.001)
     return Names()
 
 
-def test_a_lost_or_stolen_name_is_taken_back_and_logged_once(names: Names, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_lost_or_stolen_name_is_taken_back_and_logged_once(names: Any, caplog: pytest.LogCaptureFixture) -> None:
     own, false = Reference(), Reference()
-    with contextlib.closing(BoundNames(names)) as bound, caplog.at_level(logging.WARNING):  # type: ignore[arg-type]
+    with contextlib.closing(BoundNames(names)) as bound, caplog.at_level(logging.WARNING):
         bound.start({"A": own})
         eventually(lambda: names.bindings.get("A") is own, PATIENCE_S)
         del names.bindings["A"]
@@ -88,11 +88,11 @@ def test_a_lost_or_stolen_name_is_taken_back_and_logged_once(names: Names, caplo
     assert names.bindings == {}
 
 
-def test_a_name_that_fails_does_not_stop_the_others(names: Names, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_name_that_fails_does_not_stop_the_others(names: Any, caplog: pytest.LogCaptureFixture) -> None:
     """Such as one that another process has bound to a reference that can't be read."""
     own = Reference()
     names.unreadable = {"A"}
-    with contextlib.closing(BoundNames(names)) as bound, caplog.at_level(logging.WARNING):  # type: ignore[arg-type]
+    with contextlib.closing(BoundNames(names)) as bound, caplog.at_level(logging.WARNING):
         bound.start({"A": own, "B": own})
         eventually(lambda: names.bindings.get("B") is own, PATIENCE_S)
         names.bindings["A"] = Reference()
@@ -100,7 +100,7 @@ def test_a_name_that_fails_does_not_stop_the_others(names: Names, caplog: pytest
         eventually(lambda: names.bindings == {"A": own, "B": own}, PATIENCE_S)
     assert caplog.messages == ["took back the name RoboCorba/A: an object at an unknown address was bound to it"]
     names.refused = {"A"}
-    with contextlib.closing(BoundNames(names)) as bound:  # type: ignore[arg-type]
+    with contextlib.closing(BoundNames(names)) as bound:
         bound.start({"A": own, "B": own})
         eventually(lambda: names.bindings.get("B") is own, PATIENCE_S)
         assert not bound.are_bound.is_set()
@@ -110,20 +110,16 @@ def test_a_name_that_fails_does_not_stop_the_others(names: Names, caplog: pytest
     assert names.bindings == {}
 
 
-def test_a_name_that_belongs_to_another_now_is_left_to_it(names: Names) -> None:
+def test_a_name_that_belongs_to_another_now_is_left_to_it(names: Any) -> None:
     own, other = Reference(), Reference()
-    with contextlib.closing(BoundNames(names)) as bound:  # type: ignore[arg-type]
+    with contextlib.closing(BoundNames(names)) as bound:
         bound.start({"A": own}, lambda: False)
         eventually(lambda: names.bindings.get("A") is own, PATIENCE_S)
         names.bindings["A"] = other
         calls = names.calls
         eventually(lambda: names.calls > calls + 3, PATIENCE_S)
         assert names.bindings["A"] is other
-
-
-def test_at_its_end_a_process_leaves_the_name_of_another(names: Names) -> None:
-    own, other = Reference(), Reference()
-    bound = BoundNames(names)  # type: ignore[arg-type]
+    bound = BoundNames(names)
     bound.start({"A": own})
     eventually(lambda: names.bindings.get("A") is own, PATIENCE_S)
     names.fails = True
@@ -150,31 +146,21 @@ def test_a_name_that_became_a_context_is_taken_back() -> None:
     assert bindings == {"A": "own"}
 
 
-def test_the_address_in_a_reference() -> None:
-    with Orb(Address("127.0.0.1", 2809)) as orb:
-        reference = orb.reference("corbaloc:iiop:1.2@10.1.2.3:4567/some/key", CORBA.Object)
-        assert address_of(orb.uri(reference)) == IorAddress("10.1.2.3", 4567)
+def test_the_address_in_a_reference(orb: Orb) -> None:
+    reference = orb.reference("corbaloc:iiop:1.2@10.1.2.3:4567/some/key", CORBA.Object)
+    assert address_of(orb.uri(reference)) == IorAddress("10.1.2.3", 4567)
+    for malformed in ("", "IOR:", "IOR:zz", "IOR:00", "IOR:01000000ffffffff", "corbaloc::h/a", "IOR:01" * 9):
+        assert address_of(malformed) is None
 
 
-@pytest.mark.parametrize(
-    "text", ["", "IOR:", "IOR:zz", "IOR:00", "IOR:01000000ffffffff", "corbaloc::h/a", "IOR:01" * 9]
-)
-def test_a_malformed_reference_has_no_address(text: str) -> None:
-    assert address_of(text) is None
+class Bound:
+    """An object of every interface, or of another one than all that are asked for."""
 
+    def __init__(self, is_rightful: bool) -> None:
+        self._is_rightful = is_rightful
 
-class OtherKind:
-    """An object of another interface than all that are asked for."""
-
-    def _narrow(self, interface: object) -> None:
-        return None
-
-
-class Rightful:
-    """An object of every interface."""
-
-    def _narrow(self, interface: object) -> Rightful:
-        return self
+    def _narrow(self, interface: object) -> Bound | None:
+        return self if self._is_rightful else None
 
     def _non_existent(self) -> bool:
         return False
@@ -191,22 +177,18 @@ def bound(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return found
 
 
-def test_a_stolen_name_is_resolved_once_its_owner_has_taken_it_back(bound: list[Any]) -> None:
-    names = NamingService(lambda uri: None, Address("127.0.0.1", 2809), "RoboCorba")
-    right = Rightful()
-    bound += [OtherKind(), OtherKind(), right]
+def test_a_stolen_name_is_resolved_once_its_owner_has_taken_it_back(
+    bound: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names, right = NamingService(lambda uri: None, Address("127.0.0.1", 2809), "RoboCorba"), Bound(True)
+    bound += [Bound(False), Bound(False), right]
     assert names.resolve("PathPlanner", RoboCorba.PathPlanner, 60.0, None) is right
-
-
-def test_a_name_of_another_kind_is_told(bound: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "STOLEN_S", 0.1)
-    names = NamingService(lambda uri: None, Address("127.0.0.1", 2809), "RoboCorba")
-    bound.append(OtherKind())
+    bound[:] = [Bound(False)]
     wrong = r"what is bound to RoboCorba/PathPlanner at 127.0.0.1:2809 is not a IDL:RoboCorba/PathPlanner:1.0$"
-    with pytest.raises(NotReachable, match=f"^{wrong}"):
-        names.resolve("PathPlanner", RoboCorba.PathPlanner, 60.0, None)
-    with pytest.raises(NotReachable, match=wrong):
-        names.resolve("PathPlanner", RoboCorba.PathPlanner, 0.0, None)
+    for timeout_s, begin in ((60.0, "^"), (0.0, "")):
+        with pytest.raises(NotReachable, match=begin + wrong):
+            names.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s, None)
 
 
 def test_an_outage_is_logged_once_and_a_bad_link_once_a_minute(caplog: pytest.LogCaptureFixture) -> None:

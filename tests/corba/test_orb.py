@@ -1,4 +1,4 @@
-"""The ORB of one process, without a naming service; what needs several processes is in tests/system."""
+"""The ORB of one process without a naming service, and what a guarded system puts before its servants."""
 
 from __future__ import annotations
 
@@ -8,16 +8,22 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from omniORB import CORBA
 
-from robocorba.claimed_ports import claimed_ports
+from robocorba.claimed_ports import HOST, claimed_ports
+from robocorba.corba.guard import Guard, guarded, guarded_for, without_keys
 from robocorba.corba.naming import corbaname
 from robocorba.corba.orb import OFFER_CALLBACKS, Orb
+from robocorba.corba.tls import load_transport
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
-from robocorba.settings import Address
+from robocorba.roles import Role
+from robocorba.settings import Address, RoleNaming
 from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.supervision.access import Access
 
 
 @pytest.fixture
@@ -43,20 +49,15 @@ class Planner(RoboCorba__POA.PathPlanner):
         return self.version
 
 
-@pytest.mark.parametrize(
-    ("name", "uri"),
-    [
-        ("", "corbaname::10.0.0.1:2809"),
-        ("RoboCorba/PathPlanner", "corbaname::10.0.0.1:2809#RoboCorba/PathPlanner"),
-        ("RoboCorba/Robots/r 1.b", "corbaname::10.0.0.1:2809#RoboCorba/Robots/r%201%5C.b"),
-        ("Küche%", "corbaname::10.0.0.1:2809#K%C3%BCche%25"),
-    ],
-)
-def test_corbaname(name: str, uri: str) -> None:
-    assert corbaname(Address("10.0.0.1", 2809), name) == uri
-
-
-def test_corbaname_of_an_ipv6_address() -> None:
+def test_corbaname() -> None:
+    for host, name, rest in (
+        ("10.0.0.1", "", ""),
+        ("10.0.0.1", "RoboCorba/PathPlanner", "#RoboCorba/PathPlanner"),
+        ("10.0.0.1", "RoboCorba/Robots/r 1.b", "#RoboCorba/Robots/r%201%5C.b"),
+        ("10.0.0.1", "Küche%", "#K%C3%BCche%25"),
+        ("::1", "a", "#a"),
+    ):
+        assert corbaname(Address(host, 2809), name) == f"corbaname::{Address(host, 2809)}{rest}"
     assert corbaname(Address("::1", 2809), "a") == "corbaname::[::1]:2809#a"
 
 
@@ -66,32 +67,23 @@ def test_a_port_in_use_is_reported_immediately(nowhere: Address) -> None:
         with pytest.raises(PortInUse) as refused, Orb(nowhere, endpoint):
             pass
     assert (refused.value.host, refused.value.port) == (endpoint.host, endpoint.port)
-
-
-def test_an_endpoint_of_another_machine_is_not_said_to_be_in_use(nowhere: Address) -> None:
-    refused = pytest.raises(ServiceError, match=r"192\.0\.2\.1 is not an address of this machine")
-    with refused, Orb(nowhere, Address("192.0.2.1", 2830)):
+    unknown = pytest.raises(ServiceError, match=r"192\.0\.2\.1 is not an address of this machine")
+    with unknown, Orb(nowhere, Address("192.0.2.1", 2830)):
         pass
 
 
 def test_a_process_can_have_one_orb_after_another_but_not_two(nowhere: Address, endpoint: Address) -> None:
+    """Each listens from its start to its end, and serving does not wait for the naming service."""
     for _ in range(3):
-        with Orb(nowhere, endpoint), pytest.raises(ServiceError, match="has an ORB already"), Orb(nowhere):
-            pass
-
-
-def test_a_server_listens_from_the_start_to_the_end(nowhere: Address, endpoint: Address) -> None:
-    with Orb(nowhere, endpoint):
-        socket.create_connection((endpoint.host, endpoint.port), timeout=5).close()
+        with Orb(nowhere, endpoint) as orb:
+            with pytest.raises(ServiceError, match="has an ORB already"), Orb(nowhere):
+                pass
+            socket.create_connection((endpoint.host, endpoint.port), timeout=5).close()
+            orb.serve({"PathPlanner": Planner()})
+            orb.stop()
+            orb.run()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection((endpoint.host, endpoint.port), timeout=5)
-
-
-def test_serving_does_not_wait_for_the_naming_service(nowhere: Address, endpoint: Address) -> None:
-    with Orb(nowhere, endpoint) as orb:
-        orb.serve({"PathPlanner": Planner()})
-        orb.stop()
-        orb.run()
 
 
 def test_a_signal_between_serving_and_running_ends_the_run(nowhere: Address, endpoint: Address) -> None:
@@ -117,15 +109,23 @@ def test_a_hanging_shutdown_prints_its_stacks_and_exits(nowhere: Address) -> Non
     assert 'File "<string>", line 5 in <module>' in ended.stderr
 
 
-def test_an_activated_object_lives_until_it_is_deactivated(nowhere: Address) -> None:
-    with Orb(nowhere) as orb:
+def test_an_activated_object_lives_until_it_is_deactivated(nowhere: Address, endpoint: Address) -> None:
+    with Orb(nowhere, endpoint) as orb:
         first, second = Planner(1), Planner(2)
+        again = orb.activate(Planner(3), "again")
+        orb.accept_calls()
         references = orb.activate(first), orb.activate(second)
         assert [reference._get_mapVersion() for reference in references] == [1, 2]
         orb.deactivate(first)
         with pytest.raises(CORBA.OBJECT_NOT_EXIST):
             references[0]._get_mapVersion()
         assert references[1]._get_mapVersion() == 2
+        assert again._get_mapVersion() == 3
+        orb.deactivate_key("again")
+        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
+            again._get_mapVersion()
+        orb.activate(Planner(4), "again")  # a key is valid again after its end
+        assert again._get_mapVersion() == 4
 
 
 def test_two_threads_that_create_an_adapter_use_the_same(nowhere: Address) -> None:
@@ -136,19 +136,7 @@ def test_two_threads_that_create_an_adapter_use_the_same(nowhere: Address) -> No
         assert of_other._is_equivalent(of_one)
 
 
-def test_a_key_is_valid_again_after_its_end(nowhere: Address, endpoint: Address) -> None:
-    with Orb(nowhere, endpoint) as orb:
-        first = orb.activate(Planner(1), "again")
-        orb.accept_calls()
-        assert first._get_mapVersion() == 1
-        orb.deactivate_key("again")
-        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
-            first._get_mapVersion()
-        orb.activate(Planner(2), "again")
-        assert first._get_mapVersion() == 2
-
-
-def test_an_unreachable_object_is_reported_with_its_naming_service(nowhere: Address) -> None:
+def test_an_unreachable_object_is_reported_with_its_naming_service(nowhere: Address, endpoint: Address) -> None:
     with Orb(nowhere) as orb:
         with pytest.raises(NotReachable) as missing:
             orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=0.2)
@@ -158,19 +146,13 @@ def test_an_unreachable_object_is_reported_with_its_naming_service(nowhere: Addr
         )
         with pytest.raises(NotReachable, match=str(nowhere)):
             orb.check_naming()
-
-
-def test_a_naming_service_that_only_listens_is_not_ready(endpoint: Address) -> None:
-    with Orb(endpoint, endpoint) as orb:
+        for name in ("", "/", "a//b", "a/"):
+            with pytest.raises(NotReachable, match="can't be a name"):
+                orb.resolve(name, RoboCorba.PathPlanner, timeout_s=60.0)
+    with Orb(endpoint, endpoint) as orb:  # a naming service that only listens is not ready
         orb.accept_calls()
         with pytest.raises(NotReachable, match=f"the naming service at {endpoint} has no root context"):
             orb.check_naming()
-
-
-@pytest.mark.parametrize("name", ["", "/", "a//b", "a/"])
-def test_names_without_a_part_are_refused(nowhere: Address, name: str) -> None:
-    with Orb(nowhere) as orb, pytest.raises(NotReachable, match="can't be a name"):
-        orb.resolve(name, RoboCorba.PathPlanner, timeout_s=60.0)
 
 
 def test_an_object_is_found_by_its_secret_key(nowhere: Address, endpoint: Address) -> None:
@@ -202,3 +184,89 @@ def test_an_object_is_found_by_its_secret_key(nowhere: Address, endpoint: Addres
         orb.deactivate_secret("known")
         orb.deactivate_secret("unknown")
         assert planner._get_mapVersion() == 8 and asked == ["known", "unknown", "known"]
+
+
+class Editor(RoboCorba__POA.MapEditor):
+    def _get_currentVersion(self) -> int:
+        return 7
+
+    def undo(self, expected: int) -> int:
+        return 8
+
+
+class Channel(RoboCorba__POA.EventChannel):
+    def subscribe(self, name: str, *arguments: Any) -> str:
+        return name
+
+
+@pytest.fixture
+def naming(tmp_path: Path, nowhere: Address) -> RoleNaming:
+    """The server's role at a naming service where nobody listens."""
+    return Access.create(tmp_path, nowhere).naming(Role.SERVER)
+
+
+def test_a_role_gets_the_servants_own_methods_or_a_refusal() -> None:
+    editor = Editor()
+    for role in Role:
+        assert guarded(editor, role)._get_currentVersion == editor._get_currentVersion
+    for role in (Role.OPERATOR, Role.ADMINISTRATOR, Role.SERVER):
+        assert guarded(editor, role).undo(7) == 8
+    for role in (Role.OBSERVER, Role.ROBOT):
+        with pytest.raises(CORBA.NO_PERMISSION):
+            guarded(editor, role).undo(7)
+        assert not hasattr(guarded(editor, role), "check")  # as the servant
+    observer, operator = guarded(Channel(), Role.OBSERVER), guarded(Channel(), Role.OPERATOR)
+    assert observer.subscribe("", None, [], None) == ""
+    assert operator.subscribe("mine", None, [], None) == "mine"
+    with pytest.raises(CORBA.NO_PERMISSION):
+        observer.subscribe("mine", None, [], None)  # a name may be refused
+
+
+def test_one_robot_calls_what_the_servant_offers_to_it() -> None:
+    class Bound(Editor):
+        def bound_to(self, robot: str) -> dict[str, Any]:
+            return {"_get_currentVersion": lambda: robot}
+
+    assert guarded_for(Bound(), "A")._get_currentVersion() == "A"
+    assert guarded_for(Editor(), "A")._get_currentVersion() == 7
+    with pytest.raises(CORBA.NO_PERMISSION):
+        guarded_for(Bound(), "A").undo(7)
+
+
+def test_keys_last_and_differ_and_are_not_shown() -> None:
+    keys = Guard(b"secret").keys("MapEditor")
+    assert keys == Guard(b"secret").keys("MapEditor")
+    assert keys[Role.OBSERVER] == "MapEditor"
+    assert len(set(keys + Guard(b"other").keys("MapEditor") + Guard().keys("MapEditor"))) == 3 * len(Role) - 2
+    shown = without_keys(f"corbaname::10.0.0.2:2809/access/server/{'0a' * 32}#RoboCorba/EventChannels/hall")
+    assert shown == "corbaname::10.0.0.2:2809/access/server/...#RoboCorba/EventChannels/hall"
+
+
+def test_what_a_guarded_process_serves(naming: RoleNaming) -> None:
+    with claimed_ports() as port, Orb(naming, endpoint := Address(HOST, port)) as orb:
+        editor = Editor()
+        orb.serve({"MapEditor": editor})
+        own = orb.activate(editor, "MapEditor")  # as servers hand it to each other
+        by_name = orb.reference(orb.uri_at(endpoint, "MapEditor"), RoboCorba.MapEditor)
+        assert (own.undo(7), by_name._get_currentVersion()) == (8, 7)
+        with pytest.raises(CORBA.NO_PERMISSION):
+            by_name.undo(7)
+        secret = orb.activate(Editor(), "MapEditor/secret")
+        assert secret.undo(7) == 8
+        assert orb.reference(orb.uri_at(endpoint, "MapEditor/secret"), RoboCorba.MapEditor)._non_existent()
+        # As servers find an object of another one, which has the same secret.
+        assert orb.reference(orb.uri_for_servers(endpoint, "MapEditor"), RoboCorba.MapEditor).undo(7) == 8
+        nameless = Editor()
+        assert orb.activate(nameless).undo(7) == 8
+        orb.deactivate(nameless)
+        orb.withdraw("MapEditor")
+        assert by_name._non_existent()
+
+
+def test_tls_without_its_transport_is_one_line() -> None:
+    try:
+        load_transport()
+    except ServiceError as error:
+        assert str(error).startswith("--tls needs omniORB's SSL transport")
+    else:
+        pytest.skip("this omniORB has its SSL transport")

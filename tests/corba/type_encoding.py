@@ -118,6 +118,11 @@ class _Encapsulation:
         self.data += value.encode() + b"\0"
 
 
+def encoded_text(value: str) -> bytes:
+    """Little-endian, with a NUL, filled up to four octets."""
+    return struct.pack("<I", len(value) + 1) + value.encode() + bytes(4 - len(value) % 4)
+
+
 def encoded_wchar(octets: bytes) -> bytes:
     """An encapsulated `any` with a wide character of these octets."""
     return b"\1\0\0\0" + struct.pack("<IB", CORBA.TC_wchar._d, len(octets)) + octets

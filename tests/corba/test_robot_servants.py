@@ -1,22 +1,31 @@
-"""The servant of a control agent: how checks, programs, paths and missions look over CORBA."""
+"""Servants of a robot: its agent, its session and its adaptor."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
 
+from robocorba.control.adaptor import RobotAdaptor
+from robocorba.corba.remote.adaptor import RemoteAdaptor
+from robocorba.corba.servants.adaptor import RobotAdaptorServant
 from robocorba.corba.servants.control_agent import RobotAgentServant
-from robocorba.errors.robots import IllegalOrder
+from robocorba.corba.servants.simulation_server import RobotSessionServant
+from robocorba.errors.robots import AdaptorFailed, IllegalOrder
 from robocorba.errors.services import NotReachable
-from robocorba.errors.simulation import UnknownMission
+from robocorba.errors.simulation import CannotGrip, UnknownMission
 from robocorba.maps.element_rules import MAX_NAME
+from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.planning.request import PathPoint, PointKind
 from robocorba.programs import program
 from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program
 from robocorba.programs.report import CheckReport
+from robocorba.simulation.registry import RobotClient
 from robocorba.stubs import RoboCorba
+from tests.simulation.places import robot
 
 WAITING = ProgramBuilder("waiting").wait(1.0).program()
 CARRY = '{"icon": "move_table", "table": "t", "to": {"floor": "L1", "x": 1, "y": 2}}'
@@ -32,7 +41,6 @@ class Agent:
         self.path: list[PathPoint] = []
         self.report = CheckReport()
         self.checked: list[Program] = []
-        self.missions: list[tuple[str, Program]] = []
         self.aborted = 0
         self.is_planner_away = False
 
@@ -85,6 +93,7 @@ def findings(check: Any) -> list[tuple[str, str, str, str]]:
 
 def test_a_check_has_errors_and_notes(servant: RobotAgentServant, agent: Agent) -> None:
     agent.report.add_note("icons[0]", "is not checked")
+    assert servant.checkProgram(program.dumps(WAITING)).isExecutable
     agent.report.add_finding("icons[0]", "seconds", "is wrong")
     check = servant.checkProgram(program.dumps(WAITING))
     assert findings(check) == [
@@ -92,46 +101,30 @@ def test_a_check_has_errors_and_notes(servant: RobotAgentServant, agent: Agent) 
         ("PROGRAM_NOTE", "icons[0]", "", "is not checked"),
     ]
     assert not check.isExecutable
-    assert agent.checked == [WAITING]
-
-
-def test_notes_alone_forbid_nothing(servant: RobotAgentServant, agent: Agent) -> None:
-    agent.report.add_note("", "no map")
-    assert servant.checkProgram(program.dumps(WAITING)).isExecutable
+    assert agent.checked == [WAITING] * 2
+    agent.is_planner_away = True
+    check = servant.checkProgram(program.dumps(WAITING))
+    ((_, icon, _, reason),) = findings(check)
+    assert (check.isExecutable, icon, "PathPlanner" in reason) == (False, "", True)
 
 
 def test_what_is_no_program_is_a_finding(servant: RobotAgentServant, agent: Agent) -> None:
     check = servant.checkProgram('{"name": "x", "icons": [{"icon": "wait", "seconds": -1}]}')
     assert not check.isExecutable
-    ((kind, icon, parameter, _),) = findings(check)
-    assert (kind, icon, parameter) == ("PROGRAM_ERROR", "icons[0]", "seconds")
+    ((*found, _),) = findings(check)
+    assert found == ["PROGRAM_ERROR", "icons[0]", "seconds"]
     assert findings(servant.checkProgram("{"))[0][3].startswith("not JSON")
     assert agent.checked == []
 
 
-def test_without_a_planner_the_check_says_why(servant: RobotAgentServant, agent: Agent) -> None:
-    agent.is_planner_away = True
-    check = servant.checkProgram(program.dumps(WAITING))
-    assert not check.isExecutable
-    ((_, icon, _, reason),) = findings(check)
-    assert (icon, "PathPlanner" in reason) == ("", True)
-
-
-def test_the_loaded_program_is_readable(servant: RobotAgentServant, agent: Agent) -> None:
-    assert servant._get_program() == ""
+def test_what_is_readable_of_an_agent(servant: RobotAgentServant, agent: Agent) -> None:
+    assert (servant._get_program(), servant._get_path()) == ("", [])
+    assert (servant._get_channel(), servant._get_mission()) == ("a", "carry-1")
     agent.program = WAITING
     assert program.loads(servant._get_program()) == WAITING
-
-
-def test_the_path_that_is_driven(servant: RobotAgentServant, agent: Agent) -> None:
-    assert servant._get_path() == []
     agent.path = [PathPoint(PointKind.START, "", "L1", 1.0, 2.0, 0.5, 0.0, 0.0, "")]
     (point,) = servant._get_path()
     assert (point.kind, point.position.floor, point.position.x, point.position.y) == (RoboCorba.START, "L1", 1.0, 2.0)
-
-
-def test_channel_and_mission(servant: RobotAgentServant) -> None:
-    assert (servant._get_channel(), servant._get_mission()) == ("a", "carry-1")
 
 
 @pytest.mark.parametrize("term", [0, 7])
@@ -148,17 +141,13 @@ def test_a_mission_is_started_from_the_json_of_an_icon(
         servant.startMission("carry-2", CARRY)
 
 
-@pytest.mark.parametrize("name", ["", "x" * (MAX_NAME + 1), " carry", "a\nb"])
-def test_a_mission_has_a_name(servant: RobotAgentServant, missions: Missions, name: str) -> None:
-    with pytest.raises(RoboCorba.InvalidProgram, match="its name"):
-        servant.startMission(name, CARRY)
-    assert missions.led == []
-
-
-@pytest.mark.parametrize("icon", ["", "{", f"{CARRY}, {CARRY}", '{"icon": "move_table"}'])
-def test_a_mission_is_one_readable_icon(servant: RobotAgentServant, missions: Missions, icon: str) -> None:
-    with pytest.raises(RoboCorba.InvalidProgram):
-        servant.startMission("carry-1", icon)
+def test_a_mission_has_a_name_and_is_one_readable_icon(servant: RobotAgentServant, missions: Missions) -> None:
+    for name in ("", "x" * (MAX_NAME + 1), " carry", "a\nb"):
+        with pytest.raises(RoboCorba.InvalidProgram, match="its name"):
+            servant.startMission(name, CARRY)
+    for icon in ("", "{", f"{CARRY}, {CARRY}", '{"icon": "move_table"}'):
+        with pytest.raises(RoboCorba.InvalidProgram):
+            servant.startMission("carry-1", icon)
     assert missions.led == []
 
 
@@ -168,3 +157,60 @@ def test_a_mission_is_aborted_by_its_name(servant: RobotAgentServant, agent: Age
     assert missions.aborted == ""
     servant.abortMission("carry-1")
     assert (missions.aborted, agent.aborted) == ("carry-1", 0)
+
+
+class Faulty(RobotAdaptor):
+    """Raises whatever the test says."""
+
+    def __init__(self, error: Exception) -> None:
+        self._error = error
+
+    def start(self, argv: Sequence[str]) -> bool:
+        raise self._error
+
+    def stop(self) -> bool:
+        raise self._error
+
+    def read(self, state: RobotState) -> bool:
+        raise self._error
+
+    def write(self, command: ActorCommand) -> bool:
+        raise self._error
+
+
+def test_every_error_of_a_driver_reaches_the_agent_with_its_cause() -> None:
+    for error, cause in (
+        (AdaptorFailed("battery empty"), "battery empty"),
+        (OSError(5, "no serial port"), "OSError: [Errno 5] no serial port"),
+    ):
+        servant = RobotAdaptorServant(Faulty(error))
+        for call in (lambda servant=servant: servant.start([]), servant.stop, servant.read):
+            with pytest.raises(RoboCorba.AdaptorFailed) as raised:
+                call()
+            assert raised.value.cause == cause
+    nobody: Any = None
+    with pytest.raises(AdaptorFailed, match="--uri"):
+        RemoteAdaptor(nobody, "A").start(["--uri"])
+
+
+class Session:
+    """Grips after an hour of waiting."""
+
+    def __init__(self, client: RobotClient) -> None:
+        self.client, self.calling_meanwhile = client, False
+
+    def grip(self, what: str, at: tuple[float, float]) -> None:
+        self.calling_meanwhile = self.client.is_calling
+        self.client.last_call_at -= 3600.0
+        raise CannotGrip(what, "it is too far away")
+
+
+def test_a_long_call_keeps_the_lease() -> None:
+    client = RobotClient(robot("A"), "key", 0.0, time.monotonic)
+    session: Any = Session(client)
+    unused: Any = None
+    servant = RobotSessionServant(session, 2.0, sensor=unused, stops=unused, uri=unused)
+    with pytest.raises(RoboCorba.CannotGrip):
+        servant.grip("T1", RoboCorba.XY(1.0, 2.0))
+    assert (session.calling_meanwhile, client.is_calling) == (True, False)
+    assert client.silent_s < 1800.0

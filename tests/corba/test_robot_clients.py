@@ -1,0 +1,489 @@
+"""Clients of robots and of their sessions: what they hold, repeat and conclude when something does not answer."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import pytest
+from omniORB import CORBA
+
+from robocorba.control.agent_state import AgentCondition, AgentState, ProgramReport
+from robocorba.corba.remote import control_agent, emergency_stop
+from robocorba.corba.remote import session as module
+from robocorba.corba.remote.control_agent import CALM, OrderLimits, RemoteAgent, order_all
+from robocorba.corba.remote.emergency_stop import OTHERS, StopAddresses, Verdict, reset_robots, stop_robots
+from robocorba.corba.remote.robot_orders import GOAL, RobotOrders
+from robocorba.corba.remote.session import RemoteSession
+from robocorba.errors.robots import IllegalOrder, RobotLost
+from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import PlaceTaken
+from robocorba.motion.robot_state import RobotState
+from robocorba.programs import program
+from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.sensing.fan import LASER
+from robocorba.sensing.scan import Mount, ScanSpec
+from robocorba.simulation.emergency_stops import StopAnswer, StopRecord
+from robocorba.simulation.registry import Description
+from robocorba.spatial.pose import Pose
+from robocorba.stubs import RoboCorba
+from robocorba.testing.processes import eventually
+
+
+class Server:
+    """A simulation server, its ORB and its only session."""
+
+    def __init__(self) -> None:
+        self.registered, self.has_sensor, self.heartbeats = 0, True, 0
+        #: Floors without a free place, and those on which robots logged on.
+        self.full, self.started_on = set[str](), list[str]()
+        self.riding = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
+        #: Calls that fail because the server is away, how, and all calls by their names.
+        self.failing, self.failure, self.calls = 0, CORBA.COMM_FAILURE, list[str]()
+
+    def resolve(self, *arguments: Any) -> Server:
+        return self
+
+    def uri(self, reference: Any) -> str:
+        return "session"
+
+    def reference(self, uri: str, interface: Any, call_timeout_s: float) -> Server:
+        return self
+
+    def registerRobot(self, about: Any) -> Server:
+        if about.start.floor in self.full:
+            raise RoboCorba.PlaceTaken(RoboCorba.Point(about.start.floor, about.start.x, about.start.y), "a cabin")
+        self.started_on.append(about.start.floor)
+        self.registered += 1
+        return self
+
+    def _get_sensor(self) -> Server:
+        if not self.has_sensor:
+            raise CORBA.TRANSIENT()
+        return self
+
+    def deregister(self) -> None:
+        self.registered -= 1
+
+    def heartbeat(self) -> None:
+        self.heartbeats += 1
+        if not self.registered:
+            raise CORBA.OBJECT_NOT_EXIST()
+
+    def state(self) -> Any:
+        at, still = RoboCorba.Pose("L1", 1.0, 2.0, 0.0), RoboCorba.Velocity(0.0, 0.0, 0.0)
+        return RoboCorba.RobotState(1.0, at, still, "", self.riding, 0, "")
+
+    def brake(self) -> None:
+        self._answer("brake")
+
+    def command(self, velocity: Any, valid_s: float) -> None:
+        self._answer("command")
+
+    def callElevator(self, elevator: str, destination: str) -> None:
+        self._answer("callElevator")
+
+    def scan(self, at: Any, mount: Any, spec: Any) -> None:
+        self._answer("scan")
+
+    def _answer(self, operation: str) -> None:
+        self.calls.append(operation)
+        if self.failing:
+            self.failing -= 1
+            raise self.failure(0, CORBA.COMPLETED_MAYBE)
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Server:
+    monkeypatch.setattr(module, "set_call_timeout", lambda reference, timeout_s: None)
+    return Server()
+
+
+@pytest.fixture
+def session(server: Server) -> RemoteSession:
+    return RemoteSession(server, Description("A", Pose("L1", 1.0, 2.0, 0.0), 0.4))  # type: ignore[arg-type]
+
+
+def test_a_robot_is_registered_until_it_logs_off(session: RemoteSession, server: Server) -> None:
+    for _ in range(2):
+        session.log_on()
+    assert server.registered == 1
+    server.registered = 0
+    with pytest.raises(RobotLost, match="has logged the robot off"):
+        session.heartbeat()
+    session.log_on()
+    session.heartbeat()
+    for _ in range(2):
+        session.log_off()
+    assert server.registered == 0
+    with pytest.raises(RobotLost, match="A is not logged on"):
+        session.heartbeat()
+    server.has_sensor = False  # the session is given back
+    with pytest.raises(RobotLost):
+        session.log_on()
+    assert server.registered == 0
+
+
+@pytest.mark.parametrize(
+    ("phase", "names", "full", "floors"),
+    [
+        ("NO_RIDE", {"L1": "ground", "L2": "L1"}, set(), ["L1", "ground"]),  # its floor has another name now
+        ("RIDING", {"L1": "L1", "L2": "top"}, {"L1"}, ["L1", "top"]),
+        ("WAITING_FOR_CABIN", {"L1": "L1", "L2": "top"}, {"L1"}, ["L1"]),
+    ],
+)
+def test_a_robot_that_was_logged_off_logs_on_where_it_is_now(
+    session: RemoteSession, server: Server, phase: str, names: dict[str, str], full: set[str], floors: list[str]
+) -> None:
+    server.riding = RoboCorba.Ride(getattr(RoboCorba, phase), "E1", "L1", "L2", 0)
+    session.log_on()
+    session.state()
+    session.floors_since = lambda floor: names
+    server.registered, server.full = 0, full
+    with contextlib.suppress(PlaceTaken):
+        session.log_on()
+    assert server.started_on == floors
+
+
+def test_a_heartbeat_right_after_another_call_is_left_out(
+    session: RemoteSession, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr(module.time, "monotonic", lambda: now)
+    session.log_on()
+    session.heartbeat()
+    assert server.heartbeats == 1
+    session.heartbeat()
+    assert server.heartbeats == 1
+    now += module.RENEWED_S + 0.1
+    session.heartbeat()
+    assert server.heartbeats == 2
+
+
+@pytest.mark.parametrize(
+    ("operation", "failing", "failure", "calls", "refusal"),
+    [
+        *(("brake", 3, failure, 4, "") for failure in (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT)),
+        # An emergency stop may have come meanwhile:
+        *(("command", 1, failure, 1, "") for failure in (CORBA.COMM_FAILURE, CORBA.TIMEOUT)),
+        # What could be done twice:
+        ("callElevator", 1, CORBA.COMM_FAILURE, 1, "does not answer"),
+        ("scan", 1, CORBA.TIMEOUT, 1, "the virtual sensor server does not answer"),
+        ("scan", 1, CORBA.OBJECT_NOT_EXIST, 1, "the virtual sensor server does not answer"),
+    ],
+)
+def test_what_is_repeated_while_a_server_restarts_or_is_held_up(
+    session: RemoteSession, server: Server, operation: str, failing: int, failure: Any, calls: int, refusal: str
+) -> None:
+    session.log_on()
+    server.failing, server.failure = failing, failure
+    with pytest.raises(RobotLost, match=refusal) if refusal else contextlib.nullcontext():
+        CALLS[operation](session)
+    assert server.calls == [operation] * calls
+    assert server.heartbeats == (operation == "command")
+
+
+#: By their operations.
+CALLS: dict[str, Callable[[RemoteSession], object]] = {
+    "brake": RemoteSession.brake,
+    "command": lambda session: session.command((0.3, 0.0, 0.0), 0.1),
+    "callElevator": lambda session: session.call_elevator("E1", "L2"),
+    "scan": lambda session: session.scan(Pose("L1", 1.0, 2.0, 0.0), Mount(0.0, 0.0, 0.0), ScanSpec(LASER)),
+}
+
+
+def test_how_long_a_server_is_waited_for(
+    session: RemoteSession, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "RETRY_S", 0.1)
+    session.log_on()
+    server.failing = 1000
+    with pytest.raises(RobotLost, match="does not answer"):
+        session.brake()
+    assert 1 < len(server.calls) < 20
+    server.calls.clear()
+    monkeypatch.setattr(module, "RETRY_S", 30.0)
+    server.failing = 0
+    session.announce_body(False)  # actual robots don't wait
+    server.failing = 2
+    for operation in ("brake", "command"):
+        with pytest.raises(RobotLost, match="does not answer"):
+            CALLS[operation](session)
+    assert server.calls == ["brake", "command"]
+
+
+PATIENCE_S = 30.0
+ROUND, OTHER = (program.dumps(ProgramBuilder(name).mbase_path("L1", 1.0, 2.0).program()) for name in ("round", "other"))
+
+
+class Agent:
+    """A robot's agent; drives end at once."""
+
+    def __init__(self) -> None:
+        self.loaded = ""
+        #: Names of the programs that have run.
+        self.ran: list[str] = []
+
+    def state(self) -> AgentState:
+        here = Pose("L1", 0.0, 0.0, 0.0)
+        return AgentState("A", "simulated", AgentCondition.IDLE, "", here, RobotState(), 1.0, 0.0, ProgramReport())
+
+    def program(self) -> str:
+        return self.loaded
+
+    def load(self, json: str) -> None:
+        self.loaded = json
+
+    def run(self) -> None:
+        if not self.loaded:
+            raise IllegalOrder("run", "has no program")
+        self.ran.append(program.loads(self.loaded).name)
+
+
+@pytest.fixture
+def agent() -> Agent:
+    return Agent()
+
+
+@pytest.fixture
+def orders(agent: Agent) -> Iterator[RobotOrders]:
+    orders = RobotOrders("A", lambda: agent, lambda why: None)  # type: ignore[arg-type,return-value]
+    yield orders
+    orders.close()
+
+
+def drive(orders: RobotOrders, agent: Agent) -> None:
+    count = len(agent.ran)
+    orders.drive_to(Pose("L1", 3.0, 4.0, 0.0))
+    eventually(lambda: agent.ran[count:] == [GOAL], PATIENCE_S)
+
+
+def test_after_a_goal_the_loaded_program_runs_not_the_goal_again(orders: RobotOrders, agent: Agent) -> None:
+    orders.load(ROUND)
+    drive(orders, agent)
+    orders.run()
+    orders.run()
+    drive(orders, agent)
+    drive(orders, agent)
+    orders.run()
+    assert agent.ran == [GOAL, "round", "round", GOAL, GOAL, "round"]
+
+
+def test_a_program_that_was_loaded_elsewhere_counts_too(orders: RobotOrders, agent: Agent) -> None:
+    orders.load(ROUND)
+    agent.loaded = OTHER  # by the console
+    drive(orders, agent)
+    orders.run()
+    agent.loaded = ROUND
+    orders.run()
+    assert agent.ran == [GOAL, "other", "round"]
+
+
+def test_a_goal_alone_is_no_program(orders: RobotOrders, agent: Agent) -> None:
+    with pytest.raises(IllegalOrder, match="has no program"):
+        orders.run()
+    drive(orders, agent)
+    with pytest.raises(IllegalOrder, match="has loaded none, only driven to a goal"):
+        orders.run()
+    assert agent.ran == [GOAL]
+
+
+NAMES = [f"R{number}" for number in range(200)]
+
+
+class Crowd:
+    """Robots behind a naming service that finds none while more than `room` are looked for at a time."""
+
+    def __init__(self, room: int) -> None:
+        self._room, self._lock = room, threading.Lock()
+        self._looking = 0
+        self.stopped = set(NAMES)
+        self.asked: list[str] = []
+
+    def resolve(self, name: str, interface: Any, timeout_s: float, call_timeout_s: float) -> str:
+        with self._lock:
+            self._looking += 1
+            self.asked.append(name)
+        is_crowded = threading.Event().wait(0.002) or self._looking > self._room
+        with self._lock:
+            self._looking -= 1
+        if is_crowded:
+            raise NotReachable(f"{name} is not reachable")
+        return name
+
+    def reference(self, uri: str, interface: Any, timeout_s: float) -> str:
+        return uri
+
+    def uri(self, reference: str) -> str:
+        return reference
+
+
+def test_a_restart_of_a_crowd_leaves_nobody_stopped() -> None:
+    """`stop --all --reset` left 13 of 200 stopped: all were called at once, within a second each."""
+    crowd: Any = Crowd(CALM.at_once)
+    done = order_all(crowd, NAMES, lambda agent: crowd.stopped.discard(agent.name), CALM)
+    assert list(done) == [(name, "") for name in NAMES]
+    assert crowd.stopped == set()
+
+
+def test_robots_that_hang_cost_the_others_nothing_but_their_place() -> None:
+    crowd, end = Crowd(len(NAMES)), threading.Event()
+
+    def order(agent: RemoteAgent) -> None:
+        if agent.name in ("R0", "R7"):
+            end.wait(60.0)
+        crowd.stopped.discard(agent.name)
+
+    found = dict(order_all(crowd, NAMES, order, OrderLimits(4, 1.0, 3.0)))  # type: ignore[arg-type]
+    assert {name for name, problem in found.items() if problem} == {"R0", "R7"}
+    assert found["R0"] == "did not answer within 3 s"
+    crowd.asked.clear()  # after the limit nobody else is called
+    assert all(problem for _, problem in order_all(crowd, ["R0", "R7", "R1"], order, OrderLimits(2, 1.0, 0.1)))  # type: ignore[arg-type]
+    end.set()
+    assert sorted(crowd.asked) == ["Robots/R0", "Robots/R7"]
+
+
+def test_the_reason_of_each_is_given() -> None:
+    def refuse(agent: RemoteAgent) -> None:
+        raise NotReachable("is away") if agent.name == "R1" else ValueError("a fault")
+
+    crowd: Any = Crowd(2)
+    found = dict(order_all(crowd, ["R1", "R2"], refuse))
+    assert found["R1"] == "is away"
+    assert "ValueError: a fault" in found["R2"]
+    assert list(order_all(crowd, [], refuse)) == []
+    assert control_agent.URGENT.at_once > len(NAMES)
+
+
+class World:
+    """An ORB, and what answers behind it. states: of the simulation server, None while it does not answer.
+    has_stop_of_all: it is no earlier release."""
+
+    def __init__(self) -> None:
+        self.states: list[Any] | None = None
+        self.has_stop_of_all, self.held = True, False
+        self.targets: dict[str, StopAnswer] = {}
+        self.bound: dict[str, str] = {}
+        self.asked: list[tuple[str, Sequence[str]]] = []
+
+    def uri_at(self, address: str, key: str) -> str:
+        return f"corbaloc:iiop:1.2@{address}/{key}"
+
+    def reference(self, uri: str, interface: Any, timeout_s: float) -> World:
+        if interface is not RoboCorba.SimulationServer:
+            raise NotReachable("no channel")
+        self.asked.append((uri, ()))
+        return self
+
+    def resolve(self, name: str, *arguments: Any) -> World:
+        raise NotReachable(f"{name}: the naming service hangs")
+
+    def names(self, path: str, timeout_s: float = 1.0) -> list[str]:
+        raise NotReachable("the naming service hangs")
+
+    def stopRobots(self, robots: Sequence[str], reason: str) -> list[Any]:
+        if self.states is None:
+            raise CORBA.TIMEOUT()
+        self.held |= not robots
+        return [state for state in self.states if not robots or state.robot in robots]
+
+    def _get_stopOfAll(self) -> Any:
+        if not self.has_stop_of_all:
+            raise CORBA.BAD_OPERATION()
+        return RoboCorba.StopHold(self.held, 7, "fire")
+
+    def endStopOfAll(self, last: int) -> Any:
+        if self.states is None:
+            raise CORBA.TIMEOUT()
+        self.held &= last != 7
+        return self._get_stopOfAll()
+
+    def stopStates(self, robots: Sequence[str]) -> list[Any]:
+        return self.stopRobots(robots, "")
+
+
+@pytest.fixture
+def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+    world = World()
+
+    def stop_at(orb: Any, target: str, reason: str) -> StopAnswer:
+        if target not in world.targets:
+            raise NotReachable("gone")
+        return world.targets[target]
+
+    def order_all(
+        orb: Any, names: Sequence[str], order: Callable[..., None], limits: Any = None
+    ) -> Iterator[tuple[str, str]]:
+        yield from ((name, world.bound.get(name, "is not bound")) for name in names)
+
+    def robots(orb: Any) -> list[str]:
+        return list(world.bound)
+
+    monkeypatch.setattr(emergency_stop, "LIMIT_S", 0.3)
+    monkeypatch.setattr(emergency_stop, "stop_at", stop_at)
+    monkeypatch.setattr(emergency_stop, "order_all", order_all)
+    monkeypatch.setattr(emergency_stop, "robots", robots)
+    yield world
+
+
+def stop(world: World, *names: str, targets: Sequence[str] = ()) -> list[Verdict]:
+    known = {name: StopRecord("r", name) for name in targets}
+    return stop_robots(world, names, StopAddresses("h:1", {}, known))  # type: ignore[arg-type]
+
+
+def state(robot: str, waits_for: str = "", is_confirmed: bool = True) -> Any:
+    return RoboCorba.StopState(robot, True, not waits_for, 0.0, is_confirmed, waits_for)
+
+
+def test_the_simulation_server_at_its_own_address_shows_it_without_names(world: World) -> None:
+    world.states = [state("A"), state("B", is_confirmed=False)]
+    *robots, others = stop(world)
+    assert robots == [Verdict("A", True, "the robot confirms it"), Verdict("B", True, "its body stands")]
+    assert others == (OTHERS, True, "robots that log on are stopped, too, until: robocorba stop --all --reset", True)
+    assert world.asked[0][0] == "corbaloc:iiop:1.2@h:1/SimulationServer"
+
+
+def test_a_robot_that_still_moves_does_not_stand_whatever_it_says(world: World) -> None:
+    world.states, world.targets, world.bound = [state("A", "it brakes")], {"A": StopAnswer(True, True)}, {"A": ""}
+    assert stop(world, "A", targets="A") == [Verdict("A", False, "is not shown to stand: it brakes")]
+
+
+def test_what_is_bound_to_a_name_proves_nothing(world: World) -> None:
+    world.bound = {"A": ""}
+    (verdict,) = stop(world, "A")
+    assert not verdict.stands and "proves nothing; the simulation server does not answer" in verdict.text
+    world.states = []
+    verdict, _ = stop(world)
+    assert (verdict.stands, verdict.is_known) == (False, False)
+    assert verdict.text.endswith("proves nothing; it is not logged on")
+
+
+def test_without_the_server_a_robot_speaks_for_itself_and_others_are_doubtful(world: World) -> None:
+    assert [(verdict.robot, verdict.stands) for verdict in stop(world)] == [(OTHERS, False)]
+    world.targets = {"A": StopAnswer(True, True), "B": StopAnswer(True, False)}
+    found = {verdict.robot: verdict.stands for verdict in stop(world, targets="ABC")}
+    assert found == {"A": True, "B": False, "C": False, OTHERS: False}
+    assert [verdict.stands for verdict in stop(world, "A", targets="ABC")] == [True]
+
+
+def test_a_server_of_an_earlier_release_holds_no_robot_that_logs_on(world: World) -> None:
+    world.states, world.has_stop_of_all = [], False
+    (others,) = stop(world)
+    assert (others.robot, others.stands, others.is_known) == (OTHERS, False, False)
+    assert reset(world) == {OTHERS: ""}
+
+
+def test_a_reset_of_all_ends_the_stop_of_all_and_resets_each_robot(world: World) -> None:
+    world.states, world.bound = [state("A"), state("B")], {"A": "", "B": "is not bound"}
+    stop(world)
+    assert reset(world, "A") == {"A": ""} and world.held
+    assert reset(world) == {OTHERS: "", "A": "", "B": "is not bound"}
+    assert not world.held
+    world.states = None
+    assert reset(world)[OTHERS].startswith("robots that log on stay stopped: the simulation server does not answer")
+
+
+def reset(world: World, *names: str) -> dict[str, str]:
+    return dict(reset_robots(world, names, StopAddresses("h:1")))  # type: ignore[arg-type]
