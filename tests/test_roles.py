@@ -1,4 +1,4 @@
-"""Every operation of the IDL has its roles, and no role may do more than it should."""
+"""Every operation of the IDL has its roles, no role may do more than it should, and the names that each finds."""
 
 from __future__ import annotations
 
@@ -6,37 +6,19 @@ from typing import Any
 
 import pytest
 
+from robocorba import name_table
 from robocorba.corba.guard import interface_of
+from robocorba.errors.services import InvalidBinding, NameHeld
+from robocorba.name_table import HOLD_S, MAX_PART, NameTable
 from robocorba.roles import BY_REFERENCE, EVERYBODY, NAMED, RULES, Role, may_call, operations_for
 from robocorba.stubs import RoboCorba__POA
+from tests.clock import Clock
 
 #: What changes nothing and serves nobody else: by the first words of an operation's name.
 READS = ("_get_", "get", "find", "floor", "element", "read", "check", "export", "default", "scan", "state", "client")
-READS += (
-    "sensor",
-    "render",
-    "mission",
-    "leaders",
-    "report",
-    "peers",
-    "icons",
-    "adaptors",
-    "reservations",
-    "elevators",
-    "postures",
-)
-READS += (
-    "lastScans",
-    "typedFloorChanges",
-    "publishTypedChanges",
-    "laser",
-    "proximity",
-    "changesSince",
-    "editsSince",
-    "subscribe",
-    "for_consumers",
-    "routeBack",
-)
+READS += ("sensor", "render", "mission", "leaders", "report", "peers", "icons", "adaptors", "reservations", "elevators")
+READS += ("postures", "lastScans", "typedFloorChanges", "publishTypedChanges", "laser", "proximity", "changesSince")
+READS += ("editsSince", "subscribe", "for_consumers", "routeBack")
 
 
 def interfaces() -> dict[str, Any]:
@@ -56,23 +38,110 @@ def test_every_operation_of_the_idl_has_its_roles() -> None:
 
 
 @pytest.mark.parametrize("name", RULES)
-def test_observers_only_read(name: str) -> None:
+def test_observers_only_read_and_what_they_may_everybody_may(name: str) -> None:
     may = operations_for(Role.OBSERVER, name, RULES[name])
     assert [operation for operation in may if not operation.startswith(READS)] == []
-
-
-@pytest.mark.parametrize("name", RULES)
-def test_what_observers_may_everybody_may_and_what_users_may_administrators_may(name: str) -> None:
     for roles in RULES[name].values():
         assert Role.SERVER in roles
         assert Role.OBSERVER not in roles or roles == EVERYBODY
         assert Role.ADMINISTRATOR in roles or roles == {Role.SERVER}
 
 
-def test_addresses_of_peers_which_may_contain_keys_are_for_administrators() -> None:
+def test_addresses_that_may_contain_keys_are_for_administrators_and_what_is_not_listed_for_servers() -> None:
     assert [role for role in Role if may_call(role, "EventChannel", "peers")] == [Role.ADMINISTRATOR, Role.SERVER]
-
-
-def test_what_is_not_listed_is_for_servers() -> None:
     for role in Role:
         assert may_call(role, "Unknown", "anything") == may_call(role, "MapEditor", "unknown") == (role is Role.SERVER)
+
+
+ROBOTS = ("RoboCorba", "Robots")
+MINE, THEIRS = "a secret of mine ...", "a secret of theirs ..."
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def table(clock: Clock) -> NameTable:
+    return NameTable(ROBOTS, clock)
+
+
+def test_each_role_finds_its_reference_and_names_are_listed_by_context(table: NameTable) -> None:
+    editor = ("RoboCorba", "MapEditor")
+    table.announce(Role.SERVER, editor, {Role.OBSERVER: "reads", Role.OPERATOR: "edits"}, MINE)
+    found = [table.find(role, editor) for role in (Role.OBSERVER, Role.OPERATOR, Role.ROBOT)]
+    assert found == ["reads", "edits", None]
+    table.withdraw(Role.SERVER, editor, MINE)
+    for name in ("A", "B"):
+        table.announce(Role.ROBOT, (*ROBOTS, name), {Role.OBSERVER: 1}, MINE)
+    assert table.children(()) == [("RoboCorba", True)]
+    assert table.children(("RoboCorba",)) == [("Robots", True)]
+    assert table.children(ROBOTS) == [("A", False), ("B", False)]
+    for name in ("A", "B"):
+        table.withdraw(Role.ROBOT, (*ROBOTS, name), MINE)
+    assert table.children(()) == []
+    assert not table.is_context(ROBOTS)
+
+
+def test_a_robot_holds_its_name_while_it_announces_it(table: NameTable, clock: Clock) -> None:
+    name = (*ROBOTS, "A")
+    table.announce(Role.ROBOT, name, {Role.OBSERVER: "mine"}, MINE)
+    for _ in range(3):
+        clock.now += HOLD_S - 0.1
+        with pytest.raises(NameHeld):
+            table.announce(Role.ROBOT, name, {Role.OBSERVER: "theirs"}, THEIRS)
+        with pytest.raises(NameHeld):
+            table.withdraw(Role.ROBOT, name, THEIRS)
+        table.announce(Role.ROBOT, name, {Role.OBSERVER: "mine"}, MINE)
+    assert table.find(Role.OBSERVER, name) == "mine"
+    clock.now += HOLD_S
+    table.announce(Role.ROBOT, name, {Role.OBSERVER: "theirs"}, THEIRS)
+    assert table.find(Role.OBSERVER, name) == "theirs"
+
+
+def test_a_server_holds_its_name_until_it_withdraws_it(table: NameTable, clock: Clock) -> None:
+    name = (*ROBOTS, "A")
+    table.announce(Role.SERVER, name, {Role.OBSERVER: "mine"}, MINE)
+    clock.now += 100 * HOLD_S
+    with pytest.raises(NameHeld):
+        table.announce(Role.ROBOT, name, {Role.OBSERVER: "theirs"}, THEIRS)
+    table.withdraw(Role.SERVER, name, MINE)
+    table.announce(Role.ROBOT, name, {Role.OBSERVER: "theirs"}, THEIRS)
+
+
+def test_bindings_that_are_invalid(table: NameTable) -> None:
+    """Robots bind names of robots only, a name is not a context, and a secret is long."""
+    table.announce(Role.SERVER, ("a", "b"), {Role.OBSERVER: 1}, MINE)
+    for role, path, secret in (
+        *((Role.ROBOT, path, MINE) for path in (("RoboCorba", "MapEditor"), ROBOTS, (*ROBOTS, "A", "pool"), ("A",))),
+        *((Role.ROBOT, path, MINE) for path in (("RoboCorba", "VirtualSensors", "s1"), (*ROBOTS, ""))),
+        (Role.ROBOT, (*ROBOTS, "x" * (MAX_PART + 1)), MINE),
+        *((Role.SERVER, path, MINE) for path in (("a",), ("a", "b", "c"))),
+        (Role.ROBOT, (*ROBOTS, "A"), "short"),
+    ):
+        with pytest.raises(InvalidBinding):
+            table.announce(role, path, {Role.OBSERVER: 1}, secret)
+    table.announce(Role.ROBOT, (*ROBOTS, "A"), {Role.OBSERVER: 1}, MINE)
+
+
+def test_robots_leave_room_for_servers_and_absent_ones_for_others(
+    table: NameTable, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(name_table, "MAX_ROBOTS", 2)
+    monkeypatch.setattr(name_table, "MAX_NAMES", 3)
+
+    def announce(role: Role, *path: str) -> None:
+        table.announce(role, path, {Role.OBSERVER: path}, MINE)
+
+    for name in ("A", "B"):
+        announce(Role.ROBOT, *ROBOTS, name)
+    with pytest.raises(InvalidBinding, match="2 names"):
+        announce(Role.ROBOT, *ROBOTS, "C")
+    announce(Role.SERVER, "RoboCorba", "MapEditor")
+    with pytest.raises(InvalidBinding, match="3 names"):
+        announce(Role.SERVER, "RoboCorba", "PathPlanner")
+    clock.now += HOLD_S
+    announce(Role.ROBOT, *ROBOTS, "B")
+    announce(Role.ROBOT, *ROBOTS, "C")
+    assert table.children(ROBOTS) == [("B", False), ("C", False)]

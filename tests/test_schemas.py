@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import jsonschema
@@ -43,15 +42,17 @@ MESSAGES: list[messages.Message] = [
 ]
 
 
-@pytest.fixture(scope="module")
-def maker() -> ModuleType:
-    """The program docs/make_schemas.py."""
+def test_the_schemas_are_those_of_the_classes() -> None:
+    """Otherwise: python docs/make_schemas.py"""
     spec = importlib.util.spec_from_file_location("make_schemas", DOCS / "make_schemas.py")
     assert spec and spec.loader
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    maker = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = maker
+    spec.loader.exec_module(maker)
+    found = {name: maker.text(content) for name, content in maker.schemas()}
+    assert found == {file.stem: file.read_text() for file in (DOCS / "schemas").glob("*.json")}
+    for name in found:
+        jsonschema.Draft202012Validator.check_schema(schema(name))
 
 
 def schema(name: str) -> dict[str, Any]:
@@ -66,14 +67,6 @@ def check(type: str, payload: Any) -> None:
     jsonschema.Draft202012Validator({"$defs": events["$defs"], **events["properties"][type]}).validate(plain)
 
 
-def test_the_schemas_are_those_of_the_classes(maker: ModuleType) -> None:
-    """Otherwise: python docs/make_schemas.py"""
-    found = {name: maker.text(content) for name, content in maker.schemas()}
-    assert found == {file.stem: file.read_text() for file in (DOCS / "schemas").glob("*.json")}
-    for name in found:
-        jsonschema.Draft202012Validator.check_schema(schema(name))
-
-
 @pytest.mark.parametrize("message", MESSAGES, ids=messages.type_of)
 def test_messages_of_missions_are_valid(message: messages.Message) -> None:
     payload = messages.payload(message)
@@ -83,7 +76,7 @@ def test_messages_of_missions_are_valid(message: messages.Message) -> None:
             check(messages.type_of(message), wrong)
 
 
-def test_events_of_the_simulation_are_valid() -> None:
+def test_events_of_the_simulation_and_changes_of_floors_are_valid() -> None:
     for event in (
         SimulationEvent(1.0, "L1", "collision", ("A", "table")),
         SimulationEvent(1.0, "L1", "boarding", ("A",), waited_s=3.0, longest_wait_s=20.0),
@@ -92,9 +85,6 @@ def test_events_of_the_simulation_are_valid() -> None:
     with pytest.raises(jsonschema.ValidationError):
         check("simulation.*", {"time": 1.0, "floor": "L1", "who": ["A"]})
     check("robot.stop", {"robots": ["A"], "reason": "fire"})
-
-
-def test_changes_of_floors_are_valid() -> None:
     came = [Body(1, BodyKind.OBJECT, "table", 0.7, ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)), 12.0)]
     elevators = {"E": ElevatorState(0.0, "L1", Doors.OPEN, 1.0, ("A",), ())}
     update = FloorUpdate("L1", WHOLE, 7, 1.5, 3, came, [2], np.zeros(1, MOTION), elevators)

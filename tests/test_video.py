@@ -44,23 +44,19 @@ def test_pictures_come_again_in_order(tmp_path: Path) -> None:
     assert all(near(frame, (100, 60), COLOURS[i // 3]) for i, frame in enumerate(frames))
 
 
-@pytest.mark.parametrize("fps", [1, 10, 25, 60])
-def test_it_takes_the_time_that_it_should(tmp_path: Path, fps: int) -> None:
-    with VideoFile(tmp_path / "a.mp4", 64, 64, fps) as video:
-        video.add(Image.new("RGB", (64, 64)), times=2 * fps)
+@pytest.mark.parametrize(("fps", "size"), [(1, (201, 121)), (10, (200, 121)), (25, (64, 64)), (60, (3, 3))])
+def test_it_takes_the_time_that_it_should_and_odd_sides_are_made_even(
+    tmp_path: Path, fps: int, size: tuple[int, int]
+) -> None:
+    with VideoFile(tmp_path / "a.mp4", *size, fps) as video:
+        video.add(png("blue", *size), times=2 * fps)
     with av.open(str(tmp_path / "a.mp4")) as container:
         stream = container.streams.video[0]
         assert stream.frames == 2 * fps
         assert stream.average_rate == fps
         assert stream.duration is not None and stream.time_base is not None
         assert float(stream.duration * stream.time_base) == pytest.approx(2.0, abs=1 / fps)
-
-
-@pytest.mark.parametrize("size", [(201, 121), (200, 121), (3, 3)])
-def test_odd_sides_are_made_even(tmp_path: Path, size: tuple[int, int]) -> None:
-    with VideoFile(tmp_path / "a.mp4", *size, 5) as video:
-        video.add(png("blue", *size))
-    (frame,) = decoded(tmp_path / "a.mp4")
+    frame = decoded(tmp_path / "a.mp4")[0]
     assert frame.size == (size[0] + size[0] % 2, size[1] + size[1] % 2)
     assert near(frame, (0, 0), "blue")
 
@@ -77,22 +73,24 @@ def test_any_kind_of_picture_is_taken(tmp_path: Path, mode: str) -> None:
 
 
 def test_an_exception_leaves_a_video_that_plays(tmp_path: Path) -> None:
+    with VideoFile(tmp_path / "nothing.mp4", 64, 64, 10):
+        pass
     with pytest.raises(KeyboardInterrupt), VideoFile(tmp_path / "a.mp4", 64, 64, 10) as video:
+        for content in (b"", b"no picture", png("red", 64, 64)[:60]):
+            with pytest.raises(VideoError, match="not a picture"):
+                video.add(content)
         video.add(png("red", 64, 64), times=7)
         raise KeyboardInterrupt
     assert len(decoded(tmp_path / "a.mp4")) == 7
-
-
-def test_a_video_of_nothing_is_no_fault(tmp_path: Path) -> None:
-    with VideoFile(tmp_path / "a.mp4", 64, 64, 10):
-        pass
+    (tmp_path / "full.mp4").symlink_to("/dev/full")
+    with pytest.raises(VideoError, match="No space left"), VideoFile(tmp_path / "full.mp4", 64, 64, 10) as video:
+        video.add(png("red", 64, 64))
 
 
 @pytest.mark.parametrize(
     ("name", "size", "fps", "reason"),
     [
         ("a.gif", (64, 64), 10, "ends with .mp4"),
-        ("a", (64, 64), 10, "ends with .mp4"),
         ("no/a.mp4", (64, 64), 10, "No such file"),
         (".", (64, 64), 10, "ends with .mp4"),
         ("folder.mp4", (64, 64), 10, "Is a directory"),
@@ -108,18 +106,3 @@ def test_what_can_not_be_written_is_told(
     (tmp_path / "folder.mp4").mkdir()
     with pytest.raises(VideoError, match=reason):
         VideoFile(tmp_path / name, *size, fps)
-
-
-@pytest.mark.parametrize("content", [b"", b"no picture", png("red", 64, 64)[:60]])
-def test_what_is_no_picture_is_told(tmp_path: Path, content: bytes) -> None:
-    with VideoFile(tmp_path / "a.mp4", 64, 64, 10) as video:
-        with pytest.raises(VideoError, match="not a picture"):
-            video.add(content)
-        video.add(png("red", 64, 64))
-    assert len(decoded(tmp_path / "a.mp4")) == 1
-
-
-def test_a_full_disk_is_told(tmp_path: Path) -> None:
-    (tmp_path / "full.mp4").symlink_to("/dev/full")
-    with pytest.raises(VideoError, match="No space left"), VideoFile(tmp_path / "full.mp4", 64, 64, 10) as video:
-        video.add(png("red", 64, 64))

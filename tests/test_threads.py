@@ -1,0 +1,203 @@
+"""Threads of the background, what they share, and what is done once for all of them."""
+
+from __future__ import annotations
+
+import gc
+import itertools
+import math
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+
+import pytest
+
+from robocorba import cores
+from robocorba.background import Background, Workers
+from robocorba.errors.base import RoboCorbaError
+from robocorba.garbage import collections_paused
+from robocorba.last_order import LastOrder
+from robocorba.lazy_property import lazy_property
+from robocorba.repeating import Repeating
+
+#: Whatever it runs on: a thread is waited for at most this long [s].
+LIMIT_S = 30.0
+
+
+def fail() -> None:
+    raise ValueError("a fault")
+
+
+def test_the_failure_of_a_thread_is_reported() -> None:
+    for call, expected in ((fail, ["internal fault in 'test' (ValueError: a fault), see the log"]), (int, [])):
+        reasons: list[str] = []
+        thread = Background("test", call, reasons.append)
+        thread.start()
+        thread.join(LIMIT_S)
+        assert reasons == expected
+
+
+def test_workers_report_each_failure_and_go_on() -> None:
+    reasons: queue.Queue[str] = queue.Queue()
+    workers = Workers("test", 1, reasons.put)
+    workers.submit(fail)
+    workers.submit(reasons.put, "an argument")
+    assert "ValueError: a fault" in reasons.get(timeout=LIMIT_S)
+    assert reasons.get(timeout=LIMIT_S) == "an argument"
+    workers.close()
+
+
+def test_a_process_ends_with_an_error_though_its_main_thread_waits() -> None:
+    program = (
+        "import threading; from robocorba.background import Background, end_process\n"
+        "Background('worker', lambda: 1 / 0, end_process).start(); threading.Event().wait()"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=LIMIT_S)
+    assert ended.returncode == 1
+    assert "the process ends: internal fault in 'worker' (ZeroDivisionError" in ended.stderr
+
+
+def test_a_repeated_task_is_called_when_woken_however_long_the_interval() -> None:
+    calls: queue.Queue[int] = queue.Queue()
+    repeating = Repeating("test", lambda: calls.put(1), math.inf)
+    repeating.wake()  # before the start has no effect: the first call comes at once anyway
+    repeating.start()
+    calls.get(timeout=LIMIT_S)
+    for _ in range(3):
+        repeating.wake()
+        calls.get(timeout=LIMIT_S)
+    repeating.close()
+    assert calls.empty()
+    repeating.wake()
+    repeating.close()
+
+
+def test_a_wake_during_a_call_makes_another_one() -> None:
+    calls: queue.Queue[int] = queue.Queue()
+    numbers = itertools.count()
+
+    def call() -> None:
+        number = next(numbers)
+        if number == 0:
+            repeating.wake()
+        calls.put(number)
+
+    repeating = Repeating("test", call, math.inf)
+    repeating.start()
+    assert [calls.get(timeout=LIMIT_S) for _ in range(2)] == [0, 1]
+    repeating.close()
+    assert calls.empty()  # no other one
+
+
+def test_the_interval_may_change(caplog: pytest.LogCaptureFixture) -> None:
+    calls: queue.Queue[int] = queue.Queue()
+    intervals = iter([0.0, 0.001, 0.0])
+
+    def call() -> None:
+        calls.put(1)
+        raise ValueError("fails")
+
+    repeating = Repeating("test", call, lambda: next(intervals, math.inf)).start()
+    for _ in range(4):
+        calls.get(timeout=LIMIT_S)
+    repeating.close()
+    assert calls.empty()
+    assert "test failed" in caplog.text
+
+
+def test_each_order_ends_with_a_report_and_the_next_one_has_its_chance() -> None:
+    reports: queue.Queue[str] = queue.Queue()
+
+    def execute(order: Exception | str) -> None:
+        if isinstance(order, Exception):
+            raise order
+
+    orders = LastOrder("test", execute, reports.put)
+    orders.give(RoboCorbaError("not possible"))
+    assert reports.get(timeout=LIMIT_S) == "not possible"
+    orders.give(ValueError("a fault"))
+    assert "internal fault (ValueError: a fault)" in reports.get(timeout=LIMIT_S)
+    orders.give("an order")
+    assert reports.get(timeout=LIMIT_S) == ""
+    orders.close()
+
+
+class Thing:
+    def __init__(self, compute: Callable[[], object]) -> None:
+        self._compute = compute
+
+    @lazy_property
+    def value(self) -> object:
+        """What `compute` returns."""
+        return self._compute()
+
+
+def test_a_property_is_computed_once() -> None:
+    first, second = Thing(object), Thing(object)
+    assert first.value is first.value
+    assert first.value is not second.value
+    assert Thing.value.__doc__ == "What `compute` returns."
+
+
+def test_threads_that_are_first_together_get_the_same_object_and_instances_do_not_wait_for_each_other() -> None:
+    """As they would with functools.cached_property of Python 3.10 and 3.11."""
+    both_compute = threading.Barrier(2)
+
+    def compute() -> object:
+        both_compute.wait(LIMIT_S)
+        return object()
+
+    thing = Thing(compute)
+    with ThreadPoolExecutor(2) as threads:
+        first, second = threads.map(lambda _: thing.value, range(2), timeout=LIMIT_S)
+        assert first is second is thing.value
+        values = list(threads.map(lambda each: each.value, [Thing(compute), Thing(compute)], timeout=LIMIT_S))
+    assert values[0] is not values[1]
+
+
+def test_a_thread_and_those_that_it_starts_share_a_core_until_it_leaves_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cores, "_cores", None)
+    found, every = [], os.sched_getaffinity(0)
+
+    def in_a_thread(call: Callable[[], None]) -> None:
+        """So that the threads of other tests keep their cores."""
+        thread = threading.Thread(target=call)
+        thread.start()
+        thread.join()
+
+    def share() -> None:
+        cores.share_one()
+        found.append(os.sched_getaffinity(0))
+        in_a_thread(lambda: found.append(os.sched_getaffinity(0)))
+        cores.share_one()
+        found.extend((os.sched_getaffinity(0), cores.usable()))
+        cores.use_all()
+        found.append(os.sched_getaffinity(0))
+
+    in_a_thread(share)
+    assert [len(each) for each in found[:3]] == [1, 1, 1]
+    assert found[0] == found[1] <= every
+    assert [*found[3:], cores.usable()] == [every] * 3
+
+
+def test_the_search_for_cycles_pauses_until_the_last_pause_ends_and_then_finds_all() -> None:
+    searched: list[str] = []
+    gc.callbacks.append(lambda phase, about: searched.append(phase))
+    try:
+        with collections_paused():
+            with suppress(ValueError), collections_paused():
+                raise ValueError
+            assert not gc.isenabled()
+            made: list[list[object]] = [[] for _ in range(2000)]
+            for each in made:
+                each.append(each)
+            assert searched == []
+        assert gc.isenabled()
+        del made, each
+        assert gc.collect() >= 2000
+    finally:
+        gc.callbacks.pop()
