@@ -1,16 +1,21 @@
-"""Who may use the console: its own pages only, and with a password those who know it."""
+"""Who may use the console: its own pages only, with a password those who know it, and its options."""
 
 from __future__ import annotations
 
 import asyncio
+import subprocess
 import time
+from pathlib import Path
 from urllib.parse import urlencode
 
 import pytest
 from starlette.responses import PlainTextResponse
 
+from robocorba.console import settings
 from robocorba.console.access import COOKIE, MAX_FORM, MAX_WAITING, SESSION_S, Access
-from robocorba.console.settings import LOOPBACK_HOSTS
+from robocorba.console.settings import LOOPBACK_HOSTS, ConsoleSettings, check_installed, dates_problem
+from robocorba.errors.services import ServiceError
+from robocorba.settings import InvalidSetting
 from tests.console.asgi import Answer, answer, ask
 
 PASSWORD = "open sesame"
@@ -28,35 +33,25 @@ def cookie_of(given: Answer) -> str:
     return given.headers["set-cookie"].partition(";")[0]
 
 
-def test_own_pages_get_in() -> None:
+def test_own_pages_get_in_and_foreign_host_names_do_not() -> None:
+    """A name that an attacker lets point to this machine (DNS rebinding)."""
     for host in ("127.0.0.1:8800", "localhost:8800", "LOCALHOST", "[::1]:8800"):
         assert ask(console(), host=host).body == b"inside", host
         assert ask(console(), host=host, origin=f"http://{host}").body == b"inside", host
-
-
-def test_a_console_on_another_address_answers_to_its_name_only() -> None:
+    assert ask(console()).headers["x-frame-options"] == "DENY"
+    foreign = ("evil.example", "evil.example:8800", "127.0.0.1.evil.example", "", "[::1", "localhost@evil.example")
+    for host in (*foreign, "::1"):
+        assert ask(console(), host=host).status == 403, host
     app = console(hosts=frozenset({"Robots.example"}))
     assert ask(app, host="robots.example:8800").body == b"inside"
     assert ask(app, host="127.0.0.1:8800").status == 403
 
 
-@pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8800", "127.0.0.1.evil.example", "", "[::1", "localhost@evil.example", "::1"]
-)
-def test_foreign_host_names_are_refused(host: str) -> None:
-    """A name that an attacker lets point to this machine (DNS rebinding)."""
-    assert ask(console(), host=host).status == 403
-
-
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:9999", "http://[::1", "file://"])
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-def test_pages_of_other_sites_are_refused(origin: str, kind: str) -> None:
-    refused = ask(console(), "/live", kind=kind, origin=origin)
-    assert refused.status == (403 if kind == "http" else 0) and b"inside" not in refused.body
-
-
-def test_answers_forbid_frames() -> None:
-    assert ask(console()).headers["x-frame-options"] == "DENY"
+def test_pages_of_other_sites_are_refused(kind: str) -> None:
+    for origin in ("http://evil.example", "null", "http://127.0.0.1:9999", "http://[::1", "file://"):
+        refused = ask(console(), "/live", kind=kind, origin=origin)
+        assert refused.status == (403 if kind == "http" else 0) and b"inside" not in refused.body, origin
 
 
 def test_without_a_log_in_there_is_a_form_for_people_and_401_for_programs() -> None:
@@ -67,26 +62,20 @@ def test_without_a_log_in_there_is_a_form_for_people_and_401_for_programs() -> N
     assert ask(app, "/live", kind="websocket").body == b""
 
 
-def test_the_password_opens_the_console() -> None:
+def test_the_password_opens_the_console_and_nothing_else_does() -> None:
     app = console(PASSWORD)
     opened = log_in(app, PASSWORD)
     assert opened.status == 303
     assert {"HttpOnly", "SameSite=strict"} <= set(opened.headers["set-cookie"].split("; "))
     assert ask(app, cookie=cookie_of(opened)).body == b"inside"
     assert ask(console(PASSWORD), cookie=cookie_of(opened)).status == 401, "another console has another key"
-
-
-def test_a_wrong_password_does_not() -> None:
-    refused = log_in(console(PASSWORD), "open sesam\u00e9")
+    refused = log_in(app, "open sesam\u00e9")
     assert refused.status == 401 and "set-cookie" not in refused.headers and b"The password is wrong" in refused.body
-
-
-@pytest.mark.parametrize(
-    "cookie",
-    ["", f"{COOKIE}=", f"{COOKIE}=99999999999.aa", f"{COOKIE}=\xe9.\xe9", f"{COOKIE}=nan.", "=;=;\x01", f"{COOKIE}"],
-)
-def test_made_up_cookies_are_nothing(cookie: str) -> None:
-    assert ask(console(PASSWORD), cookie=cookie).status == 401
+    for made_up in ("=", "=99999999999.aa", "=\xe9.\xe9", "=nan.", ""):
+        assert ask(app, cookie=f"{COOKIE}{made_up}").status == 401, made_up
+    for made_up in ("", "=;=;\x01"):
+        assert ask(app, cookie=made_up).status == 401, made_up
+    assert ask(app, "/login", "POST", [b"x" * MAX_FORM, b"x"]).status == 413
 
 
 def test_a_cookie_expires_by_the_time_that_passes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,10 +86,6 @@ def test_a_cookie_expires_by_the_time_that_passes(monkeypatch: pytest.MonkeyPatc
         assert ask(app, cookie=cookie).status == 200
     monkeypatch.setattr("robocorba.console.access.time.monotonic", lambda: now + SESSION_S)
     assert ask(app, cookie=cookie).status == 401
-
-
-def test_a_form_that_is_too_long_is_not_read() -> None:
-    assert ask(console(PASSWORD), "/login", "POST", [b"x" * MAX_FORM, b"x"]).status == 413
 
 
 def test_log_ins_are_checked_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,3 +115,81 @@ def test_log_ins_are_checked_one_after_the_other(monkeypatch: pytest.MonkeyPatch
 
     codes = [given.status for given in asyncio.run(attack())]
     assert (codes.count(429), codes.count(401)) == (5, MAX_WAITING)
+
+
+@pytest.fixture(autouse=True)
+def nobody_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
+
+
+def test_the_loopback_needs_no_password(tmp_path: Path) -> None:
+    read = ConsoleSettings.read(["--state", str(tmp_path)])
+    assert (read.host, read.port, read.password) == ("127.0.0.1", 8800, "")
+    assert (read.viewers, ConsoleSettings.read(["--viewers", "3"]).viewers) == (64, 3)
+    assert (read.administrator, read.supervisor) == (None, tmp_path / "supervisor.ior")
+    for host in ("127.0.0.1", "127.0.0.2", "::1", "localhost"):
+        assert ConsoleSettings.read(["--host", host]).hosts >= {host, "localhost", "127.0.0.1"}
+
+
+def test_other_addresses_need_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "password"
+    for host in ("192.0.2.1", "robots.example", "2001:db8::1"):
+        with pytest.raises(InvalidSetting, match="give a --password-file"):
+            ConsoleSettings.read(["--host", host])
+        file.write_text("long enough\nnot this line\n")
+        read = ConsoleSettings.read(["--host", host, "--password-file", str(file)])
+        assert (read.password, read.hosts) == ("long enough", {host})
+    for content in (b"short", b"", b"\nlong enough", b"\xff\xfe"):
+        file.write_bytes(content)
+        with pytest.raises(InvalidSetting, match="--password-file"):
+            ConsoleSettings.read(["--password-file", str(file)])
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr(settings.getpass, "getpass", lambda _: "typed by me")
+    assert ConsoleSettings.read(["--host", "192.0.2.1"]).password == "typed by me"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (("--port", "70000"), "--port"),
+        (("--port", "-1"), "--port"),
+        (("--host", "0.0.0.0"), "--host"),
+        (("--host", "no such host"), "--host"),
+        (("--password-file", "missing"), "--password-file"),
+        (("--certificate", "setup.cfg"), "--certificate"),
+        (("--key", "setup.cfg"), "--certificate"),
+        (("--certificate", "setup.cfg", "--key", "missing"), "--key"),
+        (("--certificate", "setup.cfg", "--key", "setup.cfg"), "--certificate"),
+        (("--viewers", "0"), "--viewers"),
+        (("--administrator", "missing"), "--administrator"),
+        (("--supervisor", "missing"), "--supervisor"),
+    ],
+)
+def test_unusable_options_are_named(arguments: tuple[str, ...], option: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(Path(__file__).parents[2])
+    with pytest.raises(InvalidSetting) as raised:
+        ConsoleSettings.read(arguments)
+    assert option in raised.value.setting
+
+
+def test_a_certificate_with_its_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    certificate, key = tmp_path / "c.pem", tmp_path / "k.pem"
+    make = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=localhost"]
+    try:
+        subprocess.run([*make, "-keyout", str(key), "-out", str(certificate)], check=True, capture_output=True)
+    except OSError:
+        pytest.skip("openssl is not installed")
+    read = ConsoleSettings.read(["--certificate", str(certificate), "--key", str(key)])
+    assert (read.certificate, read.key) == (certificate, key)
+    assert dates_problem(certificate) == ""
+    now = time.time()
+    for ahead_s in (-3600.0, 365 * 86400.0):  # as if the clock had been ahead when it was made; it has expired
+        monkeypatch.setattr(time, "time", lambda ahead_s=ahead_s: now + ahead_s)
+        assert f"{certificate} is valid from" in dates_problem(certificate)
+
+
+def test_without_its_packages_the_console_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    check_installed()
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(ServiceError, match=r"pip install 'robocorba\[console\]'"):
+        check_installed()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Sequence
 from typing import Any
@@ -34,12 +35,12 @@ class Agent:
         self.icons = [IconBegun(number, f"icons[{number}]", "wait", float(number)) for number in range(3)]
         self.switched: tuple[str, Sequence[str]] = ("", ())
         self.is_running = False
+        for order in ("pause", "resume", "step", "abort"):
+            setattr(self, order, functools.partial(self.calls.append, order))
 
     def state(self) -> AgentState:
-        at = Pose("L1", 1.0, 2.0, 0.0)
-        return AgentState(
-            "A", "simulated", AgentCondition.RUNNING, "no reason", at, RobotState(), 1.0, 0.0, self.progress
-        )
+        at, moving = Pose("L1", 1.0, 2.0, 0.0), AgentCondition.RUNNING
+        return AgentState("A", "simulated", moving, "no reason", at, RobotState(), 1.0, 0.0, self.progress)
 
     def program(self) -> str:
         return programs.dumps(self.loaded) if self.loaded else ""
@@ -59,18 +60,6 @@ class Agent:
 
     def begun(self, first: int) -> list[IconBegun]:
         return self.icons[first:]
-
-    def pause(self) -> None:
-        self.calls.append("pause")
-
-    def resume(self) -> None:
-        self.calls.append("resume")
-
-    def step(self) -> None:
-        self.calls.append("step")
-
-    def abort(self) -> None:
-        self.calls.append("abort")
 
     def adaptors(self) -> list[str]:
         return ["simulated", "smartpal"]
@@ -98,13 +87,10 @@ def findings(answer: dict[str, Any]) -> list[tuple[str, ...]]:
     return [tuple(finding.values()) for finding in answer["findings"]]
 
 
-def test_the_schema_is_that_of_program_files(operations: ProgramOperations) -> None:
+def test_the_schema_is_that_of_program_files_and_examples_are_programs(operations: ProgramOperations) -> None:
     answer = operations.program_schema()
     assert answer["schema"] == programs.schema()
     assert {"home", "tuck"} <= set(answer["postures"])
-
-
-def test_examples_are_programs(operations: ProgramOperations) -> None:
     examples = operations.example_programs()
     assert "fetch" in examples
     for text in examples.values():
@@ -127,47 +113,35 @@ def test_what_is_no_program_is_a_finding_and_asks_nobody(operations: ProgramOper
     answer = operations.check_program("A", '{"name": "x", "icons": [{"icon": "wait"}]}')
     assert findings(answer)[0][:3] == ("error", "icons[0]", "seconds")
     assert (answer["is_executable"], answer["python"], agent.calls) == (False, "", [])
-
-
-def test_without_a_robot_only_the_form_is_checked(operations: ProgramOperations) -> None:
     answer = operations.check_program("", WAITS)
     assert answer["is_executable"]
     assert findings(answer) == [("note", "", "", "no robot is chosen: drives and arms are not checked")]
-
-
-def test_a_robot_that_does_not_answer_is_an_error(operations: ProgramOperations) -> None:
     with pytest.raises(NotReachable, match="robot B"):
         operations.check_program("B", WAITS)
 
 
 def test_a_program_is_loaded_and_run(operations: ProgramOperations, agent: Agent) -> None:
     operations.run_program("A", WAITS, step=True)
-    assert (agent.loaded, agent.is_stepping, agent.calls) == (programs.loads(WAITS), True, ["run"])
+    assert (agent.loaded, agent.is_stepping) == (programs.loads(WAITS), True)
     assert programs.loads(operations.loaded_program("A")) == agent.loaded
-
-
-def test_a_program_is_run_from_an_icon_on(operations: ProgramOperations, agent: Agent) -> None:
     operations.run_program("A", WAITS, first=2)
     assert agent.loaded is not None
     assert agent.loaded.icons == programs.loads(WAITS).icons[2:]
-    for first in (3, -1):
-        with pytest.raises(InvalidArguments, match=f"no icon {first}; it has 3"):
-            operations.run_program("A", WAITS, first=first)
+    for order in ("pause", "resume", "step", "abort"):
+        getattr(operations, f"{order}_program")("A")
+    assert agent.calls == ["run", "run", "pause", "resume", "step", "abort"]
 
 
 def test_a_program_that_is_refused_does_not_run(operations: ProgramOperations, agent: Agent) -> None:
+    for first in (3, -1):
+        with pytest.raises(InvalidArguments, match=f"no icon {first}; it has 3"):
+            operations.run_program("A", WAITS, first=first)
     with pytest.raises(InvalidProgram):
         operations.run_program("A", "{}")
     agent.is_running = True
     with pytest.raises(IllegalOrder):
         operations.run_program("A", WAITS)
     assert agent.calls == []
-
-
-def test_orders_reach_the_robot(operations: ProgramOperations, agent: Agent) -> None:
-    for order in ("pause", "resume", "step", "abort"):
-        getattr(operations, f"{order}_program")("A")
-    assert agent.calls == ["pause", "resume", "step", "abort"]
 
 
 def test_progress_has_what_is_new(operations: ProgramOperations) -> None:
@@ -188,15 +162,7 @@ def test_another_robot_behind_the_agent(operations: ProgramOperations, agent: Ag
             operations.switch_adaptor("A", "smartpal", arguments)  # type: ignore[arg-type]
 
 
-def test_operations_are_called_by_name(operations: ProgramOperations) -> None:
-    table = Operations(None)  # type: ignore[arg-type]
-    table.add(operations)
-    assert table.call("adaptors", {"robot": "A"}) == ["simulated", "smartpal"]
-    with pytest.raises(InvalidArguments):
-        table.call("run_program", {"robot": "A"})
-
-
-def test_a_property_that_raises_is_no_operation() -> None:
+def test_operations_are_called_by_name_and_a_property_that_raises_is_none(operations: ProgramOperations) -> None:
     class Part:
         @property
         def _rights(self) -> None:
@@ -207,5 +173,9 @@ def test_a_property_that_raises_is_no_operation() -> None:
             return 42
 
     table = Operations(None)  # type: ignore[arg-type]
+    table.add(operations)
     table.add(Part())
+    assert table.call("adaptors", {"robot": "A"}) == ["simulated", "smartpal"]
+    with pytest.raises(InvalidArguments):
+        table.call("run_program", {"robot": "A"})
     assert table.call("answer", {}) == 42

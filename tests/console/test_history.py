@@ -1,0 +1,309 @@
+"""Moments of floors: their frames, how long they are kept, and the recordings and films that they become."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robocorba.console import films as films_module
+from robocorba.console import recordings as recordings_module
+from robocorba.console.defects import DEFECT
+from robocorba.console.films import Films, InvalidFilm, record
+from robocorba.console.floor_plan import floor_plan
+from robocorba.console.frames import ROW, Rows, rows_of, update_frame, whole_frame
+from robocorba.console.history import INTERVAL_S, MOMENT_BYTES, History, Moment
+from robocorba.console.recordings import Recordings, UnknownRecording
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.simulation import InvalidRecording
+from robocorba.maps.model import Building, ElementKind, Wall
+from robocorba.simulation.recording import Recording
+from robocorba.spatial.elevator_state import Doors, ElevatorState
+from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
+from robocorba.testing.buildings import two_floors
+from robocorba.testing.processes import eventually
+
+NAME = '<b>"\u202eעגלה\U0001f6bb'
+CABIN = ElevatorState(3.5, "", Doors.OPENING, 0.25, ("A",), ("B", "C"))
+
+
+def body(number: int, name: str = "A") -> Body:
+    return Body(number, BodyKind.ROBOT, name, 0.4, (), 127.0)
+
+
+def motions(*places: tuple[int, float]) -> Any:
+    rows = np.zeros(len(places), MOTION)
+    for row, (number, x) in zip(rows, places, strict=True):
+        row["number"], row["x"], row["heading"] = number, x, 0.5
+    return rows
+
+
+def update(since: int, version: int, *places: tuple[int, float], came: list[Body] | None = None) -> FloorUpdate:
+    return FloorUpdate("L1", since, version, 1.5, 7, came or [], [9], motions(*places), {"E": CABIN})
+
+
+def read(frame: bytes) -> tuple[dict[str, Any], Rows]:
+    """As live.js reads it."""
+    (length,) = struct.unpack_from("<I", frame)
+    return json.loads(frame[4 : 4 + length]), np.frombuffer(frame[4 + length :], ROW)
+
+
+def view(*places: tuple[int, float]) -> FloorView:
+    copy = FloorView("L1")
+    copy.apply(update(WHOLE, 1, *places, came=[body(number) for number, _ in places]))
+    return copy
+
+
+def test_a_frame_has_what_an_update_has() -> None:
+    header, rows = read(update_frame(update(3, 4, (1, 2.0), (5, -3.25), came=[body(5, NAME)])))
+    assert (header["floor"], header["time"], header["map"], header["whole"]) == ("L1", 1.5, 7, False)
+    assert header["went"] == [9]
+    assert header["came"] == [{"number": 5, "kind": "robot", "name": NAME, "radius": 0.4, "outline": []}]
+    assert header["elevators"]["E"] == {
+        **{"cabin": "", "height": 3.5, "doors": "opening", "opening": 0.25},
+        **{"riders": ["A"], "queue": ["B", "C"]},
+    }
+    assert rows["number"].tolist() == [1, 5] and rows["x"].tolist() == [2.0, -3.25] and rows["heading"][0] == 0.5
+
+
+def test_rows_are_aligned() -> None:
+    """Browsers read the rows as an array of 4-byte numbers in place."""
+    for length in range(5):
+        frame = whole_frame("x" * length, 0.0, 1, [body(1, NAME)], {}, rows_of(motions((1, 1.0))))
+        assert (len(frame) - ROW.itemsize) % 4 == 0
+        assert read(frame)[0]["whole"]
+    header, rows = read(whole_frame("L1", 0.0, 1, [], {}, rows_of(motions())))
+    assert header["came"] == [] and len(rows) == 0
+
+
+def history_of(*moments: tuple[float, float], **limits: Any) -> History:
+    history = History(**limits)
+    for at_s, x in moments:
+        history.add(view((1, x)), at_s)
+    return history
+
+
+def x_at(history: History, at_s: float) -> float:
+    return float(read(history.frame("L1", at_s))[1]["x"][0])
+
+
+def test_looking_back_shows_the_moment_before() -> None:
+    history = history_of((10.0, 1.0), (11.0, 2.0), (12.0, 3.0))
+    assert [x_at(history, at) for at in (0.0, 10.0, 10.9, 11.0, 11.5, 99.0)] == [1.0, 1.0, 1.0, 2.0, 2.0, 3.0]
+    assert history.span() == (10.0, 12.0)
+    assert history.floors == ["L1"]
+    header, _ = read(history.frame("L1", 10.0))
+    assert header["whole"] and header["elevators"]["E"]["riders"] == ["A"]
+    assert History().span() == (0.0, 0.0)
+    with pytest.raises(UnknownFloor):
+        history.frame("L9", 1.0)
+
+
+def test_moments_are_some_time_apart_and_old_ones_are_forgotten() -> None:
+    history = history_of((10.0, 1.0), (10.0 + INTERVAL_S / 2, 2.0), (10.0 + INTERVAL_S, 3.0))
+    assert x_at(history, 10.0 + INTERVAL_S / 2) == 1.0
+    assert x_at(history, 11.0) == 3.0
+    assert history_of((10.0, 1.0), (15.0, 2.0), (21.0, 3.0), kept_s=10.0).span() == (15.0, 21.0)
+
+
+@pytest.mark.parametrize("ahead_s", [1.0, -1.0, 3600.0, -3600.0, 365 * 86400.0, -365 * 86400.0])
+def test_the_past_stays_as_long_ago_as_it_is_when_the_clock_is_set(ahead_s: float) -> None:
+    epoch = 1.7e9
+    history = History(kept_s=10.0, epoch=lambda: epoch)
+    for at in range(3):
+        history.add(view((1, at)), float(at))
+    epoch += ahead_s
+    for at in range(3, 6):
+        history.add(view((1, at)), float(at))
+    assert history.span() == (epoch, epoch + 5.0)
+    assert [x_at(history, epoch + at) for at in range(6)] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert [moment.at - epoch for moment in history.between("L1", epoch + 1.5, epoch + 4.0)] == [1.5, 2.0, 3.0, 4.0]
+
+
+@pytest.mark.parametrize("row_bytes", [ROW.itemsize, 0])
+def test_memory_is_bounded_also_of_floors_without_bodies(row_bytes: int) -> None:
+    history, floor = History(max_bytes=100 * (MOMENT_BYTES + row_bytes)), FloorView("L1")
+    came, rows = ([body(1)], motions((1, 0.0))) if row_bytes else ([], motions())
+    for at in range(1000):
+        cabin = CABIN._replace(height=float(at))
+        floor.apply(FloorUpdate("L1", WHOLE, at + 1, float(at), 1, came, [], rows, {"E": cabin}))
+        history.add(floor, float(at))
+    first, last = history.span()
+    assert last == 999.0
+    assert 0.0 < last - first <= 100
+
+
+FLOOR = "L1"
+BODY = Body(7, BodyKind.ROBOT, "R1", 0.3, (), 50.0)
+
+
+@pytest.fixture(scope="module")
+def building() -> Building:
+    return two_floors()
+
+
+@pytest.fixture
+def films() -> Iterator[Films]:
+    films = Films()
+    yield films
+    films.close()
+
+
+def driven_history(seconds: int, began: float = 1000.0) -> History:
+    """A robot that drives 1 m a second along x, seen once a second."""
+    driven_history = History()
+    view = FloorView(FLOOR)
+    for second in range(seconds + 1):
+        motions = np.zeros(1, MOTION)
+        motions["number"], motions["x"], motions["y"], motions["vx"] = 7, 2.0 + second, 3.0, 1.0
+        view.apply(FloorUpdate(FLOOR, WHOLE, second + 1, float(second), 1, [BODY], [], motions, {}))
+        driven_history.add(view, began + second)
+    return driven_history
+
+
+def places(moments: list[Moment]) -> list[tuple[float, float]]:
+    """Time and x of the robot in each moment."""
+    return [(moment.at, float(moment.rows["x"][0])) for moment in moments]
+
+
+def test_a_span_begins_with_the_state_at_its_begin() -> None:
+    history = driven_history(5)
+    assert places(history.between(FLOOR, 1001.5, 1003.0)) == [(1001.5, 3.0), (1002.0, 4.0), (1003.0, 5.0)]
+    assert places(history.between(FLOOR, 10.0, 1001.0)) == [(1000.0, 2.0), (1001.0, 3.0)]
+    with pytest.raises(UnknownFloor):
+        history.between("cellar", 0.0, 1.0)
+
+
+def test_a_span_is_recorded_with_its_times_and_read_again(tmp_path: Path, building: Building) -> None:
+    file = tmp_path / "span.mcap"
+    record(file, building, FLOOR, driven_history(5).between(FLOOR, 1001.0, 1003.0), 1004.5)
+    recording = Recording(file)
+    assert recording.began == pytest.approx(1001.0)
+    assert recording.duration_s == pytest.approx(3.5)
+    view = recording.at(1.0, [FLOOR])[FLOOR]
+    assert [body.name for body in view.bodies.values()] == ["R1"]
+    assert view.motions["x"][0] == pytest.approx(4.0)
+
+
+def test_a_recording_is_opened_looked_at_and_closed_for_newer_ones(
+    tmp_path: Path, building: Building, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recordings_module, "MAX_OPEN", 2)
+    file = tmp_path / "span.mcap"
+    record(file, building, FLOOR, driven_history(5).between(FLOOR, 1000.0, 1005.0), 1005.0)
+    recordings = Recordings()
+    first = recordings.open(file, "monday.mcap")
+    assert first.row() == {"key": first.key, "name": "monday.mcap", "floors": [FLOOR], "past": [1000.0, 1005.0]}
+    [(at, x)] = places([first.history.at(FLOOR, 1002.1)])
+    assert at == pytest.approx(1002.0)
+    assert x == 4.0
+    assert first.plan(FLOOR)["name"] == FLOOR
+    with pytest.raises(UnknownFloor):
+        first.plan("cellar")
+    for _ in range(2):
+        recordings.open(file, "again")
+    assert [row["name"] for row in recordings.rows()] == ["again", "again"]
+    with pytest.raises(UnknownRecording):
+        recordings.get(first.key)
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+    file, recordings = tmp_path / "x.mcap", Recordings()
+    file.write_text("no recording")
+    with pytest.raises(InvalidRecording):
+        recordings.open(file, "x")
+    assert recordings.rows() == []
+
+
+def test_a_film_is_made(building: Building, films: Films) -> None:
+    moments = driven_history(3).between(FLOOR, 1000.0, 1003.0)
+    number = films.start(building, FLOOR, moments, 1003.0, 20.0)
+    with pytest.raises(InvalidFilm, match="another film"):
+        films.start(building, FLOOR, moments, 1003.0, 20.0)
+    eventually(lambda: films.state(number)["phase"] != "making", 120.0, "the end of the film's making")
+    assert films.state(number)["problem"] == ""
+    assert films.file(number).read_bytes()[4:8] == b"ftyp"
+
+
+def test_a_film_that_is_cancelled_or_fails_by_a_defect_says_so(
+    building: Building, films: Films, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise KeyError("a defect")
+
+    def start() -> int:
+        return films.start(building, FLOOR, driven_history(3).between(FLOOR, 1000.0, 1003.0), 1003.0, 1.0)
+
+    number = start()
+    films.cancel(number)
+    assert (films.state(number)["phase"], films.state(number)["problem"]) == ("failed", "cancelled")
+    with pytest.raises(InvalidFilm, match="not ready"):
+        films.file(number)
+    monkeypatch.setattr(films_module, "record", fail)
+    number = start()
+    eventually(lambda: films.state(number)["phase"] != "making", what="the end of the film's making")
+    assert films.state(number)["problem"] == DEFECT
+    with pytest.raises(InvalidFilm, match="not ready"):
+        films.file(number)
+
+
+@pytest.mark.parametrize(
+    ("end_s", "speed", "refusal"),
+    [
+        *((end_s, 1.0, "not after") for end_s in (1000.0, 999.0)),
+        *((1001.0, speed, "speed") for speed in (0.0, -1.0, 1000.0, math.nan)),
+        (2800.0, 1.0, "choose 3 or more"),
+    ],
+)
+def test_impossible_films_are_refused(
+    building: Building, films: Films, end_s: float, speed: float, refusal: str
+) -> None:
+    with pytest.raises(InvalidFilm, match=refusal):
+        films.start(building, FLOOR, driven_history(1).between(FLOOR, 1000.0, 1001.0), end_s, speed)
+    with pytest.raises(InvalidFilm, match="make it again"):
+        films.file(5)
+
+
+def test_every_floor_is_json_with_finite_numbers() -> None:
+    building = two_floors()
+    for floor in building.floors:
+        plan = json.loads(json.dumps(floor_plan(building, floor), allow_nan=False))
+        assert plan["name"] == floor
+        entry = building.floors[floor]
+        assert {wall["name"] for wall in plan["walls"]} == set(entry.geometrical.walls)
+        assert {node["name"] for node in plan["nodes"]} == set(entry.topological.nodes)
+        assert {edge["name"] for edge in plan["edges"]} == set(entry.topological.edges)
+        assert {one["name"] for one in plan["elevators"]} <= set(building.elevators)
+        x_min, y_min, x_max, y_max = plan["bounds"]
+        assert x_min < x_max and y_min < y_max
+
+
+def test_walls_have_gaps_where_doors_are() -> None:
+    building = two_floors()
+    gaps = 0.0
+    for floor in building.floors:
+        for wall in floor_plan(building, floor)["walls"]:
+            drawn = sum(math.dist(a, b) for piece in wall["pieces"] for a, b in itertools.pairwise(piece))
+            assert drawn <= math.dist(wall["a"], wall["b"]) + 1e-3
+            gaps += math.dist(wall["a"], wall["b"]) - drawn
+    doors = sum(
+        math.dist(door["a"], door["b"]) for floor in building.floors for door in floor_plan(building, floor)["doors"]
+    )
+    assert doors > 0.1
+    assert gaps == pytest.approx(doors, abs=1e-3)
+
+
+def test_names_stay_what_they_are() -> None:
+    building, name = two_floors(), "<script>alert(1)</script>\u202e'\"&"
+    renamed = building.with_changes([(ElementKind.WALL, "L1", name, Wall(name, (1.0, 1.0), (2.0, 1.0)))])
+    walls = json.loads(json.dumps(floor_plan(renamed, "L1")))["walls"]
+    assert name in [wall["name"] for wall in walls]
+    with pytest.raises(KeyError):
+        floor_plan(building, "L9")

@@ -1,0 +1,351 @@
+"""The map page: its operations on a building editor in this process, its sessions, and its files."""
+
+from __future__ import annotations
+
+import base64
+import io
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+from PIL import Image
+
+from robocorba.console.arguments import InvalidArguments
+from robocorba.console.map_edits import InvalidEdits
+from robocorba.console.map_files import FORMATS, InvalidUpload, read_upload, write_download
+from robocorba.console.map_operations import MapOperations
+from robocorba.console.map_sessions import MAX_SESSIONS, SILENCE_S, NoSession, TabSessions
+from robocorba.errors.maps import InvalidElement, MapFileError, SessionEnded
+from robocorba.maps import native
+from robocorba.maps.edit_session import EditSessions
+from robocorba.maps.edits import EditRecord
+from robocorba.maps.formats import WRITTEN
+from robocorba.maps.map_building_agent import BuildingEditor
+from robocorba.maps.model import Building, Element, ElementKind
+from robocorba.maps.store import MapStore
+from robocorba.maps.validation import problems
+from robocorba.spatial.pose import SMARTPAL_RADIUS_M
+from robocorba.testing.buildings import two_floors
+from tests.clock import Clock
+
+
+class LocalEditor:
+    """The methods of RemoteMapEditor that edits need."""
+
+    def __init__(self, editor: BuildingEditor) -> None:
+        self.editor = editor
+        self.sessions: list[LocalSession] = []
+
+    def version(self) -> int:
+        return self.editor.version
+
+    def building_name(self) -> str:
+        return self.editor.building.name
+
+    def building(self) -> tuple[Building, int]:
+        return self.editor.snapshot
+
+    def elements(self, kind: ElementKind, floor: str = "") -> list[tuple[Element, int]]:
+        return self.editor.elements(kind, floor)
+
+    def edits_since(self, version: int) -> list[EditRecord]:
+        return self.editor.edits_since(version)
+
+    def open_session(self, author: str) -> LocalSession:
+        self.sessions.append(LocalSession(EditSessions(self.editor).open(author)))
+        return self.sessions[-1]
+
+
+class LocalSession:
+    """The methods of RemoteEditSession."""
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+        self.is_closed = False
+
+    def __getattr__(self, name: str) -> Any:
+        if self.is_closed:
+            raise SessionEnded("the edit session has ended")
+        value = getattr(self._session, name)
+        return (lambda: value) if isinstance(value, str) else value
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+Edit = dict[str, Any]
+
+
+@pytest.fixture
+def editor(tmp_path: Path) -> Iterator[LocalEditor]:
+    with MapStore.create(tmp_path / "map.sqlite", two_floors()) as store:
+        yield LocalEditor(BuildingEditor(store))
+
+
+@pytest.fixture
+def page(editor: LocalEditor) -> Page:
+    return Page(editor)
+
+
+class Page:
+    """A tab of the map page."""
+
+    def __init__(self, editor: LocalEditor, author: str = "A.", operations: MapOperations | None = None) -> None:
+        self.editor = editor
+        self.operations = operations or MapOperations(cast(Any, None), cast(Any, editor))
+        self.session = self.operations.map_open(author)["session"]
+
+    @property
+    def building(self) -> Building:
+        return self.editor.editor.building
+
+    def record(self, kind: str, name: str, floor: str = "L1") -> Edit:
+        elements = self.operations.map_floor(floor)["elements"]
+        return next(dict(each) for each in elements if (each["kind"], each["name"]) == (kind, name))
+
+    def edit(self, *edits: Edit) -> Edit:
+        return self.operations.map_edit(self.session, list(edits))
+
+    def change(self, kind: str, name: str, floor: str = "L1", **members: Any) -> Edit:
+        record = self.record(kind, name, floor)
+        return {**record, "do": "change", "members": {**record["members"], **members}}
+
+    def remove(self, kind: str, name: str, floor: str = "L1") -> Edit:
+        return {**self.record(kind, name, floor), "do": "remove"}
+
+
+def created(kind: str, name: str, floor: str = "", **members: Any) -> Edit:
+    return {"do": "create", "kind": kind, "floor": floor, "name": name, "members": {"name": name, **members}}
+
+
+def wall(name: str, *ends: tuple[float, float]) -> Edit:
+    return created("wall", name, "L1", **{"from": ends[0], "to": ends[1]})
+
+
+def test_a_floor_has_its_elements_and_those_of_the_whole_building(page: Page) -> None:
+    answer = page.operations.map_floor("L2")
+    found = {(each["kind"], each["floor"], each["name"]) for each in answer["elements"]}
+    assert found >= {("floor", "", "L1"), ("floor", "", "L2"), ("elevator", "", "E1"), ("node", "L2", "lift2")}
+    assert not [key for key in found if key[1] == "L1"]
+    assert (answer["version"], answer["building"]) == (page.editor.version(), "two floors")
+    assert {each["kind"] for each in page.operations.map_floor("attic")["elements"]} == {"floor", "elevator"}
+
+
+def test_edits_together_are_one_step_for_undo(page: Page) -> None:
+    before = page.building
+    answer = page.edit(wall("a", (1, 1), (2, 1)), wall("b", (2, 1), (2, 2)))
+    assert answer["version"] == page.editor.version()
+    assert page.building.find(ElementKind.WALL, "L1", "b")
+    news = page.operations.map_news(page.session, answer["version"] - 1)
+    assert [(edit["author"], edit["changes"]) for edit in news["edits"]] == [("A.", 2)]
+    assert news["undoable"]
+    page.operations.map_undo(page.session)
+    assert page.building == before
+    page.operations.map_redo(page.session)
+    assert page.building.find(ElementKind.WALL, "L1", "a")
+
+
+def test_undo_leaves_the_edits_of_others(page: Page, editor: LocalEditor) -> None:
+    other = Page(editor, "B.", page.operations)
+    page.edit(wall("a", (1, 1), (2, 1)))
+    other.edit(wall("b", (1, 2), (2, 2)))
+    page.operations.map_undo(page.session)
+    walls = page.building.floors["L1"].geometrical.walls
+    assert ("a" in walls, "b" in walls) == (False, True)
+    assert "refused" in page.operations.map_undo(page.session)
+
+
+def test_edges_follow_their_nodes_and_a_node_in_a_cabin_is_kept(page: Page) -> None:
+    refused = page.edit(page.remove("node", "lift1"))["refused"]
+    assert "elevator 'E1' stops at it" in refused["reason"]
+    assert page.building.find(ElementKind.NODE, "L1", "lift1")
+    assert "version" in page.edit({**page.record("node", "east"), "do": "rename", "to": "<b>e</b>"})
+    assert page.building.floors["L1"].topological.edges["west-east"].b == "<b>e</b>"
+    assert "version" in page.edit(page.remove("node", "<b>e</b>"))
+    assert set(page.building.floors["L1"].topological.edges) == set()
+    assert problems(page.building) == []
+
+
+def test_an_elevator_moves_with_its_nodes_and_a_new_one_is_valid_at_once(page: Page) -> None:
+    assert "version" in page.edit(page.change("elevator", "E1", at=[17.9, 5.0]))
+    for floor, name in (("L1", "lift1"), ("L2", "lift2")):
+        assert page.building.floors[floor].topological.nodes[name].at == pytest.approx((17.9, 5.0))
+    doors = [{"floor": "L2"}, {"floor": "L3"}]
+    answer = page.edit(
+        created("floor", "L3", level=3, elevation=8.0), created("elevator", "E2", at=[3, 3], size=[2, 2], doors=doors)
+    )
+    assert "version" in answer
+    assert page.building.floors["L2"].topological.nodes["cabin-E2"].elevator == "E2"
+
+
+def test_a_floor_is_removed_with_what_is_on_it(page: Page) -> None:
+    assert "version" in page.edit(page.remove("floor", "L2"))
+    assert list(page.building.floors) == ["L1"]
+    assert page.building.elevators["E1"].floors() == ("L1",)
+    page.operations.map_undo(page.session)
+    assert page.building == two_floors()
+
+
+def test_what_refuses_an_edit_is_named(page: Page, editor: LocalEditor) -> None:
+    refused = page.edit(wall("w", (1, 1), (2, 1)))["refused"]
+    assert (refused["taken"], refused["stale"]) == (True, None)
+    refused = page.edit(*(created("node", name, "L1", at=[10.0, y]) for name, y in (("p", 1.0), ("q", 2.0))))["refused"]
+    assert [(one["name"], one["x"], one["y"]) for one in refused["problems"]] == [("p", 10.0, 1.0), ("q", 10.0, 2.0)]
+    assert page.building == two_floors()
+    late = page.change("wall", "w", height=3.0)
+    Page(editor, "B.", page.operations).edit(page.change("wall", "w", height=2.0))
+    assert page.edit(late)["refused"]["stale"] == {"kind": "wall", "floor": "L1", "name": "w"}
+    Page(editor, "B.", page.operations).edit(page.remove("wall", "w"))
+    assert page.edit(late)["refused"]["stale"]["name"] == "w"
+
+
+REMOVE = {"do": "remove", "kind": "wall", "floor": "L1", "name": "w"}
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [
+        *(None, [], ["remove"], [{"do": "remove"}]),
+        *([{**REMOVE, **wrong}] for wrong in ({"do": "paint"}, {"kind": "roof", "version": 1})),
+        *([{**REMOVE, "version": version}] for version in ("new", float("inf"), 10**400)),
+        *([{**REMOVE, "version": 1, **wrong}] for wrong in ({"floor": "L1\0"}, {"name": "\ud800"})),
+        [{**wall("a", (0, 1), (1, 1)), "name": "b"}],
+    ],
+)
+def test_other_requests_are_refused(page: Page, edits: Any) -> None:
+    with pytest.raises((InvalidEdits, InvalidElement, InvalidArguments)):
+        page.operations.map_edit(page.session, edits)
+
+
+def test_paths_between_other_things_than_places_are_refused(page: Page) -> None:
+    start = {"floor": "L1", "x": 1, "y": 1}
+    for wrong in (
+        *(None, [], {"floor": "L1", "x": 1}, {"floor": 3, "x": 1, "y": 1}, {"x": 1, "y": 1}),
+        *({**start, "x": x} for x in ("1", None, float("nan"), 10**400)),
+    ):
+        with pytest.raises(InvalidArguments):
+            page.operations.map_paths(start, wrong)  # type: ignore[arg-type]
+
+
+def test_a_session_that_the_map_editor_has_ended_is_replaced_and_a_closed_one_unknown(
+    page: Page, editor: LocalEditor
+) -> None:
+    editor.sessions[-1].is_closed = True
+    answer = page.edit(wall("a", (1, 1), (2, 1)))
+    assert "can't be undone any more" in answer["note"]
+    assert page.building.find(ElementKind.WALL, "L1", "a")
+    for _ in range(2):
+        page.operations.map_close(page.session)
+    assert editor.sessions[-1].is_closed
+    with pytest.raises(NoSession):
+        page.edit(wall("b", (1, 1), (2, 1)))
+
+
+def test_a_silent_session_ends_when_another_opens(editor: LocalEditor) -> None:
+    clock = Clock(0.0)
+    sessions = TabSessions(cast(Any, editor), clock)
+    silent, busy = sessions.open("A."), sessions.open("B.")
+    clock.now = SILENCE_S * 0.9
+    sessions.find(busy)
+    clock.now = SILENCE_S * 1.1
+    sessions.open("C.")
+    assert [session.is_closed for session in editor.sessions] == [True, False, False]
+    assert sessions.find(busy).author == "B."
+    with pytest.raises(NoSession):
+        sessions.find(silent)
+
+
+def test_the_one_that_is_silent_for_longest_makes_place(editor: LocalEditor) -> None:
+    clock = Clock(0.0)
+    sessions = TabSessions(cast(Any, editor), clock)
+    for clock.now in range(MAX_SESSIONS + 2):
+        sessions.open("A.")
+    assert [session.is_closed for session in editor.sessions] == [True] * 2 + [False] * MAX_SESSIONS
+
+
+def packed(content: str | bytes) -> str:
+    return base64.b64encode(content.encode() if isinstance(content, str) else content).decode()
+
+
+def upload(files: dict[str, str]) -> dict[str, object]:
+    return read_upload(files, "blocked", "walls", False, SMARTPAL_RADIUS_M)
+
+
+def test_a_native_map_comes_back_unchanged_and_a_foreign_format_names_its_losses() -> None:
+    assert set(FORMATS) == set(WRITTEN)
+    download = write_download(two_floors(), "native", 0.05, "pgm")
+    assert (download["name"], download["losses"]) == ("two_floors.yaml", [])
+    answer = upload({"house.yaml": download["content"]})
+    assert native.loads(str(answer["document"])) == two_floors()
+    assert (answer["format"], answer["losses"]) == ("native", [])
+    for foreign in ("openrmf", "ros", "nav2"):
+        assert write_download(two_floors(), foreign, 0.2, "png")["losses"]
+
+
+def test_ros_maps_are_an_archive_that_can_be_read_again() -> None:
+    download = write_download(two_floors(), "ros", 0.2, "png")
+    with zipfile.ZipFile(io.BytesIO(base64.b64decode(download["content"]))) as archive:
+        files = {name: packed(archive.read(name)) for name in archive.namelist() if "L1" in name}
+    assert upload(files)["format"] == "ros"
+
+
+def test_an_error_names_the_file_and_its_line_but_no_folder() -> None:
+    with pytest.raises(MapFileError) as refused:
+        upload({"C:\\maps\\house.yaml": packed("robocorba: 1\nname: x\nfloors: [{name: 1}]\n")})
+    assert (refused.value.file, refused.value.line > 0) == ("house.yaml", True)
+    assert "/" not in str(refused.value)
+    with pytest.raises(MapFileError) as refused:
+        write_download(two_floors(), "ros", 0.05, "gif")
+    assert refused.value.file == "two_floors.yaml"
+    with pytest.raises(InvalidUpload):
+        write_download(two_floors(), "dwg", 0.05, "pgm")
+
+
+ROS_MAP = "image: {image}\nresolution: 0.1\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.2\nnegate: 0\n"
+ROS_LIST = "ros_maps: 1\nname: x\nfloors: [{{name: L1, level: 0, map: {map}}}]\n"
+
+
+def outside(folder: Path) -> Path:
+    """A picture on the console's host."""
+    picture = folder / "private.png"
+    Image.new("L", (40, 40), 254).save(picture)
+    return picture
+
+
+@pytest.mark.parametrize("path", ["{}", "/../{}", "../../../../../../../../{}"])
+def test_uploads_can_not_name_pictures_of_the_host(path: str, tmp_path: Path) -> None:
+    named = path.format(outside(tmp_path))
+    with pytest.raises(MapFileError, match="a picture must lie in the folder of the file or below, not at") as refused:
+        upload({"map.yaml": packed(ROS_MAP.format(image=named))})
+    assert (refused.value.file, refused.value.key) == ("map.yaml", "image")
+    assert named in str(refused.value)
+
+
+def test_uploads_can_not_name_maps_of_the_host(tmp_path: Path) -> None:
+    file, picture = tmp_path / "map.yaml", outside(tmp_path)
+    file.write_text(ROS_MAP.format(image=picture.name))
+    with pytest.raises(MapFileError, match="a map_server file must lie in the folder") as refused:
+        upload({"house.yaml": packed(ROS_LIST.format(map=file))})
+    assert refused.value.file == "house.yaml"
+    house, named = packed(ROS_LIST.format(map="map.yaml")), packed(ROS_MAP.format(image=picture))
+    with pytest.raises(MapFileError, match="a picture must lie in the folder"):
+        upload({"house.yaml": house, "map.yaml": named})
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {},
+        {"picture.png": packed(b"\x89PNG")},
+        {"a.yaml": "no base64!"},
+        {"..": packed("x")},
+        {"a.yaml": packed("a: 1"), "b.yaml": packed("b: 1")},
+        {"n\0.yaml": packed("a: 1")},
+        {"x" * 300 + ".yaml": packed("a: 1")},
+    ],
+)
+def test_what_is_no_map_is_refused(files: dict[str, str]) -> None:
+    with pytest.raises(InvalidUpload):
+        upload(files)
