@@ -90,32 +90,25 @@ def test_check_warns_of_blocked_edges_and_unreachable_nodes() -> None:
     assert robocorba_map("check", "two.yaml", "--radius", "nan").exit_code == 2
 
 
-@pytest.mark.parametrize("command", [("check",), ("import",), ("export",), ("show",)])
-def test_a_wrong_file_is_named_with_line_and_key(command: tuple[str]) -> None:
+def test_a_wrong_file_is_named_with_line_and_key() -> None:
     text = "robocorba: 1\nname: x\nfloors:\n- name: L1\n  level: 1\n  elevation: 0\n  walls:\n"
     Path("wrong.yaml").write_text(text + "  - {name: w, from: [0, 0], to: [0, 0]}\n")
-    more = {"check": (), "import": ("out",), "export": ("out", "-f", "nav2"), "show": ("--picture", "out")}[command[0]]
-    assert refusal(command[0], "wrong.yaml", *more) == (
-        f"robocorba map {command[0]}: wrong.yaml:8: floors[0].walls[0]: wall 'w' on L1: it has no length"
-    )
-    assert not Path("out").exists()
+    for name, *more in (("check",), ("import", "out"), ("export", "out", "-f", "nav2"), ("show", "--picture", "out")):
+        assert refusal(name, "wrong.yaml", *more) == (
+            f"robocorba map {name}: wrong.yaml:8: floors[0].walls[0]: wall 'w' on L1: it has no length"
+        )
+        assert not Path("out").exists()
 
 
-@pytest.mark.parametrize(
-    ("content", "reason"),
-    [
+def test_an_invalid_file_is_refused() -> None:
+    for content, reason in (
         (b"", "file.yaml:1: empty file"),
         (b"\x89PNG\r\n\x1a\n\0", "file.yaml:1: not UTF-8 text"),
         (b"a: &a [x]\nb: [*a, *a]\n", "file.yaml:2: b[0]: aliases are not accepted"),
         (b"a: 1\n", "file.yaml:1: neither a RoboCorba map"),
-    ],
-)
-def test_an_invalid_file_is_refused(content: bytes, reason: str) -> None:
-    Path("file.yaml").write_bytes(content)
-    assert refusal("check", "file.yaml").startswith(f"robocorba map check: {reason}")
-
-
-def test_a_missing_file_is_named() -> None:
+    ):
+        Path("file.yaml").write_bytes(content)
+        assert refusal("check", "file.yaml").startswith(f"robocorba map check: {reason}")
     assert refusal("check", "nowhere.yaml") == "robocorba map check: nowhere.yaml: No such file or directory"
 
 
@@ -147,7 +140,7 @@ def test_import_joins_ros_maps_of_several_floors() -> None:
     listed = [
         f"- {{name: {name}, elevation: {height}, map: out-{name}.yaml}}" for name, height in (("L1", 0), ("L2", 4))
     ]
-    Path("list.yaml").write_text("\n".join(["ros_maps: 1", "name: two", "floors:", *listed]))
+    Path("list.yaml").write_text("ros_maps: 1\nname: two\nfloors:\n" + "\n".join(listed))
     *_, last = lines(robocorba_map("import", "list.yaml", "joined.yaml"))
     assert last.startswith("wrote joined.yaml: 2 floors, ")
     Path("list.yaml").write_text(Path("list.yaml").read_text().replace("out-L2", "out-L3"))
@@ -223,10 +216,8 @@ def test_what_is_exported_can_be_imported(format: str) -> None:
 
 
 def test_export_writes_a_file_for_each_floor_where_a_format_holds_one() -> None:
-    printed = lines(
-        robocorba_map("export", "two.yaml", "out.yaml", "-f", "ros", "--image", "png", "--resolution", "0.1")
-    )
-    printed += lines(robocorba_map("export", "two.yaml", "out.geojson", "-f", "nav2"))
+    ros = ("export", "two.yaml", "out.yaml", "-f", "ros", "--image", "png", "--resolution", "0.1")
+    printed = lines(robocorba_map(*ros)) + lines(robocorba_map("export", "two.yaml", "out.geojson", "-f", "nav2"))
     files = [line.removeprefix("wrote ") for line in printed if line.startswith("wrote ")]
     assert files == [
         *("out-L1.yaml", "out-L1.png", "out-L2.yaml", "out-L2.png"),
@@ -235,9 +226,6 @@ def test_export_writes_a_file_for_each_floor_where_a_format_holds_one() -> None:
     assert all(Path(name).is_file() for name in files)
     with Image.open("out-L1.png") as picture:
         assert picture.size[0] >= 200  # 20 m
-
-
-def test_export_reports_what_it_cannot_write() -> None:
     assert "No such file or directory" in refusal("export", "two.yaml", "no/folder/out.yaml", "-f", "openrmf")
     result = robocorba_map("export", "two.yaml", "out.yaml", "-f", "dxf")
     assert result.exit_code == 2 and "dxf" in result.output

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import threading
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,38 +29,27 @@ from robocorba.testing.processes import eventually
 from tests.data_pool.places import Place
 
 
-class Naming:
-    """An ORB that answers the number of its `resolve` calls."""
+def test_it_is_resolved_again_only_after_it_did_not_answer() -> None:
+    resolved: list[tuple[Any, ...]] = []
 
-    def __init__(self) -> None:
-        self.count = 0
+    def resolve(*arguments: Any) -> int:
+        resolved.append(arguments)
+        return len(resolved)
 
-    def resolve(self, name: str, interface: Any, timeout_s: float, call_timeout_s: float) -> int:
-        assert (name, interface, timeout_s, call_timeout_s) == ("MapEditor", RoboCorba.MapEditor, 2.0, 1.0)
-        self.count += 1
-        return self.count
-
-
-def fail(error: Exception) -> Any:
-    def operation(reference: Any) -> Any:
+    def fail(error: Exception) -> None:
         raise error
 
-    return operation
-
-
-def test_it_is_resolved_again_only_after_it_did_not_answer() -> None:
-    naming: Any = Naming()
+    naming: Any = SimpleNamespace(resolve=resolve)
     editor = RemoteObject(naming, "MapEditor", RoboCorba.MapEditor, "the map editor", 2.0, 1.0)
     assert [editor.call(lambda reference: reference) for _ in range(3)] == [1, 1, 1]
     with pytest.raises(StaleVersion, match="5"):
-        editor.call(fail(RoboCorba.StaleVersion(4, 5)))
+        editor.call(lambda reference: fail(RoboCorba.StaleVersion(4, 5)))
     assert editor.call(lambda reference: reference) == 1
     with pytest.raises(NotReachable, match=r"the map editor does not answer \(.*TRANSIENT"):
-        editor.call(fail(CORBA.TRANSIENT()))
+        editor.call(lambda reference: fail(CORBA.TRANSIENT()))
     assert editor.call(lambda reference: reference) == 2
+    assert resolved == [("MapEditor", RoboCorba.MapEditor, 2.0, 1.0)] * 2
 
-
-def test_the_caller_chooses_the_error_of_a_failure() -> None:
     class Strange(CORBA.UserException):
         """Without a domain error."""
 
@@ -70,12 +60,19 @@ def test_the_caller_chooses_the_error_of_a_failure() -> None:
 
 
 class Database:
-    """A database whose robots move with each call."""
+    """A database whose robots move with each call, and the ORB that resolves it if it `is_bound`."""
 
     def __init__(self) -> None:
-        self.names = ["L1", "L2"]
-        self.version = 0
+        self.names, self.version, self.is_bound = ["L1", "L2"], 0, True
         self.error: Exception | None = None
+        self.resolved: list[tuple[str, float]] = []
+
+    def resolve(self, name: str, interface: Any, timeout_s: float, call_timeout_s: float) -> Database:
+        assert interface is RoboCorba.OmniDatabase
+        self.resolved.append((name, timeout_s))
+        if not self.is_bound:
+            raise NotReachable("not bound")
+        return self
 
     def floors(self) -> list[str]:
         if self.error:
@@ -96,75 +93,61 @@ class Database:
         return conversion.update(FloorUpdate(floor, since, self.version, 0.1, 1, came, [], rows, {}))
 
 
-class DatabaseNaming:
-    """An ORB that resolves the database if there is one."""
-
-    def __init__(self, database: Database) -> None:
-        self.database: Database | None = database
-        self.resolved: list[tuple[str, float]] = []
-
-    def resolve(self, name: str, interface: Any, timeout_s: float, call_timeout_s: float) -> Database:
-        assert interface is RoboCorba.OmniDatabase
-        self.resolved.append((name, timeout_s))
-        if self.database is None:
-            raise NotReachable("not bound")
-        return self.database
-
-
-def gone() -> CORBA.SystemException:
-    return CORBA.COMM_FAILURE(0, CORBA.COMPLETED_MAYBE)
+GONE = CORBA.COMM_FAILURE(0, CORBA.COMPLETED_MAYBE)
 
 
 def test_a_floor_is_loaded_and_then_followed() -> None:
     database = Database()
     with pytest.raises(UnknownFloor, match="L9"):
         RemoteFloor(database, "L9").follow()
-    floor, database.version = RemoteFloor(database, "L1"), 0
+    floor = RemoteFloor(database, "L1")
     assert floor.follow().since == WHOLE
     second = floor.follow()
     assert (second.since, second.version) == (1, 2)
     assert (floor.view.version, floor.view.motion(1)["x"]) == (2, 2.0)
-    database.error = gone()
+    database.error = GONE
     with pytest.raises(NotReachable, match="Omni database"):
         floor.follow()
     assert floor.view.version == 2
 
 
 def test_all_floors_are_followed_unless_some_are_chosen() -> None:
-    database = Database()
-    naming: Any = DatabaseNaming(database)
-    everything = RemoteFloors(naming)
-    assert [update.floor for update in everything.follow(1.0)] == ["L1", "L2"]
+    database: Any = Database()
+    everything = RemoteFloors(database)
+
+    def followed() -> list[tuple[str, bool]]:
+        return [(update.floor, update.since > 0) for update in everything.follow(1.0)]
+
+    assert followed() == [("L1", False), ("L2", False)]
     database.names = ["L2", "L3"]
-    assert [(update.floor, update.since > 0) for update in everything.follow(1.0)] == [("L2", True), ("L3", False)]
+    assert followed() == [("L2", True), ("L3", False)]
     assert list(everything.views) == ["L2", "L3"]
-    assert [update.floor for update in RemoteFloors(naming, ["L3"]).follow(1.0)] == ["L3"]
+    assert [update.floor for update in RemoteFloors(database, ["L3"]).follow(1.0)] == ["L3"]
     with pytest.raises(UnknownFloor, match="L1"):
-        RemoteFloors(naming, ["L3", "L1"]).follow(1.0)
+        RemoteFloors(database, ["L3", "L1"]).follow(1.0)
     database.names, read = ["ground", "L2"], database.floors
-    database.floors = lambda: ["L3", "L2"]  # type: ignore[method-assign]  # it is renamed after its name was read
-    assert [update.floor for update in everything.follow(1.0)] == ["L2"]
-    database.floors = read  # type: ignore[method-assign]
-    assert [(update.floor, update.since > 0) for update in everything.follow(1.0)] == [("ground", False), ("L2", True)]
+    database.floors = lambda: ["L3", "L2"]  # it is renamed after its name was read
+    assert followed() == [("L2", True)]
+    database.floors = read
+    assert followed() == [("ground", False), ("L2", True)]
 
 
 def test_after_a_failure_whole_floors_are_loaded() -> None:
-    database = Database()
-    naming: Any = DatabaseNaming(database)
-    floors = RemoteFloors(naming, ["L1"])
+    database: Any = Database()
+    floors = RemoteFloors(database, ["L1"])
     for _ in range(2):
         floors.follow(3.0)
-    assert naming.resolved == [("OmniDatabase", 3.0)]
-    database.error = gone()
+    assert database.resolved == [("OmniDatabase", 3.0)]
+    database.error = GONE
     with pytest.raises(NotReachable):
         floors.follow(0.5)
     assert floors.views == {}
-    naming.database = None
+    database.is_bound = False
     with pytest.raises(NotReachable, match="not bound"):
         floors.follow(0.5)
-    naming.database, database.error = database, None
+    database.is_bound, database.error = True, None
     assert [update.since for update in floors.follow(0.5)] == [WHOLE]
-    assert len(naming.resolved) == 3
+    assert len(database.resolved) == 3
 
 
 class World:
@@ -172,19 +155,16 @@ class World:
 
     def __init__(self) -> None:
         self.views: dict[str, FloorView] = {}
-        self.floor = "L1"
-        self.time_s, self.version = 10.0, 0
-        self.reported: list[Posture] = []
-        self.is_away = False
-        self.timeouts_s: list[float] = []
+        self.floor, self.time_s, self.version, self.is_away = "L1", 10.0, 0, False
+        self.reported, self.timeouts_s = list[Posture](), list[float]()
+        self.scans_since = self.missions_since = lambda *arguments: []
 
     def follow(self, resolve_timeout_s: float) -> list[FloorUpdate]:
         self.timeouts_s.append(resolve_timeout_s)
         view = self.views.setdefault(self.floor, FloorView(self.floor))
         self.version += 1
-        update = FloorUpdate(
-            self.floor, view.version or WHOLE, self.version, self.time_s, 1, [], [], np.empty(0, MOTION), {}
-        )
+        since, nothing = view.version or WHOLE, np.empty(0, MOTION)
+        update = FloorUpdate(self.floor, since, self.version, self.time_s, 1, [], [], nothing, {})
         view.apply(update)
         return [update]
 
@@ -192,12 +172,6 @@ class World:
         if self.is_away:
             raise NotReachable("away")
         return [posture for posture in self.reported if posture.time > time_s]
-
-    def scans_since(self, floor: str, time_s: float) -> list[Any]:
-        return []
-
-    def missions_since(self, version: int) -> list[Any]:
-        return []
 
 
 @pytest.fixture
@@ -208,43 +182,37 @@ def system(monkeypatch: pytest.MonkeyPatch) -> tuple[World, LiveSystem]:
 
 
 def test_a_floor_that_is_gone_becomes_empty_once(system: tuple[World, LiveSystem]) -> None:
-    """Else viewers and recordings keep its robots beside those of the floor that has its robots now."""
+    """Else viewers and recordings keep its robots beside those of the floor that has its robots now. Floors come whole
+    after updates that nobody has seen."""
     world, live = system
-    first = live.follow(0.0)
+    assert [(update.floor, update.since) for update in live.follow(0.0).updates] == [("L1", WHOLE)]
+    assert live.follow(0.0).updates[0].since == 1
     world.floor, world.time_s, world.is_away = "ground", 10.5, True
     with pytest.raises(NotReachable):
         live.follow(0.0)
     world.is_away = False
-    second = live.follow(0.0)
-    assert [update.floor for update in first.updates] == ["L1"]
-    here, gone = second.updates
+    here, gone = live.follow(0.0).updates
     assert (here.floor, gone.floor, gone.since, gone.time) == ("ground", "L1", WHOLE, 10.5)
     assert (gone.came, len(gone.motions), gone.elevators) == ([], 0, {})
-    assert [update.floor for update in live.follow(0.0).updates] == ["ground"]
-
-
-def test_each_posture_comes_once(system: tuple[World, LiveSystem]) -> None:
-    world, live = system
-    world.reported = [Posture("A", 9.9, ()), Posture("B", 9.95, ())]
-    assert [posture.robot for posture in live.follow(0.0).postures] == ["A", "B"]
-    assert live.follow(0.0).postures == []
-    world.time_s = 10.1
-    world.reported = [Posture("A", 10.05, ()), Posture("B", 9.95, ()), Posture("C", 9.93, ())]  # C's is late
-    assert [posture.robot for posture in live.follow(0.0).postures] == ["A", "C"]
-    world.time_s = 5.0  # a server that was restored from an earlier moment
-    world.reported = [Posture("A", 4.9, ())]
-    assert [posture.robot for posture in live.follow(0.0).postures] == ["A"]
-
-
-def test_floors_come_whole_after_updates_that_nobody_has_seen(system: tuple[World, LiveSystem]) -> None:
-    world, live = system
-    assert live.follow(0.0).updates[0].since == WHOLE
-    assert live.follow(0.0).updates[0].since == 1
+    assert [(update.floor, update.since > 0) for update in live.follow(0.0).updates] == [("ground", True)]
     world.is_away = True
     with pytest.raises(NotReachable):
         live.follow(0.0)
     world.is_away = False
-    assert live.follow(0.0).updates[0].since == WHOLE
+    assert [update.since for update in live.follow(0.0).updates] == [WHOLE]
+
+
+def test_each_posture_comes_once(system: tuple[World, LiveSystem]) -> None:
+    world, live = system
+
+    def seen(time_s: float, *reported: tuple[str, float]) -> list[str]:
+        world.time_s, world.reported = time_s, [Posture(*posture, ()) for posture in reported]
+        return [posture.robot for posture in live.follow(0.0).postures]
+
+    assert seen(10.0, ("A", 9.9), ("B", 9.95)) == ["A", "B"]
+    assert seen(10.0, ("A", 9.9), ("B", 9.95)) == []
+    assert seen(10.1, ("A", 10.05), ("B", 9.95), ("C", 9.93)) == ["A", "C"]  # C's is late
+    assert seen(5.0, ("A", 4.9)) == ["A"]  # a server that was restored from an earlier moment
 
 
 def test_a_server_that_restarts_is_waited_for_at_the_beginning(system: tuple[World, LiveSystem]) -> None:
@@ -267,12 +235,25 @@ class NoOrb:
         return lambda *arguments, **options: None
 
 
-def test_a_reader_wakes_a_pool_that_rests(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(data_pool, "REST_INTERVAL_S", 600.0)
-    monkeypatch.setattr(data_pool, "ATTENTION_S", 0.0)
-    monkeypatch.setattr(data_pool, "ATTEND_LIMIT_S", 60.0)
-    place, follower = Place(), PoolFollower(NoOrb(), "L1", rests=lambda: True)  # type: ignore[arg-type]
+@pytest.fixture
+def place() -> Place:
+    return Place()
+
+
+@pytest.fixture
+def follower(place: Place, monkeypatch: pytest.MonkeyPatch) -> PoolFollower:
+    """Of a pool with a source of its own: nothing is called."""
+    for name, value in (("REST_INTERVAL_S", 600.0), ("ATTEND_LIMIT_S", 60.0)):
+        monkeypatch.setattr(data_pool, name, value)
+    follower = PoolFollower(NoOrb(), "L1", rests=lambda: True)  # type: ignore[arg-type]
     follower.pool = place.pool()
+    return follower
+
+
+def test_a_reader_wakes_a_pool_that_rests(
+    place: Place, follower: PoolFollower, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(data_pool, "ATTENTION_S", 0.0)
     with contextlib.closing(follower.start()):
         eventually(lambda: follower.pool.snapshot(), 60.0, "the first content")
         for _ in range(3):
@@ -282,12 +263,10 @@ def test_a_reader_wakes_a_pool_that_rests(monkeypatch: pytest.MonkeyPatch) -> No
             assert follower.pool.lag_s == 0.0
 
 
-def test_a_reader_waits_for_an_update_that_begins_after_it_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reader_waits_for_an_update_that_begins_after_it_asked(
+    place: Place, follower: PoolFollower, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """One that is under way has read before."""
-    monkeypatch.setattr(data_pool, "REST_INTERVAL_S", 600.0)
-    monkeypatch.setattr(data_pool, "ATTEND_LIMIT_S", 60.0)
-    place, follower = Place(), PoolFollower(NoOrb(), "L1", rests=lambda: True)  # type: ignore[arg-type]
-    follower.pool = place.pool()
     follow, begun = follower.pool.follow, itertools.count()
     have_read, may_end = [threading.Event() for _ in range(2)], [threading.Event() for _ in range(2)]
 

@@ -97,9 +97,7 @@ def test_servants_of_closed_transactions_are_deactivated(servant: MapEditorServa
     assert still_open.commit() == 2
 
 
-def test_servants_of_ended_sessions_are_deactivated(
-    servant: MapEditorServant, clock: Clock, counting: CountingOrb
-) -> None:
+def test_servants_of_sessions_are_deactivated(servant: MapEditorServant, clock: Clock, counting: CountingOrb) -> None:
     closed, abandoned = servant.openSession("Ada"), servant.openSession("Ada")
     closed.close()
     assert counting.active == 1
@@ -150,7 +148,7 @@ def test_a_session_speaks_in_values_of_the_domain(servant: MapEditorServant) -> 
         bob.redo()
 
 
-def test_a_picture_goes_out_as_it_came_in(servant: MapEditorServant) -> None:
+def test_pictures_and_findings_of_a_floor(servant: MapEditorServant, monkeypatch: pytest.MonkeyPatch) -> None:
     buffer = io.BytesIO()
     Image.new("L", (8, 6)).save(buffer, "PNG")
     plan = RoboCorba.Underlay(buffer.getvalue(), RoboCorba.XY(-1.0, 2.0), 0.05)
@@ -160,11 +158,6 @@ def test_a_picture_goes_out_as_it_came_in(servant: MapEditorServant) -> None:
     assert servant.getUnderlay("L1").picture == b""
     with pytest.raises(RoboCorba.InvalidElement):
         servant.setUnderlay("L1", RoboCorba.Underlay(b"<svg/>", RoboCorba.XY(0.0, 0.0), 0.05))
-
-
-def test_a_floor_is_checked_for_robots_of_sensible_size(
-    servant: MapEditorServant, monkeypatch: pytest.MonkeyPatch
-) -> None:
     assert {found.position.floor for found in servant.checkFloor("L1", 0.4)} == {"L1"}
     assert len(servant.checkFloor("L1", 1.5)) > len(servant.checkFloor("L1", 0.3))
     for radius in (math.nan, 0.04, 6.0):
@@ -270,9 +263,7 @@ def test_a_large_edit_is_followed_in_pages_and_appears_at_once(place: Any) -> No
     assert place.pages == loaded_pages
 
 
-def test_nodes_do_not_reach_a_copy_without_topology_and_a_floor_is_loaded_again_only_for_its_own_obstacles(
-    place: Any,
-) -> None:
+def test_copies_without_topology_are_loaded_again_only_for_obstacles(place: Any) -> None:
     copy, source = RemoteMap(place), RemoteFloorMap(place)
     first = source.of("L1")
     assert first.floors["L1"].geometrical.walls == place.editor.building.floors["L1"].geometrical.walls

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
@@ -42,6 +43,8 @@ class Server:
         self.riding = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
         #: Calls that fail because the server is away, how, and all calls by their names.
         self.failing, self.failure, self.calls = 0, CORBA.COMM_FAILURE, list[str]()
+        for operation in CALLS:
+            setattr(self, operation, functools.partial(self._answer, operation))
 
     def resolve(self, *arguments: Any) -> Server:
         return self
@@ -76,19 +79,7 @@ class Server:
         at, still = RoboCorba.Pose("L1", 1.0, 2.0, 0.0), RoboCorba.Velocity(0.0, 0.0, 0.0)
         return RoboCorba.RobotState(1.0, at, still, "", self.riding, 0, "")
 
-    def brake(self) -> None:
-        self._answer("brake")
-
-    def command(self, velocity: Any, valid_s: float) -> None:
-        self._answer("command")
-
-    def callElevator(self, elevator: str, destination: str) -> None:
-        self._answer("callElevator")
-
-    def scan(self, at: Any, mount: Any, spec: Any) -> None:
-        self._answer("scan")
-
-    def _answer(self, operation: str) -> None:
+    def _answer(self, operation: str, *arguments: Any) -> None:
         self.calls.append(operation)
         if self.failing:
             self.failing -= 1
@@ -102,8 +93,8 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Server:
 
 
 @pytest.fixture
-def session(server: Server) -> RemoteSession:
-    return RemoteSession(server, Description("A", Pose("L1", 1.0, 2.0, 0.0), 0.4))  # type: ignore[arg-type]
+def session(server: Any) -> RemoteSession:
+    return RemoteSession(server, Description("A", Pose("L1", 1.0, 2.0, 0.0), 0.4))
 
 
 def test_a_robot_is_registered_until_it_logs_off(session: RemoteSession, server: Server) -> None:
@@ -147,19 +138,16 @@ def test_a_robot_that_was_logged_off_logs_on_where_it_is_now(
     assert server.started_on == floors
 
 
-def test_a_heartbeat_right_after_another_call_is_left_out(
+def test_heartbeats_after_calls_are_left_out(
     session: RemoteSession, server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = 100.0
     monkeypatch.setattr(module.time, "monotonic", lambda: now)
     session.log_on()
-    session.heartbeat()
-    assert server.heartbeats == 1
-    session.heartbeat()
-    assert server.heartbeats == 1
-    now += module.RENEWED_S + 0.1
-    session.heartbeat()
-    assert server.heartbeats == 2
+    for count, passed_s in ((1, 0.0), (1, module.RENEWED_S + 0.1), (2, 0.0)):
+        session.heartbeat()
+        assert server.heartbeats == count
+        now += passed_s
 
 
 @pytest.mark.parametrize(
@@ -194,9 +182,7 @@ CALLS: dict[str, Callable[[RemoteSession], object]] = {
 }
 
 
-def test_how_long_a_server_is_waited_for(
-    session: RemoteSession, server: Server, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_how_long_robots_wait(session: RemoteSession, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "RETRY_S", 0.1)
     session.log_on()
     server.failing = 1000
@@ -219,12 +205,10 @@ ROUND, OTHER = (program.dumps(ProgramBuilder(name).mbase_path("L1", 1.0, 2.0).pr
 
 
 class Agent:
-    """A robot's agent; drives end at once."""
+    """A robot's agent; drives end at once. ran: names of the programs that have run."""
 
     def __init__(self) -> None:
-        self.loaded = ""
-        #: Names of the programs that have run.
-        self.ran: list[str] = []
+        self.loaded, self.ran = "", list[str]()
 
     def state(self) -> AgentState:
         here = Pose("L1", 0.0, 0.0, 0.0)
@@ -242,52 +226,33 @@ class Agent:
         self.ran.append(program.loads(self.loaded).name)
 
 
-@pytest.fixture
-def agent() -> Agent:
-    return Agent()
+def test_after_a_goal_the_program_runs_that_was_loaded_last_not_the_goal_again() -> None:
+    agent: Any = Agent()
+    with contextlib.closing(RobotOrders("A", lambda: agent, print)) as orders:
 
+        def drive() -> None:
+            count = len(agent.ran)
+            orders.drive_to(Pose("L1", 3.0, 4.0, 0.0))
+            eventually(lambda: agent.ran[count:] == [GOAL], PATIENCE_S)
 
-@pytest.fixture
-def orders(agent: Agent) -> Iterator[RobotOrders]:
-    orders = RobotOrders("A", lambda: agent, lambda why: None)  # type: ignore[arg-type,return-value]
-    yield orders
-    orders.close()
-
-
-def drive(orders: RobotOrders, agent: Agent) -> None:
-    count = len(agent.ran)
-    orders.drive_to(Pose("L1", 3.0, 4.0, 0.0))
-    eventually(lambda: agent.ran[count:] == [GOAL], PATIENCE_S)
-
-
-def test_after_a_goal_the_loaded_program_runs_not_the_goal_again(orders: RobotOrders, agent: Agent) -> None:
-    orders.load(ROUND)
-    drive(orders, agent)
-    orders.run()
-    orders.run()
-    drive(orders, agent)
-    drive(orders, agent)
-    orders.run()
-    assert agent.ran == [GOAL, "round", "round", GOAL, GOAL, "round"]
-
-
-def test_a_program_that_was_loaded_elsewhere_counts_too(orders: RobotOrders, agent: Agent) -> None:
-    orders.load(ROUND)
-    agent.loaded = OTHER  # by the console
-    drive(orders, agent)
-    orders.run()
-    agent.loaded = ROUND
-    orders.run()
-    assert agent.ran == [GOAL, "other", "round"]
-
-
-def test_a_goal_alone_is_no_program(orders: RobotOrders, agent: Agent) -> None:
-    with pytest.raises(IllegalOrder, match="has no program"):
+        with pytest.raises(IllegalOrder, match="has no program"):
+            orders.run()
+        drive()
+        with pytest.raises(IllegalOrder, match="has loaded none, only driven to a goal"):
+            orders.run()
+        orders.load(ROUND)
+        drive()
         orders.run()
-    drive(orders, agent)
-    with pytest.raises(IllegalOrder, match="has loaded none, only driven to a goal"):
         orders.run()
-    assert agent.ran == [GOAL]
+        drive()
+        drive()
+        orders.run()
+        agent.loaded = OTHER  # by the console
+        drive()
+        orders.run()
+        agent.loaded = ROUND
+        orders.run()
+    assert agent.ran == [GOAL, GOAL, "round", "round", GOAL, GOAL, "round", GOAL, "other", "round"]
 
 
 NAMES = [f"R{number}" for number in range(200)]
@@ -297,10 +262,8 @@ class Crowd:
     """Robots behind a naming service that finds none while more than `room` are looked for at a time."""
 
     def __init__(self, room: int) -> None:
-        self._room, self._lock = room, threading.Lock()
-        self._looking = 0
-        self.stopped = set(NAMES)
-        self.asked: list[str] = []
+        self._room, self._lock, self._looking = room, threading.Lock(), 0
+        self.stopped, self.asked = set(NAMES), list[str]()
 
     def resolve(self, name: str, interface: Any, timeout_s: float, call_timeout_s: float) -> str:
         with self._lock:
@@ -405,7 +368,7 @@ class World:
 
 
 @pytest.fixture
-def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+def world(monkeypatch: pytest.MonkeyPatch) -> World:
     world = World()
 
     def stop_at(orb: Any, target: str, reason: str) -> StopAnswer:
@@ -413,19 +376,13 @@ def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
             raise NotReachable("gone")
         return world.targets[target]
 
-    def order_all(
-        orb: Any, names: Sequence[str], order: Callable[..., None], limits: Any = None
-    ) -> Iterator[tuple[str, str]]:
-        yield from ((name, world.bound.get(name, "is not bound")) for name in names)
+    def order_all(orb: Any, names: Sequence[str], order: Any, limits: Any = None) -> list[tuple[str, str]]:
+        return [(name, world.bound.get(name, "is not bound")) for name in names]
 
-    def robots(orb: Any) -> list[str]:
-        return list(world.bound)
-
-    monkeypatch.setattr(emergency_stop, "LIMIT_S", 0.3)
-    monkeypatch.setattr(emergency_stop, "stop_at", stop_at)
-    monkeypatch.setattr(emergency_stop, "order_all", order_all)
-    monkeypatch.setattr(emergency_stop, "robots", robots)
-    yield world
+    for name, value in (("LIMIT_S", 0.3), ("stop_at", stop_at), ("order_all", order_all)):
+        monkeypatch.setattr(emergency_stop, name, value)
+    monkeypatch.setattr(emergency_stop, "robots", lambda orb: list(world.bound))
+    return world
 
 
 def stop(world: World, *names: str, targets: Sequence[str] = ()) -> list[Verdict]:
@@ -445,12 +402,7 @@ def test_the_simulation_server_at_its_own_address_shows_it_without_names(world: 
     assert world.asked[0][0] == "corbaloc:iiop:1.2@h:1/SimulationServer"
 
 
-def test_a_robot_that_still_moves_does_not_stand_whatever_it_says(world: World) -> None:
-    world.states, world.targets, world.bound = [state("A", "it brakes")], {"A": StopAnswer(True, True)}, {"A": ""}
-    assert stop(world, "A", targets="A") == [Verdict("A", False, "is not shown to stand: it brakes")]
-
-
-def test_what_is_bound_to_a_name_proves_nothing(world: World) -> None:
+def test_what_is_bound_to_a_name_proves_nothing_nor_what_a_robot_says_that_still_moves(world: World) -> None:
     world.bound = {"A": ""}
     (verdict,) = stop(world, "A")
     assert not verdict.stands and "proves nothing; the simulation server does not answer" in verdict.text
@@ -458,6 +410,8 @@ def test_what_is_bound_to_a_name_proves_nothing(world: World) -> None:
     verdict, _ = stop(world)
     assert (verdict.stands, verdict.is_known) == (False, False)
     assert verdict.text.endswith("proves nothing; it is not logged on")
+    world.states, world.targets = [state("A", "it brakes")], {"A": StopAnswer(True, True)}
+    assert stop(world, "A", targets="A") == [Verdict("A", False, "is not shown to stand: it brakes")]
 
 
 def test_without_the_server_a_robot_speaks_for_itself_and_others_are_doubtful(world: World) -> None:
@@ -468,22 +422,19 @@ def test_without_the_server_a_robot_speaks_for_itself_and_others_are_doubtful(wo
     assert [verdict.stands for verdict in stop(world, "A", targets="ABC")] == [True]
 
 
-def test_a_server_of_an_earlier_release_holds_no_robot_that_logs_on(world: World) -> None:
-    world.states, world.has_stop_of_all = [], False
+def test_a_reset_of_all_ends_the_stop_of_all_and_resets_each_robot(world: World) -> None:
+    def reset(*names: str) -> dict[str, str]:
+        return dict(reset_robots(world, names, StopAddresses("h:1")))  # type: ignore[arg-type]
+
+    world.states, world.has_stop_of_all = [], False  # an earlier release holds no robot that logs on
     (others,) = stop(world)
     assert (others.robot, others.stands, others.is_known) == (OTHERS, False, False)
-    assert reset(world) == {OTHERS: ""}
-
-
-def test_a_reset_of_all_ends_the_stop_of_all_and_resets_each_robot(world: World) -> None:
+    assert reset() == {OTHERS: ""}
+    world.has_stop_of_all, world.held = True, False
     world.states, world.bound = [state("A"), state("B")], {"A": "", "B": "is not bound"}
     stop(world)
-    assert reset(world, "A") == {"A": ""} and world.held
-    assert reset(world) == {OTHERS: "", "A": "", "B": "is not bound"}
+    assert reset("A") == {"A": ""} and world.held
+    assert reset() == {OTHERS: "", "A": "", "B": "is not bound"}
     assert not world.held
     world.states = None
-    assert reset(world)[OTHERS].startswith("robots that log on stay stopped: the simulation server does not answer")
-
-
-def reset(world: World, *names: str) -> dict[str, str]:
-    return dict(reset_robots(world, names, StopAddresses("h:1")))  # type: ignore[arg-type]
+    assert reset()[OTHERS].startswith("robots that log on stay stopped: the simulation server does not answer")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -17,7 +16,6 @@ from robocorba.errors.robots import AdaptorFailed, IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import CannotGrip, UnknownMission
 from robocorba.maps.element_rules import MAX_NAME
-from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.planning.request import PathPoint, PointKind
 from robocorba.programs import program
 from robocorba.programs.graphic_programming import ProgramBuilder
@@ -32,17 +30,17 @@ CARRY = '{"icon": "move_table", "table": "t", "to": {"floor": "L1", "x": 1, "y":
 
 
 class Agent:
-    """The part of a ControlAgent that the servant uses here."""
+    """The parts of a ControlAgent and of its missions that the servant uses here."""
 
-    name = "A"
+    name, mission = "A", "carry-1"
 
     def __init__(self) -> None:
         self.program: Program | None = None
         self.path: list[PathPoint] = []
         self.report = CheckReport()
         self.checked: list[Program] = []
-        self.aborted = 0
-        self.is_planner_away = False
+        self.led: list[tuple[str, Program, int]] = []
+        self.aborted, self.is_planner_away = "", False
 
     def check(self, program: Program) -> CheckReport:
         if self.is_planner_away:
@@ -51,15 +49,7 @@ class Agent:
         return self.report
 
     def abort(self) -> None:
-        self.aborted += 1
-
-
-class Missions:
-    mission = "carry-1"
-    aborted = ""
-
-    def __init__(self) -> None:
-        self.led: list[tuple[str, Program, int]] = []
+        self.aborted = "its program"
 
     def lead_mission(self, mission: str, program: Program, term: int = 0) -> None:
         if self.led:
@@ -73,18 +63,13 @@ class Missions:
 
 
 @pytest.fixture
-def agent() -> Agent:
+def agent() -> Any:
     return Agent()
 
 
 @pytest.fixture
-def missions() -> Missions:
-    return Missions()
-
-
-@pytest.fixture
-def servant(agent: Agent, missions: Missions) -> RobotAgentServant:
-    return RobotAgentServant(agent, None, "a", missions)  # type: ignore[arg-type]
+def servant(agent: Any) -> RobotAgentServant:
+    return RobotAgentServant(agent, None, "a", agent)  # type: ignore[arg-type]
 
 
 def findings(check: Any) -> list[tuple[str, str, str, str]]:
@@ -127,36 +112,26 @@ def test_what_is_readable_of_an_agent(servant: RobotAgentServant, agent: Agent) 
     assert (point.kind, point.position.floor, point.position.x, point.position.y) == (RoboCorba.START, "L1", 1.0, 2.0)
 
 
-@pytest.mark.parametrize("term", [0, 7])
-def test_a_mission_is_started_from_the_json_of_an_icon(
-    servant: RobotAgentServant, missions: Missions, term: int
-) -> None:
-    if term:
-        servant.leadMission("carry-1", CARRY, term)
-    else:
-        servant.startMission("carry-1", CARRY)
-    ((name, started, found),) = missions.led
-    assert (name, len(started.icons), found) == ("carry-1", 1, term)
-    with pytest.raises(RoboCorba.IllegalOrder):
-        servant.startMission("carry-2", CARRY)
-
-
-def test_a_mission_has_a_name_and_is_one_readable_icon(servant: RobotAgentServant, missions: Missions) -> None:
+def test_a_mission_is_started_from_an_icon_and_aborted_by_its_name(servant: RobotAgentServant, agent: Any) -> None:
     for name in ("", "x" * (MAX_NAME + 1), " carry", "a\nb"):
         with pytest.raises(RoboCorba.InvalidProgram, match="its name"):
             servant.startMission(name, CARRY)
     for icon in ("", "{", f"{CARRY}, {CARRY}", '{"icon": "move_table"}'):
         with pytest.raises(RoboCorba.InvalidProgram):
             servant.startMission("carry-1", icon)
-    assert missions.led == []
-
-
-def test_a_mission_is_aborted_by_its_name(servant: RobotAgentServant, agent: Agent, missions: Missions) -> None:
+    assert agent.led == []
+    for start, term in ((servant.startMission, 0), (servant.leadMission, 7)):
+        start("carry-1", CARRY, *[term] * bool(term))
+        ((name, started, found),) = agent.led
+        assert (name, len(started.icons), found) == ("carry-1", 1, term)
+        with pytest.raises(RoboCorba.IllegalOrder):
+            servant.startMission("carry-2", CARRY)
+        agent.led.clear()
     with pytest.raises(RoboCorba.UnknownMission, match="carry-2"):
         servant.abortMission("carry-2")
-    assert missions.aborted == ""
+    assert agent.aborted == ""
     servant.abortMission("carry-1")
-    assert (missions.aborted, agent.aborted) == ("carry-1", 0)
+    assert agent.aborted == "carry-1"
 
 
 class Faulty(RobotAdaptor):
@@ -165,17 +140,10 @@ class Faulty(RobotAdaptor):
     def __init__(self, error: Exception) -> None:
         self._error = error
 
-    def start(self, argv: Sequence[str]) -> bool:
+    def _fail(self, *arguments: object) -> bool:
         raise self._error
 
-    def stop(self) -> bool:
-        raise self._error
-
-    def read(self, state: RobotState) -> bool:
-        raise self._error
-
-    def write(self, command: ActorCommand) -> bool:
-        raise self._error
+    start = stop = read = write = _fail
 
 
 def test_every_error_of_a_driver_reaches_the_agent_with_its_cause() -> None:

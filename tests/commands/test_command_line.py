@@ -1,0 +1,234 @@
+"""Options and outputs of commands: those without effect are refused, an input is never replaced; what they load."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from robocorba.commands import command
+from robocorba.errors.files import OutputError, OutputExists, OutputIsInput
+from robocorba.maps import native
+from robocorba.output_files import check_output, write_outputs
+from robocorba.testing.buildings import two_floors
+from tests.formats.ros_files import WHITE, write_ros
+from tests.simulation.places import recorded_drive
+
+#: A command, the option that is refused, and what it is for.
+WITHOUT_EFFECT = [
+    ("map import two.yaml new.yaml --radius 0.3", "--radius", "--topology"),
+    ("map import two.yaml new.yaml --unknown free", "--unknown", "ROS maps"),
+    ("map import two.yaml new.yaml --specks all", "--specks", "ROS maps"),
+    ("map export two.yaml new.yaml -f native --resolution 0.1", "--resolution", "--format ros"),
+    ("map export two.yaml new.yaml -f openrmf --image png", "--image", "--format ros"),
+    ("watch --seconds 5", "--seconds", "--video"),
+    ("watch --once --fps 5", "--fps", "--video"),
+    ("watch --json --width 500", "--width", "--video"),
+    ("watch --video new.mp4 --once", "--once", "tables"),
+    ("watch --video new.mp4 --json", "--json", "tables"),
+    ("replay old.mcap --at 5 --video new.mp4", "--at", "tables and --png"),
+    ("replay old.mcap --at 5 --speed 2", "--speed", "--video and tables without --at"),
+    ("replay old.mcap --png new.png --speed 2", "--speed", "--video and tables without --at"),
+    ("replay old.mcap --png new.png --fps 5", "--fps", "--video"),
+    ("replay old.mcap --width 500", "--width", "--png and --video"),
+    ("convert old.mcap new.mcap --robots A", "--robots", "--ros2"),
+    ("convert old.mcap new.mcap --namespaced-tf", "--namespaced-tf", "--ros2"),
+    ("mission status --leader A --json", "--json", "a mission by its name"),
+    ("up --console-port 9000", "--console-port", "--console"),
+    ("up --hang-limit 0 --spare-stopped", "--spare-stopped", "a --hang-limit above 0"),
+    ("robots fleet.yaml --prefix Q", "--prefix", "robots of --count, a file has its own"),
+    ("robots fleet.yaml --floor L1", "--floor", "robots of --count, a file has its own"),
+    ("stop --all --reset --state here", "--state", "a stop without --reset"),
+    ("foxglove --state here", "--state", "--steer"),
+]
+
+
+@pytest.fixture(autouse=True)
+def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    native.save(two_floors(), "two.yaml")
+
+
+@pytest.mark.parametrize(("typed", "option", "purpose"), WITHOUT_EFFECT)
+def test_an_option_without_effect_is_refused(typed: str, option: str, purpose: str) -> None:
+    result = CliRunner().invoke(command(), typed.split(), env={"COLUMNS": "200", "NO_COLOR": "1"})
+    assert result.exit_code == 2, result.output
+    assert f"Invalid value for '{option}'" in result.output
+    assert f"it has no effect, it is for {purpose}" in result.output
+    assert {path.name for path in Path().iterdir()} == {"two.yaml"}
+
+
+def test_options_that_have_an_effect_are_accepted() -> None:
+    write_ros(Path(), np.full((20, 20), WHITE), "ros")
+    for typed in (
+        "map import ros.yaml new.yaml --unknown free --specks all --topology --radius 0.3",
+        "map export two.yaml new.yaml -f ros --resolution 0.1 --image png",
+    ):
+        result = CliRunner().invoke(command(), typed.split())
+        assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize(
+    ("typed", "code", "reason"),
+    [
+        ("map show two.yaml --width 100", 2, "'--width'"),
+        ("simulation limit 5000000000", 2, "robots"),
+        ("simulation step 20000", 2, "steps"),
+        ("path L1:1,1 L1:2,2 --alternatives -1", 2, "'--alternatives'"),
+        ("watch --video new.mp4 --width 5000000000", 2, "'--width'"),
+        ("mission start move-table --table box --to L1:nan,1", 1, "'L1:nan,1' is not of the form FLOOR:X,Y"),
+        ("mission start move-table --table box --to L1:1,1,inf", 1, "'L1:1,1,inf' is not of the form FLOOR:X,Y"),
+    ],
+)
+def test_values_beyond_their_limits_are_refused_before_anything_is_called(typed: str, code: int, reason: str) -> None:
+    result = CliRunner().invoke(command(), typed.split(), env={"COLUMNS": "200", "NO_COLOR": "1"})
+    assert (result.exit_code, reason.lower() in result.output.lower()) == (code, True), result.output
+
+
+def test_what_an_output_may_replace() -> None:
+    file = Path("map.yaml")
+    write_outputs({file: b"1"}, replace=False)
+    write_outputs({file: b"1"}, replace=False)  # the same content
+    with pytest.raises(OutputExists, match=r"map\.yaml: exists already; .* --force"):
+        write_outputs({Path("new.yaml"): b"3", file: b"2"}, replace=False)
+    assert file.read_bytes() == b"1"
+    assert not Path("new.yaml").exists()  # all or none
+    write_outputs({file: b"2"})
+    assert file.read_bytes() == b"2"
+    Path("folder").mkdir()
+    Path("map.yaml").write_bytes(b"1")
+    Path("symbolic.yaml").symlink_to("map.yaml")
+    os.link("map.yaml", "hard.yaml")
+    for name in ("map.yaml", "./map.yaml", "symbolic.yaml", "hard.yaml", "folder/../map.yaml"):
+        with pytest.raises(OutputIsInput, match="the input itself"):
+            write_outputs({Path(name): b"2"}, ["map.yaml"])
+    assert Path("map.yaml").read_bytes() == b"1"
+    with pytest.raises(OutputIsInput):
+        check_output("bag", [Path("bag") / "recording.mcap"])
+    Path("target").write_bytes(b"1")
+    Path("target").chmod(0o640)
+    Path("link").symlink_to("target")
+    write_outputs({Path("link"): b"2"})
+    assert Path("link").is_symlink()
+    assert (Path("target").read_bytes(), Path("target").stat().st_mode & 0o777) == (b"2", 0o640)
+    os.mkfifo("pipe")
+    with subprocess.Popen(["cat", "pipe"], stdout=subprocess.PIPE) as reader:
+        write_outputs({Path("pipe"): b"3"}, replace=False)
+        assert reader.communicate(timeout=20)[0] == b"3"
+    assert Path("pipe").is_fifo()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("map", "import", "in.yaml", "in.yaml", "--force"),
+        ("map", "export", "in.yaml", "in.yaml", "-f", "native", "--force"),
+        ("map", "export", "in.yaml", "in.yaml", "-f", "openrmf", "--force"),
+        ("map", "show", "in.yaml", "--picture", "in.png"),
+        ("convert", "in.mcap", "in.mcap", "--force"),
+        ("convert", "in.mcap", ".", "--ros2", "--force"),
+        ("replay", "in.mcap", "--png", "in.mcap"),
+        ("replay", "in.mcap", "--video", "in.mp4"),
+    ],
+)
+def test_commands_refuse_their_own_input(arguments: tuple[str, ...]) -> None:
+    native.save(two_floors(), "in.yaml")
+    Path("in.png").symlink_to("in.yaml")
+    recorded_drive(Path(), "2-B", (0.4, 0.1, 0.2), {})
+    Path("a.mcap").rename("in.mcap")
+    Path("in.mp4").symlink_to("in.mcap")
+    before = {file: file.read_bytes() for file in Path().iterdir()}
+    result = CliRunner().invoke(command(), list(arguments))
+    assert result.exit_code == 1
+    assert "input itself" in result.output.splitlines()[-1]
+    assert {file: file.read_bytes() for file in Path().iterdir()} == before
+
+
+def test_what_cannot_be_written_is_named() -> None:
+    Path("folder").mkdir()
+    for name in ("folder", "nowhere/map.yaml"):
+        with pytest.raises(OutputError, match=name):
+            write_outputs({Path(name): b"1"})
+    result = CliRunner().invoke(command(), ["map", "show", "two.yaml", "--picture", "two.yaml"])
+    assert (result.exit_code, "a picture's name ends with" in result.output) == (1, True)
+    assert native.load("two.yaml") == two_floors()
+    assert sorted(Path().iterdir()) == [Path("folder"), Path("two.yaml")]
+
+
+def test_a_folder_with_more_than_a_bag_is_kept() -> None:
+    bag = Path("bag")
+    bag.mkdir()
+    for name in ("metadata.yaml", "bag.mcap", "notes.txt"):
+        (bag / name).write_text("mine")
+    recorded_drive(Path(), "2-B", (0.4, 0.1, 0.2), {})
+    assert CliRunner().invoke(command(), ["convert", "a.mcap", "bag", "--ros2", "--force"]).exit_code == 1
+    assert len(list(bag.iterdir())) == 3
+    (bag / "notes.txt").unlink()
+    assert CliRunner().invoke(command(), ["convert", "a.mcap", "bag", "--ros2"]).exit_code == 1
+    assert CliRunner().invoke(command(), ["convert", "a.mcap", "bag", "--ros2", "--force"]).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "output"),
+    [
+        (("map", "import", "five-floors", "out.yaml"), "out.yaml"),
+        (("map", "export", "paper-scene", "out.yaml", "-f", "openrmf"), "out.yaml"),
+        (("map", "export", "five-floors", "out.yaml", "-f", "nav2"), "out-L3.geojson"),
+        (("map", "export", "paper-scene", "out.yaml", "-f", "native"), "out.yaml"),
+        (("robot-model", "urdf", "out.urdf"), "out.urdf"),
+    ],
+)
+def test_an_edited_file_is_kept_without_force(arguments: tuple[str, ...], output: str) -> None:
+    Path("two.yaml").unlink()
+    Path(output).write_text("mine")
+    result = CliRunner().invoke(command(), list(arguments))
+    assert result.exit_code == 1
+    assert f"{output}: exists already" in result.output
+    assert {file.read_text() for file in Path().iterdir()} == {"mine"}
+    assert CliRunner().invoke(command(), [*arguments, "--force"]).exit_code == 0
+    assert Path(output).read_text() != "mine"
+    assert CliRunner().invoke(command(), list(arguments)).exit_code == 0  # the same content again
+
+
+#: Modules of such commands, and what they load when they are called.
+LIGHT = (
+    "commands.robot",
+    "corba.remote.emergency_stop",
+    "commands.status",
+    "commands.watch",
+    "commands.mission",
+    "commands.program_run",
+    "commands.foxglove",
+    "commands.ros2",
+    "commands.openrtm",
+)
+#: What takes long to load: half of the time until a robot is ordered to stop.
+HEAVY = ("numba", "mujoco", "pymunk", "matplotlib")
+
+
+def test_commands_load_nothing_heavy() -> None:
+    looks = "".join(
+        f"import robocorba.{module}\nprint({module!r}, *[name for name in {HEAVY} if name in sys.modules])\n"
+        for module in LIGHT
+    )
+    ran = subprocess.run((sys.executable, "-c", f"import sys\n{looks}"), capture_output=True, text=True, timeout=120)
+    assert ran.stdout.splitlines() == list(LIGHT), ran.stderr
+
+
+def test_kernels_load_no_scipy_and_kinematics_no_opengl() -> None:
+    script = """
+import os, sys
+from robocorba.kinematics.inverse import InverseKinematics
+InverseKinematics()
+print([name for name in ("scipy.linalg", "glfw", "OpenGL") if name in sys.modules], "MUJOCO_GL" in os.environ)
+import numba, numpy
+print(numba.njit(lambda a: numpy.dot(a, a))(numpy.eye(2)).tolist())
+"""
+    environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
+    ran = subprocess.run((sys.executable, "-c", script), capture_output=True, text=True, timeout=120, env=environment)
+    assert ran.stdout.splitlines() == ["[] False", "[[1.0, 0.0], [0.0, 1.0]]"], ran.stderr
