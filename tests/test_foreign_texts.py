@@ -204,7 +204,7 @@ def test_names_are_allowed_unique_and_stay(names: list[str]) -> None:
 EVIL = "\x1b[2Jname\x9b1m\x07\u202e\u2066\r"
 
 
-def test_a_field_begins_no_line_and_no_field(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_printed_begins_no_line(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """A text keeps its lines; names in other scripts stay as they are."""
     names, escaped = ["Küche", "厨房", "מטבח", "🤖"], "\\x1b[2Jname\\u009b1m\\x07\\u202e\\u2066\\r"
     line("A\nB\tstands", EVIL, 3)
@@ -213,14 +213,15 @@ def test_a_field_begins_no_line_and_no_field(capsys: pytest.CaptureFixture[str])
     printed = capsys.readouterr()
     assert printed.out == f"A\\nB\\tstands\t{escaped}\t3\n" + "\t".join(names) + "\n"
     assert printed.err == f"a\tb\n{escaped}\n"
-
-
-def test_json_stays_json(capsys: pytest.CaptureFixture[str]) -> None:
     value = {"name": EVIL + "\x7f\x85\u2028"}
     echo(json.dumps(value, ensure_ascii=False))
     printed = capsys.readouterr().out
     assert json.loads(printed) == value
     assert printed[:-1].isprintable()
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr("sys.stdout", stream)
+    line("Küche")
+    assert stream.buffer.getvalue() == b"K\\xfcche\n"  # type: ignore[attr-defined]
 
 
 def test_tables_keep_their_own_styles_only() -> None:
@@ -231,10 +232,3 @@ def test_tables_keep_their_own_styles_only() -> None:
     printed = out.getvalue()
     assert "\\x1b[2Jname\\u009b1m" in printed and "\x1b[1m" in printed
     assert not {"\x1b[2J", "\x9b", "\x07", "\u202e"} & {printed[i : i + n] for i in range(len(printed)) for n in (1, 4)}
-
-
-def test_a_terminal_without_a_character_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
-    monkeypatch.setattr("sys.stdout", stream)
-    line("Küche")
-    assert stream.buffer.getvalue() == b"K\\xfcche\n"  # type: ignore[attr-defined]

@@ -128,7 +128,7 @@ def test_an_edit_changes_what_is_compiled_from_it(
     assert {name for name in KERNELS if before[name] != after[name]} == changed
 
 
-def test_the_compiler_counts_and_the_folder_does_not_and_any_edit_for_the_digest_of_all(tmp_path: Path) -> None:
+def test_the_compiler_counts_and_whole_modules_where_it_is_unclear_what_is_used(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
     first, second = digests(tmp_path / "a"), digests(tmp_path / "b")
@@ -137,9 +137,6 @@ def test_the_compiler_counts_and_the_folder_does_not_and_any_edit_for_the_digest
     assert not set(first.values()) & set(digests(tmp_path / "a", "numba 1.0").values())
     digests(tmp_path / "a", units=FILES["units.py"] + "# nothing\n")
     assert sources_digest(tmp_path / "a" / "house") != sources_digest(tmp_path / "b" / "house")
-
-
-def test_a_whole_module_counts_where_it_is_unclear_what_is_used(tmp_path: Path) -> None:
     whole = SEARCH.replace("return x\n", "return units.METRE\n")
     before = digests(tmp_path, search=whole)
     after = digests(tmp_path, search=whole, units=FILES["units.py"].replace("0.0254", "0.03"))

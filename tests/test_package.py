@@ -23,6 +23,8 @@ pytestmark = [pytest.mark.system, pytest.mark.full]
 ROOT = Path(__file__).resolve().parents[1]
 #: Folders of the checkout that the package holds too.
 OF_CHECKOUT = ("servers", "clients")
+#: A module that must not be run.
+STRANGER = "import sys\nsys.exit('a stranger was run')\n"
 NOT_SOURCE = shutil.ignore_patterns(".*", "__pycache__", "build", "*.egg-info", "stubs", "results", "demo-output")
 
 
@@ -84,63 +86,43 @@ def test_stubs_are_made_by_what_is_installed_beside_python(tmp_path: Path) -> No
     assert (tmp_path / "stubs" / "RoboCorba" / "__init__.py").is_file()
 
 
-def test_it_is_the_wheel_that_runs(installed: Path) -> None:
+def test_it_is_the_wheel_that_runs(installed: Path, tmp_path: Path) -> None:
+    """Also as a module beside others, but for a folder `robocorba`, which Python itself takes for the package."""
     assert run(str(installed / "robocorba"), "version").strip() == __version__
     where = run(str(installed / "python"), "-c", "import robocorba.stubs, robocorba.servers; print(robocorba.__file__)")
     assert Path(where.strip()).is_relative_to(installed.parent)
-
-
-HOSTILE = (
-    "clients/__init__",
-    "clients/robot",
-    "servers/__init__",
-    "servers/simulation",
-    "robocorba/__init__",
-    "numpy",
-    "msgspec",
-)
-
-
-def test_modules_in_the_current_folder_are_not_run(installed: Path, tmp_path: Path) -> None:
-    """What `robocorba` starts comes from the package, whatever lies where the user happens to be, or in the state
-    folder."""
-    for folder in (tmp_path, tmp_path / "state"):
-        for name in HOSTILE:
-            (folder / name).parent.mkdir(exist_ok=True, parents=True)
-            (folder / f"{name}.py").write_text("import sys\nsys.exit('a stranger was run')\n")
-    robocorba, plain = str(installed / "robocorba"), {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": ""}
-    with claimed_ports() as port, Launcher(tmp_path) as launch:
-        up = launch(robocorba, "up", "--state", "state", "--naming-port", str(port), **plain)
-        Running(up, tmp_path / "state", Address("127.0.0.1", port)).wait_ready()
-        robot = launch(robocorba, "robot", "A", "--naming", f"127.0.0.1:{port}", "--state", "state", **plain)
-        assert robot.stdout is not None and robot.stderr is not None
-        assert robot.stdout.readline() == "ready\n", robot.stderr.read()
-
-
-def test_modules_in_the_current_folder_are_not_run_as_a_module_either(installed: Path, tmp_path: Path) -> None:
-    """But for a folder `robocorba`, which Python itself takes for the package."""
     for name in ("msgspec", "numpy", "typer"):
-        (tmp_path / f"{name}.py").write_text("import sys\nsys.exit('a stranger was run')\n")
+        (tmp_path / f"{name}.py").write_text(STRANGER)
     command = (str(installed / "python"), "-m", "robocorba", "version")
     assert subprocess.check_output(command, cwd=tmp_path, text=True, timeout=60).strip() == __version__
 
 
-def test_the_servers_run_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
-    """Not compiled: what the planner would compile at a new place takes half a minute."""
-    robocorba = str(installed / "robocorba")
+def test_the_servers_run_outside_the_checkout_and_no_modules_of_the_current_folder(
+    installed: Path, tmp_path: Path
+) -> None:
+    """What `robocorba` starts comes from the package, whatever lies where the user happens to be, or in the state
+    folder. Not compiled: what the planner would compile at a new place takes half a minute."""
+    for folder in (tmp_path, tmp_path / "state"):
+        for package in ("clients", "servers", "robocorba"):
+            (folder / package).mkdir(parents=True)
+            (folder / package / "__init__.py").write_text(STRANGER)
+        for name in ("clients/robot", "servers/simulation", "numpy", "msgspec"):
+            (folder / f"{name}.py").write_text(STRANGER)
+    robocorba, plain = str(installed / "robocorba"), {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": ""}
     with claimed_ports() as port, Launcher(tmp_path) as launch:
-        state, naming = str(tmp_path / "state"), f"127.0.0.1:{port}"
-        plain = {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": ""}
-        up = launch(robocorba, "up", "--state", state, "--naming-port", str(port), **plain)
+        naming, place = f"127.0.0.1:{port}", ("L1", "3", "4", "L3", "10", "2")
+        up = launch(robocorba, "up", "--state", "state", "--naming-port", str(port), **plain)
         running = Running(up, tmp_path / "state", Address("127.0.0.1", port)).wait_ready()
-        found = read_json(run(robocorba, "status", "--state", state, "--json"))["processes"]
-        assert [process["name"] for process in found] == [
-            *("omniNames", "map_editor", "simulation", "sensor_s1", "events_main")
-        ]
+        found = read_json(run(robocorba, "status", "--state", str(tmp_path / "state"), "--json"))["processes"]
+        names = ["omniNames", "map_editor", "simulation", "sensor_s1", "events_main"]
+        assert [process["name"] for process in found] == names
         assert {process["state"] for process in found} == {"running"}
-        client = run(
-            str(installed / "python"), "-m", "robocorba.clients.get_path", *["L1", "3", "4", "L3", "10", "2"], naming
-        )
+        client = run(str(installed / "python"), "-m", "robocorba.clients.get_path", *place, naming)
         assert "ELEVATOR_ENTRY E" in client and "GOAL" in client.splitlines()[-1]
+        robot = launch(robocorba, "robot", "A", "--naming", naming, "--state", "state", **plain)
+        assert robot.stdout is not None and robot.stderr is not None
+        assert robot.stdout.readline() == "ready\n", robot.stderr.read()
+        robot.terminate()
+        robot.wait(60.0)
         assert running.stop() == 0
         assert running.left_behind() == []

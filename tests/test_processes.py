@@ -131,9 +131,6 @@ def test_signals_do_afterwards_what_they_did_before() -> None:
         theirs.close()
     assert signal.set_wakeup_fd(descriptor) == -1  # one that was closed meanwhile is not restored
     other.close()
-
-
-def test_one_that_nobody_knows_any_more_still_has_its_socket() -> None:
     forgotten = StopRequest()
     forgotten.catch_signals()
     kept = weakref.ref(forgotten)
@@ -226,16 +223,13 @@ def test_the_ports_lie_below_those_that_linux_gives_to_connections_by_default() 
 QUICK = Backoff(0.001, 0.002)
 
 
-def test_pauses_grow_up_to_a_limit_and_jitter_shortens_them() -> None:
+def test_an_operation_is_repeated_after_pauses_that_grow() -> None:
     backoff = Backoff(0.1, 1.0, factor=3.0)
     assert [round(backoff.pause_s(failures), 6) for failures in range(6)] == [0.0, 0.1, 0.3, 0.9, 1.0, 1.0]
     assert backoff.pause_s(10**9) == 1.0
     pauses = {Backoff(1.0, 1.0, jitter=0.5).pause_s(1) for _ in range(50)}
     assert len(pauses) > 1
     assert all(0.5 <= pause_s <= 1.0 for pause_s in pauses)
-
-
-def test_an_operation_is_repeated_until_it_succeeds_or_its_condition_holds() -> None:
     answers: Iterator[Any] = iter([OSError("first"), OSError("second"), 7])
 
     def operation() -> int:

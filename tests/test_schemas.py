@@ -76,7 +76,7 @@ def test_messages_of_missions_are_valid(message: messages.Message) -> None:
             check(messages.type_of(message), wrong)
 
 
-def test_events_of_the_simulation_and_changes_of_floors_are_valid() -> None:
+def test_events_and_documents_are_valid() -> None:
     for event in (
         SimulationEvent(1.0, "L1", "collision", ("A", "table")),
         SimulationEvent(1.0, "L1", "boarding", ("A",), waited_s=3.0, longest_wait_s=20.0),
@@ -89,9 +89,6 @@ def test_events_of_the_simulation_and_changes_of_floors_are_valid() -> None:
     elevators = {"E": ElevatorState(0.0, "L1", Doors.OPEN, 1.0, ("A",), ())}
     update = FloorUpdate("L1", WHOLE, 7, 1.5, 3, came, [2], np.zeros(1, MOTION), elevators)
     check("floor.changed", floor_format.as_map(update))
-
-
-def test_documents_are_valid() -> None:
     plan = subplan.CooperativePlan("m.1", "move_table", "A", "table", ("asking", "riding"), (IDLE,))
     content = MissionContent(
         kind="move_table", about="table", leader="A", phases=(PhaseRecord("asking", 1.0),), begun=1.0, icon={}

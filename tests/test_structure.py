@@ -252,22 +252,19 @@ def test_the_rules_speak_of_what_is_there() -> None:
         assert any(path.startswith(part) for path in looked_at), part
 
 
-def test_one_place_escapes_what_programs_print() -> None:
+def test_one_place_escapes_what_programs_print_and_one_decodes_into_types() -> None:
     printers = {file.relative_to(ROOT).as_posix(): file for file in sources("robocorba", "clients").values()}
     found = {path: prints(file.read_text()) for path, file in printers.items() if path.startswith(PRINTERS)}
     assert {path for path, past in found.items() if past} == set(PRINTING_NOTHING_FOREIGN)
     assert prints("from rich.console import Console\nprint(1)") == ["print", "rich.console.Console"]
     assert prints("sys.exit(f'{name} fails')") == ["sys.exit"]
-
-
-def test_one_place_decodes_into_types() -> None:
     past = {file.relative_to(ROOT).as_posix(): decodes(file.read_text()) for file in PRODUCT.values()}
     assert {path for path, calls in past.items() if calls} == {"robocorba/decoding.py"}
     assert decodes("msgspec.json.decode(a)\nmsgspec.convert(a, T)") == ["msgspec.convert"]
     assert decodes("msgspec.msgpack.decode(a, type=T)") == ["msgspec.msgpack.decode"]
 
 
-def test_tests_wait_for_conditions() -> None:
+def test_tests_wait_for_conditions_and_suppress_no_assertion() -> None:
     """But for what tests/waits.py names."""
     sleeping = [
         file.relative_to(ROOT).as_posix()
@@ -275,10 +272,7 @@ def test_tests_wait_for_conditions() -> None:
         if not file.stem.endswith(PROGRAMS_OF_TESTS) and "time.sleep" in calls_of(file.read_text())
     ]
     assert sleeping == ["tests/waits.py"]
-
-
-def test_no_assertion_is_suppressed() -> None:
-    """An assertion after what raises within `suppress` is not reached."""
+    # An assertion after what raises within `suppress` is not reached.
     assert [file for file in sources("tests").values() if suppresses_assertions(file.read_text())] == []
     assert suppresses_assertions("with a, contextlib.suppress(E):\n    f()\n    assert x")
     assert not suppresses_assertions("with suppress(E):\n    f()\nassert x")

@@ -32,16 +32,13 @@ def fail() -> None:
     raise ValueError("a fault")
 
 
-def test_the_failure_of_a_thread_is_reported() -> None:
+def test_failures_of_threads_are_reported() -> None:
     for call, expected in ((fail, ["internal fault in 'test' (ValueError: a fault), see the log"]), (int, [])):
         reasons: list[str] = []
         thread = Background("test", call, reasons.append)
         thread.start()
         thread.join(LIMIT_S)
         assert reasons == expected
-
-
-def test_workers_report_each_failure_and_go_on() -> None:
     reasons: queue.Queue[str] = queue.Queue()
     workers = Workers("test", 1, reasons.put)
     workers.submit(fail)
@@ -136,15 +133,12 @@ class Thing:
         return self._compute()
 
 
-def test_a_property_is_computed_once() -> None:
+def test_a_property_is_computed_once_for_all_threads() -> None:
     first, second = Thing(object), Thing(object)
     assert first.value is first.value
     assert first.value is not second.value
     assert Thing.value.__doc__ == "What `compute` returns."
-
-
-def test_threads_that_are_first_together_get_the_same_object_and_instances_do_not_wait_for_each_other() -> None:
-    """As they would with functools.cached_property of Python 3.10 and 3.11."""
+    # As they would with functools.cached_property of Python 3.10 and 3.11.
     both_compute = threading.Barrier(2)
 
     def compute() -> object:

@@ -33,7 +33,7 @@ from tests.waits import work_for
 pytestmark = pytest.mark.full
 
 
-def test_the_office_is_as_it_is_described() -> None:
+def test_the_office_is_as_it_is_described_and_robots_start_without_overlaps() -> None:
     building = office()
     assert building == office() != office(seed=2)
     assert native.loads(native.dumps(building)) == building
@@ -42,9 +42,6 @@ def test_the_office_is_as_it_is_described() -> None:
         assert 68 <= len(entry.geometrical.walls) <= 80
         assert np.ptp(entry.floor.outline, axis=0).tolist() == [60.0, 60.0]
     assert len(movables(building)) == 4 * 24
-
-
-def test_robots_start_without_overlaps() -> None:
     found = robots(office(), 200)
     assert len({about.name for about in found}) == 200
     assert {about.pose.floor for about in found} == set(office().floors)
@@ -52,9 +49,6 @@ def test_robots_start_without_overlaps() -> None:
         places = np.array([about.pose[1:3] for about in found if about.pose.floor == floor])
         apart = np.hypot(*(places[:, None] - places[None]).T)
         assert apart[~np.eye(len(places), dtype=bool)].min() > 2 * RADIUS_M
-
-
-# ---- headless ----
 
 
 def test_a_crowd_drives_by_what_it_sees() -> None:
@@ -121,9 +115,6 @@ def test_growth_is_judged_by_the_time_a_robot(factor_of_most: float, is_linear: 
     assert growth.is_reached is is_linear
 
 
-# ---- robots ----
-
-
 class Session:
     """Of a robot that is commanded and takes `takes_s` for a command."""
 
@@ -154,23 +145,33 @@ def test_a_robot_that_is_stuck_turns_away_for_a_while() -> None:
         robot.look(2 * STUCK_M_S)
 
 
-def test_robots_are_commanded_as_often_as_is_due() -> None:
+def test_robots_are_commanded_as_often_as_is_due_and_what_is_missing_is_counted() -> None:
     fleet = [Robot(Session(), number) for number in range(4)]
     found = drive(fleet, time.monotonic() + 0.05, 0.5, 10.0)
     assert found["due"] == len(found["command"]) == len(found["state"]) == 20
     assert [len(robot.session.commands) for robot in fleet] == [5] * 4
     assert min(found["late"]) >= 0
-
-
-def test_what_a_slow_server_keeps_from_being_made_is_missing() -> None:
     found = drive([Robot(Session(0.05), 0)], time.monotonic(), 0.4, 100.0)
     assert found["due"] == 40
     assert len(found["command"]) <= 9
     assert found["late"][-1] > 200
 
+    class Gone(Session):
+        def state(self) -> Any:
+            raise CORBA.OBJECT_NOT_EXIST(0, CORBA.COMPLETED_NO)
 
-def test_answers_of_several_processes_are_joined() -> None:
+    found = drive([Robot(Session(), 0), Robot(Gone(), 1)], time.monotonic(), 0.3, 10.0)
+    assert (found["due"], len(found["command"]), found["lost"]) == (6, 3, 1)
+
+
+def test_answers_are_joined_and_rows_of_a_run() -> None:
     assert joined([{"a": [1, 2], "b": 1}, {"a": [], "b": 2}, {"a": [3], "b": 3}]) == {"a": [1, 2, 3], "b": 6}
+    row = bench_robots.row_of("1", FEW, found_by_a_run(made=50), 6, 60.0)
+    assert (row["command ms"], row["command p99"], row["worst"], row["from due p99"]) == (1.0, 30.0, 30.0, 60.0)
+    assert (row["callers"], row["made"], row["achieved"], row["hits/min"]) == (12, 0.5, 1.0, 5.0)
+    one_by_one, at_once = bench_robots.log_on_rows_of("1", FEW, found_by_a_run())
+    assert (one_by_one["median ms"], one_by_one["worst ms"], at_once["p99 ms"]) == (3.0, 4.0, 20.0)
+    assert bench_sensors.spread([20, 19]) == "20 + 19"
 
 
 def found_by_a_run(achieved: float = 1.0, made: int = 100) -> dict[str, Any]:
@@ -181,14 +182,6 @@ def found_by_a_run(achieved: float = 1.0, made: int = 100) -> dict[str, Any]:
         **{BY_TURNS: [2.0, 3.0, 4.0], AT_ONCE: [20.0], "due": 100, "achieved": [0.5, achieved, achieved]},
         **{"pace": 1.0, "server": 0.5, "cpu": 0.2, "collisions": 30, "lost": 0},
     }
-
-
-def test_rows_of_a_run() -> None:
-    row = bench_robots.row_of("1", FEW, found_by_a_run(made=50), 6, 60.0)
-    assert (row["command ms"], row["command p99"], row["worst"], row["from due p99"]) == (1.0, 30.0, 30.0, 60.0)
-    assert (row["callers"], row["made"], row["achieved"], row["hits/min"]) == (12, 0.5, 1.0, 5.0)
-    one_by_one, at_once = bench_robots.log_on_rows_of("1", FEW, found_by_a_run())
-    assert (one_by_one["median ms"], one_by_one["worst ms"], at_once["p99 ms"]) == (3.0, 4.0, 20.0)
 
 
 @pytest.mark.parametrize(
@@ -211,22 +204,10 @@ def test_robots_are_judged_by_the_medians_of_the_runs(
     assert all(mark.is_reached for mark in others)
 
 
-def test_robots_that_were_logged_off_are_counted() -> None:
-    class Gone(Session):
-        def state(self) -> Any:
-            raise CORBA.OBJECT_NOT_EXIST(0, CORBA.COMPLETED_NO)
-
-    found = drive([Robot(Session(), 0), Robot(Gone(), 1)], time.monotonic(), 0.3, 10.0)
-    assert (found["due"], len(found["command"]), found["lost"]) == (6, 3, 1)
-
-
 @pytest.mark.parametrize(("refused", "is_reached"), [(2, [True, True]), (1, [True, False])])
 def test_every_run_must_refuse_the_one_too_many(refused: int, is_reached: list[bool]) -> None:
     rows = [row for name in "12" for row in bench_robots.log_on_rows_of(name, MANY, found_by_a_run())]
     assert [mark.is_reached for mark in bench_robots.log_on_marks_of(rows, 6, refused)] == is_reached
-
-
-# ---- sensors ----
 
 
 @pytest.mark.parametrize(("scan_ms", "is_reached"), [(0.3, True), (0.5, False)])
@@ -238,13 +219,6 @@ def test_a_scan_is_compared_with_null_calls_of_its_own_round(scan_ms: float, is_
     assert [row["null calls"] for row in rows] == pytest.approx([1.0, scan_ms / 0.2])
     (mark,) = bench_sensors.marks_of(rows)
     assert mark.is_reached is is_reached
-
-
-def test_values_of_sensors_are_side_by_side() -> None:
-    assert bench_sensors.spread([20, 19]) == "20 + 19"
-
-
-# ---- a real system, for all of them ----
 
 
 @pytest.fixture(scope="module")

@@ -54,15 +54,12 @@ def test_pages_of_other_sites_are_refused(kind: str) -> None:
         assert refused.status == (403 if kind == "http" else 0) and b"inside" not in refused.body, origin
 
 
-def test_without_a_log_in_there_is_a_form_for_people_and_401_for_programs() -> None:
+def test_only_the_password_opens_the_console() -> None:
     app = console(PASSWORD)
     form = ask(app, accept="text/html")
     assert b'type="password"' in form.body and b"inside" not in form.body
     assert ask(app, "/call/stop_all", "POST").status == 401
     assert ask(app, "/live", kind="websocket").body == b""
-
-
-def test_the_password_opens_the_console_and_nothing_else_does() -> None:
     app = console(PASSWORD)
     opened = log_in(app, PASSWORD)
     assert opened.status == 303

@@ -128,21 +128,15 @@ def test_what_reports_show(case: str) -> None:
     assert noticed(*steps) == news
 
 
-def test_a_lost_server_is_no_crowd_of_leaving_robots() -> None:
+def test_what_is_no_crowd_of_news() -> None:
     lost = changed(ROWS, "server", "problem", to="does not answer")
     assert [kind for kind, _, _ in noticed(ROWS, lost, ROWS)] == ["server", "server"]
-
-
-def test_old_happenings_are_forgotten_and_numbers_go_on() -> None:
     happenings = Happenings()
     for at_s, step in ((0.0, ROWS), (1.0, of_server(paused=True)), (KEPT_S + 2.0, ROWS)):
         happenings.note(step, at_s)
     assert [(each.number, each.text) for each in happenings.after(0)] == [(2, "the simulation goes on")]
     assert happenings.after(2) == []
     assert happenings.last == 2
-
-
-def test_marks_of_writing_direction_end_with_the_name_and_long_texts_are_cut() -> None:
     before = {**ROWS, "robots": {"\u202ex": ROWS["robots"]["R1"]}}
     after = changed(before, "robots", "\u202ex", "state", "condition", to="STOPPED")
     assert noticed(before, after) == [("stop", "\u202ex", "\u2068\u202ex\u2069 is stopped")]
@@ -175,29 +169,29 @@ def found(*moments: dict[Body, tuple[float, float, float]], building: Building |
     return contacts_since(history(*moments), building or Building(""), 0.0, 10.0)
 
 
-def test_robots_that_meet_are_named_once() -> None:
+def test_robots_that_meet_somebody_are_named() -> None:
     apart = {R1: AWAY, R2: MIDDLE}
     together = {R1: AWAY, R2: (AWAY[0] + 0.62, AWAY[1], 0.0)}
     assert found(apart, together, apart, together) == [Contact(FLOOR, "R1", "R2")]
     assert found(together, {**together, R1: (AWAY[0], AWAY[1], 1.0)}) == []  # they touched before
     assert found(apart, {R1: AWAY, R2: (AWAY[0] + 0.64, AWAY[1], 0.0)}) == []  # a gap
     assert found({TABLE_1: MIDDLE}, {TABLE_1: AWAY}) == []  # no robots
-
-
-def test_the_outline_of_an_object_turns_with_it() -> None:
-    """Beside a table lies free floor as long as the table lies along."""
+    # Beside a table lies free floor as long as the table lies along.
     x, y, _ = AWAY
     assert found({R1: AWAY, TABLE_1: MIDDLE}, {R1: AWAY, TABLE_1: (x, y + 0.6, 0.0)}) == []
     turned = {R1: AWAY, TABLE_1: (x, y + 0.6, np.pi / 2)}
     assert found({R1: AWAY, TABLE_1: MIDDLE}, turned) == [Contact(FLOOR, "R1", "table 1")]
-
-
-def test_walls_of_the_map_are_touched() -> None:
     building = two_floors()
     wall = next(iter(building.floors[FLOOR].geometrical.walls.values()))
     end = (*wall.a, 0.0)
     words = {contact.other for contact in found({R1: (50.0, 50.0, 0.0)}, {R1: end}, building=building)}
     assert "a wall" in words
+    contacts = [Contact("L2", "R1", "a wall"), Contact("L1", "R2", "table 1")]
+    assert collision(contacts) == ("R1", "L2", "2 collisions: R1 and a wall, R2 and table 1")
+    assert collision([]) == ("", "", "2 collisions")
+    _, _, text = collision([Contact("L1", f"R{number}", "a wall") for number in range(20)])
+    assert text.count("a wall") == MAX_CONTACTS
+    assert text.endswith(" and others")
 
 
 def collision(contacts: list[Contact]) -> tuple[str, str, str]:
@@ -209,15 +203,6 @@ def collision(contacts: list[Contact]) -> tuple[str, str, str]:
         happenings.note({"naming": "", "server": rows, "robots": {}, "channels": {}}, 1.0)
     [happening] = happenings.after(0)
     return happening.robot, happening.floor, happening.text
-
-
-def test_a_collision_names_who_met_up_to_a_number() -> None:
-    contacts = [Contact("L2", "R1", "a wall"), Contact("L1", "R2", "table 1")]
-    assert collision(contacts) == ("R1", "L2", "2 collisions: R1 and a wall, R2 and table 1")
-    assert collision([]) == ("", "", "2 collisions")
-    _, _, text = collision([Contact("L1", f"R{number}", "a wall") for number in range(20)])
-    assert text.count("a wall") == MAX_CONTACTS
-    assert text.endswith(" and others")
 
 
 class FakeState:
@@ -241,7 +226,7 @@ class FakeState:
         return {"naming": "", "server": server, "robots": {}, "channels": {}}
 
 
-def test_a_robot_that_logged_off_is_gone_but_known_until_it_is_forgotten_or_returns() -> None:
+def test_a_robot_that_logged_off_is_known_until_it_is_forgotten(monkeypatch: Any) -> None:
     fake = FakeState()
     state = MonitorState(fake, History())
     for clients, gone in ((["R1", "R2"], []), (["R2"], ["R1"]), ([], ["R1", "R2"]), (["R2"], ["R1"])):
@@ -254,9 +239,6 @@ def test_a_robot_that_logged_off_is_gone_but_known_until_it_is_forgotten_or_retu
     state.forget("R1")
     assert state.rows()["gone"] == {}
     assert fake.forgotten == ["R1"]
-
-
-def test_the_number_of_known_robots_is_bounded(monkeypatch: Any) -> None:
     monkeypatch.setattr(monitor_state, "MAX_GONE", 3)
     fake = FakeState()
     state = MonitorState(fake, History())

@@ -61,7 +61,7 @@ def view(*places: tuple[int, float]) -> FloorView:
     return copy
 
 
-def test_a_frame_has_what_an_update_has() -> None:
+def test_frames_of_floors() -> None:
     header, rows = read(update_frame(update(3, 4, (1, 2.0), (5, -3.25), came=[body(5, NAME)])))
     assert (header["floor"], header["time"], header["map"], header["whole"]) == ("L1", 1.5, 7, False)
     assert header["went"] == [9]
@@ -71,10 +71,7 @@ def test_a_frame_has_what_an_update_has() -> None:
         **{"riders": ["A"], "queue": ["B", "C"]},
     }
     assert rows["number"].tolist() == [1, 5] and rows["x"].tolist() == [2.0, -3.25] and rows["heading"][0] == 0.5
-
-
-def test_rows_are_aligned() -> None:
-    """Browsers read the rows as an array of 4-byte numbers in place."""
+    # Browsers read the rows as an array of 4-byte numbers in place.
     for length in range(5):
         frame = whole_frame("x" * length, 0.0, 1, [body(1, NAME)], {}, rows_of(motions((1, 1.0))))
         assert (len(frame) - ROW.itemsize) % 4 == 0
@@ -104,9 +101,6 @@ def test_looking_back_shows_the_moment_before() -> None:
     assert History().span() == (0.0, 0.0)
     with pytest.raises(UnknownFloor):
         history.frame("L9", 1.0)
-
-
-def test_moments_are_some_time_apart_and_old_ones_are_forgotten() -> None:
     history = history_of((10.0, 1.0), (10.0 + INTERVAL_S / 2, 2.0), (10.0 + INTERVAL_S, 3.0))
     assert x_at(history, 10.0 + INTERVAL_S / 2) == 1.0
     assert x_at(history, 11.0) == 3.0
@@ -173,15 +167,12 @@ def places(moments: list[Moment]) -> list[tuple[float, float]]:
     return [(moment.at, float(moment.rows["x"][0])) for moment in moments]
 
 
-def test_a_span_begins_with_the_state_at_its_begin() -> None:
+def test_spans_are_recorded(tmp_path: Path, building: Building) -> None:
     history = driven_history(5)
     assert places(history.between(FLOOR, 1001.5, 1003.0)) == [(1001.5, 3.0), (1002.0, 4.0), (1003.0, 5.0)]
     assert places(history.between(FLOOR, 10.0, 1001.0)) == [(1000.0, 2.0), (1001.0, 3.0)]
     with pytest.raises(UnknownFloor):
         history.between("cellar", 0.0, 1.0)
-
-
-def test_a_span_is_recorded_with_its_times_and_read_again(tmp_path: Path, building: Building) -> None:
     file = tmp_path / "span.mcap"
     record(file, building, FLOOR, driven_history(5).between(FLOOR, 1001.0, 1003.0), 1004.5)
     recording = Recording(file)
@@ -190,9 +181,14 @@ def test_a_span_is_recorded_with_its_times_and_read_again(tmp_path: Path, buildi
     view = recording.at(1.0, [FLOOR])[FLOOR]
     assert [body.name for body in view.bodies.values()] == ["R1"]
     assert view.motions["x"][0] == pytest.approx(4.0)
+    file, recordings = tmp_path / "x.mcap", Recordings()
+    file.write_text("no recording")
+    with pytest.raises(InvalidRecording):
+        recordings.open(file, "x")
+    assert recordings.rows() == []
 
 
-def test_a_recording_is_opened_looked_at_and_closed_for_newer_ones(
+def test_recordings_are_closed_for_newer_ones(
     tmp_path: Path, building: Building, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recordings_module, "MAX_OPEN", 2)
@@ -214,14 +210,6 @@ def test_a_recording_is_opened_looked_at_and_closed_for_newer_ones(
         recordings.get(first.key)
 
 
-def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
-    file, recordings = tmp_path / "x.mcap", Recordings()
-    file.write_text("no recording")
-    with pytest.raises(InvalidRecording):
-        recordings.open(file, "x")
-    assert recordings.rows() == []
-
-
 def test_a_film_is_made(building: Building, films: Films) -> None:
     moments = driven_history(3).between(FLOOR, 1000.0, 1003.0)
     number = films.start(building, FLOOR, moments, 1003.0, 20.0)
@@ -232,9 +220,7 @@ def test_a_film_is_made(building: Building, films: Films) -> None:
     assert films.file(number).read_bytes()[4:8] == b"ftyp"
 
 
-def test_a_film_that_is_cancelled_or_fails_by_a_defect_says_so(
-    building: Building, films: Films, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_film_that_fails_says_so(building: Building, films: Films, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise KeyError("a defect")
 
@@ -262,16 +248,14 @@ def test_a_film_that_is_cancelled_or_fails_by_a_defect_says_so(
         (2800.0, 1.0, "choose 3 or more"),
     ],
 )
-def test_impossible_films_are_refused(
-    building: Building, films: Films, end_s: float, speed: float, refusal: str
-) -> None:
+def test_bad_films_are_refused(building: Building, films: Films, end_s: float, speed: float, refusal: str) -> None:
     with pytest.raises(InvalidFilm, match=refusal):
         films.start(building, FLOOR, driven_history(1).between(FLOOR, 1000.0, 1001.0), end_s, speed)
     with pytest.raises(InvalidFilm, match="make it again"):
         films.file(5)
 
 
-def test_every_floor_is_json_with_finite_numbers() -> None:
+def test_floor_plans() -> None:
     building = two_floors()
     for floor in building.floors:
         plan = json.loads(json.dumps(floor_plan(building, floor), allow_nan=False))
@@ -283,9 +267,12 @@ def test_every_floor_is_json_with_finite_numbers() -> None:
         assert {one["name"] for one in plan["elevators"]} <= set(building.elevators)
         x_min, y_min, x_max, y_max = plan["bounds"]
         assert x_min < x_max and y_min < y_max
-
-
-def test_walls_have_gaps_where_doors_are() -> None:
+    building, name = two_floors(), "<script>alert(1)</script>\u202e'\"&"
+    renamed = building.with_changes([(ElementKind.WALL, "L1", name, Wall(name, (1.0, 1.0), (2.0, 1.0)))])
+    walls = json.loads(json.dumps(floor_plan(renamed, "L1")))["walls"]
+    assert name in [wall["name"] for wall in walls]
+    with pytest.raises(KeyError):
+        floor_plan(building, "L9")
     building = two_floors()
     gaps = 0.0
     for floor in building.floors:
@@ -298,12 +285,3 @@ def test_walls_have_gaps_where_doors_are() -> None:
     )
     assert doors > 0.1
     assert gaps == pytest.approx(doors, abs=1e-3)
-
-
-def test_names_stay_what_they_are() -> None:
-    building, name = two_floors(), "<script>alert(1)</script>\u202e'\"&"
-    renamed = building.with_changes([(ElementKind.WALL, "L1", name, Wall(name, (1.0, 1.0), (2.0, 1.0)))])
-    walls = json.loads(json.dumps(floor_plan(renamed, "L1")))["walls"]
-    assert name in [wall["name"] for wall in walls]
-    with pytest.raises(KeyError):
-        floor_plan(building, "L9")

@@ -63,21 +63,7 @@ def test_a_viewer_gets_everything_and_then_changes() -> None:
     assert another.since(version) == (True, {"B": "2"}, [])  # departed entries are forgotten at last
 
 
-def test_sensors_are_called_by_their_rays() -> None:
-    other = Fan(0.0, 0.1, 3, 2.0)
-    found = [
-        *(of_fan("A", LASER), of_fan("A", PROXIMITY), of_fan("A", LASER, ahead=0.2), of_fan("A", other)),
-        *(of_fan("A", other, ahead=0.2), of_fan("B", LASER)),
-    ]
-    names, first = (
-        ["A/laser", "A/proximity", "A/laser 2", "A/sensor 1", "A/sensor 2", "B/laser"],
-        (found, True, 1.0, 50.0),
-    )
-    assert keys_after(first) == names
-    assert keys_after(first, ([of_fan("A", LASER, 2.0, ahead=0.2)], False, 2.0, 51.0)) == names  # it keeps its name
-
-
-def test_a_scan_in_json_has_all_that_a_fan_needs() -> None:
+def test_scans_of_a_fan() -> None:
     feed = ScanFeed()
     hits = np.array([True, False, True])
     seen = of_fan("A", Fan(-0.1, 0.1, 3, 2.0), rim_m=0.4, distances=np.array([0.5, 2.0, 1.23456]), hits=hits)
@@ -90,9 +76,18 @@ def test_a_scan_in_json_has_all_that_a_fan_needs() -> None:
         "angles": {"first": -0.1, "step": 0.1, "count": 3},
         **{"range": 2.0, "rim": 0.4, "ranges": [0.9, 2.4, pytest.approx(1.635)], "hits": [1, 0, 1]},
     }
+    other = Fan(0.0, 0.1, 3, 2.0)
+    found = [
+        *(of_fan("A", LASER), of_fan("A", PROXIMITY), of_fan("A", LASER, ahead=0.2), of_fan("A", other)),
+        *(of_fan("A", other, ahead=0.2), of_fan("B", LASER)),
+    ]
+    names, first = (
+        ["A/laser", "A/proximity", "A/laser 2", "A/sensor 1", "A/sensor 2", "B/laser"],
+        (found, True, 1.0, 50.0),
+    )
+    assert keys_after(first) == names
+    assert keys_after(first, ([of_fan("A", LASER, 2.0, ahead=0.2)], False, 2.0, 51.0)) == names  # it keeps its name
 
-
-def test_how_long_a_scan_stays() -> None:
     def seen(time: float, robot: str = "A") -> RobotScan:
         return of_fan(robot, LASER, time)
 
@@ -113,15 +108,28 @@ def test_how_long_a_scan_stays() -> None:
 SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
 
 
-class Source:
-    """An Omni database whose content a test sets."""
+class Console:
+    """Live sensors whose thread is the test, of an Omni database whose content it sets."""
 
-    def __init__(self) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.scans = [of_fan("A", LASER, 1.0)]
         self.angles = {"L1": [Posture("A", 1.0, (0.5,))], "L2": [Posture("B", 1.0, (0.7,))]}
         self.reserved = [ReservedAreas("A", (("L1", SQUARE),), Reservation(True, 0, 0.0, 9.96))]
-        self.is_away = False
-        self.calls: list[tuple[Any, ...]] = []
+        self.is_away, self.calls, self.notified = False, list[tuple[Any, ...]](), list[int]()
+        self.clock = Clock()
+        monkeypatch.setattr(live_sensors.time, "monotonic", self.clock)
+        self.sensors = LiveSensors(self, lambda floor: 1.0, lambda: self.notified.append(1))
+
+    @property
+    def news(self) -> int:
+        return len(self.notified)
+
+    def follow(self, seconds: float = 0.1) -> list[tuple[Any, ...]]:
+        """The calls of a round that begins `seconds` later."""
+        self.calls = []
+        self.clock.now += seconds
+        self.sensors.follow()
+        return self.calls
 
     def _count(self, *call: Any) -> None:
         self.calls.append(call)
@@ -141,25 +149,6 @@ class Source:
     def reservations(self) -> list[ReservedAreas]:
         self._count("reservations")
         return self.reserved
-
-
-class Console:
-    """Live sensors whose thread is the test."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.source, self.clock, self.news = Source(), Clock(), 0
-        monkeypatch.setattr(live_sensors.time, "monotonic", self.clock)
-        self.sensors = LiveSensors(self.source, lambda floor: 1.0, self.notify)
-
-    def notify(self) -> None:
-        self.news += 1
-
-    def follow(self, seconds: float = 0.1) -> list[tuple[Any, ...]]:
-        """The calls of a round that begins `seconds` later."""
-        self.source.calls = []
-        self.clock.now += seconds
-        self.sensors.follow()
-        return self.source.calls
 
 
 @pytest.fixture
@@ -197,12 +186,12 @@ def test_scans_go_to_viewers_as_messages(console: Console) -> None:
     assert (message["floor"], message["whole"], message["gone"]) == ("L1", True, [])
     assert [(scan["key"], scan["time"], len(scan["ranges"])) for scan in message["scans"]] == [("A/laser", 1.0, 181)]
     assert console.sensors.scans_message("L1", version) == (version, "")
-    console.source.scans = [of_fan("A", LASER, 1.1), of_fan("B", LASER, 1.1)]
+    console.scans = [of_fan("A", LASER, 1.1), of_fan("B", LASER, 1.1)]
     console.follow()
     version, text = console.sensors.scans_message("L1", version)
     message = json.loads(text)["scans"]
     assert (message["whole"], [scan["key"] for scan in message["scans"]]) == (False, ["A/laser", "B/laser"])
-    console.source.scans.pop(0)
+    console.scans.pop(0)
     console.follow(live_sensors.WHOLE_S)
     version, text = console.sensors.scans_message("L1", version)
     assert json.loads(text)["scans"] == {"floor": "L1", "whole": False, "gone": ["A/laser"], "scans": []}
@@ -213,7 +202,7 @@ def test_postures_go_to_viewers_as_messages(console: Console) -> None:
     console.follow()
     version, text = console.sensors.postures_message("L1", NOTHING)
     assert json.loads(text)["postures"] == {"floor": "L1", "whole": True, "gone": [], "robots": {"A": [0.5]}}
-    console.source.angles = {"L1": [], "L2": [Posture("A", 2.0, (0.123456,)), Posture("B", 1.0, (0.7,))]}
+    console.angles = {"L1": [], "L2": [Posture("A", 2.0, (0.123456,)), Posture("B", 1.0, (0.7,))]}
     console.follow(live_sensors.WHOLE_S)
     version, text = console.sensors.postures_message("L1", version)
     assert json.loads(text)["postures"] == {"floor": "L1", "whole": False, "gone": ["A"], "robots": {}}
@@ -230,32 +219,30 @@ def test_reservations_go_to_viewers_as_messages(console: Console) -> None:
     expected = {"robot": "A", "phase": "granted", "ahead": 0, "left": 10.0, "areas": areas}
     assert json.loads(text) == {"reservations": [expected]}
     assert console.follow() == []  # seldom
-    console.source.reserved = []
+    console.reserved = []
     console.follow(live_sensors.RESERVATIONS_S)
     _, text = console.sensors.reservations_message(version)
     assert json.loads(text) == {"reservations": []}
 
 
-def test_viewers_are_woken_by_news_only_and_a_database_that_does_not_answer_shows_as_a_problem(
-    console: Console,
-) -> None:
+def test_viewers_are_woken_by_news_and_problems_only(console: Console) -> None:
     console.sensors.want("viewer", Wanted(("L1",), ("L1",)))
     for _ in range(2):
         console.follow()
         assert console.news == 1
     version, _ = console.sensors.scans_message("L1", NOTHING)
-    console.source.is_away = True
+    console.is_away = True
     console.follow()
     assert (console.sensors.problem, console.news) == ("away", 2)
     assert console.sensors.scans_message("L1", version) == (version, "")  # what was seen stays
-    console.source.is_away = False
+    console.is_away = False
     console.follow()
     assert (console.sensors.problem, console.news) == ("", 3)
 
 
 def test_an_unknown_floor_is_empty_and_names_of_any_kind_survive(console: Console) -> None:
     name = '"</script>\u202e'
-    console.source.angles["L1"] = [Posture(name, 1.0, ())]
+    console.angles["L1"] = [Posture(name, 1.0, ())]
     console.sensors.want("viewer", Wanted(("roof",), ("roof", "L1")))
     console.follow()
     for message in (console.sensors.scans_message, console.sensors.postures_message):
@@ -270,28 +257,19 @@ def mission(name: str, version: int, result: MissionResult = MissionResult.RUNNI
     return MissionState(name, version, content)
 
 
-class MissionControl:
-    """Mission control. asked: the versions in the requests."""
+class MissionsPlace:
+    """Live missions of a mission control. asked: the versions in the requests to it."""
 
     def __init__(self) -> None:
         self.states: dict[str, MissionState] = {}
-        self.asked: list[int] = []
-        self.is_away = False
+        self.asked, self.is_away, self.woken = list[int](), False, list[int]()
+        self.missions = LiveMissions(self, lambda: self.woken.append(1))
 
     def missions_since(self, version: int) -> list[MissionState]:
         self.asked.append(version)
         if self.is_away:
             raise NotReachable("mission control does not answer")
         return [each for each in self.states.values() if each.version > version]
-
-
-class MissionsPlace:
-    def __init__(self) -> None:
-        self.control, self.wakes = MissionControl(), 0
-        self.missions = LiveMissions(self.control, self.wake)
-
-    def wake(self) -> None:
-        self.wakes += 1
 
     def feed(self) -> MissionFeed:
         feed = MissionFeed(self.missions)
@@ -300,8 +278,13 @@ class MissionsPlace:
 
     def follow(self, *missions: MissionState) -> None:
         """Follow mission control once it has these."""
-        self.control.states.update((each.name, each) for each in missions)
+        self.states.update((each.name, each) for each in missions)
         self.missions.follow()
+
+
+@pytest.fixture
+def place() -> MissionsPlace:
+    return MissionsPlace()
 
 
 def news(feed: MissionFeed) -> tuple[bool, list[str]] | None:
@@ -313,14 +296,9 @@ def news(feed: MissionFeed) -> tuple[bool, list[str]] | None:
     return found["whole"], [row["name"] for row in found["missions"]]
 
 
-@pytest.fixture
-def place() -> MissionsPlace:
-    return MissionsPlace()
-
-
 def test_nobody_is_asked_for_nobody_and_a_building_without_missions_is_known_as_such(place: MissionsPlace) -> None:
     place.follow()
-    assert place.control.asked == []
+    assert place.asked == []
     feed = place.feed()
     place.follow()
     assert news(feed) == (True, [])
@@ -328,7 +306,7 @@ def test_nobody_is_asked_for_nobody_and_a_building_without_missions_is_known_as_
     assert news(feed) is None
     feed.want(False)
     place.follow()
-    assert len(place.control.asked) == 2
+    assert len(place.asked) == 2
 
 
 def test_a_viewer_gets_all_and_then_what_has_changed(place: MissionsPlace) -> None:
@@ -341,8 +319,8 @@ def test_a_viewer_gets_all_and_then_what_has_changed(place: MissionsPlace) -> No
     assert news(early) == (False, ["one"])
     late.want(True)
     assert news(late) == (True, ["two", "one"])
-    assert place.control.asked == [0, 6]
-    assert place.wakes == 2
+    assert place.asked == [0, 6]
+    assert len(place.woken) == 2
 
 
 def test_removed_missions_disappear(place: MissionsPlace, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -354,7 +332,7 @@ def test_removed_missions_disappear(place: MissionsPlace, monkeypatch: pytest.Mo
         **{"name": "<b>مهمة\u202e", "kind": "move_table", "about": "desk", "leader": "A", "term": 1, "members": []},
         **{"phases": [], "phases_in_all": 0, "begun": 1.0, "ended": 0.0, "result": "running", "reason": ""},
     }
-    del place.control.states["one"]
+    del place.states["one"]
     place.follow()
     assert news(feed) == (True, ["<b>مهمة\u202e"])
 
@@ -363,13 +341,13 @@ def test_a_server_that_was_away_is_asked_for_everything(place: MissionsPlace) ->
     feed = place.feed()
     place.follow(mission("one", 5))
     news(feed)
-    place.control.is_away = True
+    place.is_away = True
     for _ in range(2):
         place.follow()
     assert place.missions.problem == "mission control does not answer"
-    assert place.wakes == 2, "once for the missions, once for the problem"
-    place.control.is_away = False
+    assert len(place.woken) == 2, "once for the missions, once for the problem"
+    place.is_away = False
     place.follow(mission("one", 100), mission("new", 101))
     assert place.missions.problem == ""
     assert news(feed) == (False, ["new"]), "the other one is as it was"
-    assert place.control.asked[-1] == 0
+    assert place.asked[-1] == 0

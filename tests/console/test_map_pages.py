@@ -20,10 +20,9 @@ from robocorba.console.map_sessions import MAX_SESSIONS, SILENCE_S, NoSession, T
 from robocorba.errors.maps import InvalidElement, MapFileError, SessionEnded
 from robocorba.maps import native
 from robocorba.maps.edit_session import EditSessions
-from robocorba.maps.edits import EditRecord
 from robocorba.maps.formats import WRITTEN
 from robocorba.maps.map_building_agent import BuildingEditor
-from robocorba.maps.model import Building, Element, ElementKind
+from robocorba.maps.model import Building, ElementKind
 from robocorba.maps.store import MapStore
 from robocorba.maps.validation import problems
 from robocorba.spatial.pose import SMARTPAL_RADIUS_M
@@ -32,11 +31,11 @@ from tests.clock import Clock
 
 
 class LocalEditor:
-    """The methods of RemoteMapEditor that edits need."""
+    """A building editor with the methods of RemoteMapEditor that edits need."""
 
     def __init__(self, editor: BuildingEditor) -> None:
-        self.editor = editor
-        self.sessions: list[LocalSession] = []
+        self.editor, self.sessions = editor, list[LocalSession]()
+        self.elements, self.edits_since = editor.elements, editor.edits_since
 
     def version(self) -> int:
         return self.editor.version
@@ -47,12 +46,6 @@ class LocalEditor:
     def building(self) -> tuple[Building, int]:
         return self.editor.snapshot
 
-    def elements(self, kind: ElementKind, floor: str = "") -> list[tuple[Element, int]]:
-        return self.editor.elements(kind, floor)
-
-    def edits_since(self, version: int) -> list[EditRecord]:
-        return self.editor.edits_since(version)
-
     def open_session(self, author: str) -> LocalSession:
         self.sessions.append(LocalSession(EditSessions(self.editor).open(author)))
         return self.sessions[-1]
@@ -62,8 +55,7 @@ class LocalSession:
     """The methods of RemoteEditSession."""
 
     def __init__(self, session: Any) -> None:
-        self._session = session
-        self.is_closed = False
+        self._session, self.is_closed = session, False
 
     def __getattr__(self, name: str) -> Any:
         if self.is_closed:
@@ -124,13 +116,20 @@ def wall(name: str, *ends: tuple[float, float]) -> Edit:
     return created("wall", name, "L1", **{"from": ends[0], "to": ends[1]})
 
 
-def test_a_floor_has_its_elements_and_those_of_the_whole_building(page: Page) -> None:
+def test_floors_and_paths(page: Page) -> None:
     answer = page.operations.map_floor("L2")
     found = {(each["kind"], each["floor"], each["name"]) for each in answer["elements"]}
     assert found >= {("floor", "", "L1"), ("floor", "", "L2"), ("elevator", "", "E1"), ("node", "L2", "lift2")}
     assert not [key for key in found if key[1] == "L1"]
     assert (answer["version"], answer["building"]) == (page.editor.version(), "two floors")
     assert {each["kind"] for each in page.operations.map_floor("attic")["elements"]} == {"floor", "elevator"}
+    start = {"floor": "L1", "x": 1, "y": 1}
+    for wrong in (
+        *(None, [], {"floor": "L1", "x": 1}, {"floor": 3, "x": 1, "y": 1}, {"x": 1, "y": 1}),
+        *({**start, "x": x} for x in ("1", None, float("nan"), 10**400)),
+    ):
+        with pytest.raises(InvalidArguments):
+            page.operations.map_paths(start, wrong)  # type: ignore[arg-type]
 
 
 def test_edits_together_are_one_step_for_undo(page: Page) -> None:
@@ -219,19 +218,7 @@ def test_other_requests_are_refused(page: Page, edits: Any) -> None:
         page.operations.map_edit(page.session, edits)
 
 
-def test_paths_between_other_things_than_places_are_refused(page: Page) -> None:
-    start = {"floor": "L1", "x": 1, "y": 1}
-    for wrong in (
-        *(None, [], {"floor": "L1", "x": 1}, {"floor": 3, "x": 1, "y": 1}, {"x": 1, "y": 1}),
-        *({**start, "x": x} for x in ("1", None, float("nan"), 10**400)),
-    ):
-        with pytest.raises(InvalidArguments):
-            page.operations.map_paths(start, wrong)  # type: ignore[arg-type]
-
-
-def test_a_session_that_the_map_editor_has_ended_is_replaced_and_a_closed_one_unknown(
-    page: Page, editor: LocalEditor
-) -> None:
+def test_a_session_that_the_map_editor_has_ended_is_replaced(page: Page, editor: LocalEditor) -> None:
     editor.sessions[-1].is_closed = True
     answer = page.edit(wall("a", (1, 1), (2, 1)))
     assert "can't be undone any more" in answer["note"]
@@ -273,7 +260,7 @@ def upload(files: dict[str, str]) -> dict[str, object]:
     return read_upload(files, "blocked", "walls", False, SMARTPAL_RADIUS_M)
 
 
-def test_a_native_map_comes_back_unchanged_and_a_foreign_format_names_its_losses() -> None:
+def test_uploads_and_downloads() -> None:
     assert set(FORMATS) == set(WRITTEN)
     download = write_download(two_floors(), "native", 0.05, "pgm")
     assert (download["name"], download["losses"]) == ("two_floors.yaml", [])
@@ -282,16 +269,10 @@ def test_a_native_map_comes_back_unchanged_and_a_foreign_format_names_its_losses
     assert (answer["format"], answer["losses"]) == ("native", [])
     for foreign in ("openrmf", "ros", "nav2"):
         assert write_download(two_floors(), foreign, 0.2, "png")["losses"]
-
-
-def test_ros_maps_are_an_archive_that_can_be_read_again() -> None:
     download = write_download(two_floors(), "ros", 0.2, "png")
     with zipfile.ZipFile(io.BytesIO(base64.b64decode(download["content"]))) as archive:
         files = {name: packed(archive.read(name)) for name in archive.namelist() if "L1" in name}
     assert upload(files)["format"] == "ros"
-
-
-def test_an_error_names_the_file_and_its_line_but_no_folder() -> None:
     with pytest.raises(MapFileError) as refused:
         upload({"C:\\maps\\house.yaml": packed("robocorba: 1\nname: x\nfloors: [{name: 1}]\n")})
     assert (refused.value.file, refused.value.line > 0) == ("house.yaml", True)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import copy
+import functools
 import json
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,18 +32,25 @@ from robocorba.console.monitor_operations import MonitorOperations
 from robocorba.console.monitor_state import MonitorState
 from robocorba.console.operations import Operations
 from robocorba.console.process_operations import ProcessOperations
+from robocorba.console.program_operations import MAX_ARGUMENTS, ProgramOperations
 from robocorba.console.recordings import Recordings, UnknownRecording
 from robocorba.console.simulation_operations import SimulationOperations
+from robocorba.control.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
 from robocorba.decoding import Work
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.files import WorkEnded
-from robocorba.errors.robots import Unreachable
+from robocorba.errors.robots import IllegalOrder, InvalidProgram, Unreachable
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownRobot
 from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.smartpal import Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.maps.model import Building
+from robocorba.motion.robot_state import RobotState
+from robocorba.programs import program as programs
+from robocorba.programs.program import Program
+from robocorba.programs.report import CheckReport
+from robocorba.simulation.registry import Pose
 from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate, FloorView
 from robocorba.testing.buildings import two_floors
 from tests.console.asgi import answer, ask
@@ -99,20 +109,22 @@ def call(name: str, body: bytes = b"{}", content_type: str = "application/json")
     return decoded
 
 
-def test_answers() -> None:
+def test_answers_refusals_and_defects() -> None:
     assert call("add_up", b'{"a": 2}') == {"answer": 3}
     assert call("add_up", b'{"a": 2, "b": 5}', "application/json; charset=utf-8") == {"answer": 7}
     assert call("refuse") == {"error": "no robot called <script> is logged on"}
+    assert "not a JSON object" in call("add_up", b'{"a": 1}', "text/plain")["error"]
+    assert "longer than" in call("add_up", b'{"a": "' + b"x" * MAX_BODY + b'"}')["error"]
+    for name in ("nothing", "_hidden", "also_hidden", "add", "call", "__init__", "x" * 5000, "../stop"):
+        error = call(name)["error"]
+        assert error.startswith("there is no operation") and len(error) < 200
+    for name in ("break_down", "not_json", "not_a_number"):
+        assert call(name) == {"error": "the console failed; its log says why"}
 
 
 @pytest.mark.parametrize("body", [b"", b"no", b"[]", b"null", b"1", b"\xff\xfe", b'{"a":', b"[" * 100_000])
 def test_what_is_no_json_object_is_refused(body: bytes) -> None:
     assert "the request is not" in call("add_up", body)["error"]
-
-
-def test_forms_of_other_sites_and_requests_that_are_too_long_are_refused() -> None:
-    assert "not a JSON object" in call("add_up", b'{"a": 1}', "text/plain")["error"]
-    assert "longer than" in call("add_up", b'{"a": "' + b"x" * MAX_BODY + b'"}')["error"]
 
 
 @pytest.mark.parametrize(
@@ -128,14 +140,6 @@ def test_wrong_arguments_are_named(operation: str, argument: str, values: list[A
         assert call(operation, json.dumps({argument: value}).encode())["error"] == problem, value
     for body in (b"{}", b'{"a": 1, "c": 2}', b'{"": 1}', b'{"a": 1, "self": 2}'):
         assert call("add_up", body)["error"].startswith("add_up: ")
-
-
-def test_only_operations_can_be_called_and_their_defects_show_nothing_of_the_console() -> None:
-    for name in ("nothing", "_hidden", "also_hidden", "add", "call", "__init__", "x" * 5000, "../stop"):
-        error = call(name)["error"]
-        assert error.startswith("there is no operation") and len(error) < 200
-    for name in ("break_down", "not_json", "not_a_number"):
-        assert call(name) == {"error": "the console failed; its log says why"}
 
 
 class Stoppable(Operations):
@@ -182,16 +186,11 @@ def test_emergency_stops_do_not_wait_for_other_operations() -> None:
     assert answers.keys() == STOPS
 
 
-def test_two_parts_can_not_have_the_same_operation() -> None:
+def test_parts_rights_and_orders(tmp_path: Path) -> None:
     operations = Operations(NOBODY)
     operations.add(Part())
     with pytest.raises(ValueError, match="add_up"):
         operations.add(Part())
-
-
-def test_without_rights_the_simulation_is_left_alone_and_without_a_supervisor_its_place_named(
-    tmp_path: Path,
-) -> None:
     operations, supervisor = Operations(NOBODY), tmp_path / "supervisor.ior"
     operations.add(SimulationOperations(NOBODY, None, supervisor))
     assert operations.call("rights", {}) == {"administrator": False, "supervisor": False}
@@ -201,9 +200,6 @@ def test_without_rights_the_simulation_is_left_alone_and_without_a_supervisor_it
     operations.add(ProcessOperations(NOBODY, supervisor))
     with pytest.raises(Exception, match=r"the supervisor is not reachable: .*supervisor.ior"):
         operations.call("processes", {})
-
-
-def test_orders_of_the_wrong_types_are_refused(tmp_path: Path) -> None:
     operations = ProcessOperations(NOBODY, tmp_path / "supervisor.ior")
     wrong: list[dict[str, Any]] = [{"name": name} for name in (3, "A\0", "\ud800", "A" * 5000)]
     wrong += [{"name": "A", "x": 1.0}, *({"name": "A", "x": x, "y": 2} for x in ("1", math.nan, True))]
@@ -216,75 +212,43 @@ def test_orders_of_the_wrong_types_are_refused(tmp_path: Path) -> None:
             arguments.count("lines", value, 500)
 
 
-NOBODY: Any = None
-Make = Callable[[Building], MonitorOperations]
-
-
-class NoState:
-    """A system without anything."""
-
-    def start(self) -> None: ...
-    def close(self) -> None: ...
-    def forget(self, robot: str) -> None: ...
-
-    def rows(self) -> dict[str, Any]:
-        server = {"state": None, "age": None, "problem": "gone"}
-        return {"naming": "", "server": server, "robots": {}, "channels": {}}
-
-
-@pytest.fixture
-def make() -> Iterator[Make]:
-    history, view = History(), FloorView("L1")
+def test_impossible_arguments_of_the_monitor() -> None:
+    """Of a system without anything."""
+    server = {"state": None, "age": None, "problem": "gone"}
+    rows = {"naming": "", "server": server, "robots": {}, "channels": {}}
+    nothing: Any = SimpleNamespace(start=int, close=int, forget=str, rows=lambda: copy.deepcopy(rows))
+    history, view, building = History(), FloorView("L1"), [Building("")]
     view.apply(FloorUpdate("L1", WHOLE, 1, 0.0, 1, [], [], np.empty(0, MOTION), {}))
     history.add(view, 1000.0)
+    film, operations = {"floor": "L1", "begin": 1.0, "end": 2.0}, Operations(NOBODY)
     with contextlib.closing(Films()) as films:
-        yield lambda building: MonitorOperations(
-            MonitorState(NoState(), history), history, lambda: building, Recordings(), films
-        )
+        state = MonitorState(nothing, history)
+        operations.add(MonitorOperations(state, history, lambda: building[0], Recordings(), films))
+        with pytest.raises(InvalidFilm, match="map is not known"):
+            operations.call("start_film", film)
+        building[0] = two_floors()
+        assert operations.call("recordings", {}) == operations.call("happenings", {}) == []
+        for operation, given, error in (
+            ("start_film", {**film, "begin": "now"}, InvalidArguments),
+            ("start_film", {**film, "floor": 1}, InvalidArguments),
+            ("start_film", {**film, "end": math.nan}, InvalidArguments),
+            ("start_film", {**film, "begin": 2.0}, InvalidFilm),
+            ("start_film", {**film, "floor": "cellar"}, InvalidFilm),
+            ("start_film", {**film, "floor": "L2"}, RoboCorbaError),
+            ("start_film", {**film, "recording": "recording 9"}, UnknownRecording),
+            ("film_state", {"film": "1"}, InvalidArguments),
+            ("film_state", {"film": 1}, InvalidFilm),
+            ("cancel_film", {"film": True}, InvalidArguments),
+            *(("happenings", {"after": after}, InvalidArguments) for after in ("x", 10**400)),
+            ("forget_robot", {"robot": None}, InvalidArguments),
+        ):
+            with pytest.raises(error):
+                operations.call(operation, given)
 
 
-@pytest.mark.parametrize(
-    ("operation", "arguments", "error"),
-    [
-        ("start_film", {"floor": "L1", "begin": "now", "end": 2.0}, InvalidArguments),
-        ("start_film", {"floor": 1, "begin": 1.0, "end": 2.0}, InvalidArguments),
-        ("start_film", {"floor": "L1", "begin": 1.0, "end": float("nan")}, InvalidArguments),
-        ("start_film", {"floor": "L1", "begin": 2.0, "end": 2.0}, InvalidFilm),
-        ("start_film", {"floor": "cellar", "begin": 1.0, "end": 2.0}, InvalidFilm),
-        ("start_film", {"floor": "L2", "begin": 1.0, "end": 2.0}, RoboCorbaError),
-        ("start_film", {"floor": "L1", "begin": 1.0, "end": 2.0, "recording": "recording 9"}, UnknownRecording),
-        ("film_state", {"film": "1"}, InvalidArguments),
-        ("film_state", {"film": 1}, InvalidFilm),
-        ("cancel_film", {"film": True}, InvalidArguments),
-        ("happenings", {"after": "x"}, InvalidArguments),
-        ("happenings", {"after": 10**400}, InvalidArguments),
-        ("forget_robot", {"robot": None}, InvalidArguments),
-    ],
-)
-def test_impossible_arguments(make: Make, operation: str, arguments: dict[str, Any], error: type[Exception]) -> None:
-    operations = Operations(NOBODY)
-    operations.add(make(two_floors()))
-    with pytest.raises(error):
-        operations.call(operation, arguments)
-
-
-def test_no_film_before_the_map_is_known_and_nothing_in_a_system_without_anything(make: Make) -> None:
-    with pytest.raises(InvalidFilm, match="map is not known"):
-        make(Building("")).start_film("L1", 1.0, 2.0)
-    assert make(two_floors()).recordings() == make(two_floors()).happenings() == []
-
-
-@pytest.fixture(scope="module")
-def poser() -> KinematicsOperations:
-    return KinematicsOperations()
-
-
-@pytest.fixture(scope="module")
-def ready(poser: KinematicsOperations) -> list[float]:
-    return [*poser.arm_postures()["ready"] * 2, 0.0, 0.0, 0.0, 0.0]
-
-
-def test_a_hand_follows_its_target_and_both_mirror_each_other(poser: KinematicsOperations, ready: list[float]) -> None:
+def test_a_hand_follows_its_target_and_both_mirror_each_other() -> None:
+    poser = KinematicsOperations()
+    ready = [*poser.arm_postures()["ready"] * 2, 0.0, 0.0, 0.0, 0.0]
     pose = poser.hand_poses(ready)["left"]
     wanted = {**pose, "x": pose["x"] + 0.05, "z": pose["z"] + 0.1}
     answer: dict[str, Any] = poser.solve_hand(ready, "left", wanted)
@@ -299,28 +263,17 @@ def test_a_hand_follows_its_target_and_both_mirror_each_other(poser: KinematicsO
     with pytest.raises(Unreachable, match="misses the target by"):
         poser.solve_hand(ready, "right", {"x": 2.0, "y": 0.0, "z": 1.0})
     assert poser.arm_postures().keys() == POSTURES.keys()
+    zero, still = {"x": 0, "y": 0, "z": 0}, [0.0] * 18
+    for joints, side, wrong, match in (
+        *((joints, "left", zero, "18 angles") for joints in ([0.0] * 17, "0" * 18, [math.nan] * 18, [10**400] * 18)),
+        (still, "<b>", zero, "not left, right or both"),
+        *((still, "left", pose, "x, y and z") for pose in ({"x": 0, "y": 0}, {**zero, "w": 1}, None)),
+        (still, "left", {**zero, "z": math.inf}, "z is not a number"),
+    ):
+        with pytest.raises(InvalidPosture, match=match):
+            poser.solve_hand(joints, side, wrong)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("joints", "side", "pose", "match"),
-    [
-        ([0.0] * 17, "left", {"x": 0, "y": 0, "z": 0}, "18 angles"),
-        ("0" * 18, "left", {"x": 0, "y": 0, "z": 0}, "18 angles"),
-        ([math.nan] * 18, "left", {"x": 0, "y": 0, "z": 0}, "18 angles"),
-        ([10**400] * 18, "left", {"x": 0, "y": 0, "z": 0}, "18 angles"),
-        ([0.0] * 18, "<b>", {"x": 0, "y": 0, "z": 0}, "not left, right or both"),
-        ([0.0] * 18, "left", {"x": 0, "y": 0}, "x, y and z"),
-        ([0.0] * 18, "left", {"x": 0, "y": 0, "z": 0, "w": 1}, "x, y and z"),
-        ([0.0] * 18, "left", {"x": 0, "y": 0, "z": math.inf}, "z is not a number"),
-        ([0.0] * 18, "left", None, "x, y and z"),
-    ],
-)
-def test_bad_input_is_refused(poser: KinematicsOperations, joints: Any, side: Any, pose: Any, match: str) -> None:
-    with pytest.raises(InvalidPosture, match=match):
-        poser.solve_hand(joints, side, pose)
-
-
-NOBODY: Any = None
 IDLE = {"condition": "IDLE", "reason": "", "mission": "", "channel": "a"}
 
 
@@ -332,7 +285,7 @@ def row(**state: str) -> dict[str, Any]:
     return {"state": {**IDLE, **state}, "age": 0.1, "problem": "", "bound": True}
 
 
-def test_an_idle_robot_is_free_and_why_others_are_not() -> None:
+def test_who_can_lead_a_mission() -> None:
     assert leaders({"R1": row()}) == [{"robot": "R1", "channel": "a", "free": True, "why": ""}]
     for robot, why in (
         (row(condition="STOPPED", reason="emergency stop"), "is stopped: emergency stop"),
@@ -344,9 +297,6 @@ def test_an_idle_robot_is_free_and_why_others_are_not() -> None:
     ):
         (found,) = leaders({"R1": robot})
         assert (found["free"], found["why"]) == (False, why)
-
-
-def test_robots_that_have_left_are_no_leaders_and_without_the_naming_service_nobody_knows() -> None:
     found = leaders({"R2": row(), "R1": row(), "R3": {**row(), "bound": False}})
     assert [each["robot"] for each in found] == ["R1", "R2"]
     with pytest.raises(NotReachable, match="connecting"):
@@ -372,7 +322,7 @@ def endless(work: Work) -> None:
         work_for(0.001)
 
 
-def test_work_ends_with_its_client_or_after_its_limit() -> None:
+def test_work_ends_with_its_client_its_server_or_its_limit() -> None:
     is_gone, work = threading.Event(), Work(LIMIT_S)
     threading.Timer(0.1, is_gone.set).start()
     with pytest.raises(WorkEnded, match="nobody waits"):
@@ -380,9 +330,6 @@ def test_work_ends_with_its_client_or_after_its_limit() -> None:
     short = Work(0.2)
     with pytest.raises(WorkEnded, match=r"after 0\.2 s, its limit"):
         asyncio.run(in_thread(request(threading.Event()), short, lambda: endless(short)))
-
-
-def test_work_ends_with_its_server() -> None:
     work = Work(LIMIT_S)
 
     async def serve() -> None:
@@ -395,9 +342,147 @@ def test_work_ends_with_its_server() -> None:
     asyncio.run(serve())  # waits for the thread
     with pytest.raises(WorkEnded):
         work.check()
-
-
-def test_the_result_and_errors_arrive() -> None:
     assert asyncio.run(in_thread(request(threading.Event()), Work(LIMIT_S), lambda: 7)) == 7
     with pytest.raises(KeyError):
         asyncio.run(in_thread(request(threading.Event()), Work(LIMIT_S), lambda: {}["x"]))
+
+
+WAITS = json.dumps({"name": "waits", "icons": [{"icon": "wait", "seconds": number} for number in (1, 2, 3)]})
+
+
+class Agent:
+    """A robot's agent. calls: names of the orders that it got."""
+
+    def __init__(self) -> None:
+        self.calls, self.is_stepping, self.is_running = list[str](), False, False
+        self.loaded: Program | None = None
+        self.report = CheckReport()
+        self.progress = ProgramReport("waits", ProgramResult.NO_RESULT, "icons[1]", "wait", "", 1, 1.5)
+        self.icons = [IconBegun(number, f"icons[{number}]", "wait", float(number)) for number in range(3)]
+        self.begun, self.adaptors = (lambda first: self.icons[first:]), lambda: ["simulated", "smartpal"]
+        for order in ("pause", "resume", "step", "abort"):
+            setattr(self, order, functools.partial(self.calls.append, order))
+
+    def state(self) -> AgentState:
+        at, moving = Pose("L1", 1.0, 2.0, 0.0), AgentCondition.RUNNING
+        return AgentState("A", "simulated", moving, "no reason", at, RobotState(), 1.0, 0.0, self.progress)
+
+    def program(self) -> str:
+        return programs.dumps(self.loaded) if self.loaded else ""
+
+    def check(self, json: str) -> CheckReport:
+        self.calls.append("check")
+        return self.report
+
+    def load(self, json: str) -> None:
+        if self.is_running:
+            raise IllegalOrder("load a program", "runs a program")
+        self.loaded = programs.loads(json)
+
+    def run(self, is_stepping: bool = False) -> None:
+        self.calls.append("run")
+        self.is_stepping = is_stepping
+
+    def switch(self, adaptor: str, argv: Sequence[str]) -> None:
+        self.switched = adaptor, argv
+
+
+@pytest.fixture
+def agent() -> Agent:
+    return Agent()
+
+
+@pytest.fixture
+def operations(agent: Agent) -> ProgramOperations:
+    def found(name: str) -> Agent:
+        if name != "A":
+            raise NotReachable(f"robot {name} does not answer")
+        return agent
+
+    return ProgramOperations(None, found)  # type: ignore[arg-type]
+
+
+def findings(answer: dict[str, Any]) -> list[tuple[str, ...]]:
+    return [tuple(finding.values()) for finding in answer["findings"]]
+
+
+def test_the_schema_is_that_of_program_files_and_examples_are_programs(operations: ProgramOperations) -> None:
+    answer = operations.program_schema()
+    assert answer["schema"] == programs.schema()
+    assert {"home", "tuck"} <= set(answer["postures"])
+    examples = operations.example_programs()
+    assert "fetch" in examples
+    assert all(programs.loads(text).icons for text in examples.values())
+
+
+def test_a_check_has_errors_notes_and_python(operations: ProgramOperations, agent: Agent) -> None:
+    answer = operations.check_program("A", '{"name": "x", "icons": [{"icon": "wait"}]}')  # no program
+    assert findings(answer)[0][:3] == ("error", "icons[0]", "seconds")
+    assert (answer["is_executable"], answer["python"], agent.calls) == (False, "", [])
+    answer = operations.check_program("", WAITS)
+    assert answer["is_executable"]
+    assert findings(answer) == [("note", "", "", "no robot is chosen: drives and arms are not checked")]
+    with pytest.raises(NotReachable, match="robot B"):
+        operations.check_program("B", WAITS)
+    agent.report.add_note("icons[1]", "is not checked")
+    agent.report.add_finding("icons[2]", "seconds", "is too long")
+    answer = operations.check_program("A", WAITS)
+    expected = [("error", "icons[2]", "seconds", "is too long"), ("note", "icons[1]", "", "is not checked")]
+    assert (findings(answer), answer["is_executable"]) == (expected, False)
+    assert "program.wait(2.0)" in answer["python"]
+
+
+def test_a_program_is_loaded_and_run(operations: ProgramOperations, agent: Agent) -> None:
+    operations.run_program("A", WAITS, step=True)
+    assert (agent.loaded, agent.is_stepping) == (programs.loads(WAITS), True)
+    assert programs.loads(operations.loaded_program("A")) == agent.loaded
+    operations.run_program("A", WAITS, first=2)
+    assert agent.loaded is not None
+    assert agent.loaded.icons == programs.loads(WAITS).icons[2:]
+    for order in ("pause", "resume", "step", "abort"):
+        getattr(operations, f"{order}_program")("A")
+    assert agent.calls == ["run", "run", "pause", "resume", "step", "abort"]
+
+
+def test_programs_are_run_and_refused(operations: ProgramOperations, agent: Agent) -> None:
+    for first in (3, -1):
+        with pytest.raises(InvalidArguments, match=f"no icon {first}; it has 3"):
+            operations.run_program("A", WAITS, first=first)
+    with pytest.raises(InvalidProgram):
+        operations.run_program("A", "{}")
+    agent.is_running = True
+    with pytest.raises(IllegalOrder):
+        operations.run_program("A", WAITS)
+    assert agent.calls == []
+
+    class Part:
+        @property
+        def _rights(self) -> None:
+            raise NotReachable("nobody")
+
+        def answer(self) -> int:
+            """42."""
+            return 42
+
+    table = Operations(None)  # type: ignore[arg-type]
+    table.add(operations)
+    table.add(Part())
+    assert table.call("adaptors", {"robot": "A"}) == ["simulated", "smartpal"]
+    with pytest.raises(InvalidArguments):
+        table.call("run_program", {"robot": "A"})
+    assert table.call("answer", {}) == 42
+
+
+def test_progress_has_what_is_new_and_the_adaptor_can_be_switched(operations: ProgramOperations, agent: Agent) -> None:
+    progress = operations.program_progress("A", 2)
+    assert progress["begun"] == [{"number": 2, "icon": "icons[2]", "kind": "wait"}]
+    assert (progress["report"]["result"], progress["report"]["icon"]) == ("no_result", "icons[1]")
+    assert (progress["condition"], progress["adaptor"]) == ("running", "simulated")
+    assert len(operations.program_progress("A", 0)["begun"]) == 3
+    json.dumps(progress)
+    assert operations.adaptors("A") == ["simulated", "smartpal"]
+    operations.switch_adaptor("A", "smartpal", ["--naming", "localhost:2809"])
+    assert agent.switched == ("smartpal", ["--naming", "localhost:2809"])
+    for words in (["x" * MAX_ARGUMENTS, "x"], [1], ["\0"], "-x", 5):
+        with pytest.raises(InvalidArguments, match="arguments"):
+            operations.switch_adaptor("A", "smartpal", words)  # type: ignore[arg-type]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import json
 import struct
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,60 +29,42 @@ from robocorba.spatial.posture import Posture
 from robocorba.testing.processes import eventually
 
 
-class State:
-    def rows(self) -> dict[str, Any]:
-        return {}
-
-
-class Floors:
-    """The floors and the map, empty."""
+class Wants:
+    """Floors, their map, and sensors with news on each floor, once; what viewers want of them."""
 
     names: tuple[str, ...] = ()
-    problem = ""
-    version = 1
+    problem, version = "", 1
 
     def __init__(self) -> None:
-        self.watched: list[list[str]] = []
+        self.watched, self.wanted = list[list[str]](), list[Wanted]()
+        self.scans_message = functools.partial(self._message, "scans")
+        self.postures_message = functools.partial(self._message, "postures")
 
     def watch(self, viewer: object, floors: Any) -> None:
         self.watched.append(list(floors))
 
-    def floor(self, name: str) -> Floors:
+    def floor(self, name: str) -> Wants:
         return self
 
     def frame_since(self, version: int) -> tuple[int, bytes]:
         return 1, b"" if version else b"frame"
 
-
-class Sensors:
-    """Sensors with news on each floor, once."""
-
-    problem = ""
-
-    def __init__(self) -> None:
-        self.wanted: list[Wanted] = []
-
     def want(self, viewer: object, wanted: Wanted) -> None:
         self.wanted.append(wanted)
 
-    def scans_message(self, floor: str, version: int) -> tuple[int, str]:
-        return 7, json.dumps({"scans": floor}) if version == NOTHING else ""
-
-    def postures_message(self, floor: str, version: int) -> tuple[int, str]:
-        return 7, json.dumps({"postures": floor}) if version == NOTHING else ""
+    def _message(self, kind: str, floor: Any, version: int) -> tuple[int, str]:
+        return 7, json.dumps({kind: floor}) if version == NOTHING else ""
 
     def reservations_message(self, version: int) -> tuple[int, str]:
-        return 7, json.dumps({"reservations": []}) if version == NOTHING else ""
+        return self._message("reservations", [], version)
 
 
 class Socket:
     """A browser that sends what a test gives it; it leaves when `is_done` of what it got."""
 
-    def __init__(self, messages: list[str], is_done: Callable[[list[Any]], bool]) -> None:
+    def __init__(self, messages: list[str], is_done: Callable[[list[Any]], bool] = lambda got: False) -> None:
         self._messages, self._is_done = messages, is_done
-        self.got: list[Any] = []
-        self.closed = 0, ""
-        self.done = asyncio.Event()
+        self.got, self.closed, self.done = list[Any](), (0, ""), asyncio.Event()
 
     async def accept(self) -> None: ...
 
@@ -94,56 +78,52 @@ class Socket:
         raise RuntimeError("left")
 
     async def send_text(self, text: str) -> None:
-        self._take(json.loads(text))
+        await self.send_bytes(json.loads(text))
 
-    async def send_bytes(self, frame: bytes) -> None:
-        self._take(frame)
-
-    def _take(self, message: Any) -> None:
+    async def send_bytes(self, message: Any) -> None:
         self.got.append(message)
         if self._is_done(self.got):
             self.done.set()
 
 
-def serve(*messages: str, is_done: Callable[[list[Any]], bool]) -> tuple[list[Any], Sensors, Floors]:
-    """What the browser gets until it leaves, and what was wanted of sensors and floors."""
-    sensors, floors = Sensors(), Floors()
+def serve(*messages: str, is_done: Callable[[list[Any]], bool]) -> tuple[list[Any], Wants]:
+    """What the browser gets until it leaves, and what was wanted for it."""
+    wants = Wants()
 
     async def run() -> list[Any]:
-        viewers: Any = Viewers(State())
-        viewers.attach(floors, floors, sensors)
-        socket: Any = Socket(list(messages), is_done)
+        viewers, socket = viewers_of(wants), Socket(list(messages), is_done)
         await asyncio.wait_for(viewers.serve(socket), 20.0)
         assert viewers.count == 0
         return list(socket.got)
 
-    return asyncio.run(run()), sensors, floors
+    return asyncio.run(run()), wants
 
 
-def test_a_viewer_gets_what_it_wants() -> None:
+def viewers_of(wants: Any, **more: Any) -> Any:
+    viewers: Any = Viewers(SimpleNamespace(rows=dict), **more)
+    viewers.attach(wants, wants, wants)
+    return viewers
+
+
+def test_a_viewer_gets_what_it_wants_unless_it_sends_nonsense() -> None:
     wanted = {"watch": ["L1"], "scans": ["L1", "L2"], "postures": ["L2"], "reservations": True}
-    got, sensors, floors = serve(json.dumps(wanted), is_done=lambda got: {"reservations": []} in got)
+    got, wants = serve(json.dumps(wanted), is_done=lambda got: {"reservations": []} in got)
     for message in (b"frame", {"scans": "L1"}, {"scans": "L2"}, {"postures": "L2"}, {"reservations": []}):
         assert got.count(message) == 1
-    assert sensors.wanted == [Wanted(("L1", "L2"), ("L2",), True), Wanted()]
-    assert floors.watched == [["L1"], []]
+    assert wants.wanted == [Wanted(("L1", "L2"), ("L2",), True), Wanted()]
+    assert wants.watched == [["L1"], []]
     for others in ({}, {"scans": False}, {"scans": None, "postures": "L1", "reservations": 1}):
-        got, sensors, _ = serve(json.dumps({"watch": ["L1"], **others}), is_done=lambda got: b"frame" in got)
+        got, wants = serve(json.dumps({"watch": ["L1"], **others}), is_done=lambda got: b"frame" in got)
         assert b"frame" in got
-        assert sensors.wanted[0] == Wanted()
-
-
-def test_a_viewer_that_sends_nonsense_is_disconnected() -> None:
-    for message in ("no json", "[]", "5", "{}", "null", "[" * 3000, "x" * 5000):
-        _, sensors, _ = serve(message, is_done=lambda got: False)
-        assert sensors.wanted == [Wanted()]
+        assert wants.wanted[0] == Wanted()
+    for nonsense in ("no json", "[]", "5", "{}", "null", "[" * 3000, "x" * 5000):
+        assert serve(nonsense, is_done=lambda got: False)[1].wanted == [Wanted()]
 
 
 def test_a_viewer_too_many_is_refused_until_another_one_leaves() -> None:
     async def run() -> None:
-        viewers: Any = Viewers(State(), limit=2)
-        viewers.attach(Floors(), Floors(), Sensors())
-        sockets: list[Any] = [Socket([], lambda got: False) for _ in range(4)]
+        viewers = viewers_of(Wants(), limit=2)
+        sockets = [Socket([]) for _ in range(4)]
         tasks = [asyncio.create_task(viewers.serve(socket)) for socket in sockets[:2]]
         while viewers.count < 2:
             await asyncio.sleep(0.001)
@@ -173,8 +153,7 @@ class FakeRobot:
     def __init__(self) -> None:
         self.floor, self.version, self.way = "L1", 5, [POINT]
         self.lag_s, self.angles = 0.02, [Posture("A", 3.0, (0.1,))]
-        self.asked: list[int] = []
-        self.hangs = False
+        self.asked, self.hangs = list[int](), False
 
     def path(self) -> list[dict[str, Any]]:
         if self.hangs:
@@ -182,19 +161,13 @@ class FakeRobot:
         return list(self.way)
 
     def changes(self, since: int) -> FloorUpdate:
-        if self.hangs:
-            raise NotReachable("A does not answer")
+        self.path()
         self.asked.append(since)
         start = since if since == self.version else WHOLE
         return FloorUpdate(self.floor, start, self.version, 1.0, 1, [], [], np.empty(0, MOTION), {})
 
     def postures(self, time_s: float) -> list[Posture]:
         return [posture for posture in self.angles if posture.time > time_s]
-
-
-@pytest.fixture
-def robot() -> FakeRobot:
-    return FakeRobot()
 
 
 def jsons(messages: list[Any]) -> dict[str, Any]:
@@ -206,16 +179,14 @@ def frames(messages: list[Any]) -> list[dict[str, Any]]:
     return [json.loads(frame[4 : 4 + struct.unpack("<I", frame[:4])[0]]) for frame in found]
 
 
-def test_a_path_is_sent_when_it_changes(robot: FakeRobot) -> None:
+def test_what_a_view_of_a_robot_gets() -> None:
+    robot = FakeRobot()
     view = RobotView(lambda: robot, with_pool=False)
     assert view.poll(0.0) == ([{"path": [POINT]}], SLOW_INTERVAL_S)
     assert view.poll(1.0)[0] == []
     robot.way = []
     assert view.poll(2.0)[0] == [{"path": []}]
     assert robot.asked == []  # nobody asked for the pool
-
-
-def test_the_pool_is_sent_whole_and_then_by_changes(robot: FakeRobot) -> None:
     view = RobotView(lambda: robot, with_pool=True)
     first = view.poll(0.0)[0]
     assert [frame["floor"] for frame in frames(first)] == ["L1"]
@@ -227,9 +198,6 @@ def test_the_pool_is_sent_whole_and_then_by_changes(robot: FakeRobot) -> None:
     robot.floor = "L2"  # after a ride: the same version number, of another floor
     assert [(frame["floor"], frame["whole"]) for frame in frames(view.poll(1.1)[0])] == [("L2", True)]
     assert robot.asked == [WHOLE, 5, 5, WHOLE]
-
-
-def test_a_lost_robot_is_said_once_and_found_again(robot: FakeRobot) -> None:
     view = RobotView(lambda: robot, with_pool=True)
     view.poll(0.0)
     robot.hangs = True
@@ -246,7 +214,7 @@ def test_a_defect_of_a_view_closes_its_page_and_is_logged(caplog: pytest.LogCapt
         raise KeyError("a defect")
 
     async def run() -> Socket:
-        socket: Any = Socket([], lambda got: False)
+        socket: Any = Socket([])
         with contextlib.closing(RobotViews(connect)) as views:
             await asyncio.wait_for(views.serve(socket, "R1", with_pool=False), 20.0)
         return socket
@@ -256,15 +224,9 @@ def test_a_defect_of_a_view_closes_its_page_and_is_logged(caplog: pytest.LogCapt
     assert "a defect" in caplog.text
 
 
-class Point(NamedTuple):
-    floor: str
-    x: float
-    y: float
-
-
 def test_paths_are_asked_of_robots_that_may_drive_only_and_split_at_each_change_of_floor() -> None:
-    points = [Point("L1", 1.004, 2.0), Point("L1", 3.0, 2.0), Point("L2", 3.0, 2.0), Point("L1", 9.0, 9.0)]
-    assert path_by_floor(points) == [
+    places = (("L1", 1.004, 2.0), ("L1", 3.0, 2.0), ("L2", 3.0, 2.0), ("L1", 9.0, 9.0))
+    assert path_by_floor([SimpleNamespace(floor=floor, x=x, y=y) for floor, x, y in places]) == [
         {"floor": "L1", "points": [[1.0, 2.0], [3.0, 2.0]]},
         {"floor": "L2", "points": [[3.0, 2.0]]},
         {"floor": "L1", "points": [[9.0, 9.0]]},
@@ -278,20 +240,10 @@ def test_paths_are_asked_of_robots_that_may_drive_only_and_split_at_each_change_
         assert agent_is_driving({"condition": condition, "actor": {"moving": moving}}) == is_driving
 
 
-class FakeOrb:
-    """A naming service with robots."""
-
-    def __init__(self) -> None:
-        self.robots: list[str] = []
-
-    def names(self, path: str) -> list[str]:
-        return list(self.robots) if path == ROBOTS else []
-
-
 @contextlib.contextmanager
-def running(monkeypatch: pytest.MonkeyPatch, answer: Callable[[str], Any]) -> Iterator[tuple[FakeOrb, SystemState]]:
-    """The state of a system whose robots answer so while they run."""
-    orb: Any = FakeOrb()
+def running(monkeypatch: pytest.MonkeyPatch, answer: Callable[[str], Any]) -> Iterator[tuple[Any, SystemState]]:
+    """A naming service with robots, and the state of a system whose robots answer so while they run."""
+    orb: Any = SimpleNamespace(robots=[], names=lambda path: list(orb.robots) if path == ROBOTS else [])
 
     def ask(name: str) -> Any:
         if name not in orb.robots:
@@ -306,13 +258,8 @@ def running(monkeypatch: pytest.MonkeyPatch, answer: Callable[[str], Any]) -> It
         yield orb, state
 
 
-def test_a_defect_in_a_request_is_said_and_logged(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    def fail(name: str) -> None:
-        raise KeyError("a defect")
-
-    with running(monkeypatch, fail) as (orb, state):
+def test_a_defect_in_a_request_is_logged(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    with running(monkeypatch, lambda name: {}["a defect"]) as (orb, state):
         orb.robots = ["R1"]
         row = eventually(lambda: (row := state.rows()["robots"].get("R1")) and row["problem"] and row)
     assert (row["state"], row["age"], row["problem"]) == (None, None, DEFECT)

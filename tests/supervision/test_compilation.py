@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import psutil
@@ -50,30 +50,26 @@ def test_nothing_is_started_if_only_others_have_changed(tmp_path: Path, kernels:
     assert kernels.folder
     for source in kernels.sources.values():
         (kernels.folder / f"grids-{source.digest}.py311.nbi").touch()
-    seen: list[CompilationProgress] = []
-    assert compile_kernels(seen.append, tmp_path / "logs", kernels)
+    assert compile_kernels(pytest.fail, tmp_path / "logs", kernels)
     assert kernels.is_complete
-    assert not seen
 
 
+@pytest.mark.parametrize(("way", "reason"), [("fail", "exit code 1 (out of memory)"), ("wait", "not compiled after")])
 def test_a_failure_is_reported_and_nothing_is_complete(
-    tmp_path: Path, kernels: KernelStore, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    tmp_path: Path,
+    kernels: KernelStore,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    way: str,
+    reason: str,
 ) -> None:
-    monkeypatch.setenv("COMPILE_AS", "fail")
+    monkeypatch.setenv("COMPILE_AS", way)
+    if way == "wait":
+        monkeypatch.setattr(compilation, "LIMIT_S", 0.1)
     with caplog.at_level(logging.ERROR):
         assert not compile_kernels(lambda progress: None, tmp_path / "logs", kernels)
-    assert "exit code 1 (out of memory)" in caplog.text
+    assert reason in caplog.text
     assert not kernels.is_complete
-
-
-def test_the_time_is_limited(
-    tmp_path: Path, kernels: KernelStore, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setenv("COMPILE_AS", "wait")
-    monkeypatch.setattr(compilation, "LIMIT_S", 0.1)
-    with caplog.at_level(logging.ERROR):
-        assert not compile_kernels(lambda progress: None, tmp_path / "logs", kernels)
-    assert "not compiled after" in caplog.text
 
 
 def test_an_interrupt_ends_the_processes(tmp_path: Path, kernels: KernelStore, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,7 +88,7 @@ def test_an_interrupt_ends_the_processes(tmp_path: Path, kernels: KernelStore, m
     assert not kernels.is_complete
 
 
-def test_progress_by_the_expected_times() -> None:
+def test_progress_by_the_expected_times_and_its_text() -> None:
     now = [100.0]
     progress = Progress({"a": 6.0, "b": 3.0, "c": 1.0}, 2, lambda: now[0])
     assert progress.now == CompilationProgress(0, 3, 0.0, None)
@@ -111,13 +107,18 @@ def test_progress_by_the_expected_times() -> None:
     for name in "bc":
         progress.read(f"{name} 1\n")
     assert progress.now == CompilationProgress(3, 3, 1.0, 0.0)
-
-
-def test_without_a_kernel_all_is_done() -> None:
     assert Progress({}).now == CompilationProgress(0, 0, 1.0, None)
+    assert text_of(CompilationProgress(0, 136, 0.0, None)) == "0 of 136"
+    assert text_of(CompilationProgress(45, 136, 0.4, 20.4)) == "45 of 136, about 20 s left"
+    now, lines = [0.0], list[str]()  # where there is no terminal
+    writer = Lines(lines.append, lambda: now[0])
+    for done in range(3):
+        writer.report(CompilationProgress(done, 3, done / 3, None))
+        now[0] += LINE_INTERVAL_S / 2
+    assert lines == [f"{TITLE}: 0 of 3", f"{TITLE}: 2 of 3"]
 
 
-def test_number_of_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_share_the_steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def count(cores: int, gigabytes: float, kernels: int) -> int:
         monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(cores)))
         memory = type("Memory", (), {"available": int(gigabytes * 1e9)})
@@ -129,28 +130,19 @@ def test_number_of_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert count(4, 1.3, 136) == 2
     assert count(1, 0.1, 136) == 1
     assert count(8, 8.0, 3) == 3
-
-
-def test_workers_share_the_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
-
-    def step(name: str) -> Callable[[], None]:
-        return lambda: done.append(name)
 
     def begin_second() -> None:
         done.append("first")
         compile_worker.main(str(tmp_path))
 
+    names = list(compile_worker.STEPS)  # large steps come first, and what needs them last
+    assert (names[0], names[-1]) == ("drives", "all queries")
     monkeypatch.setattr(kernel_cache, "shared_work", None)  # restored at the end
-    steps = {"first": begin_second, "second": step("second"), "third": step("third")}
-    monkeypatch.setattr(compile_worker, "STEPS", steps)
+    others = {name: functools.partial(done.append, name) for name in ("second", "third")}
+    monkeypatch.setattr(compile_worker, "STEPS", {"first": begin_second, **others})
     compile_worker.main(str(tmp_path))
     assert done == ["first", "second", "third"]
-
-
-def test_large_steps_come_first_and_what_needs_them_last() -> None:
-    names = list(compile_worker.STEPS)
-    assert (names[0], names[-1]) == ("drives", "all queries")
 
 
 def test_a_worker_prints_what_it_compiles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -172,17 +164,3 @@ def test_a_worker_prints_what_it_compiles(tmp_path: Path, capsys: pytest.Capture
         assert dispatcher(1) == 2
     names = [line.rpartition(" ")[0].rpartition(".")[2] for line in capsys.readouterr().out.splitlines()]
     assert names == ["inner", "outer"]
-
-
-def test_text_of_progress() -> None:
-    assert text_of(CompilationProgress(0, 136, 0.0, None)) == "0 of 136"
-    assert text_of(CompilationProgress(45, 136, 0.4, 20.4)) == "45 of 136, about 20 s left"
-
-
-def test_lines_where_there_is_no_terminal() -> None:
-    now, lines = [0.0], list[str]()
-    writer = Lines(lines.append, lambda: now[0])
-    for done in range(3):
-        writer.report(CompilationProgress(done, 3, done / 3, None))
-        now[0] += LINE_INTERVAL_S / 2
-    assert lines == [f"{TITLE}: 0 of 3", f"{TITLE}: 2 of 3"]

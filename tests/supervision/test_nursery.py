@@ -36,7 +36,7 @@ def options(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("arguments", [("status",), ("status", "--nonsense"), ("path", "--help")])
-def test_a_fork_does_what_the_command_does(
+def test_forks_are_like_commands(
     nursery: Nursery, tmp_path: Path, options: dict[str, Any], arguments: tuple[str, ...]
 ) -> None:
     forked = nursery.start((ROBOCORBA, *arguments), **options)
@@ -62,29 +62,14 @@ def test_it_is_a_child_of_this_process(nursery: Nursery, options: dict[str, Any]
     process.kill()
     assert process.wait(LIMIT_S) == -signal.SIGKILL
     process.communicate()
-
-
-def test_its_exit_code_arrives(nursery: Nursery, options: dict[str, Any]) -> None:
     process, _ = look(nursery, options, "ends")
     process.communicate(timeout=LIMIT_S)
     assert process.returncode == 3
 
 
-def test_what_depends_on_the_environment_when_it_is_loaded_is_not_forked(
-    nursery: Nursery, options: dict[str, Any]
-) -> None:
+def test_what_is_not_forked(nursery: Nursery, options: dict[str, Any]) -> None:
+    client = module_command("robocorba.testing.simulation_client", "127.0.0.1:2809")
+    for command in ((sys.executable, "-c", ""), ("omniNames", "-start"), (ROBOCORBA, "--help"), client):
+        assert nursery.start(command, **options) is None
     options["env"]["NUMBA_CACHE_DIR"] = "/elsewhere"
     assert nursery.start((ROBOCORBA, "status"), **options) is None
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        (sys.executable, "-c", ""),
-        ("omniNames", "-start"),
-        (ROBOCORBA, "--help"),
-        module_command("robocorba.testing.simulation_client", "127.0.0.1:2809"),
-    ],
-)
-def test_other_programs_are_not_forked(nursery: Nursery, options: dict[str, Any], command: tuple[str, ...]) -> None:
-    assert nursery.start(command, **options) is None

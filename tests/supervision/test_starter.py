@@ -1,28 +1,32 @@
-"""Processes that are forked from the warm parent: as if each had been started alone."""
+"""Child processes: started alone or forked from the warm parent, their lines, descriptors, and their end."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import psutil
 import pytest
 
-from robocorba.errors.services import StartFailed
-from robocorba.supervision.launch import ModuleRun
+from robocorba.corba.connections import ConnectionLimit, OwnDescriptors
+from robocorba.errors.services import NotReachable, StartFailed
+from robocorba.supervision.child_descriptors import ChildDescriptors
+from robocorba.supervision.hangs import HangLimit, watch_for_hang
+from robocorba.supervision.launch import LoggedProcess, ModuleRun
 from robocorba.supervision.output import Pipe
 from robocorba.supervision.starter import Child, Starter
 from robocorba.supervision.warm_parent import ENVIRONMENT
-from robocorba.testing.processes import command_line
+from robocorba.testing.processes import command_line, eventually, is_running
 
-Run: TypeAlias = "Callable[[Callable[[Place], Awaitable[None]]], None]"
 PROGRAM = "tests.supervision.forked_program"
 #: Whatever it runs on: a condition is waited for at most this long [s].
 LIMIT_S = 60.0
@@ -63,18 +67,21 @@ class Place:
         return found
 
 
-@pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+def in_place(test: Callable[[Place], Awaitable[None]]) -> Callable[[Path, pytest.MonkeyPatch], None]:
+    """A test that runs in an event loop."""
 
-    async def in_place(test: Callable[[Place], Awaitable[None]]) -> None:
-        place = Place(tmp_path)
+    async def run(folder: Path) -> None:
+        place = Place(folder)
         try:
             await test(place)
         finally:
             await place.close()
 
-    return lambda test: asyncio.run(in_place(test))
+    def run_in_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setenv("PYTHONPATH", str(ROOT))
+        asyncio.run(run(tmp_path))
+
+    return run_in_loop
 
 
 #: Children of this process that were there before a test, such as the one that multiprocessing starts in another test.
@@ -99,123 +106,88 @@ async def until(condition: Callable[[], bool]) -> None:
     await asyncio.wait_for(poll(), LIMIT_S)
 
 
-def test_a_fork_is_as_if_started_alone(run: Run, tmp_path: Path) -> None:
-    async def test(place: Place) -> None:
-        child, seen = await place.look("--name", "a b")
-        assert seen["pid"] == seen["session"] == child.pid
-        assert seen["parent"] == os.getpid()
-        assert seen["folder"] == str(tmp_path)
-        assert seen["arguments"] == ["--name", "a b"]
-        assert seen["descriptors"] == [0, 1, 2]
-        assert seen["threads"] == 1
-        assert seen["preloaded_in"] == [place.warm_parent.pid]
-        process = psutil.Process(child.pid)
-        assert command_line(process) == ModuleRun(PROGRAM, ("--name", "a b")).title
-        assert process.name() == Path(sys.executable).name
-        child.send_signal(signal.SIGTERM)
-        assert await asyncio.wait_for(child.wait(), LIMIT_S) == -signal.SIGTERM
-
-    run(test)
+@in_place
+async def test_a_fork_is_as_if_started_alone(place: Place) -> None:
+    child, seen = await place.look("--name", "a b")
+    assert seen["pid"] == seen["session"] == child.pid
+    assert seen["parent"] == os.getpid()
+    assert seen["folder"] == str(place.folder)
+    assert seen["arguments"] == ["--name", "a b"]
+    assert seen["descriptors"] == [0, 1, 2]
+    assert seen["threads"] == 1
+    assert seen["preloaded_in"] == [place.warm_parent.pid]
+    process = psutil.Process(child.pid)
+    assert command_line(process) == ModuleRun(PROGRAM, ("--name", "a b")).title
+    assert process.name() == Path(sys.executable).name
+    child.send_signal(signal.SIGTERM)
+    assert await asyncio.wait_for(child.wait(), LIMIT_S) == -signal.SIGTERM
 
 
-def test_a_module_is_loaded_in_advance(run: Run) -> None:
-    async def test(place: Place) -> None:
-        place.starter.prepare(ModuleRun(PROGRAM))
-        _, seen = await place.look()
-        assert seen["preloaded_in"] == [place.warm_parent.pid]
-
-    run(test)
-
-
-def test_a_module_that_is_missing_is_reported_by_its_start(run: Run) -> None:
-    async def test(place: Place) -> None:
-        missing = ModuleRun("tests.supervision.missing")
-        place.starter.prepare(missing)
-        with pytest.raises(StartFailed, match=missing.name):
-            await place.starter.start(missing, place.folder, 1)
-        await place.look()
-
-    run(test)
+@in_place
+async def test_a_module_is_loaded_in_advance_and_one_that_is_missing_is_reported_by_its_start(place: Place) -> None:
+    place.starter.prepare(ModuleRun(PROGRAM))
+    missing = ModuleRun("tests.supervision.missing")
+    place.starter.prepare(missing)
+    for absent in (missing, ModuleRun("robocorba.no_such_module")):
+        with pytest.raises(StartFailed, match=absent.name):
+            await place.starter.start(absent, place.folder, 1)
+    _, seen = await place.look()
+    assert seen["preloaded_in"] == [place.warm_parent.pid]
 
 
-def test_an_end_while_a_module_is_loaded_leaves_nothing(run: Run) -> None:
-    async def test(place: Place) -> None:
+@in_place
+async def test_forks_have_random_numbers_of_their_own_and_their_exit_codes(place: Place) -> None:
+    looks = [await place.look("ends") for _ in range(3)]
+    for kind in range(2):
+        assert len({seen["randoms"][kind] for _, seen in looks}) == 3
+    assert [await asyncio.wait_for(child.wait(), LIMIT_S) for child, _ in looks] == [3, 3, 3]
+    # An end while a module is loaded leaves nothing.
+    place.starter.prepare(ModuleRun("tests.supervision.forked_slowly"))
+    await asyncio.sleep(0)
+    await place.close()
+    assert children() == []
+
+
+@in_place
+async def test_a_dead_warm_parent_comes_back_and_disturbs_nobody(place: Place) -> None:
+    first, _ = await place.look()
+    former = place.warm_parent
+    former.kill()
+    second, seen = await place.look()  # at once: the new one may not have loaded anything
+    assert seen["preloaded_in"] == [place.warm_parent.pid] != [former.pid]
+    assert not first.ended.done()
+    first.send_signal(signal.SIGKILL)
+    assert await asyncio.wait_for(first.wait(), LIMIT_S) == -signal.SIGKILL
+    assert not second.ended.done()
+
+
+@in_place
+async def test_many_forks_leave_nothing(place: Place) -> None:
+    await place.look("ends")
+    warm = place.warm_parent
+
+    def counts() -> list[int]:
+        here = psutil.Process()
+        return [here.num_fds(), here.num_threads(), warm.num_fds(), warm.num_threads()]
+
+    before = counts()
+    for _ in range(20):
         child, _ = await place.look("ends")
-        await child.wait()
-        place.starter.prepare(ModuleRun("tests.supervision.forked_slowly"))
-        await asyncio.sleep(0)
-        await place.close()
-        assert children() == []
-
-    run(test)
+        await asyncio.wait_for(child.wait(), LIMIT_S)
+    await until(lambda: all(now <= then for now, then in zip(counts(), before, strict=True)))
+    assert children() == [warm]
+    assert warm.children() == []
 
 
-def test_forks_have_random_numbers_of_their_own_and_their_exit_codes(run: Run) -> None:
-    async def test(place: Place) -> None:
-        looks = [await place.look("ends") for _ in range(3)]
-        for kind in range(2):
-            assert len({seen["randoms"][kind] for _, seen in looks}) == 3
-        assert [await asyncio.wait_for(child.wait(), LIMIT_S) for child, _ in looks] == [3, 3, 3]
-
-    run(test)
-
-
-def test_a_dead_warm_parent_comes_back_and_disturbs_nobody(run: Run) -> None:
-    async def test(place: Place) -> None:
-        first, _ = await place.look()
-        former = place.warm_parent
-        former.kill()
-        second, seen = await place.look()  # at once: the new one may not have loaded anything
-        assert seen["preloaded_in"] == [place.warm_parent.pid] != [former.pid]
-        assert not first.ended.done()
-        first.send_signal(signal.SIGKILL)
-        assert await asyncio.wait_for(first.wait(), LIMIT_S) == -signal.SIGKILL
-        assert not second.ended.done()
-
-    run(test)
-
-
-def test_many_forks_leave_nothing(run: Run) -> None:
-    async def test(place: Place) -> None:
-        await place.look("ends")
-        warm = place.warm_parent
-
-        def counts() -> list[int]:
-            here = psutil.Process()
-            return [here.num_fds(), here.num_threads(), warm.num_fds(), warm.num_threads()]
-
-        before = counts()
-        for _ in range(20):
-            child, _ = await place.look("ends")
-            await asyncio.wait_for(child.wait(), LIMIT_S)
-        await until(lambda: all(now <= then for now, then in zip(counts(), before, strict=True)))
-        assert children() == [warm]
-        assert warm.children() == []
-
-    run(test)
-
-
-def test_what_can_not_be_loaded_is_named(run: Run, tmp_path: Path) -> None:
-    async def test(place: Place) -> None:
-        with pytest.raises(StartFailed, match="no_such_module"):
-            await place.starter.start(ModuleRun("robocorba.no_such_module"), tmp_path, 1)
-        _, seen = await place.look()
-        assert seen["parent"] == os.getpid()
-
-    run(test)
-
-
-def test_a_start_that_is_cancelled_leaves_no_process(run: Run) -> None:
-    async def test(place: Place) -> None:
-        await place.look("ends")
-        started = asyncio.create_task(place.start("cancelled"))
-        await asyncio.sleep(0)
-        started.cancel()
-        await asyncio.wait({started})
-        await place.look("ends")  # after the cancelled one
-        await until(lambda: children() == [place.warm_parent])
-
-    run(test)
+@in_place
+async def test_a_start_that_is_cancelled_leaves_no_process(place: Place) -> None:
+    await place.look("ends")
+    started = asyncio.create_task(place.start("cancelled"))
+    await asyncio.sleep(0)
+    started.cancel()
+    await asyncio.wait({started})
+    await place.look("ends")  # after the cancelled one
+    await until(lambda: children() == [place.warm_parent])
 
 
 SERVERS = ["map_editor", "simulation", "virtual_sensor", "event_channel"]
@@ -237,3 +209,137 @@ def test_loaded_servers_can_be_forked() -> None:
         "assert len(set(os.listdir('/proc/self/fd')) - own) == len(before), os.listdir('/proc/self/fd')\n"
     )
     subprocess.run(["env", *ENVIRONMENT, sys.executable, "-c", script, *names], check=True, timeout=600)
+
+
+ECHO = "import sys\nfor line in sys.stdin: print(line, end='', flush=True)"
+STUBBORN = (
+    "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\nprint('ready', flush=True)\ntime.sleep(60)"
+)
+PARENT = """
+import sys
+from pathlib import Path
+from robocorba.supervision.launch import LoggedProcess
+child = LoggedProcess(Path(sys.argv[1]), "sleep", "60")
+print(child.pid, flush=True)
+sys.stdin.read()
+"""
+
+
+def test_lines_environment_and_end_of_a_child(tmp_path: Path) -> None:
+    with LoggedProcess(tmp_path / "log", sys.executable, "-c", ECHO, stdin=subprocess.PIPE) as child:
+        child.write_line("one")
+        assert child.read_line(60.0) == "one\n"
+        with pytest.raises(TimeoutError):
+            child.read_line(0.01)
+        psutil.Process(child.pid).kill()
+        assert child.read_line(60.0) == child.read_line(60.0) == ""
+    assert not child.is_running
+    # Output that can't be read is the end of a process: its readers would wait for lines that never come.
+    code = "import sys, time; sys.stdout.buffer.write(b'\\xff\\n'); sys.stdout.flush(); time.sleep(60)"
+    with LoggedProcess(tmp_path / "log", sys.executable, "-c", code) as child:
+        assert child.read_line(60.0) == ""
+    code = "import os, sys; print(os.sched_getaffinity(0), os.getcwd(), dict(os.environ)); sys.exit('out of order')"
+    core = max(os.sched_getaffinity(0))
+    command = (sys.executable, "-c", code)
+    with LoggedProcess(tmp_path / "log", *command, cwd=tmp_path, env={"A": "b"}, cores=(core,)) as child:
+        printed = child.read_line(60.0)
+    assert printed.startswith(f"{{{core}}} {tmp_path} ")
+    assert "'A': 'b'" in printed
+    assert "PATH" not in printed
+    assert child.log_tail(6) == "order\n"
+    with LoggedProcess(tmp_path / "log", sys.executable, "-c", STUBBORN, grace_period_s=0.2) as child:
+        assert child.read_line(60.0) == "ready\n"
+    assert not child.is_running
+    command = [sys.executable, "-c", PARENT, str(tmp_path / "log")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        child = psutil.Process(int(parent.stdout.readline()))
+        assert is_running(child)
+        parent.kill()
+    eventually(lambda: not is_running(child))
+
+
+def test_defects_end_neither_the_reading_nor_the_watch() -> None:
+    handled: list[str] = []
+
+    def handle(line: str) -> None:
+        if line == "bad":
+            raise ValueError("a fault")
+        handled.append(line)
+
+    async def read() -> None:
+        pipe = await Pipe.open()
+        with pipe.write_end() as output:
+            os.write(output, b"one\nbad\ntwo\n")
+        await asyncio.wait_for(pipe.read(handle), 30.0)
+
+    asyncio.run(read())
+    assert handled == ["one", "two"]
+    process, errors = Process(), [ValueError("a fault")]
+
+    def is_alive() -> None:
+        raise errors.pop() if errors else NotReachable("it hangs")
+
+    watch = watch_for_hang(process, is_alive, HangLimit(0.3))  # type: ignore[arg-type]
+    assert "was killed: no answer" in asyncio.run(asyncio.wait_for(watch, 30.0))
+    assert process.is_killed
+
+
+class Process:
+    """A process that notes that it was killed."""
+
+    pid = os.getpid()
+    is_killed = False
+
+    def send_signal(self, number: int) -> None:
+        self.is_killed = True
+
+
+#: Accepts connections, and keeps them until their clients end.
+SERVER = """
+import socket
+listening = socket.create_server(("127.0.0.1", 0))
+print(listening.getsockname()[1], flush=True)
+kept = []
+while True:
+    kept.append(listening.accept()[0])
+    print(len(kept), flush=True)
+"""
+
+
+def has_ended(client: socket.socket) -> bool:
+    client.setblocking(False)
+    with contextlib.suppress(BlockingIOError):
+        client.recv(100)
+        return True
+    return False
+
+
+def test_too_many_connections_to_a_child_end() -> None:
+    with contextlib.ExitStack() as stack:
+        child = stack.enter_context(subprocess.Popen([sys.executable, "-c", SERVER], stdout=subprocess.PIPE, text=True))
+        stack.callback(child.kill)
+        assert child.stdout is not None
+        address = ("127.0.0.1", int(child.stdout.readline()))
+        clients = [stack.enter_context(socket.create_connection(address)) for _ in range(10)]
+        while int(child.stdout.readline()) < len(clients):
+            pass
+        descriptors, own = ChildDescriptors("a child", lambda: child.pid), len(OwnDescriptors().in_use())
+        with contextlib.closing(descriptors):
+            descriptors.renew()
+            if not any(_is_readable(descriptors, each) for each in descriptors.in_use()):
+                pytest.skip("this system does not let a process have the descriptors of its child")
+            ConnectionLimit(connections=10, process=descriptors).check()
+            assert not any(map(has_ended, clients))
+            ConnectionLimit(connections=7, process=descriptors).check()
+            eventually(lambda: sum(map(has_ended, clients)) == 3)
+        assert len(OwnDescriptors().in_use()) == own
+    nobody = ChildDescriptors("a child", lambda: 0)
+    ConnectionLimit(connections=0, process=nobody).check()
+    assert nobody.in_use() == ()
+
+
+def _is_readable(descriptors: ChildDescriptors, descriptor: int) -> bool:
+    with contextlib.suppress(OSError), descriptors.borrowed(descriptor):
+        return True
+    return False

@@ -1,0 +1,133 @@
+"""Benches of events for a moment, with real processes: this project's channel, and both kinds of network."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from bench.events.channel.stage import Stage, collect, ready, send, trio
+from bench.events.network.experiment import FEDERATED, SET_UPS, Plan, conduct, experiment, split_cores
+from bench.events.network.networks import Network
+from robocorba.testing.json_process import Process, ProcessFailed
+from robocorba.testing.namespaces import Namespace
+from robocorba.testing.peers import PEERS, installed
+from robocorba.testing.peers.corba import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
+
+pytestmark = [pytest.mark.system, pytest.mark.full]
+
+COUNT = 300
+#: Peers that are tested with floods, too.
+OURS = {peer.name for peer in (PLAIN, PLAIN_TO_BATCHES, CLIENT)}
+
+
+@pytest.fixture
+def stage() -> Iterator[Stage]:
+    """What is started on it has ended after the test, and its folder is gone."""
+    before = {child.pid for child in psutil.Process().children(recursive=True)}
+    with Stage() as stage:
+        yield stage
+        folder = stage.folder
+    assert not folder.exists()
+    assert {child.pid for child in psutil.Process().children(recursive=True)} <= before
+
+
+@pytest.mark.parametrize("name", sorted(set(PEERS) - {HEADER.name}))
+def test_paced_and_flooded_events_arrive(stage: Stage, name: str) -> None:
+    if name not in installed():
+        pytest.skip(f"{PEERS[name].missing()} is not installed")
+    supplier, consumer = trio(stage, name)
+    sent = send(supplier, "pace", 60.0, first=0, count=COUNT, rate=1000.0)
+    assert (sent["sent"], sent["failed"]) == ([COUNT], 0)
+    (got,) = collect(consumer, [range(COUNT)], 60.0, latencies_from=100)
+    assert _faultless(got, COUNT)
+    if name not in OURS:
+        return
+    assert len(got["latencies"]) == COUNT - 100
+    assert all(value > 0 for value in got["latencies"])
+    answer = send(supplier, "flood", 90.0, first=1000, seconds=60.0, most=COUNT, threads=2)
+    assert answer["sent"] == [COUNT // 2] * 2
+    assert answer["failed"] == 0
+    (got,) = collect(consumer, [range(1000, 1000 + COUNT // 2)] * 2, 60.0)
+    assert _faultless(got, COUNT)
+    assert answer["began"] < got["first"] <= got["last"]
+    if name == CLIENT.name:
+        runs = send(supplier, "runs", 90.0, first=10_000, seconds=60.0, most=10_000, size=100)
+        assert runs["sent"] == [10_000]
+        assert _faultless(collect(consumer, [range(10_000, 20_000)], 60.0)[0], 10_000)
+
+
+def test_several_consumers_in_a_process(stage: Stage) -> None:
+    broker = stage.broker(BOUNDED.name)
+    consumers, supplier = stage.consumer(BOUNDED.name, broker, 3), stage.supplier(BOUNDED.name, broker)
+    ready(consumers)
+    ready(supplier)
+    send(supplier, "pace", 60.0, first=0, count=50, rate=1000.0)
+    assert [_faultless(got, 50) for got in collect(consumers, [range(50)], 60.0)] == [True] * 3
+
+
+def test_missing_events_are_counted_and_the_failure_of_a_role_names_its_reason(stage: Stage) -> None:
+    supplier, consumer = trio(stage, HEADER.name)
+    send(supplier, "pace", 60.0, first=0, count=20, rate=1000.0)
+    (got,) = collect(consumer, [range(30)], 60.0)
+    assert (got["count"], got["lost"], got["gaps"]) == (20, 10, [[20, 30]])
+    with pytest.raises(ProcessFailed, match="did not answer within"):
+        supplier.receive(0.05)
+    with pytest.raises(ProcessFailed, match="nobody knows it"):
+        ready(stage.supplier("nobody knows it", stage.broker(HEADER.name)))
+
+
+def _faultless(got: dict[str, int], count: int) -> bool:
+    return (got["count"], got["lost"], got["repeated"], got["misordered"]) == (count, 0, 0, 0)
+
+
+@pytest.fixture
+def network(tmp_path: Path) -> Iterator[Network]:
+    """All its processes and descriptors are gone afterwards."""
+    try:
+        with Namespace() as namespace:
+            namespace.add_tun("192.168.8.0/24")
+    except OSError:
+        pytest.skip("network namespaces are not allowed here")
+    before, descriptors = psutil.Process().children(recursive=True), open_descriptors()
+    with Network(tmp_path, split_cores()[1]) as found:
+        yield found
+    assert [child for child in psutil.Process().children(recursive=True) if child not in before] == []
+    assert open_descriptors() <= descriptors
+
+
+def open_descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_both_set_ups_carry_the_mission(network: Network) -> None:
+    with experiment(network, split_cores()[0]) as running:
+        outcomes = list(conduct(running, Plan((200,), (0.2,), 1, 0.5)))
+    assert sorted(one.set_up for one in outcomes) == sorted(SET_UPS)
+    for one in outcomes:
+        assert one.lost == 0
+        assert len(one.local_us) > 0 and len(one.remote_us) > 0
+        assert one.local_us.min() > 0 and one.remote_us.min() > 200  # no way leads past the router
+        assert one.packets > 0
+    (federated,) = (one for one in outcomes if one.set_up == FEDERATED)
+    assert federated.forwarded == federated.wanted_across > 0
+    assert federated.unseen == federated.sent - federated.wanted_across > 0
+
+
+def test_the_link_delays_and_counts(network: Network) -> None:
+    before = network.counts(delay_us=2000)
+    times = network.round_trips_us(5)
+    crossed = network.counts().since(before)
+    assert min(times) > 4000
+    assert crossed.packets >= 10
+    assert crossed.bytes >= 10
+
+
+def test_a_process_that_ends_reports_why(tmp_path: Path) -> None:
+    command = (sys.executable, "-c", "import sys; sys.exit('no table here')")
+    ended = pytest.raises(ProcessFailed, match="no table here")
+    with Process(command, tmp_path / "log", split_cores()[1]) as process, ended:
+        process.receive(20)
