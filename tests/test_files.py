@@ -122,6 +122,11 @@ def opened(file: Path) -> RecordFile:
     return RecordFile(file, 7, 1)
 
 
+def content(file: Path) -> list[int]:
+    with opened(file) as store:
+        return sorted(store.all("kind", int))
+
+
 def copy_of(file: Path) -> Path:
     """What a kill -9 would leave."""
     folder = file.parent / "copy"
@@ -135,56 +140,43 @@ def copy_of(file: Path) -> Path:
 
 
 @pytest.mark.parametrize("removed", [("",), SUFFIXES, (sqlite_files.LOG,), (sqlite_files.SHARED,)])
-def test_a_file_removed_while_it_is_in_use_is_written_again(
+def test_removed_files_are_written_again(
     file: Path, removed: tuple[str, ...], caplog: pytest.LogCaptureFixture
 ) -> None:
-    store = opened(file)
-    store.save("kind", "before", 1)
-    for suffix in removed:
-        sqlite_files.beside(file, suffix).unlink()
-    store.save("kind", "after", 2)
-    assert "was removed while it is in use" in caplog.text
-    with opened(copy_of(file)) as killed:
-        assert killed.all("kind", int) == [1, 2]
-    store.save("kind", "later", 3)
-    with store:
-        pass
-    with opened(file) as again:
-        assert again.all("kind", int) == [1, 2, 3]
+    with opened(file) as store:
+        store.save("kind", "before", 1)
+        for suffix in removed:
+            sqlite_files.beside(file, suffix).unlink()
+        store.save("kind", "after", 2)
+        assert "was removed while it is in use" in caplog.text
+        assert content(copy_of(file)) == [1, 2]
+        store.save("kind", "later", 3)
+    assert content(file) == [1, 2, 3]
 
 
-def test_a_removed_file_is_written_again_without_a_change_or_at_the_end(file: Path) -> None:
+def test_a_removed_file_is_written_again_without_a_change_or_at_the_end_but_over_no_other(file: Path) -> None:
     with opened(file) as store:
         store.save("kind", "key", 1)
         file.unlink()
         store.keep()
-        with opened(copy_of(file)) as killed:
-            assert killed.all("kind", int) == [1]
+        assert content(copy_of(file)) == [1]
         shutil.rmtree(file.parent)
-    with opened(file) as again:
-        assert again.all("kind", int) == [1]
-
-
-def test_another_file_in_its_place_is_not_overwritten(file: Path) -> None:
+    assert content(file) == [1]
     with opened(file.with_name("other")) as other:
         other.save("kind", "key", 2)
     with opened(file) as store:
-        store.save("kind", "key", 1)
         file.with_name("other").replace(file)
         with pytest.raises(ServiceError, match="was replaced"):
             store.save("kind", "key", 3)
-    with opened(file) as again:
-        assert again.all("kind", int) == [2]
+    assert content(file) == [2]
 
 
 @pytest.mark.parametrize(
     ("where", "name", "error"),
     [(sqlite_files, "copy", "No space left on device"), (Path, "rename", "Input/output error")],
 )
-def test_a_removed_file_that_can_not_be_written_can_be_read_and_is_written_later(
-    file: Path, monkeypatch: pytest.MonkeyPatch, where: Any, name: str, error: str
-) -> None:
-    """While there is no room, or while its removal has not ended yet."""
+def test_a_removed_file_is_written_later(file: Path, where: Any, name: str, error: str) -> None:
+    """It can be read while there is no room, or while its removal has not ended yet."""
 
     def fail(*_: object) -> None:
         raise OSError(28, error)
@@ -192,14 +184,13 @@ def test_a_removed_file_that_can_not_be_written_can_be_read_and_is_written_later
     with opened(file) as store:
         store.save("kind", "key", 1)
         sqlite_files.remove_database(file)
-        with monkeypatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch:
             patch.setattr(where, name, fail)
             with pytest.raises(ServiceError, match=error):
                 store.save("kind", "second", 2)
             assert store.all("kind", int) == [1]
         store.save("kind", "third", 3)
-    with opened(file) as again:
-        assert sorted(again.all("kind", int)) == [1, 3]
+    assert content(file) == [1, 3]
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES[:2])
@@ -216,20 +207,17 @@ def test_a_damaged_beginning_is_refused_in_one_line_with_advice(file: Path, suff
     assert text.startswith(f"{copy} is damaged (") and "robocorba restore" in text and "\n" not in text
 
 
-def test_one_process_at_a_time_and_the_intact_log_of_a_killed_one_is_read(file: Path) -> None:
+def test_one_process_at_a_time_with_room_and_nothing_is_left_of_what_was_deleted(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with opened(file) as store:
         with pytest.raises(AlreadyRunning):
             opened(file)
         for number in range(100):
             store.save("kind", str(number), number)
-        with opened(copy_of(file)) as killed:
-            assert killed.all("kind", int) == list(range(100))
-
-
-def test_nothing_is_left_of_what_was_deleted(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with opened(file) as store:
-        store.save("kind", "key", "a secret")
-        store.delete("kind", "key")
+        assert content(copy_of(file)) == list(range(100))  # the intact log of a killed process is read
+        store.save("other", "key", "a secret")
+        store.delete("other", "key")
         store.compact()
         for suffix in SUFFIXES:
             assert b"a secret" not in sqlite_files.beside(file, suffix).read_bytes()
@@ -253,14 +241,14 @@ def test_what_is_blocked_in_a_new_map_is_logged(tmp_path: Path, caplog: pytest.L
     ]
 
 
-@pytest.mark.parametrize("content", [random.Random(1).randbytes(200), b"[" * 100_000, b"{}", b""])
-def test_a_damaged_origin_is_set_aside(tmp_path: Path, caplog: pytest.LogCaptureFixture, content: bytes) -> None:
+@pytest.mark.parametrize("damaged", [random.Random(1).randbytes(200), b"[" * 100_000, b"{}", b""])
+def test_a_damaged_origin_is_set_aside(tmp_path: Path, caplog: pytest.LogCaptureFixture, damaged: bytes) -> None:
     file, map_file = tmp_path / "two.yaml", tmp_path / "map.sqlite"
     native.save(two_floors(), file)
     open_store(map_file, file).close()
     origin = tmp_path / "map.origin.json"
     good = origin.read_bytes()
-    origin.write_bytes(content)
+    origin.write_bytes(damaged)
     open_store(map_file, file).close()
     assert f"{origin} is damaged" in caplog.text
-    assert ((tmp_path / "map.origin.json.damaged").read_bytes(), origin.read_bytes()) == (content, good)
+    assert ((tmp_path / "map.origin.json.damaged").read_bytes(), origin.read_bytes()) == (damaged, good)

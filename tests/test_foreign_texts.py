@@ -24,8 +24,10 @@ from robocorba.plain_names import PlainNames, names_in, plain_name
 from robocorba.printing import Console, echo, line
 from robocorba.settings import Address, ChannelSettings, InvalidSetting, RoleNaming, ServerSettings, Settings
 
+ADDRESSES = ("127.0.0.1:2809", "robot-1.example.org:1", "[::1]:65535", "localhost:80")
 
-@given(st.text() | st.sampled_from(["127.0.0.1:2809", "robot-1.example.org:1", "[::1]:65535", "localhost:80"]))
+
+@given(st.text() | st.sampled_from(ADDRESSES))
 def test_any_text_is_an_address_or_refused(text: str) -> None:
     try:
         address = Address.parse(text)
@@ -35,32 +37,16 @@ def test_any_text_is_an_address_or_refused(text: str) -> None:
         assert Address.parse(str(address)) == address
 
 
-@pytest.mark.parametrize("text", ["127.0.0.1:2809", "robot-1.example.org:1", "[::1]:65535", "localhost:80"])
-def test_addresses_read_as_they_are_written(text: str) -> None:
-    assert str(Address.parse(text)) == text
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        " ",
-        "host",
-        ":2809",
-        "host:",
-        "host:0",
-        "host:65536",
-        "host:-1",
-        "::1:2809",
-        "a b:1",
-        "0.0.0.0:1",
-        "[::]:1",
-        "h:²",
-    ],
-)
-def test_nonsense_is_refused_by_name(text: str) -> None:
-    with pytest.raises(InvalidSetting) as refused:
-        Settings.read(environment={"ROBOCORBA_NAMING": text})
-    assert refused.value.setting == "ROBOCORBA_NAMING"
+def test_addresses_read_as_they_are_written_and_nonsense_is_refused_by_name() -> None:
+    for text in ADDRESSES:
+        assert str(Address.parse(text)) == text
+    for text in (
+        *(" ", "host", ":2809", "host:", "host:0", "host:65536", "host:-1", "::1:2809"),
+        *("a b:1", "0.0.0.0:1", "[::]:1", "h:²"),
+    ):
+        with pytest.raises(InvalidSetting) as refused:
+            Settings.read(environment={"ROBOCORBA_NAMING": text})
+        assert refused.value.setting == "ROBOCORBA_NAMING"
 
 
 def test_arguments_win_over_the_environment_and_it_over_defaults(tmp_path: Path) -> None:
@@ -185,13 +171,6 @@ def test_a_file_without_an_end_is_refused(tmp_path: Path) -> None:
     assert read_text(tmp_path / "a") == "é"
 
 
-def test_names_that_ros_allows_stay() -> None:
-    names = [plain_name(name) for name in ("A", "robot_7", "2nd floor", "l'été", "a--b")]
-    assert names == ["A", "robot_7", "_2nd_floor", "l_t_", "a_b"]
-    assert names_in("A, B,") == {"A", "B"}
-    assert names_in("") is None
-
-
 @given(st.lists(st.text(min_size=1), unique=True))
 def test_names_are_allowed_unique_and_stay(names: list[str]) -> None:
     ros = PlainNames()
@@ -224,7 +203,7 @@ def test_what_is_printed_begins_no_line(capsys: pytest.CaptureFixture[str], monk
     assert stream.buffer.getvalue() == b"K\\xfcche\n"  # type: ignore[attr-defined]
 
 
-def test_tables_keep_their_own_styles_only() -> None:
+def test_what_is_printed_and_named() -> None:
     table = Table("robot")
     table.add_row(EVIL, style="bold")
     out = io.StringIO()
@@ -232,3 +211,7 @@ def test_tables_keep_their_own_styles_only() -> None:
     printed = out.getvalue()
     assert "\\x1b[2Jname\\u009b1m" in printed and "\x1b[1m" in printed
     assert not {"\x1b[2J", "\x9b", "\x07", "\u202e"} & {printed[i : i + n] for i in range(len(printed)) for n in (1, 4)}
+    names = [plain_name(name) for name in ("A", "robot_7", "2nd floor", "l'été", "a--b")]
+    assert names == ["A", "robot_7", "_2nd_floor", "l_t_", "a_b"]
+    assert names_in("A, B,") == {"A", "B"}
+    assert names_in("") is None

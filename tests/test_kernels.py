@@ -116,9 +116,7 @@ def digests(folder: Path, environment: str = "", **changed: str) -> dict[str, st
         ("search", "units.METRE", "units.INCH", set()),
     ],
 )
-def test_an_edit_changes_what_is_compiled_from_it(
-    tmp_path: Path, module: str, old: str, new: str, changed: set[str]
-) -> None:
+def test_an_edit_changes_what_it_concerns(tmp_path: Path, module: str, old: str, new: str, changed: set[str]) -> None:
     before = digests(tmp_path)
     assert before.keys() == KERNELS
     assert len(set(before.values())) == len(KERNELS)
@@ -171,53 +169,43 @@ def touch_all(kernels: KernelStore) -> None:
 
 
 def test_sources_are_read_once_unless_they_are_damaged_or_changed(house: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    known = open_store(house).sources
+    known, changed = open_store(house).sources, {"changed": KernelSource("d", 1)}
     assert known.keys() == {"house.grids.first", "house.grids.second"}
-    monkeypatch.setattr(kernel_store, "kernel_sources", lambda root, environment: {"changed": KernelSource("d", 1)})
-    assert open_store(house).sources == known
-    monkeypatch.undo()
     (path,) = (house.parent / "cache").glob("sources-*.json")
     path.write_text("{")
     assert open_store(house).sources == known
-    monkeypatch.setattr(kernel_store, "kernel_sources", lambda root, environment: {"changed": KernelSource("d", 1)})
+    monkeypatch.setattr(kernel_store, "kernel_sources", lambda root, environment: changed)
+    assert open_store(house).sources == known
     (house / "grids.py").write_text(TWO_KERNELS + "# edited\n")
-    assert open_store(house).sources == {"changed": KernelSource("d", 1)}
+    assert open_store(house).sources == changed
 
 
-def test_complete_until_a_source_or_the_processor_changes(house: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert not open_store(house).is_complete
-    open_store(house).set_complete({})
+def test_what_is_missing_and_how_long_it_takes(house: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The expected time is that of the last version, else from the size."""
+    first, second, third = (f"house.grids.{name}" for name in ("first", "second", "third"))
+    kernels, expected = open_store(house), open_store(house).expected_seconds()
+    assert (set(kernels.missing), kernels.is_complete) == ({first, second}, False)
+    assert 0.0 < expected[first] < expected[second]  # which is compiled from both
+    touch_all(kernels)
+    assert kernels.missing == []
+    open_store(house).set_complete({first: 3.0})
     assert open_store(house).is_complete
+    assert open_store(house).expected_seconds() == {first: 3.0, second: expected[second]}
     with monkeypatch.context() as patch:
         patch.setattr(kernel_store, "_processor", lambda: "another")
         assert not open_store(house).is_complete
     (house / "other.py").write_text("")
     assert not open_store(house).is_complete
-
-
-def test_missing_kernels(house: Path) -> None:
-    kernels = open_store(house)
-    assert set(kernels.missing) == {"house.grids.first", "house.grids.second"}
-    touch_all(kernels)
-    assert kernels.missing == []
     (house / "grids.py").write_text(TWO_KERNELS.replace("return first(x)", "return -first(x)"))
-    assert open_store(house).missing == ["house.grids.second"]
+    assert open_store(house).missing == [second]
+    (house / "grids.py").write_text(TWO_KERNELS.replace("second", "third"))
+    assert open_store(house).expected_seconds().keys() == {first, third}
+    assert open_store(house).expected_seconds()[first] == 3.0
     kept_nowhere = KernelStore(house, None)
     kept_nowhere.set_complete({})
     assert not kept_nowhere.is_complete
     assert len(kept_nowhere.missing) == 2
     assert kept_nowhere.expected_seconds().keys() == kept_nowhere.sources.keys()
-
-
-def test_expected_time_is_that_of_the_last_version_else_from_the_size(house: Path) -> None:
-    first, second = "house.grids.first", "house.grids.second"
-    expected = open_store(house).expected_seconds()
-    assert 0.0 < expected[first] < expected[second]  # which is compiled from both
-    open_store(house).set_complete({first: 3.0})
-    assert open_store(house).expected_seconds() == {first: 3.0, second: expected[second]}
-    (house / "grids.py").write_text(TWO_KERNELS.replace("second", "third"))
-    assert open_store(house).expected_seconds().keys() == {first, "house.grids.third"}
-    assert open_store(house).expected_seconds()[first] == 3.0
 
 
 def test_what_was_used_longest_ago_makes_room(house: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -245,9 +233,7 @@ def test_what_was_used_longest_ago_makes_room(house: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("ahead_s", [1.0, -1.0, 3600.0, -3600.0, 365 * 86400.0, -365 * 86400.0])
-def test_kernels_of_this_version_stay_when_the_clock_is_set(
-    house: Path, monkeypatch: pytest.MonkeyPatch, ahead_s: float
-) -> None:
+def test_kernels_stay_when_the_clock_is_set(house: Path, monkeypatch: pytest.MonkeyPatch, ahead_s: float) -> None:
     """While others have been used with the other time."""
     kernels = open_store(house)
     assert kernels.folder
@@ -277,9 +263,7 @@ def test_where_the_folder_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ca
     assert cache_folder() == tmp_path / "user" / "robocorba" / "kernels"
 
 
-def test_a_folder_of_somebody_else_among_temporary_files_is_not_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_temporary_folder_of_somebody_else_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     (tmp_path / "file").touch()  # no folder can be created in it
     monkeypatch.setattr(kernel_store.platformdirs, "user_cache_path", lambda name: tmp_path / "file")

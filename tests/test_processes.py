@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +31,14 @@ from robocorba.errors.services import ServiceError, StartFailed
 from robocorba.stop_latch import EMERGENCY_STOP, MAX_REASONS, StopLatch
 from robocorba.stop_request import SIGNALS, StopRequest
 
-#: Prints the private memory after twelve threads have held and freed large blocks [MB].
-FEW_LARGE = """
+#: Prints the private memory [MB]: after twelve threads have held and freed large blocks; and before and after `trim`,
+#: once small blocks below one that stays were freed.
+MEMORY = """
 import threading, psutil
-from robocorba.allocator import return_freed_memory
+from robocorba.allocator import return_freed_memory, trim
 assert return_freed_memory()
+def print_memory():
+    print((psutil.Process().memory_full_info().uss - before) / 1e6)
 before = psutil.Process().memory_full_info().uss
 kept = []
 def hold():
@@ -48,72 +51,45 @@ for thread in threads:
     thread.start()
 for thread in threads:
     thread.join()
-print((psutil.Process().memory_full_info().uss - before) / 1e6)
-"""
-
-#: Prints the private memory before and after `trim` [MB], once small blocks below one that stays were freed.
-MANY_SMALL = """
-import psutil
-from robocorba.allocator import return_freed_memory, trim
-assert return_freed_memory()
-kept = [b"x" * 5000 for _ in range(5000)]
-kept = kept[-1:]
-process = psutil.Process()
-print(process.memory_full_info().uss / 1e6)
+print_memory()
+small = [b"x" * 5000 for _ in range(5000)]
+small = small[-1:]
+print_memory()
 trim()
-print(process.memory_full_info().uss / 1e6)
+print_memory()
 """
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="of glibc")
 def test_freed_memory_is_returned() -> None:
     """Blocks of threads, and pages below what stays."""
-
-    def printed(program: str) -> list[float]:
-        command = [sys.executable, "-c", program]
-        found = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-        return [float(number) for number in found.stdout.split()]
-
-    assert printed(FEW_LARGE)[0] < 2 * allocator.LARGE_BYTES / 1e6
-    before, after = printed(MANY_SMALL)
+    found = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True, timeout=120)
+    of_threads, before, after = map(float, found.stdout.split())
+    assert of_threads < 2 * allocator.LARGE_BYTES / 1e6
     assert after < before - 20.0
 
 
-@pytest.fixture
-def stop() -> Iterator[StopRequest]:
+@pytest.mark.parametrize("number", [*SIGNALS, None])
+def test_a_signal_or_a_request_of_another_thread_ends_a_wait(number: signal.Signals | None) -> None:
+    def kill() -> None:
+        signal.pthread_kill(threading.get_ident(), number or 0)
+
     with contextlib.closing(StopRequest()) as stop:
         stop.catch_signals()
-        yield stop
-
-
-def soon(call: Callable[[], object]) -> None:
-    """Call from another thread, most likely while this one waits."""
-    threading.Timer(0.2, call).start()
-
-
-@pytest.mark.parametrize("number", SIGNALS)
-def test_a_signal_that_does_not_interrupt_the_main_thread_ends_its_wait(
-    stop: StopRequest, number: signal.Signals
-) -> None:
-    # As if it had come between the interpreter's last look for signals and the beginning of the wait.
-    soon(lambda: signal.pthread_kill(threading.get_ident(), number))
-    assert stop.wait(60.0)
-
-
-def test_a_request_of_another_thread_ends_a_wait_and_more_of_them_harm_nobody(stop: StopRequest) -> None:
-    assert not stop.wait(0.0)
-    assert not stop.wait(0.05)
-    soon(stop.make)
-    assert stop.wait()
-    for _ in range(100_000):  # more than its socket can hold
+        assert not stop.wait(0.0)
+        assert not stop.wait(0.05)
+        # As if it had come between the interpreter's last look for signals and the beginning of the wait.
+        threading.Timer(0.2, kill if number else stop.make).start()
+        assert stop.wait(60.0 if number else None)
+        for _ in range(100_000):  # more than its socket can hold
+            stop.make()
+        assert stop.wait(0.0)
+        stop.close()
         stop.make()
-    assert stop.wait(0.0)
-    stop.close()
-    stop.make()
-    assert stop.is_made
+        assert stop.is_made
 
 
-def test_signals_do_afterwards_what_they_did_before() -> None:
+def test_signals_and_reasons_to_stop() -> None:
     before = [signal.getsignal(number) for number in SIGNALS]
     theirs, other = socket.socketpair()
     theirs.setblocking(False)
@@ -139,6 +115,14 @@ def test_signals_do_afterwards_what_they_did_before() -> None:
     still_there = kept()
     assert still_there is not None
     still_there.close()
+    latch = StopLatch()
+    for number in range(3 * MAX_REASONS):
+        latch.stop(f"reason {number}")
+    assert len(latch.reasons) == MAX_REASONS
+    latch.end(3 * MAX_REASONS - 1)
+    assert latch.is_on
+    latch.end(3 * MAX_REASONS)
+    assert not latch.is_on
 
 
 class Latch(RuleBasedStateMachine):
@@ -175,17 +159,6 @@ class Latch(RuleBasedStateMachine):
 
 
 TestLatch = Latch.TestCase
-
-
-def test_many_reasons_are_kept_as_few() -> None:
-    latch = StopLatch()
-    for number in range(3 * MAX_REASONS):
-        latch.stop(f"reason {number}")
-    assert len(latch.reasons) == MAX_REASONS
-    latch.end(3 * MAX_REASONS - 1)
-    assert latch.is_on
-    latch.end(3 * MAX_REASONS)
-    assert not latch.is_on
 
 
 @pytest.fixture
@@ -324,9 +297,7 @@ def test_files_stay_bounded(tmp_path: Path) -> None:
     assert files[0].read_text().endswith(" 199\n")
 
 
-def test_a_folder_that_cant_be_written_is_named_and_one_that_is_gone_survived(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_that_cant_be_written_is_named(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ServiceError, match=r"file/x\.log"):
         logs.open_log("x", tmp_path / "file")

@@ -246,10 +246,17 @@ PRODUCT = sources("robocorba", "servers", "clients")
 ALL = sources("robocorba", "servers", "clients", "bench", "tests")
 
 
-def test_the_rules_speak_of_what_is_there() -> None:
+def test_sources_keep_the_rules() -> None:
     looked_at = {file.relative_to(ROOT).as_posix() for file in OURS.values()}
     for part in (*(f"robocorba/{name}/" for name in DOMAIN), SERVANTS, *ORB_LAYER, *ENVIRONMENT_IN):
         assert any(path.startswith(part) for path in looked_at), part
+    paths = {file.relative_to(ROOT).as_posix(): file for file in OURS.values()}
+    assert {path: found for path, file in paths.items() if (found := faults(path, file.read_text()))} == {}
+    used = defaultdict(set)
+    for one, other in arrows(OURS).edges:
+        used[one.split(".")[1]].add(other.split(".")[1])
+    for package, others in DOMAIN.items():
+        assert set(others.split()) - used[package] == set(), package
 
 
 def test_one_place_escapes_what_programs_print_and_one_decodes_into_types() -> None:
@@ -289,29 +296,13 @@ def test_one_place_starts_threads() -> None:
     assert starts_threads("threading.current_thread()\na: threading.Thread") == []
 
 
-def test_every_source_keeps_the_rules() -> None:
-    paths = {file.relative_to(ROOT).as_posix(): file for file in OURS.values()}
-    assert {path: found for path, file in paths.items() if (found := faults(path, file.read_text()))} == {}
-
-
-def test_every_import_that_is_allowed_between_domain_packages_is_used() -> None:
-    used = defaultdict(set)
-    for one, other in arrows(OURS).edges:
-        used[one.split(".")[1]].add(other.split(".")[1])
-    for package, others in DOMAIN.items():
-        assert set(others.split()) - used[package] == set(), package
-
-
-def test_no_module_and_no_folder_imports_itself_over_others() -> None:
+def test_imports_have_no_circles() -> None:
     modules = arrows(ALL)
     folders = nx.DiGraph((folder(one, ALL), folder(other, ALL)) for one, other in modules.edges)
     folders.remove_edges_from(list(nx.selfloop_edges(folders)))
     for graph in (modules, folders):
         assert [sorted(circle) for circle in nx.strongly_connected_components(graph) if len(circle) > 1] == []
-
-
-def test_bench_and_tests_share_only_the_package() -> None:
-    """But for the tests of the benches themselves."""
+    # But for the tests of the benches themselves.
     between = [
         (one, other)
         for one, other in arrows(ALL).edges

@@ -59,44 +59,36 @@ def test_a_process_ends_with_an_error_though_its_main_thread_waits() -> None:
 
 
 def test_a_repeated_task_is_called_when_woken_however_long_the_interval() -> None:
+    """A wake during a call makes another one."""
     calls: queue.Queue[int] = queue.Queue()
-    repeating = Repeating("test", lambda: calls.put(1), math.inf)
+    numbers = itertools.count()
+
+    def call() -> None:
+        number = next(numbers)
+        if number == 1:
+            repeating.wake()
+        calls.put(number)
+
+    repeating = Repeating("test", call, math.inf)
     repeating.wake()  # before the start has no effect: the first call comes at once anyway
     repeating.start()
-    calls.get(timeout=LIMIT_S)
-    for _ in range(3):
+    assert calls.get(timeout=LIMIT_S) == 0
+    for expected in ([1, 2], [3], [4]):
         repeating.wake()
-        calls.get(timeout=LIMIT_S)
+        assert [calls.get(timeout=LIMIT_S) for _ in expected] == expected
     repeating.close()
     assert calls.empty()
     repeating.wake()
     repeating.close()
 
 
-def test_a_wake_during_a_call_makes_another_one() -> None:
-    calls: queue.Queue[int] = queue.Queue()
-    numbers = itertools.count()
-
-    def call() -> None:
-        number = next(numbers)
-        if number == 0:
-            repeating.wake()
-        calls.put(number)
-
-    repeating = Repeating("test", call, math.inf)
-    repeating.start()
-    assert [calls.get(timeout=LIMIT_S) for _ in range(2)] == [0, 1]
-    repeating.close()
-    assert calls.empty()  # no other one
-
-
-def test_the_interval_may_change(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_interval_may_change_and_failures_are_logged(caplog: pytest.LogCaptureFixture) -> None:
     calls: queue.Queue[int] = queue.Queue()
     intervals = iter([0.0, 0.001, 0.0])
 
     def call() -> None:
         calls.put(1)
-        raise ValueError("fails")
+        fail()
 
     repeating = Repeating("test", call, lambda: next(intervals, math.inf)).start()
     for _ in range(4):

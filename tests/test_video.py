@@ -45,9 +45,7 @@ def test_pictures_come_again_in_order(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("fps", "size"), [(1, (201, 121)), (10, (200, 121)), (25, (64, 64)), (60, (3, 3))])
-def test_it_takes_the_time_that_it_should_and_odd_sides_are_made_even(
-    tmp_path: Path, fps: int, size: tuple[int, int]
-) -> None:
+def test_time_and_sides_are_right(tmp_path: Path, fps: int, size: tuple[int, int]) -> None:
     with VideoFile(tmp_path / "a.mp4", *size, fps) as video:
         video.add(png("blue", *size), times=2 * fps)
     with av.open(str(tmp_path / "a.mp4")) as container:
@@ -100,9 +98,7 @@ def test_an_exception_leaves_a_video_that_plays(tmp_path: Path) -> None:
         ("a.mp4", (64, 64), 1000, "1000 is not"),
     ],
 )
-def test_what_can_not_be_written_is_told(
-    tmp_path: Path, name: str, size: tuple[int, int], fps: int, reason: str
-) -> None:
+def test_bad_videos_are_named(tmp_path: Path, name: str, size: tuple[int, int], fps: int, reason: str) -> None:
     (tmp_path / "folder.mp4").mkdir()
     with pytest.raises(VideoError, match=reason):
         VideoFile(tmp_path / name, *size, fps)
