@@ -189,9 +189,7 @@ def found_by_a_run(achieved: float = 1.0, made: int = 100) -> dict[str, Any]:
     [({}, [True, True, True]), ({"achieved": 0.97}, [False, True, True]), ({"made": 90}, [True, False, False])],
 )
 @pytest.mark.parametrize("load", [FEW, MANY])
-def test_robots_are_judged_by_the_medians_of_the_runs(
-    load: Load, found: dict[str, Any], is_reached: list[bool]
-) -> None:
+def test_robots_are_judged_by_the_medians_of_runs(load: Load, found: dict[str, Any], is_reached: list[bool]) -> None:
     runs = [found_by_a_run(**found), found_by_a_run(), found_by_a_run(**found)]
     other = MANY if load is FEW else FEW
     rows = [bench_robots.row_of("1", load, each, 6, 60.0) for each in runs]

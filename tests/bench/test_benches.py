@@ -1,0 +1,392 @@
+"""What the benches compute without any process, how they report it, and their exit code."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import sys
+import threading
+import time
+from collections import defaultdict
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from matplotlib.axes import Axes
+
+from bench.common.harness import NOT_MEASURED, NotMeasured, run
+from bench.console.returns import PLACES, Shown, Sight, sight
+from bench.events.channel.consumers import slope_an_hour
+from bench.events.channel.stamps import Arrivals, Quality, Tally, gaps, quality, stamped, stamped_run
+from bench.events.network import mission
+from bench.events.network import report as network_report
+from bench.events.network.experiment import FEDERATED, SET_UPS, STANDARD, Outcome
+from bench.events.network.load import Governor
+from bench.events.network.mission import Sent, expected
+from bench.events.network.networks import SUBNET_OF
+from bench.events.network.report import Interval
+from bench.planning.geometric import EDITS, measure, row
+from bench.robots import virtual_and_actual as bench
+from bench.starts import outage
+from bench.starts.outage import Client
+from bench.starts.systems import OURS, ratio, versions
+from robocorba.control.tick_file import Tick, TickFile
+from robocorba.kinematics.body import SmartPalBody
+from robocorba.kinematics.smartpal import JOINTS, Side
+from robocorba.maps.validation import problems
+from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.testing import report
+from robocorba.testing.grid_maps import FLOOR, KINDS, OctileGraph, building_of, maze, place_of, random_cells, rooms
+from robocorba.testing.json_process import ROOT, ProcessFailed
+from robocorba.testing.peers.base import PAYLOAD_BYTES
+from robocorba.testing.report import at_least, at_most, summarize
+from robocorba.testing.router import DelayLine
+from robocorba.testing.virtual_and_actual import StateDifference
+
+
+def test_stamps_and_their_quality() -> None:
+    tally = Tally()
+    before = time.monotonic_ns()
+    payload = stamped(7, supplier=3)
+    tally.receive((payload,))
+    arrivals = tally.take()
+    after = time.monotonic_ns()
+    assert len(payload) == PAYLOAD_BYTES
+    assert (arrivals.suppliers.tolist(), arrivals.numbers.tolist()) == ([3], [7])
+    assert before <= arrivals.made[0] <= arrivals.came[0] <= after
+    assert arrivals.latencies_us().tolist() == [(arrivals.came[0] - arrivals.made[0]) / 1000]
+    tally.receive(stamped_run(5, 3, supplier=1))
+    assert tally.count == 3
+    arrivals = tally.take()
+    assert arrivals.numbers.tolist() == [5, 6, 7]
+    assert arrivals.suppliers.tolist() == [1, 1, 1]
+    assert len(set(arrivals.made.tolist())) == 1
+    assert len(arrivals.latencies_us(6)) == 2
+    assert tally.count == len(tally.take().numbers) == 0  # what was taken is gone
+    for numbers, expected_quality in (
+        ([0, 1, 2, 3], Quality(0, 0, 0)),
+        ([0, 1, 3], Quality(1, 0, 0)),
+        ([0, 1, 1, 2, 3], Quality(0, 1, 0)),
+        ([0, 2, 1, 3], Quality(0, 0, 1)),
+        ([3, 0, 1, 2], Quality(0, 0, 3)),
+        ([], Quality(4, 0, 0)),
+        ([0, 1, 2, 3, 99], Quality(0, 0, 0)),  # of an earlier flood
+    ):
+        assert quality(received(*((number,) for number in numbers)), [range(4)]) == expected_quality
+    of_two = received((0, 1), (0, 0), (1, 1), (2, 0), (1, 0))
+    assert quality(of_two, [range(3), range(3)]) == Quality(lost=1, repeated=0, misordered=1)
+    assert gaps(received((10,), (11,), (15,), (16,), (19,)), range(10, 22)) == [(12, 15), (17, 19), (20, 22)]
+    tally = Tally()
+    tally.wait(1, quiet_s=0.05, limit_s=60.0)
+    sender = threading.Timer(0.05, tally.receive, (stamped_run(0, 3),))
+    sender.start()
+    tally.wait(3, quiet_s=60.0, limit_s=60.0)
+    sender.join()
+    assert tally.count == 3
+    assert np.array_equal(tally.take().numbers, [0, 1, 2])
+
+
+def received(*stamps: tuple[int, ...]) -> Arrivals:
+    """What a tally takes of events with these numbers and suppliers."""
+    tally = Tally()
+    for stamp in stamps:
+        tally.receive((stamped(*stamp),))
+    return tally.take()
+
+
+def outcome(set_up: str, mean_us: float, load: float = 0.5, delay_us: int = 1000, lost: int = 0) -> Outcome:
+    """A outcome whose local events take `mean_us` on average, remote ones twice as long."""
+    local = mean_us * np.array([0.5, 1.0, 1.5])
+    return Outcome(set_up, delay_us, load, load, local, 2 * local, lost, 100, 20_000, 4, 900, 6, 10, 4)
+
+
+def test_the_network_delays_and_loads() -> None:
+    line = DelayLine()
+    line.delay_ns = 200
+    line.put(b"a", 1000)
+    line.put(b"bc", 1100)
+    assert line.due_ns == 1200
+    assert line.take(1199) is None
+    assert line.take(1200) == b"a"
+    assert line.take(1200) is None
+    assert line.take(5000) == b"bc"
+    assert line.due_ns is None
+    assert line.take(9000) is None
+    assert (line.packets, line.bytes) == (2, 3)
+    line.delay_ns = 500
+    line.put(b"first", 10_000)
+    line.delay_ns = 0
+    line.put(b"second", 10_001)  # a shorter delay lets no packet overtake
+    assert [line.take(at_ns) for at_ns in (10_400, 10_500, 10_500)] == [None, b"first", b"second"]
+    for wanted, others, work in ((0.2, 0.1, 0.1), (0.6, 0.1, 0.5), (0.9, 0.1, 0.8), (0.3, 0.8, 0.0), (0.0, 0.0, 0.0)):
+        governor = Governor()
+        governor.want(0.9)
+        governor.want(wanted)
+        for _ in range(50):
+            governor.correct(min(1.0, governor.work + others))
+        assert governor.work == pytest.approx(work, abs=0.01 * (work > 0.0))
+
+
+def test_who_is_expected_to_receive_events_of_a_mission() -> None:
+    """So local and remote events weigh the same in the mean."""
+    types = [(mission.STATE, source) for source in mission.ROBOTS]
+    types += [(f"{mission.SUBPLAN}.{helper}", "A") for helper in mission.HELPERS]
+    types += [(mission.GO, "A"), (mission.DONE, "A")]
+    types += [(type, helper) for type in (mission.READY, mission.RESULT) for helper in mission.HELPERS]
+    near = far = 0
+    for type, source in types:
+        for robot in mission.ROBOTS:
+            count = expected(robot, [Sent(type, source, 1)])
+            near += count * (SUBNET_OF[robot] == SUBNET_OF[source])
+            far += count * (SUBNET_OF[robot] != SUBNET_OF[source])
+    assert near == far == 7
+    scans = [Sent(mission.SCAN, source, 10) for source in mission.ROBOTS]
+    assert {robot: expected(robot, scans) for robot in mission.ROBOTS} == {"A": 10, "B": 10, "C": 0}
+    assert not mission.is_mission(mission.SCAN)
+    assert all(expected(robot, [Sent(mission.STATE, robot, 5)]) == 0 for robot in mission.ROBOTS)
+
+
+def test_the_report_of_the_network() -> None:
+    found = network_report.ratio(np.array([1.0, 1.2, 0.8, 1.0]), np.array([2.0, 2.2, 1.8, 2.0]))
+    assert found.value == pytest.approx(0.5)
+    assert 0.4 < found.low < 0.5 < found.high < 0.6
+    assert network_report.mean(np.full(5, 3.0)) == Interval(3.0, 3.0, 3.0)
+    runs = [outcome(set_up, 1000, load, delay) for delay in (1000, 0) for load in (0.9, 0.1) for set_up in SET_UPS * 2]
+    found = network_report.cells(runs)
+    assert [(cell.delay_us, cell.load) for cell in found] == [(0, 0.1), (0, 0.9), (1000, 0.1), (1000, 0.9)]
+    assert all(len(cell.standard) == len(cell.federated) == 2 for cell in found)
+    (cell,) = network_report.cells([outcome(STANDARD, 1000), outcome(FEDERATED, 500)])
+    row = network_report.row(cell)
+    assert row["standard mean"] == pytest.approx(1.5)  # half of the events take 1 ms on average, half 2 ms
+    assert (row["federated local"], row["federated remote"]) == pytest.approx((0.5, 1.0))
+    assert (row["ratio"], row["ratio remote"]) == pytest.approx((0.5, 0.5))
+    assert row["standard KB over the link"] == pytest.approx(20)
+    loads = np.tile(np.linspace(0.1, 0.6, 6), 4).round(1)
+    runs = [outcome(set_up, 1000 + 500 * load, load) for load in loads for set_up in SET_UPS]
+    sentences = network_report.differences(network_report.cells(runs))
+    assert "1 ms, standard: the latency rises with the leader's load, unlike in the paper" in sentences[0]
+    assert "standard 1.95 ms to the paper's 18.5" in sentences[2]
+    cells = network_report.cells(
+        outcome(set_up, 1000, load, delay) for delay in (0, 5000) for load in (0.1, 0.6) for set_up in SET_UPS
+    )
+    assert [network_report.row(cell)["delay, ms"] for cell in network_report.by_delay(cells)] == [0, 5]
+    assert [network_report.row(cell)["load, %"] for cell in network_report.by_delay(cells)] == [None, None]
+    assert len(network_report.draw(cells).axes) == 4
+
+
+@pytest.mark.parametrize(("slope", "word"), [(3.0, "rises"), (-3.0, "falls"), (0.0, "has no clear trend")])
+def test_trends(slope: float, word: str) -> None:
+    noise = np.tile([20.0, -20.0, 10.0, -10.0], 12)
+    loads = np.repeat(np.linspace(0, 0.2, 6), 8)
+    runs = [outcome(STANDARD, 1000 * (1 + slope * load) + off, load) for load, off in zip(loads, noise, strict=True)]
+    change, found = network_report.trend(runs)
+    assert found == word
+    assert change.low <= change.value <= change.high
+
+
+def test_marks_look_at_the_worst_cell_and_at_lost_events() -> None:
+    runs = [
+        outcome(STANDARD, 1000, 0.1),
+        outcome(FEDERATED, 400, 0.1),
+        outcome(STANDARD, 1000, 0.9),
+        outcome(FEDERATED, 600, 0.9),
+    ]
+    marks = {mark.what: mark for mark in network_report.marks(network_report.cells(runs))}
+    assert marks["ratio of the means, worst load and delay"].value == pytest.approx(0.6)
+    assert marks["ratio of the means, worst load and delay"].is_reached
+    assert not marks["ratio of the means, worst load with 1 ms"].is_reached
+    assert marks["ratio of remote events, 1 ms"].value == pytest.approx(0.5)
+    assert marks["events lost"].is_reached
+
+    def missed(standard: Outcome, federated: Outcome) -> list[str]:
+        return [
+            mark.what
+            for mark in network_report.marks(network_report.cells([standard, federated]))
+            if not mark.is_reached
+        ]
+
+    assert missed(outcome(STANDARD, 1000, lost=1), outcome(FEDERATED, 400)) == ["events lost"]
+    (what,) = missed(outcome(STANDARD, 1000), outcome(FEDERATED, 400)._replace(forwarded=5))
+    assert "over the federation's link" in what
+
+
+ROWS: list[dict[str, Any]] = [{"peer": "a", "p50": 1.5, "lost": 0}, {"peer": "b", "p50": None, "lost": 12345}]
+
+
+def test_marks_and_growth_after_the_warm_up() -> None:
+    marks = (at_most("x", 1.0, 1.0), at_most("x", 1.1, 1.0), at_least("x", 1.0, 1.0), at_least("x", 0.9, 1.0))
+    assert [mark.is_reached for mark in marks] == [True, False, True, False]
+    assert not at_most("x", float("nan"), 1.0).is_reached
+    seconds = [float(second) for second in range(0, 4000, 100)]
+    sizes = [50 + (second / 100 if second < 1000 else 10 + (second - 1000) / 3600) for second in seconds]
+    assert slope_an_hour(seconds, sizes) == pytest.approx(1.0, abs=0.05)
+    assert slope_an_hour(seconds, [60.0] * len(seconds)) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("value", [1.0, 3.0])
+def test_a_summary_is_printed_and_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], value: float
+) -> None:
+    monkeypatch.setattr(report, "RESULTS", tmp_path)
+
+    def draw(axes: Axes) -> None:
+        axes.plot([1, 2], [1, 2])
+
+    reached = summarize("some", "A title", ROWS, [at_most("a ratio", value, 2.0)], draw)
+
+    assert reached == (value <= 2.0)
+    printed = capsys.readouterr().out
+    assert "A title" in printed and "12,345" in printed
+    assert ("reached" if reached else "missed") in printed
+    found = json.loads((tmp_path / "some.json").read_text())
+    assert found["rows"] == ROWS
+    assert found["marks"] == [
+        {"what": "a ratio", "value": value, "relation": "at most", "limit": 2.0, "reached": reached}
+    ]
+    with (tmp_path / "some.csv").open(newline="") as file:
+        assert list(csv.DictReader(file)) == [
+            {"peer": "a", "p50": "1.5", "lost": "0"},
+            {"peer": "b", "p50": "", "lost": "12345"},
+        ]
+    assert (tmp_path / "some.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_maps_are_the_same_for_the_same_seed_and_mostly_connected(kind: str) -> None:
+    cells = KINDS[kind](200, 1)
+    assert cells.shape == (200, 200) and cells.dtype == np.bool_
+    assert (cells == KINDS[kind](200, 1)).all()
+    assert (cells != KINDS[kind](200, 2)).any()
+    reached = np.isfinite(OctileGraph(cells, 1.0).lengths_from(random_cells(cells, 1, 0)[0]))
+    assert reached.sum() > 0.75 * cells.sum()
+
+
+@pytest.mark.parametrize("cells", [rooms(60, 8, 1), maze(61, 3, 1)], ids=["rooms", "maze"])
+def test_every_room_and_corridor_can_be_reached(cells: np.ndarray) -> None:
+    reached = np.isfinite(OctileGraph(cells, 1.0).lengths_from((0, 0)))
+    assert (reached == cells).all()
+
+
+def test_walls_are_the_borders_of_the_free_cells_and_octile_lengths_do_not_cut_them() -> None:
+    cells = KINDS["laser"](80, 3)
+    building = building_of(cells, 0.5)
+    assert problems(building) == []
+    drawn = [shapely.LineString([w.a, w.b]) for w in building.floors[FLOOR].geometrical.walls.values()]
+    rows, columns = np.nonzero(cells)
+    free = shapely.union_all(shapely.box(columns * 0.5, rows * 0.5, columns * 0.5 + 0.5, rows * 0.5 + 0.5))
+    borders = free.boundary.difference(shapely.box(0.0, 0.0, 40.0, 40.0).exterior)
+    assert shapely.union_all(drawn).symmetric_difference(borders).length == pytest.approx(0.0)
+    cells = np.ones((4, 5), np.bool_)
+    cells[1:3, 1:4] = False
+    assert len(building_of(cells, 1.0).floors[FLOOR].geometrical.walls) == 4  # runs are maximal
+    cells = np.ones((3, 3), np.bool_)
+    cells[1, 1] = False
+    lengths = OctileGraph(cells, 2.0).lengths_from((0, 0))
+    assert lengths[2, 2] == 8.0 and np.isinf(lengths[1, 1])
+    assert OctileGraph(np.ones((3, 3), np.bool_), 2.0).lengths_from((0, 0))[2, 2] == pytest.approx(4.0 * 2**0.5)
+    assert place_of((2, 0), 0.5)[1:] == (0.25, 1.25)
+
+
+def test_every_figure_is_reported() -> None:
+    found: dict[str, list[Any]] = defaultdict(list)
+    report: Any = SimpleNamespace(send=lambda what: found[what[0]].append(what[1]))
+    measure(report, "rooms of 16", 40, 0.5, 0.2)
+    assert list(found)[:3] == ["ready", "planner", "first"] and list(found)[-1] == "done"
+    assert len(found["update"]) == len(found["after"]) == EDITS
+    assert len(found["query"]) == len(found["octile"]) == len(found["straight"]) > 200
+    assert not {"failure", "touch"} & set(found)
+    assert all(
+        0.7 < to_octile <= 1.0 + 1e-9 <= to_straight + 2e-9
+        for to_octile, to_straight in zip(found["octile"], found["straight"], strict=True)
+    )
+    none = row("cave", 1.0, defaultdict(list))
+    assert none["queries"] == 0 and none["median ms"] is None and none["finished"] == "limit"
+
+
+def test_outages_and_versions(monkeypatch: pytest.MonkeyPatch) -> None:
+    def ask(command: dict[str, Any]) -> list[float]:
+        assert command["do"] == "answered"
+        return [at for at in (9.5, 9.995, 10.0, 10.5, 10.505) if at > command["since"]]
+
+    monkeypatch.setattr(outage, "AROUND_S", 0.01)
+    caller: Any = SimpleNamespace(ask=ask)
+    assert Client(caller, caller).away_s(10.001, 10.1) == pytest.approx(0.5)
+    assert [(version.name, version.source) for version in versions("")] == [(OURS, ROOT)]
+    with pytest.raises(ProcessFailed, match="no-such-commit is no commit"):
+        versions("no-such-commit")
+    assert ratio({OURS: [1.0], "base": [4.0]}, sum) == 0.25
+    assert ratio({OURS: [1.0]}, sum) is None
+
+
+ICONS = ("icons[0]", "icons[2].icons[0]", "icons[3]")
+
+
+def ticks(file: Path, moved_m: float = 0.0, turned_rad: float = 0.0, more: int = 0, hold: bool = False) -> None:
+    """A robot that drives ahead icon by icon at 1 m/s, facing backwards. hold: with a tick of the icon that holds."""
+    with TickFile(file) as made:
+        for number, icon in enumerate(ICONS):
+            if hold and "." in icon:
+                made.add(tick("icons[2]", 1, 5.0, 1.0, 0.0, 0.0))
+            for step in range(50):
+                made.add(tick(icon, number, 10.0 * number + step / 50, number + step / 50, moved_m, turned_rad))
+            for step in range(50, 50 + more):
+                made.add(tick(icon, number, 10.0 * number + step / 50, number + 49 / 50, moved_m, turned_rad))
+
+
+def tick(icon: str, done: int, time: float, x: float, y: float, turned_rad: float) -> Tick:
+    joints = np.zeros(len(JOINTS))
+    heading = np.pi - 0.01 + turned_rad
+    state = RobotState(time, x, y, heading if heading < np.pi else heading - 2 * np.pi, joints=joints)
+    return Tick("simulated", "p", icon, done, "L1", state, ActorCommand(joints=joints))
+
+
+def test_ticks_are_compared_icon_by_icon(tmp_path: Path) -> None:
+    ticks(tmp_path / "virtual.csv", hold=True)
+    ticks(tmp_path / "actual.csv", 0.003, 0.02, more=5)
+    virtual, actual = (bench.parts_of(tmp_path / f"{name}.csv") for name in ("virtual", "actual"))
+    assert [part.icon for part in virtual] == [part.icon for part in actual] == list(ICONS)
+    found = bench.compared(1, virtual, actual, SmartPalBody())
+    assert len(found) == 3 * 55
+    assert {row["base_mm"] for row in found} == {3.0}
+    assert {row["turned_deg"] for row in found} == {round(np.degrees(0.02), 4)}
+    assert found[-1]["program_s"] == pytest.approx(3 * 54 / 50)
+    table = bench.rows(found, [(virtual, actual)], [StateDifference(0.004, 0.001, dict.fromkeys(Side, 0.002))])
+    assert [row["icon"] for row in table] == [*("[0] mhand_posture", "[2][0] mbase_by", "[3] gripper", "at the end")]
+    assert (table[0]["s virtual"], table[0]["s actual"]) == pytest.approx((0.98, 1.08))
+    assert table[-1]["base most"] == pytest.approx(4.0)
+
+
+def test_marks_of_two_robots() -> None:
+    near = StateDifference(0.001, 0.001, dict.fromkeys(Side, 0.001))
+    for base_m, is_reached in ((0.009, True), (0.011, False)):
+        found = bench.marks([near, StateDifference(base_m, 0.0, dict.fromkeys(Side, 0.0))])
+        assert all(mark.is_reached for mark in found) == is_reached
+
+
+FINE = {"status": "", "robots": "", "channels": "", "isFresh": True}
+
+
+def shown(*moments: dict[str, object]) -> Shown:
+    """Moments a second apart, from 10 s on."""
+    return [(1e3 * at_s, {**FINE, **moment}) for at_s, moment in enumerate(moments, 10)]
+
+
+def test_pages_and_exit_codes(monkeypatch: pytest.MonkeyPatch) -> None:
+    lost, stale = {"status": "lost", "robots": "R1"}, {"isFresh": False}
+    assert sight(shown({}, lost, {}, lost, stale, {}, stale), PLACES) == Sight("lost; R1", 14.0, 15.0)
+    assert sight(shown({"channels": "a"}, {}), ("status",)) == Sight("", 10.0, 10.0)  # other places don't count
+    assert sight(shown({}, {"robots": "R1"}), PLACES) == Sight("R1", math.inf, math.inf)
+    assert sight(shown({"robots": "R1"}, {"isFresh": False}), PLACES) == Sight("R1", 11.0, math.inf)
+
+    def cannot_measure() -> bool:
+        raise NotMeasured("needs root")
+
+    monkeypatch.setattr(sys, "argv", ["bench"])
+    for judge, code in ((lambda: True, 0), (lambda: False, 1), (cannot_measure, NOT_MEASURED)):
+        with pytest.raises(SystemExit) as ended:
+            run(judge)
+        assert ended.value.code == code
