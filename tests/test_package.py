@@ -97,9 +97,7 @@ def test_it_is_the_wheel_that_runs(installed: Path, tmp_path: Path) -> None:
     assert subprocess.check_output(command, cwd=tmp_path, text=True, timeout=60).strip() == __version__
 
 
-def test_the_servers_run_outside_the_checkout_and_no_modules_of_the_current_folder(
-    installed: Path, tmp_path: Path
-) -> None:
+def test_servers_run_outside_the_checkout_and_no_strangers(installed: Path, tmp_path: Path) -> None:
     """What `robocorba` starts comes from the package, whatever lies where the user happens to be, or in the state
     folder. Not compiled: what the planner would compile at a new place takes half a minute."""
     for folder in (tmp_path, tmp_path / "state"):

@@ -90,39 +90,6 @@ def test_values_beyond_their_limits_are_refused_before_anything_is_called(typed:
     assert (result.exit_code, reason.lower() in result.output.lower()) == (code, True), result.output
 
 
-def test_what_an_output_may_replace() -> None:
-    file = Path("map.yaml")
-    write_outputs({file: b"1"}, replace=False)
-    write_outputs({file: b"1"}, replace=False)  # the same content
-    with pytest.raises(OutputExists, match=r"map\.yaml: exists already; .* --force"):
-        write_outputs({Path("new.yaml"): b"3", file: b"2"}, replace=False)
-    assert file.read_bytes() == b"1"
-    assert not Path("new.yaml").exists()  # all or none
-    write_outputs({file: b"2"})
-    assert file.read_bytes() == b"2"
-    Path("folder").mkdir()
-    Path("map.yaml").write_bytes(b"1")
-    Path("symbolic.yaml").symlink_to("map.yaml")
-    os.link("map.yaml", "hard.yaml")
-    for name in ("map.yaml", "./map.yaml", "symbolic.yaml", "hard.yaml", "folder/../map.yaml"):
-        with pytest.raises(OutputIsInput, match="the input itself"):
-            write_outputs({Path(name): b"2"}, ["map.yaml"])
-    assert Path("map.yaml").read_bytes() == b"1"
-    with pytest.raises(OutputIsInput):
-        check_output("bag", [Path("bag") / "recording.mcap"])
-    Path("target").write_bytes(b"1")
-    Path("target").chmod(0o640)
-    Path("link").symlink_to("target")
-    write_outputs({Path("link"): b"2"})
-    assert Path("link").is_symlink()
-    assert (Path("target").read_bytes(), Path("target").stat().st_mode & 0o777) == (b"2", 0o640)
-    os.mkfifo("pipe")
-    with subprocess.Popen(["cat", "pipe"], stdout=subprocess.PIPE) as reader:
-        write_outputs({Path("pipe"): b"3"}, replace=False)
-        assert reader.communicate(timeout=20)[0] == b"3"
-    assert Path("pipe").is_fifo()
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -149,7 +116,7 @@ def test_commands_refuse_their_own_input(arguments: tuple[str, ...]) -> None:
     assert {file: file.read_bytes() for file in Path().iterdir()} == before
 
 
-def test_what_cannot_be_written_is_named() -> None:
+def test_what_an_output_may_replace() -> None:
     Path("folder").mkdir()
     for name in ("folder", "nowhere/map.yaml"):
         with pytest.raises(OutputError, match=name):
@@ -158,6 +125,35 @@ def test_what_cannot_be_written_is_named() -> None:
     assert (result.exit_code, "a picture's name ends with" in result.output) == (1, True)
     assert native.load("two.yaml") == two_floors()
     assert sorted(Path().iterdir()) == [Path("folder"), Path("two.yaml")]
+    file = Path("map.yaml")
+    write_outputs({file: b"1"}, replace=False)
+    write_outputs({file: b"1"}, replace=False)  # the same content
+    with pytest.raises(OutputExists, match=r"map\.yaml: exists already; .* --force"):
+        write_outputs({Path("new.yaml"): b"3", file: b"2"}, replace=False)
+    assert file.read_bytes() == b"1"
+    assert not Path("new.yaml").exists()  # all or none
+    write_outputs({file: b"2"})
+    assert file.read_bytes() == b"2"
+    Path("map.yaml").write_bytes(b"1")
+    Path("symbolic.yaml").symlink_to("map.yaml")
+    os.link("map.yaml", "hard.yaml")
+    for name in ("map.yaml", "./map.yaml", "symbolic.yaml", "hard.yaml", "folder/../map.yaml"):
+        with pytest.raises(OutputIsInput, match="the input itself"):
+            write_outputs({Path(name): b"2"}, ["map.yaml"])
+    assert Path("map.yaml").read_bytes() == b"1"
+    with pytest.raises(OutputIsInput):
+        check_output("bag", [Path("bag") / "recording.mcap"])
+    Path("target").write_bytes(b"1")
+    Path("target").chmod(0o640)
+    Path("link").symlink_to("target")
+    write_outputs({Path("link"): b"2"})
+    assert Path("link").is_symlink()
+    assert (Path("target").read_bytes(), Path("target").stat().st_mode & 0o777) == (b"2", 0o640)
+    os.mkfifo("pipe")
+    with subprocess.Popen(["cat", "pipe"], stdout=subprocess.PIPE) as reader:
+        write_outputs({Path("pipe"): b"3"}, replace=False)
+        assert reader.communicate(timeout=20)[0] == b"3"
+    assert Path("pipe").is_fifo()
 
 
 def test_a_folder_with_more_than_a_bag_is_kept() -> None:
@@ -211,16 +207,13 @@ LIGHT = (
 HEAVY = ("numba", "mujoco", "pymunk", "matplotlib")
 
 
-def test_commands_load_nothing_heavy() -> None:
+def test_what_is_loaded() -> None:
     looks = "".join(
         f"import robocorba.{module}\nprint({module!r}, *[name for name in {HEAVY} if name in sys.modules])\n"
         for module in LIGHT
     )
     ran = subprocess.run((sys.executable, "-c", f"import sys\n{looks}"), capture_output=True, text=True, timeout=120)
     assert ran.stdout.splitlines() == list(LIGHT), ran.stderr
-
-
-def test_kernels_load_no_scipy_and_kinematics_no_opengl() -> None:
     script = """
 import os, sys
 from robocorba.kinematics.inverse import InverseKinematics

@@ -90,7 +90,7 @@ def test_check_warns_of_blocked_edges_and_unreachable_nodes() -> None:
     assert robocorba_map("check", "two.yaml", "--radius", "nan").exit_code == 2
 
 
-def test_a_wrong_file_is_named_with_line_and_key() -> None:
+def test_wrong_files_are_named() -> None:
     text = "robocorba: 1\nname: x\nfloors:\n- name: L1\n  level: 1\n  elevation: 0\n  walls:\n"
     Path("wrong.yaml").write_text(text + "  - {name: w, from: [0, 0], to: [0, 0]}\n")
     for name, *more in (("check",), ("import", "out"), ("export", "out", "-f", "nav2"), ("show", "--picture", "out")):
@@ -98,9 +98,6 @@ def test_a_wrong_file_is_named_with_line_and_key() -> None:
             f"robocorba map {name}: wrong.yaml:8: floors[0].walls[0]: wall 'w' on L1: it has no length"
         )
         assert not Path("out").exists()
-
-
-def test_an_invalid_file_is_refused() -> None:
     for content, reason in (
         (b"", "file.yaml:1: empty file"),
         (b"\x89PNG\r\n\x1a\n\0", "file.yaml:1: not UTF-8 text"),
@@ -112,12 +109,23 @@ def test_an_invalid_file_is_refused() -> None:
     assert refusal("check", "nowhere.yaml") == "robocorba map check: nowhere.yaml: No such file or directory"
 
 
-def test_import_writes_a_native_map_and_lists_what_is_lost() -> None:
+def test_imports_are_native_maps_of_one_or_several_floors() -> None:
     *losses, last = lines(robocorba_map("import", "small.building.yaml", "out.yaml"))
     imported = read_map("small.building.yaml")
     assert losses == [f"import: {loss}" for loss in imported.losses] != []
     assert last.startswith("wrote out.yaml: 2 floors, ")
     assert native.load("out.yaml") == imported.building
+    lines(robocorba_map("export", "two.yaml", "out.yaml", "-f", "ros"))
+    listed = [
+        f"- {{name: {name}, elevation: {height}, map: out-{name}.yaml}}" for name, height in (("L1", 0), ("L2", 4))
+    ]
+    Path("list.yaml").write_text("ros_maps: 1\nname: two\nfloors:\n" + "\n".join(listed))
+    *_, last = lines(robocorba_map("import", "list.yaml", "joined.yaml"))
+    assert last.startswith("wrote joined.yaml: 2 floors, ")
+    Path("list.yaml").write_text(Path("list.yaml").read_text().replace("out-L2", "out-L3"))
+    assert refusal("import", "list.yaml", "joined.yaml") == (
+        "robocorba map import: list.yaml:5: floors[1].map: there is no file of that name"
+    )
 
 
 def test_import_takes_what_unknown_cells_and_specks_of_ros_maps_are() -> None:
@@ -133,20 +141,6 @@ def test_import_takes_what_unknown_cells_and_specks_of_ros_maps_are() -> None:
     assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 3
     lines(robocorba_map("import", "map.yaml", "out.yaml", "--force", "--specks", "all"))
     assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 1
-
-
-def test_import_joins_ros_maps_of_several_floors() -> None:
-    lines(robocorba_map("export", "two.yaml", "out.yaml", "-f", "ros"))
-    listed = [
-        f"- {{name: {name}, elevation: {height}, map: out-{name}.yaml}}" for name, height in (("L1", 0), ("L2", 4))
-    ]
-    Path("list.yaml").write_text("ros_maps: 1\nname: two\nfloors:\n" + "\n".join(listed))
-    *_, last = lines(robocorba_map("import", "list.yaml", "joined.yaml"))
-    assert last.startswith("wrote joined.yaml: 2 floors, ")
-    Path("list.yaml").write_text(Path("list.yaml").read_text().replace("out-L2", "out-L3"))
-    assert refusal("import", "list.yaml", "joined.yaml") == (
-        "robocorba map import: list.yaml:5: floors[1].map: there is no file of that name"
-    )
 
 
 def test_import_generates_missing_topological_maps() -> None:

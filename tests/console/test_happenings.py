@@ -21,16 +21,18 @@ LINK = {"peer": "b", "direction": "INCOMING", "condition": "UP"}
 PROGRAM = {"name": "", "result": "NO_RESULT", "reason": ""}
 
 
-def rows() -> dict[str, Any]:
-    client = {"name": "R1", "at": {"floor": "L1"}}
-    agent = {"condition": "IDLE", "reason": "", "at": {"floor": "L1"}, "mission": "", "program": dict(PROGRAM)}
-    server = {"state": {"collisions": 0, "paused": False}, "clients": [client], "sensors": []}
-    return {
-        "naming": "",
-        "server": {"state": server, "age": 0.1, "problem": ""},
-        "robots": {"R1": {"state": agent, "age": 0.1, "problem": "", "bound": True}},
-        "channels": {"a": {"state": {"links": [LINK]}, "age": 0.1, "problem": ""}},
-    }
+AGENT = {"condition": "IDLE", "reason": "", "at": {"floor": "L1"}, "mission": "", "program": PROGRAM}
+SIMULATION = {"collisions": 0, "paused": False}
+#: Reports of a system.
+ROWS: dict[str, Any] = {
+    "naming": "",
+    "server": {
+        "state": {"state": SIMULATION, "clients": [{"name": "R1", "at": {"floor": "L1"}}], "sensors": []},
+        **{"age": 0.1, "problem": ""},
+    },
+    "robots": {"R1": {"state": AGENT, "age": 0.1, "problem": "", "bound": True}},
+    "channels": {"a": {"state": {"links": [LINK]}, "age": 0.1, "problem": ""}},
+}
 
 
 def noticed(*steps: dict[str, Any]) -> list[tuple[str, str, str]]:
@@ -53,22 +55,23 @@ def changed(before: dict[str, Any], *path: str, to: Any) -> dict[str, Any]:
 
 def of_robot(before: dict[str, Any], **state: Any) -> dict[str, Any]:
     """The same with another state of R1."""
-    return changed(before, "robots", "R1", "state", to={**before["robots"]["R1"]["state"], **state})
+    return changed(before, "robots", "R1", "state", to={**AGENT, **state})
 
 
 def of_server(**members: Any) -> dict[str, Any]:
     """Reports with another state of the simulation."""
-    return changed(ROWS, "server", "state", "state", to={**ROWS["server"]["state"]["state"], **members})
+    return changed(ROWS, "server", "state", "state", to={**SIMULATION, **members})
 
 
-ROWS = rows()
 OFF = changed(ROWS, "server", "state", "clients", to=[])
 ENDED = changed(ROWS, "robots", "R1", to={**ROWS["robots"]["R1"], "age": 4.0, "bound": False})
 ASKED = changed(ROWS, "robots", "R2", to={"state": None, "age": None, "problem": "", "bound": True})
 UNKNOWN = changed(ROWS, "robots", "R1", to={"state": None, "age": None, "problem": "hangs", "bound": True})
-DOWN = changed(
-    ROWS, "channels", "a", "state", "links", to=[{"peer": "b", "direction": "INCOMING", "condition": "DOWN"}]
-)
+
+
+DOWN = changed(ROWS, "channels", "a", "state", "links", to=[{**LINK, "condition": "DOWN"}])
+
+
 CONNECTING = {**ROWS, "naming": "connecting"}
 LOST = {**ROWS, "naming": "does not answer"}
 #: What reports, one after the other, show: kind, robot and text.
@@ -154,12 +157,11 @@ AWAY, MIDDLE = (3.0, 2.0, 0.0), (5.0, 2.0, 0.0)
 
 def history(*moments: dict[Body, tuple[float, float, float]]) -> History:
     """A floor once a second from time 0; a moment has the place x, y, heading of each body."""
-    history = History()
-    view = FloorView(FLOOR)
+    history, view = History(), FloorView(FLOOR)
     for at_s, places in enumerate(moments):
         motions = np.zeros(len(places), MOTION)
-        for row, (body, (x, y, heading)) in zip(motions, places.items(), strict=True):
-            row["number"], row["x"], row["y"], row["heading"] = body.number, x, y, heading
+        for row, (body, place) in zip(motions, places.items(), strict=True):
+            row["number"], (row["x"], row["y"], row["heading"]) = body.number, place
         view.apply(FloorUpdate(FLOOR, WHOLE, at_s + 1, float(at_s), 1, list(places), [], motions, {}))
         history.add(view, float(at_s))
     return history
@@ -198,31 +200,21 @@ def collision(contacts: list[Contact]) -> tuple[str, str, str]:
     """Robot, floor and text of two collisions between these."""
     happenings = Happenings(lambda at_s: contacts)
     for count in (0, 2):
-        state = {"collisions": count, "paused": False}
-        rows = {"state": {"state": state, "clients": []}, "age": 0.0, "problem": ""}
-        happenings.note({"naming": "", "server": rows, "robots": {}, "channels": {}}, 1.0)
-    [happening] = happenings.after(0)
+        happenings.note(of_server(collisions=count), 1.0)
+    (happening,) = happenings.after(0)
     return happening.robot, happening.floor, happening.text
 
 
 class FakeState:
-    """Reports what a test sets."""
+    """Reports the clients that a test sets."""
 
     def __init__(self) -> None:
-        self.clients: list[str] = []
-        self.problem = ""
-        self.forgotten: list[str] = []
-
-    def start(self) -> None: ...
-    def close(self) -> None: ...
-
-    def forget(self, robot: str) -> None:
-        self.forgotten.append(robot)
+        self.clients, self.forgotten = list[str](), list[str]()
+        self.forget, self.start, self.close = self.forgotten.append, int, int
 
     def rows(self) -> dict[str, Any]:
         clients = [{"name": name, "at": {"floor": "L1", "x": 1.0, "y": 2.0, "heading": 0.0}} for name in self.clients]
-        state = {"state": {"collisions": 0, "paused": False}, "clients": clients, "sensors": []}
-        server = {"state": state, "age": 0.0, "problem": self.problem}
+        server = {"state": {"state": SIMULATION, "clients": clients, "sensors": []}, "age": 0.0, "problem": ""}
         return {"naming": "", "server": server, "robots": {}, "channels": {}}
 
 

@@ -152,14 +152,13 @@ def films() -> Iterator[Films]:
 
 def driven_history(seconds: int, began: float = 1000.0) -> History:
     """A robot that drives 1 m a second along x, seen once a second."""
-    driven_history = History()
-    view = FloorView(FLOOR)
+    history, view = History(), FloorView(FLOOR)
     for second in range(seconds + 1):
         motions = np.zeros(1, MOTION)
         motions["number"], motions["x"], motions["y"], motions["vx"] = 7, 2.0 + second, 3.0, 1.0
         view.apply(FloorUpdate(FLOOR, WHOLE, second + 1, float(second), 1, [BODY], [], motions, {}))
-        driven_history.add(view, began + second)
-    return driven_history
+        history.add(view, began + second)
+    return history
 
 
 def places(moments: list[Moment]) -> list[tuple[float, float]]:

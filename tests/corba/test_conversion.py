@@ -47,10 +47,30 @@ def classes() -> set[type[RoboCorbaError]]:
     return {value for value in found if issubclass(value, RoboCorbaError)}
 
 
-def test_every_error_is_translated_or_stays_within_its_process() -> None:
+def test_errors_and_their_exceptions() -> None:
     ours = classes()
     leaves = {one for one in ours if not ours & set(one.__subclasses__())}
     assert {one.__name__ for one in leaves - registered()} == LOCAL
+    for error, shared in (
+        (RobotLost("no answer"), RoboCorba.AdaptorFailed),
+        (ServerAway("no answer"), RoboCorba.AdaptorFailed),
+        (NoRoom("name", "1000 missions are stored already; remove one"), RoboCorba.InvalidMission),
+    ):
+        with pytest.raises(shared):
+            raise_idl(error)
+    with pytest.raises(RoboCorba.InvalidRequest) as raised:
+        raise_idl(InvalidRequest("field" * MAX_TEXT, "reason"))
+    assert len(raised.value.field) == MAX_TEXT
+
+    @translating
+    def method() -> None:
+        raise FieldError("a", "b")  # one without an exception is a defect
+
+    with pytest.raises(CORBA.INTERNAL):
+        method()
+    heavy = "{'numpy', 'scipy', 'shapely', 'numba', 'robocorba.maps', 'robocorba.planning'}"
+    code = f"import robocorba.servers.event_channel, sys; print(sorted({heavy} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
 @pytest.mark.parametrize(
@@ -75,26 +95,6 @@ def test_an_error_means_the_same_to_the_caller(error: RoboCorbaError) -> None:
     assert str(again) == str(error) == error_of(raised.value)
 
 
-def test_several_errors_share_an_exception_whose_texts_are_short() -> None:
-    for error, shared in (
-        (RobotLost("no answer"), RoboCorba.AdaptorFailed),
-        (ServerAway("no answer"), RoboCorba.AdaptorFailed),
-        (NoRoom("name", "1000 missions are stored already; remove one"), RoboCorba.InvalidMission),
-    ):
-        with pytest.raises(shared):
-            raise_idl(error)
-    with pytest.raises(RoboCorba.InvalidRequest) as raised:
-        raise_idl(InvalidRequest("field" * MAX_TEXT, "reason"))
-    assert len(raised.value.field) == MAX_TEXT
-
-    @translating
-    def method() -> None:
-        raise FieldError("a", "b")  # one without an exception is a defect
-
-    with pytest.raises(CORBA.INTERNAL):
-        method()
-
-
 @pytest.mark.parametrize("error", [ServiceError("no room"), MapFileError("map.sqlite", 0, "", "no room")])
 def test_a_store_that_fails_is_a_system_exception(error: RoboCorbaError, caplog: pytest.LogCaptureFixture) -> None:
     """No operation declares it: as a user exception it would arrive as UNKNOWN."""
@@ -102,12 +102,6 @@ def test_a_store_that_fails_is_a_system_exception(error: RoboCorbaError, caplog:
         raise_idl(error)
     assert raised.value.completed == CORBA.COMPLETED_NO
     assert str(error) in caplog.text
-
-
-def test_an_event_channel_loads_no_maps_and_compiles_nothing() -> None:
-    heavy = "{'numpy', 'scipy', 'shapely', 'numba', 'robocorba.maps', 'robocorba.planning'}"
-    code = f"import robocorba.servers.event_channel, sys; print(sorted({heavy} & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
 SEEN = scan(distances=np.array([1.0, 8.0]), hits=np.array([True, False]), rim_m=0.3, noise=(0.1, 0.2, 0.3, 7))
@@ -179,16 +173,13 @@ def test_unreadable_texts_do_not_reach_a_servant(text: str, refusal: type[Except
     assert servant.asked == ["ナビ", "two\nlines"]
 
 
-def test_operations_without_texts_stay_as_they_are_and_a_servant_may_check_one_itself() -> None:
+def test_texts_are_checked_in_unions_but_not_by_each_servant() -> None:
     assert type(checked()).processes is Supervisor.processes
     servant = checked(checks_texts_itself=frozenset({"endRobot"}))
     servant.endRobot(NUL)
     assert servant.asked == [NUL]
     with pytest.raises(CORBA.BAD_PARAM):
         servant.startRobot(robot_order(NUL))
-
-
-def test_texts_are_found_in_unions_and_sequences() -> None:
     check = check_of(RoboCorba._d_Element)
     assert check
 

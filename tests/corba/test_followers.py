@@ -96,7 +96,7 @@ class Database:
 GONE = CORBA.COMM_FAILURE(0, CORBA.COMPLETED_MAYBE)
 
 
-def test_a_floor_is_loaded_and_then_followed() -> None:
+def test_floors_are_followed() -> None:
     database = Database()
     with pytest.raises(UnknownFloor, match="L9"):
         RemoteFloor(database, "L9").follow()
@@ -109,9 +109,6 @@ def test_a_floor_is_loaded_and_then_followed() -> None:
     with pytest.raises(NotReachable, match="Omni database"):
         floor.follow()
     assert floor.view.version == 2
-
-
-def test_all_floors_are_followed_unless_some_are_chosen() -> None:
     database: Any = Database()
     everything = RemoteFloors(database)
 
@@ -130,9 +127,6 @@ def test_all_floors_are_followed_unless_some_are_chosen() -> None:
     assert followed() == [("L2", True)]
     database.floors = read
     assert followed() == [("ground", False), ("L2", True)]
-
-
-def test_after_a_failure_whole_floors_are_loaded() -> None:
     database: Any = Database()
     floors = RemoteFloors(database, ["L1"])
     for _ in range(2):

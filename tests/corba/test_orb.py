@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import CosNaming
@@ -55,7 +56,7 @@ class Planner(RoboCorba__POA.PathPlanner):
         return self.version
 
 
-def test_corbaname() -> None:
+def test_names_keys_and_tls() -> None:
     for host, name, rest in (
         ("10.0.0.1", "", ""),
         ("10.0.0.1", "RoboCorba/PathPlanner", "#RoboCorba/PathPlanner"),
@@ -65,6 +66,12 @@ def test_corbaname() -> None:
     ):
         assert corbaname(Address(host, 2809), name) == f"corbaname::{Address(host, 2809)}{rest}"
     assert corbaname(Address("::1", 2809), "a") == "corbaname::[::1]:2809#a"
+    keys = Guard(b"secret").keys("MapEditor")
+    assert keys == Guard(b"secret").keys("MapEditor")
+    assert keys[Role.OBSERVER] == "MapEditor"
+    assert len(set(keys + Guard(b"other").keys("MapEditor") + Guard().keys("MapEditor"))) == 3 * len(Role) - 2
+    shown = without_keys(f"corbaname::10.0.0.2:2809/access/server/{'0a' * 32}#RoboCorba/EventChannels/hall")
+    assert shown == "corbaname::10.0.0.2:2809/access/server/...#RoboCorba/EventChannels/hall"
 
 
 def test_a_process_has_one_orb_at_a_time_at_a_free_port(nowhere: Address, endpoint: Address) -> None:
@@ -112,7 +119,7 @@ def test_a_hanging_shutdown_prints_its_stacks_and_exits(nowhere: Address) -> Non
     assert 'File "<string>", line 5 in <module>' in ended.stderr
 
 
-def test_an_activated_object_lives_until_it_is_deactivated(nowhere: Address, endpoint: Address) -> None:
+def test_objects_and_unreachable_ones(nowhere: Address, endpoint: Address) -> None:
     with Orb(nowhere, endpoint) as orb:
         first, second = Planner(1), Planner(2)
         again = orb.activate(Planner(3), "again")
@@ -129,17 +136,6 @@ def test_an_activated_object_lives_until_it_is_deactivated(nowhere: Address, end
             again._get_mapVersion()
         orb.activate(Planner(4), "again")  # a key is valid again after its end
         assert again._get_mapVersion() == 4
-
-
-def test_two_threads_that_create_an_adapter_use_the_same(nowhere: Address) -> None:
-    with Orb(nowhere, options=OFFER_CALLBACKS) as orb:
-        of_one = orb._object_adapter
-        # The other, as it does where Python's cached_property has no lock (from 3.12 on).
-        of_other = Orb.__dict__["_object_adapter"].func(orb)
-        assert of_other._is_equivalent(of_one)
-
-
-def test_an_unreachable_object_is_reported_with_its_naming_service(nowhere: Address, endpoint: Address) -> None:
     with Orb(nowhere) as orb:
         with pytest.raises(NotReachable) as missing:
             orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=0.2)
@@ -156,6 +152,14 @@ def test_an_unreachable_object_is_reported_with_its_naming_service(nowhere: Addr
         orb.accept_calls()
         with pytest.raises(NotReachable, match=f"the naming service at {endpoint} has no root context"):
             orb.check_naming()
+
+
+def test_two_threads_that_create_an_adapter_use_the_same(nowhere: Address) -> None:
+    with Orb(nowhere, options=OFFER_CALLBACKS) as orb:
+        of_one = orb._object_adapter
+        # The other, as it does where Python's cached_property has no lock (from 3.12 on).
+        of_other = Orb.__dict__["_object_adapter"].func(orb)
+        assert of_other._is_equivalent(of_one)
 
 
 def test_an_object_is_found_by_its_secret_key(nowhere: Address, endpoint: Address) -> None:
@@ -232,15 +236,6 @@ def test_a_role_gets_the_servants_own_methods_or_a_refusal() -> None:
     assert guarded_for(Editor(), "A")._get_currentVersion() == 7
     with pytest.raises(CORBA.NO_PERMISSION):
         guarded_for(Bound(), "A").undo(7)
-
-
-def test_keys_last_and_differ_and_are_not_shown() -> None:
-    keys = Guard(b"secret").keys("MapEditor")
-    assert keys == Guard(b"secret").keys("MapEditor")
-    assert keys[Role.OBSERVER] == "MapEditor"
-    assert len(set(keys + Guard(b"other").keys("MapEditor") + Guard().keys("MapEditor"))) == 3 * len(Role) - 2
-    shown = without_keys(f"corbaname::10.0.0.2:2809/access/server/{'0a' * 32}#RoboCorba/EventChannels/hall")
-    assert shown == "corbaname::10.0.0.2:2809/access/server/...#RoboCorba/EventChannels/hall"
 
 
 def test_what_a_guarded_process_serves(naming: RoleNaming) -> None:
@@ -382,17 +377,14 @@ def test_a_name_that_belongs_to_another_now_is_left_to_it(names: Any) -> None:
 def test_a_name_that_became_a_context_is_taken_back() -> None:
     bindings: dict[str, Any] = {"A": "context"}
 
-    class Root:
-        def rebind(self, path: Any, reference: Any) -> None:
-            if bindings.get(path[-1].id) == "context":
-                raise CosNaming.NamingContext.NotFound(CosNaming.NamingContext.not_object, path)
-            bindings[path[-1].id] = reference
+    def rebind(path: Any, reference: Any) -> None:
+        if bindings.get(path[-1].id) == "context":
+            raise CosNaming.NamingContext.NotFound(CosNaming.NamingContext.not_object, path)
+        bindings[path[-1].id] = reference
 
-        def unbind(self, path: Any) -> None:
-            del bindings[path[-1].id]
-
+    root = SimpleNamespace(rebind=rebind, unbind=lambda path: bindings.pop(path[-1].id))
     service = module.NamingService(lambda uri: None, Address("127.0.0.1", 2809), "")
-    service._root = lambda timeout_s=1.0: Root()  # type: ignore[method-assign]
+    service._root = lambda timeout_s=1.0: root  # type: ignore[method-assign]
     service.take_back("A", "own")
     assert bindings == {"A": "own"}
 
@@ -405,37 +397,19 @@ def test_the_address_in_a_reference(nowhere: Address) -> None:
         assert address_of(malformed) is None
 
 
-class Bound:
-    """An object of every interface, or of another one than all that are asked for."""
-
-    def __init__(self, is_rightful: bool) -> None:
-        self._is_rightful = is_rightful
-
-    def _narrow(self, interface: object) -> Bound | None:
-        return self if self._is_rightful else None
-
-    def _non_existent(self) -> bool:
-        return False
-
-
-@pytest.fixture
-def bound(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """What is bound to all names, one after the other; the last one stays."""
-    found: list[Any] = []
+def test_a_stolen_name_is_resolved_once_it_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    right: Any = SimpleNamespace(_narrow=lambda interface: right, _non_existent=lambda: False)
+    wrong = SimpleNamespace(_narrow=lambda interface: None)  # of another interface
+    bound = [wrong, wrong, right]  # one after the other; the last one stays
     monkeypatch.setattr(module, "set_call_timeout", lambda reference, timeout_s: None)
-    monkeypatch.setattr(NamingService, "_lookup", lambda *arguments: found.pop(0) if len(found) > 1 else found[0])
-    return found
-
-
-def test_a_stolen_name_is_resolved_once_it_is_taken_back(bound: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    names, right = NamingService(lambda uri: None, Address("127.0.0.1", 2809), "RoboCorba"), Bound(True)
-    bound += [Bound(False), Bound(False), right]
+    monkeypatch.setattr(NamingService, "_lookup", lambda *arguments: bound.pop(0) if len(bound) > 1 else bound[0])
+    names = NamingService(lambda uri: None, Address("127.0.0.1", 2809), "RoboCorba")
     assert names.resolve("PathPlanner", RoboCorba.PathPlanner, 60.0, None) is right
     monkeypatch.setattr(module, "STOLEN_S", 0.1)
-    bound[:] = [Bound(False)]
-    wrong = r"what is bound to RoboCorba/PathPlanner at 127.0.0.1:2809 is not a IDL:RoboCorba/PathPlanner:1.0$"
+    bound[:] = [wrong]
+    told = r"what is bound to RoboCorba/PathPlanner at 127.0.0.1:2809 is not a IDL:RoboCorba/PathPlanner:1.0$"
     for timeout_s, begin in ((60.0, "^"), (0.0, "")):
-        with pytest.raises(NotReachable, match=begin + wrong):
+        with pytest.raises(NotReachable, match=begin + told):
             names.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s, None)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -76,7 +77,13 @@ def findings(check: Any) -> list[tuple[str, str, str, str]]:
     return [(found.kind._n, found.icon, found.parameter, found.reason) for found in check.findings]
 
 
-def test_a_check_has_errors_and_notes(servant: RobotAgentServant, agent: Agent) -> None:
+def test_checks_of_programs(servant: RobotAgentServant, agent: Agent) -> None:
+    check = servant.checkProgram('{"name": "x", "icons": [{"icon": "wait", "seconds": -1}]}')
+    assert not check.isExecutable
+    ((*found, _),) = findings(check)
+    assert found == ["PROGRAM_ERROR", "icons[0]", "seconds"]
+    assert findings(servant.checkProgram("{"))[0][3].startswith("not JSON")
+    assert agent.checked == []
     agent.report.add_note("icons[0]", "is not checked")
     assert servant.checkProgram(program.dumps(WAITING)).isExecutable
     agent.report.add_finding("icons[0]", "seconds", "is wrong")
@@ -91,15 +98,6 @@ def test_a_check_has_errors_and_notes(servant: RobotAgentServant, agent: Agent) 
     check = servant.checkProgram(program.dumps(WAITING))
     ((_, icon, _, reason),) = findings(check)
     assert (check.isExecutable, icon, "PathPlanner" in reason) == (False, "", True)
-
-
-def test_what_is_no_program_is_a_finding(servant: RobotAgentServant, agent: Agent) -> None:
-    check = servant.checkProgram('{"name": "x", "icons": [{"icon": "wait", "seconds": -1}]}')
-    assert not check.isExecutable
-    ((*found, _),) = findings(check)
-    assert found == ["PROGRAM_ERROR", "icons[0]", "seconds"]
-    assert findings(servant.checkProgram("{"))[0][3].startswith("not JSON")
-    assert agent.checked == []
 
 
 def test_what_is_readable_of_an_agent(servant: RobotAgentServant, agent: Agent) -> None:
@@ -161,24 +159,18 @@ def test_every_error_of_a_driver_reaches_the_agent_with_its_cause() -> None:
         RemoteAdaptor(nobody, "A").start(["--uri"])
 
 
-class Session:
-    """Grips after an hour of waiting."""
+def test_a_long_call_keeps_the_lease() -> None:
+    client, calling = RobotClient(robot("A"), "key", 0.0, time.monotonic), []
 
-    def __init__(self, client: RobotClient) -> None:
-        self.client, self.calling_meanwhile = client, False
-
-    def grip(self, what: str, at: tuple[float, float]) -> None:
-        self.calling_meanwhile = self.client.is_calling
-        self.client.last_call_at -= 3600.0
+    def grip(what: str, at: tuple[float, float]) -> None:
+        calling.append(client.is_calling)
+        client.last_call_at -= 3600.0  # after an hour of waiting
         raise CannotGrip(what, "it is too far away")
 
-
-def test_a_long_call_keeps_the_lease() -> None:
-    client = RobotClient(robot("A"), "key", 0.0, time.monotonic)
-    session: Any = Session(client)
     unused: Any = None
+    session: Any = SimpleNamespace(client=client, grip=grip)
     servant = RobotSessionServant(session, 2.0, sensor=unused, stops=unused, uri=unused)
     with pytest.raises(RoboCorba.CannotGrip):
         servant.grip("T1", RoboCorba.XY(1.0, 2.0))
-    assert (session.calling_meanwhile, client.is_calling) == (True, False)
+    assert [*calling, client.is_calling] == [True, False]
     assert client.silent_s < 1800.0

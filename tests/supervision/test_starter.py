@@ -38,8 +38,8 @@ class Place:
 
     def __init__(self, folder: Path) -> None:
         self.starter, self.folder = Starter(), folder
-        self._children: list[Child] = []
-        self._reading: list[asyncio.Task[None]] = []
+        self._children, self._reading = list[Child](), list[asyncio.Task[None]]()
+        self._earlier = psutil.Process().children()
 
     async def start(self, *arguments: str) -> tuple[Child, asyncio.Queue[str]]:
         pipe, lines = await Pipe.open(), asyncio.Queue[str]()
@@ -61,9 +61,13 @@ class Place:
         child, lines = await self.start(*arguments)
         return child, json.loads(await asyncio.wait_for(lines.get(), LIMIT_S))
 
+    def children(self) -> list[psutil.Process]:
+        """The children of this process since the beginning of the test. Zombies are children, too."""
+        return [child for child in psutil.Process().children() if child not in self._earlier]
+
     @property
     def warm_parent(self) -> psutil.Process:
-        (found,) = [child for child in children() if "robocorba.supervision.warm_parent" in command_line(child)]
+        (found,) = [child for child in self.children() if "robocorba.supervision.warm_parent" in command_line(child)]
         return found
 
 
@@ -82,20 +86,6 @@ def in_place(test: Callable[[Place], Awaitable[None]]) -> Callable[[Path, pytest
         asyncio.run(run(tmp_path))
 
     return run_in_loop
-
-
-#: Children of this process that were there before a test, such as the one that multiprocessing starts in another test.
-_earlier: list[psutil.Process] = []
-
-
-@pytest.fixture(autouse=True)
-def earlier() -> None:
-    _earlier[:] = psutil.Process().children()
-
-
-def children() -> list[psutil.Process]:
-    """The children of this process since the beginning of the test. Zombies are children, too."""
-    return [child for child in psutil.Process().children() if child not in _earlier]
 
 
 async def until(condition: Callable[[], bool]) -> None:
@@ -145,7 +135,7 @@ async def test_forks_have_random_numbers_of_their_own_and_their_exit_codes(place
     place.starter.prepare(ModuleRun("tests.supervision.forked_slowly"))
     await asyncio.sleep(0)
     await place.close()
-    assert children() == []
+    assert place.children() == []
 
 
 @in_place
@@ -175,7 +165,7 @@ async def test_many_forks_leave_nothing(place: Place) -> None:
         child, _ = await place.look("ends")
         await asyncio.wait_for(child.wait(), LIMIT_S)
     await until(lambda: all(now <= then for now, then in zip(counts(), before, strict=True)))
-    assert children() == [warm]
+    assert place.children() == [warm]
     assert warm.children() == []
 
 
@@ -187,7 +177,7 @@ async def test_a_start_that_is_cancelled_leaves_no_process(place: Place) -> None
     started.cancel()
     await asyncio.wait({started})
     await place.look("ends")  # after the cancelled one
-    await until(lambda: children() == [place.warm_parent])
+    await until(lambda: place.children() == [place.warm_parent])
 
 
 SERVERS = ["map_editor", "simulation", "virtual_sensor", "event_channel"]

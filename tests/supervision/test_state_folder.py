@@ -350,7 +350,7 @@ def test_a_log_without_its_database_is_not_applied_to_a_restored_one(state: Path
 def test_a_bad_backup_changes_nothing(state: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "backup"
 
-    def refused(error: type[Exception], match: str = "", name: str = "backup") -> str:
+    def refused(error: type[Exception], match: str | None = None, name: str = "backup") -> str:
         with pytest.raises(error, match=match) as raised:
             restore(tmp_path / name, state)
         return str(raised.value)
