@@ -203,7 +203,7 @@ def test_what_is_printed_begins_no_line(capsys: pytest.CaptureFixture[str], monk
     assert stream.buffer.getvalue() == b"K\\xfcche\n"  # type: ignore[attr-defined]
 
 
-def test_what_is_printed_and_named() -> None:
+def test_tables_keep_their_own_styles_only() -> None:
     table = Table("robot")
     table.add_row(EVIL, style="bold")
     out = io.StringIO()
@@ -211,6 +211,9 @@ def test_what_is_printed_and_named() -> None:
     printed = out.getvalue()
     assert "\\x1b[2Jname\\u009b1m" in printed and "\x1b[1m" in printed
     assert not {"\x1b[2J", "\x9b", "\x07", "\u202e"} & {printed[i : i + n] for i in range(len(printed)) for n in (1, 4)}
+
+
+def test_names_that_ros_allows_stay() -> None:
     names = [plain_name(name) for name in ("A", "robot_7", "2nd floor", "l'été", "a--b")]
     assert names == ["A", "robot_7", "_2nd_floor", "l_t_", "a_b"]
     assert names_in("A, B,") == {"A", "B"}

@@ -89,7 +89,7 @@ def test_a_signal_or_a_request_of_another_thread_ends_a_wait(number: signal.Sign
         assert stop.is_made
 
 
-def test_signals_and_reasons_to_stop() -> None:
+def test_signals_do_afterwards_what_they_did_before() -> None:
     before = [signal.getsignal(number) for number in SIGNALS]
     theirs, other = socket.socketpair()
     theirs.setblocking(False)
@@ -115,6 +115,9 @@ def test_signals_and_reasons_to_stop() -> None:
     still_there = kept()
     assert still_there is not None
     still_there.close()
+
+
+def test_many_reasons_to_stop_are_kept_as_few() -> None:
     latch = StopLatch()
     for number in range(3 * MAX_REASONS):
         latch.stop(f"reason {number}")

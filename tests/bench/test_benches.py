@@ -375,13 +375,15 @@ def shown(*moments: dict[str, object]) -> Shown:
     return [(1e3 * at_s, {**FINE, **moment}) for at_s, moment in enumerate(moments, 10)]
 
 
-def test_pages_and_exit_codes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_works_when_the_last_problem_is_gone_and_news_are_fresh() -> None:
     lost, stale = {"status": "lost", "robots": "R1"}, {"isFresh": False}
     assert sight(shown({}, lost, {}, lost, stale, {}, stale), PLACES) == Sight("lost; R1", 14.0, 15.0)
     assert sight(shown({"channels": "a"}, {}), ("status",)) == Sight("", 10.0, 10.0)  # other places don't count
     assert sight(shown({}, {"robots": "R1"}), PLACES) == Sight("R1", math.inf, math.inf)
     assert sight(shown({"robots": "R1"}, {"isFresh": False}), PLACES) == Sight("R1", 11.0, math.inf)
 
+
+def test_the_exit_code_says_whether_marks_were_reached_missed_or_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     def cannot_measure() -> bool:
         raise NotMeasured("needs root")
 

@@ -207,7 +207,7 @@ LIGHT = (
 HEAVY = ("numba", "mujoco", "pymunk", "matplotlib")
 
 
-def test_what_is_loaded() -> None:
+def test_commands_load_nothing_heavy() -> None:
     looks = "".join(
         f"import robocorba.{module}\nprint({module!r}, *[name for name in {HEAVY} if name in sys.modules])\n"
         for module in LIGHT

@@ -131,7 +131,7 @@ def test_what_reports_show(case: str) -> None:
     assert noticed(*steps) == news
 
 
-def test_what_is_no_crowd_of_news() -> None:
+def test_a_lost_server_is_no_crowd_of_news_and_old_news_are_forgotten() -> None:
     lost = changed(ROWS, "server", "problem", to="does not answer")
     assert [kind for kind, _, _ in noticed(ROWS, lost, ROWS)] == ["server", "server"]
     happenings = Happenings()

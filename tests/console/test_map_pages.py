@@ -116,7 +116,7 @@ def wall(name: str, *ends: tuple[float, float]) -> Edit:
     return created("wall", name, "L1", **{"from": ends[0], "to": ends[1]})
 
 
-def test_floors_and_paths(page: Page) -> None:
+def test_a_floor_has_its_elements_and_paths_lead_between_places(page: Page) -> None:
     answer = page.operations.map_floor("L2")
     found = {(each["kind"], each["floor"], each["name"]) for each in answer["elements"]}
     assert found >= {("floor", "", "L1"), ("floor", "", "L2"), ("elevator", "", "E1"), ("node", "L2", "lift2")}

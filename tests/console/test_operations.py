@@ -109,7 +109,7 @@ def call(name: str, body: bytes = b"{}", content_type: str = "application/json")
     return decoded
 
 
-def test_answers_refusals_and_defects() -> None:
+def test_answers_and_what_is_no_operation() -> None:
     assert call("add_up", b'{"a": 2}') == {"answer": 3}
     assert call("add_up", b'{"a": 2, "b": 5}', "application/json; charset=utf-8") == {"answer": 7}
     assert call("refuse") == {"error": "no robot called <script> is logged on"}
@@ -186,7 +186,7 @@ def test_emergency_stops_do_not_wait_for_other_operations() -> None:
     assert answers.keys() == STOPS
 
 
-def test_parts_rights_and_orders(tmp_path: Path) -> None:
+def test_operations_need_rights_and_orders_the_right_types(tmp_path: Path) -> None:
     operations = Operations(NOBODY)
     operations.add(Part())
     with pytest.raises(ValueError, match="add_up"):
@@ -444,7 +444,7 @@ def test_a_program_is_loaded_and_run(operations: ProgramOperations, agent: Agent
     assert agent.calls == ["run", "run", "pause", "resume", "step", "abort"]
 
 
-def test_programs_are_run_and_refused(operations: ProgramOperations, agent: Agent) -> None:
+def test_a_program_that_is_refused_does_not_run(operations: ProgramOperations, agent: Agent) -> None:
     for first in (3, -1):
         with pytest.raises(InvalidArguments, match=f"no icon {first}; it has 3"):
             operations.run_program("A", WAITS, first=first)

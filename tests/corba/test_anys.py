@@ -185,7 +185,7 @@ def test_types_of_endless_values_and_unions_at_which_omniorbpy_crashes_are_refus
         assert omniORB.cdrUnmarshal(TC_ANY, encoded_union((0, 1), right)).value()._v == 7
 
 
-def test_what_servants_and_answers_read(orb: Orb) -> None:
+def test_servants_and_answers_read_anys_so(orb: Orb) -> None:
     class Consumer(RoboCorba__POA.EventConsumer):
         pass
 

@@ -56,7 +56,7 @@ class Planner(RoboCorba__POA.PathPlanner):
         return self.version
 
 
-def test_names_keys_and_tls() -> None:
+def test_corbaname() -> None:
     for host, name, rest in (
         ("10.0.0.1", "", ""),
         ("10.0.0.1", "RoboCorba/PathPlanner", "#RoboCorba/PathPlanner"),
@@ -66,6 +66,9 @@ def test_names_keys_and_tls() -> None:
     ):
         assert corbaname(Address(host, 2809), name) == f"corbaname::{Address(host, 2809)}{rest}"
     assert corbaname(Address("::1", 2809), "a") == "corbaname::[::1]:2809#a"
+
+
+def test_keys_last_and_differ_and_are_not_shown() -> None:
     keys = Guard(b"secret").keys("MapEditor")
     assert keys == Guard(b"secret").keys("MapEditor")
     assert keys[Role.OBSERVER] == "MapEditor"
@@ -119,7 +122,9 @@ def test_a_hanging_shutdown_prints_its_stacks_and_exits(nowhere: Address) -> Non
     assert 'File "<string>", line 5 in <module>' in ended.stderr
 
 
-def test_objects_and_unreachable_ones(nowhere: Address, endpoint: Address) -> None:
+def test_objects_live_until_they_are_deactivated_and_what_is_unreachable_is_named(
+    nowhere: Address, endpoint: Address
+) -> None:
     with Orb(nowhere, endpoint) as orb:
         first, second = Planner(1), Planner(2)
         again = orb.activate(Planner(3), "again")
