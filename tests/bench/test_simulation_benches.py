@@ -98,21 +98,18 @@ def test_rows_have_the_medians_of_laps() -> None:
     assert parts["all"] == pytest.approx(parts["steps"])
 
 
-@pytest.mark.parametrize(("factor_of_most", "is_linear"), [(1.0, True), (0.7, False)])
-def test_growth_is_judged_by_the_time_a_robot(factor_of_most: float, is_linear: bool) -> None:
+def test_growth_is_judged_by_the_time_a_robot() -> None:
     cases = bench_headless.CASES
-    rows = [
-        {
-            "robots": case.robots,
-            "x real time": 1e5 / case.robots,
-            "us a robot and s": 10.0 / (factor_of_most if case.robots == MOST else 1.0),
-        }
-        for case in cases
-    ]
-    *speeds, growth = bench_headless.marks_of(rows)
-    assert [mark.limit for mark in speeds] == [case.least for case in cases if case.least]
-    assert all(mark.is_reached for mark in speeds)
-    assert growth.is_reached is is_linear
+    for factor_of_most, is_linear in ((1.0, True), (0.7, False)):
+        us = {case.robots: 10.0 / (factor_of_most if case.robots == MOST else 1.0) for case in cases}
+        rows = [
+            {"robots": case.robots, "x real time": 1e5 / case.robots, "us a robot and s": us[case.robots]}
+            for case in cases
+        ]
+        *speeds, growth = bench_headless.marks_of(rows)
+        assert [mark.limit for mark in speeds] == [case.least for case in cases if case.least]
+        assert all(mark.is_reached for mark in speeds)
+        assert growth.is_reached is is_linear
 
 
 class Session:
@@ -131,11 +128,10 @@ class Session:
 
 
 def test_a_robot_that_is_stuck_turns_away_for_a_while() -> None:
-    robot = Robot(None, 1)
+    robot, turns = Robot(None, 1), 0
     for _ in range(PATIENCE + 1):
         assert robot.next_command()[0] > 0
         robot.look(0.0)
-    turns = 0
     while robot.next_command()[0] == 0:
         robot.look(0.0)
         turns += 1
@@ -202,21 +198,17 @@ def test_robots_are_judged_by_the_medians_of_runs(load: Load, found: dict[str, A
     assert all(mark.is_reached for mark in others)
 
 
-@pytest.mark.parametrize(("refused", "is_reached"), [(2, [True, True]), (1, [True, False])])
-def test_every_run_must_refuse_the_one_too_many(refused: int, is_reached: list[bool]) -> None:
+def test_every_run_must_refuse_the_one_too_many_and_a_scan_is_compared_with_null_calls_of_its_own_round() -> None:
     rows = [row for name in "12" for row in bench_robots.log_on_rows_of(name, MANY, found_by_a_run())]
-    assert [mark.is_reached for mark in bench_robots.log_on_marks_of(rows, 6, refused)] == is_reached
-
-
-@pytest.mark.parametrize(("scan_ms", "is_reached"), [(0.3, True), (0.5, False)])
-def test_a_scan_is_compared_with_null_calls_of_its_own_round(scan_ms: float, is_reached: bool) -> None:
-    rounds = [
-        {bench_sensors.NULL: [0.2 * slow] * 3, bench_sensors.SCAN: [scan_ms * slow] * 3} for slow in (1.0, 5.0, 1.0)
-    ]
-    rows = bench_sensors.latency_rows(bench_sensors.ALONE, rounds)
-    assert [row["null calls"] for row in rows] == pytest.approx([1.0, scan_ms / 0.2])
-    (mark,) = bench_sensors.marks_of(rows)
-    assert mark.is_reached is is_reached
+    for refused, is_reached in ((2, [True, True]), (1, [True, False])):
+        assert [mark.is_reached for mark in bench_robots.log_on_marks_of(rows, 6, refused)] == is_reached
+    null, scan = bench_sensors.NULL, bench_sensors.SCAN
+    for scan_ms, is_fast in ((0.3, True), (0.5, False)):
+        rounds = [{null: [0.2 * slow] * 3, scan: [scan_ms * slow] * 3} for slow in (1.0, 5.0, 1.0)]
+        rows = bench_sensors.latency_rows(bench_sensors.ALONE, rounds)
+        assert [row["null calls"] for row in rows] == pytest.approx([1.0, scan_ms / 0.2])
+        (mark,) = bench_sensors.marks_of(rows)
+        assert mark.is_reached is is_fast
 
 
 @pytest.fixture(scope="module")
