@@ -73,9 +73,8 @@ def test_errors_and_their_exceptions() -> None:
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
+def test_an_error_means_the_same_to_the_caller(caplog: pytest.LogCaptureFixture) -> None:
+    for error in (
         InvalidElement("wall", "L1", "w", "it is too short"),
         StaleEdit("node", "L1", "n", 3, 4),
         InvalidRequest("radius", "must be positive"),
@@ -84,24 +83,18 @@ def test_errors_and_their_exceptions() -> None:
         PlaceTaken("L1", 1.0, 2.0, "robot B"),
         ServerFull(10, 10, 2.0),
         UnknownPeer("lab", ("hall",)),
-    ],
-    ids=lambda error: type(error).__name__,
-)
-def test_an_error_means_the_same_to_the_caller(error: RoboCorbaError) -> None:
-    with pytest.raises(CORBA.UserException) as raised:
-        raise_idl(error)
-    again = domain_error(raised.value)
-    assert type(again) is type(error)
-    assert str(again) == str(error) == error_of(raised.value)
-
-
-@pytest.mark.parametrize("error", [ServiceError("no room"), MapFileError("map.sqlite", 0, "", "no room")])
-def test_a_store_that_fails_is_a_system_exception(error: RoboCorbaError, caplog: pytest.LogCaptureFixture) -> None:
-    """No operation declares it: as a user exception it would arrive as UNKNOWN."""
-    with pytest.raises(CORBA.PERSIST_STORE) as raised:
-        raise_idl(error)
-    assert raised.value.completed == CORBA.COMPLETED_NO
-    assert str(error) in caplog.text
+    ):
+        with pytest.raises(CORBA.UserException) as raised:
+            raise_idl(error)
+        again = domain_error(raised.value)
+        assert type(again) is type(error)
+        assert str(again) == str(error) == error_of(raised.value)
+    # A store that fails: no operation declares it; as a user exception it would arrive as UNKNOWN.
+    for failure in (ServiceError("no room"), MapFileError("map.sqlite", 0, "", "no room")):
+        with pytest.raises(CORBA.PERSIST_STORE) as failed:
+            raise_idl(failure)
+        assert failed.value.completed == CORBA.COMPLETED_NO
+        assert str(failure) in caplog.text
 
 
 SEEN = scan(distances=np.array([1.0, 8.0]), hits=np.array([True, False]), rim_m=0.3, noise=(0.1, 0.2, 0.3, 7))
@@ -157,20 +150,19 @@ def robot_order(name: str = "A", arguments: tuple[str, ...] = ()) -> Any:
     return RoboCorba.RobotOrder(name, "simulated", list(arguments), "L1", False, 0.0, 0.0, 0.0, "")
 
 
-@pytest.mark.parametrize(("text", "refusal"), REASONS)
-def test_unreadable_texts_do_not_reach_a_servant(text: str, refusal: type[Exception]) -> None:
-    servant = checked()
-    for call in (
-        lambda: servant.endRobot(text),
-        lambda: servant.startRobot(robot_order(text)),
-        lambda: servant.startRobot(robot_order("A", ("--x", text))),
-    ):
-        with pytest.raises(refusal):
-            call()
-    assert not servant.asked
-    servant.endRobot("ナビ")
-    servant.startRobot(robot_order("two\nlines"))
-    assert servant.asked == ["ナビ", "two\nlines"]
+def test_unreadable_texts_do_not_reach_a_servant() -> None:
+    for text, refusal in REASONS:
+        servant = checked()
+        for operation, argument in (
+            *((servant.endRobot, text), (servant.startRobot, robot_order(text))),
+            (servant.startRobot, robot_order("A", ("--x", text))),
+        ):
+            with pytest.raises(refusal):
+                operation(argument)
+        assert not servant.asked
+        servant.endRobot("ナビ")
+        servant.startRobot(robot_order("two\nlines"))
+        assert servant.asked == ["ナビ", "two\nlines"]
 
 
 def test_texts_are_checked_in_unions_but_not_by_each_servant() -> None:
