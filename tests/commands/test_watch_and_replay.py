@@ -346,37 +346,36 @@ def test_rows_and_pictures_of_a_recording(recording: Path, tmp_path: Path) -> No
         assert picture.width == 300
 
 
-@pytest.mark.parametrize(("speed", "pictures"), [("1", 21), ("4", 6)])
-def test_a_video(recording: Path, tmp_path: Path, speed: str, pictures: int) -> None:
-    found = replayed(recording, "--video", tmp_path / "a.mp4", "--floor", "L2", "--width", "301", "--speed", speed)
-    assert (found.exit_code, found.stderr) == (0, "")
-    assert found.stdout.startswith(f"wrote {tmp_path / 'a.mp4'}: {pictures / 10:.1f} s, {pictures} pictures of 302 x")
-    with av.open(str(tmp_path / "a.mp4")) as container:
-        frames = list(container.decode(video=0))
-    assert len(frames) == pictures
-    first, last = (frames[i].to_ndarray(format="rgb24").astype(int) for i in (0, -1))
-    assert np.abs(first - last).max() > 50
+def test_a_video(recording: Path, tmp_path: Path) -> None:
+    for speed, pictures in (("1", 21), ("4", 6)):
+        file = tmp_path / f"{speed}.mp4"
+        found = replayed(recording, "--video", file, "--floor", "L2", "--width", "301", "--speed", speed)
+        assert (found.exit_code, found.stderr) == (0, "")
+        assert found.stdout.startswith(f"wrote {file}: {pictures / 10:.1f} s, {pictures} pictures of 302 x")
+        with av.open(str(file)) as container:
+            frames = list(container.decode(video=0))
+        assert len(frames) == pictures
+        first, last = (frames[i].to_ndarray(format="rgb24").astype(int) for i in (0, -1))
+        assert np.abs(first - last).max() > 50
 
 
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (("--floor", "L9"), "recording: there is no floor 'L9'; known are L1, L2"),
-        (("--floor", "L9", "--png", "{}/b.png"), "recording: there is no floor 'L9'; known are L1, L2"),
-        (("--floor", "L1", "--floor", "L2", "--video", "{}/b.mp4"), "--floor is 'L1, L2': a picture shows one floor"),
-        (("--video", "{}/b.gif"), "{}/b.gif: a video's name ends with .mp4"),
-        (("--video", "{}/no/b.mp4"), "{}/no/b.mp4: No such file or directory"),
-        (("--png", "{}/no/b.png"), "{}/no/b.png: No such file or directory"),
-        (("--png", "{}/b.png", "--width", "5"), "width: 5 is not"),
-    ],
-)
-def test_what_is_impossible_is_one_line(
-    recording: Path, tmp_path: Path, arguments: tuple[str, ...], reason: str
-) -> None:
-    found = replayed(recording, *(argument.format(tmp_path) for argument in arguments))
-    assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr.startswith(f"robocorba replay: {reason.format(tmp_path)}")
-    assert found.stderr.count("\n") == 1
+def test_what_is_impossible_is_one_line(recording: Path, tmp_path: Path) -> None:
+    unknown, png = "recording: there is no floor 'L9'; known are L1, L2", f"{tmp_path}/b.png"
+    for arguments, reason in (
+        *((("--floor", "L9", *more), unknown) for more in ((), ("--png", png))),
+        (
+            ("--floor", "L1", "--floor", "L2", "--video", f"{tmp_path}/b.mp4"),
+            "--floor is 'L1, L2': a picture shows one",
+        ),
+        (("--video", f"{tmp_path}/b.gif"), f"{tmp_path}/b.gif: a video's name ends with .mp4"),
+        (("--video", f"{tmp_path}/no/b.mp4"), f"{tmp_path}/no/b.mp4: No such file or directory"),
+        (("--png", f"{tmp_path}/no/b.png"), f"{tmp_path}/no/b.png: No such file or directory"),
+        (("--png", png, "--width", "5"), "width: 5 is not"),
+    ):
+        found = replayed(recording, *arguments)
+        assert (found.exit_code, found.stdout) == (1, "")
+        assert found.stderr.startswith(f"robocorba replay: {reason}")
+        assert found.stderr.count("\n") == 1
 
 
 def test_files_that_are_no_recordings_or_would_not_end_are_refused(tmp_path: Path) -> None:
