@@ -41,13 +41,18 @@ def places(data: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         yield from places(value, (*at, key))
 
 
+def at(data: Any, place: tuple[Any, ...]) -> Any:
+    """The value at a place."""
+    for key in place:
+        data = data[key]
+    return data
+
+
 def changed(whole: dict[str, Any], place: tuple[Any, ...], change: Any) -> dict[str, Any]:
     """Data with a value replaced, or taken out where `change` is MISSING."""
     data = copy.deepcopy(whole)
     *way, last = place
-    holder: Any = data
-    for key in way:
-        holder = holder[key]
+    holder = at(data, tuple(way))
     if change is MISSING:
         del holder[last]
     else:

@@ -6,7 +6,6 @@ import functools
 import unicodedata
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,20 +26,20 @@ from robocorba.maps.model import (
     CircleShape,
     Door,
     DoorKind,
+    Element,
     Elevator,
     ElevatorDoor,
     Floor,
-    FloorMap,
-    GeometricalMap,
     MapObject,
     PathEdge,
     PathNode,
-    TopologicalMap,
     Wall,
 )
 from robocorba.maps.yaml_file import parse_yaml
+from robocorba.testing.buildings import with_all
 from tests.formats.rmf_files import real_file
 from tests.formats.ros_files import BLACK, WHITE, write_ros
+from tests.planning.scenes import edge, node, wall
 
 NFC = functools.partial(unicodedata.normalize, "NFC")
 numbers = st.floats(0.0, 4.0, allow_subnormal=False)
@@ -50,31 +49,21 @@ leaves = st.sampled_from([kind for kind in DoorKind if kind is not DoorKind.OPEN
 
 
 @st.composite
-def topologies(draw: st.DrawFn, elevator: Elevator | None) -> TopologicalMap:
+def roads(draw: st.DrawFn, elevator: Elevator | None) -> list[Element]:
     """Nodes in rows between the walls, edges along a row, and a node in the cabin."""
-    nodes: dict[str, PathNode] = {}
-    rows: list[list[str]] = [[], []]
-    for name in draw(st.lists(names, unique=True, max_size=6)):
+    rows: list[list[PathNode]] = [[], []]
+    for name in draw(st.lists(names.filter(lambda name: name != "cabin"), unique=True, max_size=6)):
         which = draw(st.integers(0, 1))
-        nodes[name] = PathNode(name=name, at=(len(rows[which]) + draw(numbers) / 8, 1.0 + 2 * which))
-        rows[which].append(name)
+        rows[which].append(PathNode(name=name, at=(len(rows[which]) + draw(numbers) / 8, 1.0 + 2 * which)))
     edges: dict[str, PathEdge] = {}
-    for row in rows:
-        for a, b in pairwise(row):
-            name = draw(st.just(f"{a}-{b}") | names)
-            if name not in edges:
-                edges[name] = PathEdge(
-                    name=name,
-                    a=a,
-                    b=b,
-                    one_way=draw(st.booleans()),
-                    speed_limit=draw(st.just(0.0) | st.floats(0.01, 5.0)),
-                    clearance=draw(st.just(0.0) | st.floats(0.01, 5.0)),
-                    graphs=tuple(draw(st.lists(names, unique=True, min_size=1, max_size=3))),
-                )
-    if elevator and "cabin" not in nodes:
-        nodes["cabin"] = PathNode(name="cabin", at=elevator.at, elevator=elevator.name)
-    return TopologicalMap(nodes, edges)
+    some = st.just(0.0) | st.floats(0.01, 5.0)
+    for a, b in (pair for row in rows for pair in pairwise(row)):
+        name = draw(st.just(f"{a.name}-{b.name}") | names)
+        graphs = tuple(draw(st.lists(names, unique=True, min_size=1, max_size=3)))
+        rules = {"one_way": draw(st.booleans()), "speed_limit": draw(some), "clearance": draw(some), "graphs": graphs}
+        edges.setdefault(name, PathEdge(name=name, a=a.name, b=b.name, **rules))
+    cabins = [PathNode("cabin", elevator.at, elevator.name)] if elevator else []
+    return [*rows[0], *rows[1], *cabins, *edges.values()]
 
 
 @st.composite
@@ -95,31 +84,27 @@ def elevators(draw: st.DrawFn, floors: list[str]) -> Elevator:
 @st.composite
 def buildings(draw: st.DrawFn) -> Building:
     """Buildings in order, of what the format can hold."""
+    labels = st.lists(names, unique=True, max_size=3)
     floor_names = draw(
         st.lists(names.filter(lambda name: not {":", "/"} & set(name)), unique=True, min_size=1, max_size=3)
     )
     lift = draw(st.none() | elevators(floor_names))
     below = draw(st.integers(0, len(floor_names)))
     outline = draw(st.sampled_from([(), ((-2.0, -2.0), (30.0, -2.0), (30.0, 12.0), (-2.0, 12.0))]))
-    floors = {}
-    for i, name in enumerate(floor_names):
-        level = i - below
-        walls = {
-            label: Wall(
-                name=label, a=(draw(numbers) - 1, 2.0 * k), b=(draw(numbers) + 5, 2.0 * k), height=draw(numbers) + 1
-            )
-            for k, label in enumerate(draw(st.lists(names, unique=True, max_size=3)))
-        }
-        doors = {
-            label: Door(name=label, a=(k + draw(numbers) / 8, 8.0), b=(k + 0.8, 8.0), kind=draw(leaves))
-            for k, label in enumerate(draw(st.lists(names, unique=True, max_size=3)))
-        }
-        floors[name] = FloorMap(
-            Floor(name=name, level=level, elevation=level * 4.0 + draw(numbers) / 2, outline=outline),
-            GeometricalMap(walls=walls, doors=doors),
-            draw(topologies(lift)),
-        )
-    return Building(draw(names), floors, {lift.name: lift} if lift else {})
+    building = Building(draw(names), {}, {lift.name: lift} if lift else {})
+    for level, name in enumerate(floor_names, -below):
+        elements: list[Element] = [
+            Wall(label, (draw(numbers) - 1, 2.0 * k), (draw(numbers) + 5, 2.0 * k), draw(numbers) + 1)
+            for k, label in enumerate(draw(labels))
+        ]
+        elements += [
+            Door(label, (k + draw(numbers) / 8, 8.0), (k + 0.8, 8.0), draw(leaves))
+            for k, label in enumerate(draw(labels))
+        ]
+        elements += draw(roads(lift))
+        floor = Floor(name=name, level=level, elevation=level * 4.0 + draw(numbers) / 2, outline=outline)
+        building = with_all(building, [("", floor), *((name, element) for element in elements)])
+    return building
 
 
 @settings(max_examples=60, deadline=None)
@@ -132,8 +117,9 @@ def test_what_is_written_reads_back_equal(building: Building) -> None:
     assert result.building == building
 
 
-def _floor(**parts: Any) -> FloorMap:
-    return FloorMap(Floor(name="G", level=0, elevation=0.0), **parts)
+def _floor(*elements: Element) -> Building:
+    """A building with one floor G."""
+    return with_all(Building("b"), [("", Floor("G", 0, 0.0)), *(("G", element) for element in elements)])
 
 
 def _losses(building: Building, tmp_path: Path) -> tuple[str, ...]:
@@ -141,37 +127,23 @@ def _losses(building: Building, tmp_path: Path) -> tuple[str, ...]:
 
 
 def test_walls_are_cut_where_doors_open_them(tmp_path: Path) -> None:
-    plan = GeometricalMap(
-        walls={"long": Wall(name="long", a=(0.0, 0.0), b=(10.0, 0.0))},
-        doors={"d": Door(name="d", a=(4.0, 0.0), b=(5.0, 0.0))},
-    )
-    building = Building("b", {"G": _floor(geometrical=plan)})
+    building = _floor(wall("long", 0.0, 0.0, 10.0, 0.0), Door(name="d", a=(4.0, 0.0), b=(5.0, 0.0)))
     assert "walls were cut at doors and landings: G long" in _losses(building, tmp_path)
     again = read_map(tmp_path / "b.building.yaml").building
-    walls = again.floors["G"].geometrical.walls
-    assert {name: (wall.a, wall.b) for name, wall in walls.items()} == {
-        "long": ((0.0, 0.0), (4.0, 0.0)),
-        "long_2": ((5.0, 0.0), (10.0, 0.0)),
-    }
+    walls = again.floors["G"].geometrical.walls.values()
+    assert list(walls) == [wall("long", 0.0, 0.0, 4.0, 0.0), wall("long_2", 5.0, 0.0, 10.0, 0.0)]
 
 
 def test_losses_are_named(tmp_path: Path) -> None:
-    plan = GeometricalMap(
-        objects={
-            "table": MapObject(name="table", shape=BoxShape(size=(1.0, 1.0)), at=(3.0, 3.0)),
-            "post": MapObject(name="post", shape=CircleShape(radius=0.2), at=(5.0, 3.0)),
-        },
-        doors={
-            "gap": Door(name="gap", a=(0.0, 8.0), b=(1.0, 8.0), kind=DoorKind.OPENING),
-            "shut": Door(name="shut", a=(2.0, 8.0), b=(3.0, 8.0), locked=True),
-        },
-        areas={"hall": Area(name="hall", polygon=((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)))},
+    building = _floor(
+        MapObject("table", BoxShape((1.0, 1.0)), (3.0, 3.0)),
+        MapObject("post", CircleShape(0.2), (5.0, 3.0)),
+        Door(name="gap", a=(0.0, 8.0), b=(1.0, 8.0), kind=DoorKind.OPENING),
+        Door(name="shut", a=(2.0, 8.0), b=(3.0, 8.0), locked=True),
+        Area(name="hall", polygon=((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))),
+        *(node("a", 0.0, 0.0), node("b", 1.0, 0.0), edge("a", "b")),
     )
-    topology = TopologicalMap(
-        {"a": PathNode(name="a", at=(0.0, 0.0)), "b": PathNode(name="b", at=(1.0, 0.0))},
-        {"a-b": PathEdge(name="a-b", a="a", b="b")},
-    )
-    losses = "\n".join(_losses(Building("b", {"G": _floor(geometrical=plan, topological=topology)}), tmp_path))
+    losses = "\n".join(_losses(building, tmp_path))
     for part in (
         "objects: 2 left out, the format has models but no shapes: G table, G post",
         "areas: 1 left out: G hall",

@@ -15,36 +15,108 @@ from robocorba.maps import validation
 from robocorba.maps.checking import blocked, summaries
 from robocorba.maps.formats import read_map
 from robocorba.maps.model import Building, CabinSide, DoorKind, ElevatorDoor, PathEdge
+from tests.formats.hostile import changed
 from tests.formats.rmf_files import imported, real_file, small
 
 
-def test_pixels_become_metres_with_y_up() -> None:
-    floor = imported(small()).building.floors["L1"]
-    assert floor.topological.nodes["start"].at == pytest.approx((2.5, -2.5))
-    assert floor.geometrical.walls["w1"].b == pytest.approx((10.0, -5.0))
-    assert floor.geometrical.walls["w0"].height == 3.5
-    assert floor.geometrical.walls["w1"].height == 2.5
-    assert [tuple(map(round, point)) for point in floor.floor.outline] == [(0, 0), (10, 0), (10, -5), (0, -5)]
-
-
-def test_an_upper_level_is_scaled_turned_and_moved_onto_the_reference_level() -> None:
-    building = imported(small()).building
-    lower, upper = building.floors["L1"], building.floors["L2"]
-    assert upper.topological.nodes["n0"].at == pytest.approx(lower.topological.nodes["n9"].at)
-    assert upper.topological.nodes["n1"].at == pytest.approx(lower.topological.nodes["n10"].at)
+def test_everything_of_a_file() -> None:
+    """Pixels become metres with y up; the upper level is scaled, turned and moved onto the lower one; lanes of several
+    graphs are one edge, one without a graph belongs to all."""
+    result = imported(small())
+    lower, upper = result.building.floors["L1"], result.building.floors["L2"]
+    nodes, walls = lower.topological.nodes, lower.geometrical.walls
+    assert nodes["start"].at == pytest.approx((2.5, -2.5))
+    assert walls["w1"].b == pytest.approx((10.0, -5.0))
+    assert (walls["w0"].height, walls["w1"].height) == (3.5, 2.5)
+    assert [tuple(map(round, point)) for point in lower.floor.outline] == [(0, 0), (10, 0), (10, -5), (0, -5)]
+    assert upper.topological.nodes["n0"].at == pytest.approx(nodes["n9"].at)
+    assert upper.topological.nodes["n1"].at == pytest.approx(nodes["n10"].at)
     assert (upper.floor.level, upper.floor.elevation) == (1, 4.0)
-
-
-def test_lanes_of_several_graphs_become_one_edge() -> None:
-    edges = imported(small()).building.floors["L1"].topological.edges
-    assert edges == {
+    assert lower.topological.edges == {
         "start-n9": PathEdge(name="start-n9", a="start", b="n9", speed_limit=0.5, graphs=("tiny", "1")),
         "n9-n10": PathEdge(name="n9-n10", a="n9", b="n10", one_way=True, graphs=("tiny",)),
     }
+    assert upper.topological.edges["n0-n1"].graphs == ()
+    lift = result.building.elevators["lift"]
+    assert (lift.at, lift.size) == (pytest.approx((9.0, -2.5)), (1.6, 1.4))
+    assert lift.doors == tuple(
+        ElevatorDoor(floor=floor, side=CabinSide.LEFT, width=1.0, offset=0.1) for floor in ("L1", "L2")
+    )
+    assert (nodes["n10"].elevator, upper.topological.nodes["n1"].elevator) == ("lift", "lift")
+    assert len(result.losses) == len(set(result.losses))
+    assert {
+        "models: 3 left out, the file gives no sizes: Chair (x3)",
+        "drawing: not kept: L1",
+        "vertex property is_charger: not kept: L1 start",
+    } <= set(result.losses)
 
 
-def test_a_lane_without_graph_belongs_to_all() -> None:
-    assert imported(small()).building.floors["L2"].topological.edges["n0-n1"].graphs == ()
+#: Places in small(): a level, its vertices, the name of one of them.
+ONE, VERTICES, LIFT = ("levels", "L1"), ("levels", "L1", "vertices"), ("lifts", "lift")
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "about", "losses"),
+    [
+        ((*LIFT, "level_doors"), {}, "lift", ["lifts that open on no level: 1 left out: lift"]),
+        (
+            *(("lifts",), {}, "lift"),
+            ["vertices name a lift that the file does not contain: lift at L1 n10, lift at L2 n1"],
+        ),
+        (
+            (*ONE, "measurements"),
+            [*small()["levels"]["L1"]["measurements"], [1, 2, {"distance": [3, 9.0]}]],
+            "scale of L1",
+            ["scale of L1: levels.L1.measurements[2] gives 0.09000 m per pixel, the median is 0.05000"],
+        ),
+        (
+            *((*VERTICES, 9, 3), "start", "names"),
+            ["names used twice, renamed: vertex of L1: start is now start_2"],
+        ),
+        (
+            *(("levels", "L2", "elevation"), 0, "elevation"),
+            ["elevation: levels of equal elevation are placed 3 m apart: L2"],
+        ),
+    ],
+)
+def test_losses(place: tuple[Any, ...], value: Any, about: str, losses: list[str]) -> None:
+    assert [loss for loss in imported(changed(small(), place, value)).losses if about in loss] == losses
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "names"),
+    [
+        ((*VERTICES, 9, 3), "start", ["start", "start_2", "n10"]),
+        ((*VERTICES, 8, 3), "n9", ["n9", "n9_2", "n10"]),
+        ((*VERTICES, 8, 3), " cafe\u0301 ", ["caf\u00e9", "n9", "n10"]),
+    ],
+)
+def test_names_of_nodes(place: tuple[Any, ...], name: str, names: list[str]) -> None:
+    assert list(imported(changed(small(), place, name)).building.floors["L1"].topological.nodes) == names
+
+
+@pytest.mark.parametrize(
+    ("place", "elevation", "levels", "elevations"),
+    [
+        (("levels", "L2", "elevation"), 0, [0, 1], [0.0, 3.0]),
+        ((*ONE, "elevation"), -3.5, [-1, 0], [-3.5, 4.0]),
+    ],
+)
+def test_levels(place: tuple[Any, ...], elevation: float, levels: list[int], elevations: list[float]) -> None:
+    floors = [entry.floor for entry in imported(changed(small(), place, elevation)).building.floors.values()]
+    assert ([floor.level for floor in floors], [floor.elevation for floor in floors]) == (levels, elevations)
+
+
+def test_keys_that_may_be_missing_or_have_other_names() -> None:
+    data = small()
+    del data["coordinate_system"], data["graphs"], data["name"], data["levels"]["L1"]["measurements"]
+    data["building_name"] = "old"
+    data["levels"]["L2"]["measurements"] = [[0, 1, {"distance": [3, 1.5]}]]
+    building = imported(data).building
+    assert building.name == "old"
+    assert building.floors["L1"].topological.edges["start-n9"].graphs == ("0", "1")
+    assert building.floors["L1"].topological.nodes["start"].at == pytest.approx((2.5, -2.5))  # by the scale of L2
+    assert list(imported({"levels": {"B1/L:1": {"vertices": [[0, 0, 0, "a"]]}}}).building.floors) == ["B1_L_1"]
 
 
 @pytest.mark.parametrize(
@@ -67,18 +139,6 @@ def test_opposite_lanes_of_one_graph_make_one_edge(lanes: Any, expected: list[Pa
     data = small()
     data["levels"]["L1"]["lanes"] = lanes
     assert list(imported(data).building.floors["L1"].topological.edges.values()) == expected
-
-
-def test_lift_with_its_doors_and_cabins() -> None:
-    building = imported(small()).building
-    lift = building.elevators["lift"]
-    assert lift.at == pytest.approx((9.0, -2.5))
-    assert lift.size == (1.6, 1.4)
-    assert lift.doors == tuple(
-        ElevatorDoor(floor=floor, side=CabinSide.LEFT, width=1.0, offset=0.1) for floor in ("L1", "L2")
-    )
-    assert building.floors["L1"].topological.nodes["n10"].elevator == "lift"
-    assert building.floors["L2"].topological.nodes["n1"].elevator == "lift"
 
 
 @pytest.mark.parametrize(
@@ -118,24 +178,6 @@ def test_forms_of_level_doors(level_doors: Any) -> None:
     assert imported(data).building.elevators["lift"].floors() == ("L1", "L2")
 
 
-def test_a_lift_that_was_left_out_is_not_a_loss_again() -> None:
-    """Its doors and cabins have no lift to be lost from."""
-    data = small()
-    data["lifts"]["lift"]["level_doors"] = {}
-    result = imported(data)
-    assert result.building.elevators == {}
-    assert result.building.floors["L1"].topological.nodes["n10"].elevator == ""
-    assert [loss for loss in result.losses if "lift" in loss] == ["lifts that open on no level: 1 left out: lift"]
-
-
-def test_cabins_of_lifts_that_the_file_does_not_have() -> None:
-    data = small()
-    data["lifts"] = {}
-    assert [loss for loss in imported(data).losses if "lift" in loss] == [
-        "vertices name a lift that the file does not contain: lift at L1 n10, lift at L2 n1"
-    ]
-
-
 def test_nothing_is_lost_to_a_lift_that_was_left_out() -> None:
     """Of two lifts that overlap one is left out: no outline is extended for it, no edge through its shaft is lost."""
     data = small()
@@ -152,28 +194,6 @@ def test_nothing_is_lost_to_a_lift_that_was_left_out() -> None:
     assert "west-east" in result.building.floors["L1"].topological.edges
 
 
-def test_losses_are_summed_up() -> None:
-    losses = imported(small()).losses
-    assert "models: 3 left out, the file gives no sizes: Chair (x3)" in losses
-    assert "drawing: not kept: L1" in losses
-    assert "vertex property is_charger: not kept: L1 start" in losses
-    assert len(losses) == len(set(losses))
-
-
-def test_a_wrong_measurement_is_reported() -> None:
-    data = small()
-    data["levels"]["L1"]["measurements"].append([1, 2, {"distance": [3, 9.0]}])
-    found = [loss for loss in imported(data).losses if loss.startswith("scale of L1")]
-    assert found == ["scale of L1: levels.L1.measurements[2] gives 0.09000 m per pixel, the median is 0.05000"]
-
-
-def test_the_scale_comes_from_another_level_where_the_reference_is_not_measured() -> None:
-    data = small()
-    del data["levels"]["L1"]["measurements"]
-    data["levels"]["L2"]["measurements"] = [[0, 1, {"distance": [3, 1.5]}]]
-    assert imported(data).building.floors["L1"].topological.nodes["start"].at == pytest.approx((2.5, -2.5))
-
-
 def test_metres_are_read_as_they_are() -> None:
     data = {
         "name": "plain",
@@ -187,20 +207,6 @@ def test_metres_are_read_as_they_are() -> None:
         "n1": (3.0, 2.0),
         "end": (3.0, 5.0),
     }
-
-
-def test_names_used_twice_get_a_suffix() -> None:
-    data = small()
-    data["levels"]["L1"]["vertices"][9][3] = "start"
-    result = imported(data)
-    assert list(result.building.floors["L1"].topological.nodes) == ["start", "start_2", "n10"]
-    assert "names used twice, renamed: vertex of L1: start is now start_2" in result.losses
-
-
-def test_generated_names_avoid_given_ones() -> None:
-    data = small()
-    data["levels"]["L1"]["vertices"][8][3] = "n9"
-    assert list(imported(data).building.floors["L1"].topological.nodes) == ["n9", "n9_2", "n10"]
 
 
 def test_what_is_blocked_is_kept() -> None:
@@ -248,33 +254,36 @@ def test_floor_polygons_unite_and_holes_become_voids() -> None:
     assert void.at == pytest.approx((1.5, -1.0))
 
 
-def test_floor_polygons_apart_are_reported() -> None:
+@pytest.mark.parametrize(
+    ("vertices", "more", "losses"),
+    [
+        (
+            [[300, 0], [310, 0], [310, 10]],
+            {"floors": [{"vertices": [0, 1, 2, 3]}, {"vertices": [11, 12, 13]}], "walls": [[11, 12], [2, 12]]},
+            [
+                "outline: 1 parts of the floor apart from the largest are left out, no lane leads there: "
+                "L1 0.12 m2 at (15.38, -0.25)",
+                "walls and doors in parts of the floor that are left out: 1: L1 w0",  # the other one stands on both
+            ],
+        ),
+        (
+            [[20, -10], [40, -10], [40, 110], [20, 110]],
+            {"holes": [{"vertices": [11, 12, 13, 14]}]},
+            [
+                "outline: 1 parts of the floor apart from the largest are left out, holes cut them off: "
+                "L1 5.00 m2 at (0.50, -2.50)",
+                "walls and doors in parts of the floor that are left out: 1: L1 w3",
+            ],
+        ),
+    ],
+)
+def test_parts_of_a_floor_that_are_left_out(vertices: list[Any], more: dict[str, Any], losses: list[str]) -> None:
     data = small()
-    level = data["levels"]["L1"]
-    level["vertices"] += [[300, 0], [310, 0], [310, 10]]
-    level["floors"].append({"vertices": [11, 12, 13]})
-    level["walls"] += [[11, 12], [2, 12]]
+    data["levels"]["L1"]["vertices"] += vertices
+    data["levels"]["L1"].update(more)
     result = imported(data)
-    lost = [loss for loss in result.losses if "apart from the largest are left out" in loss]
-    assert lost == [
-        "outline: 1 parts of the floor apart from the largest are left out, no lane leads there: "
-        "L1 0.12 m2 at (15.38, -0.25)"
-    ]
-    assert "walls and doors in parts of the floor that are left out: 1: L1 w6" in result.losses
-    assert list(result.building.floors["L1"].geometrical.walls)[-1] == "w7"  # it stands on both
+    assert [loss for loss in result.losses if "parts of the floor" in loss] == losses
     assert max(x for x, _ in result.building.floors["L1"].floor.outline) == pytest.approx(10.0)
-
-
-def test_a_floor_that_a_hole_cuts_off_is_reported() -> None:
-    data = small()
-    level = data["levels"]["L1"]
-    level["vertices"] += [[20, -10], [40, -10], [40, 110], [20, 110]]
-    level["holes"] = [{"vertices": [11, 12, 13, 14]}]
-    lost = [loss for loss in imported(data).losses if "holes cut them off" in loss]
-    assert lost == [
-        "outline: 1 parts of the floor apart from the largest are left out, holes cut them off: "
-        "L1 5.00 m2 at (0.50, -2.50)"
-    ]
 
 
 def test_a_floor_polygon_of_one_rack_is_no_outline() -> None:
@@ -294,34 +303,6 @@ def test_a_floor_polygon_of_one_rack_is_no_outline() -> None:
     ]
     x, y = zip(*floor.floor.outline, strict=True)
     assert (min(x), max(x), min(y), max(y)) == pytest.approx((0.0, 10.0, -5.0, 0.0))
-
-
-def test_levels_of_one_elevation_are_set_apart() -> None:
-    data = small()
-    data["levels"]["L2"]["elevation"] = 0
-    result = imported(data)
-    assert [entry.floor.elevation for entry in result.building.floors.values()] == [0.0, 3.0]
-    assert "elevation: levels of equal elevation are placed 3 m apart: L2" in result.losses
-
-
-def test_basements_count_down() -> None:
-    data = small()
-    data["levels"]["L1"]["elevation"] = -3.5
-    assert [entry.floor.level for entry in imported(data).building.floors.values()] == [-1, 0]
-
-
-def test_names_with_the_marks_of_positions_are_changed() -> None:
-    data = {"levels": {"B1/L:1": {"vertices": [[0, 0, 0, "a"]]}}}
-    assert list(imported(data).building.floors) == ["B1_L_1"]
-
-
-def test_missing_keys_of_old_files() -> None:
-    data = copy.deepcopy(small())
-    del data["coordinate_system"], data["graphs"], data["name"]
-    data["building_name"] = "old"
-    result = imported(data)
-    assert result.building.name == "old"
-    assert result.building.floors["L1"].topological.edges["start-n9"].graphs == ("0", "1")
 
 
 @pytest.mark.parametrize(
@@ -394,7 +375,7 @@ def test_a_lane_without_length_is_left_out() -> None:
     data["levels"]["L1"]["lanes"] += [[11, 12, {"graph_idx": [2, 0]}], [8, 11, {"graph_idx": [2, 0]}]]
     found = imported(data)
     assert {"start-n9", "start-a"} <= found.building.floors["L1"].topological.edges.keys()
-    assert any("a-b" in loss or "'b'" in loss or "left out: nodes" in loss for loss in found.losses), found.losses
+    assert any("a-b" in loss for loss in found.losses), found.losses
 
 
 def _graph(building: Building, name: str) -> nx.Graph:
@@ -415,38 +396,22 @@ def test_the_hotel() -> None:
     building = result.building
     assert validation.problems(building) == list(blocked(building)) == []
     assert not [loss for loss in result.losses if loss.startswith("left out")]
-    assert list(building.floors) == ["L1", "L2", "L3"]
-    assert [entry.floor.elevation for entry in building.floors.values()] == [0.0, 8.0, 16.0]
-    assert {name: len(entry.geometrical.doors) for name, entry in building.floors.items()} == {
-        "L1": 5,
-        "L2": 7,
-        "L3": 7,
-    }
-    assert building.floors["L1"].geometrical.doors["L1_door5"].kind is DoorKind.DOUBLE_SLIDING
-    assert len(building.floors["L1"].topological.nodes) == 41
-    assert len(building.floors["L1"].topological.edges) == 40
+    assert {name: entry.floor.elevation for name, entry in building.floors.items()} == {"L1": 0, "L2": 8, "L3": 16}
+    assert [len(entry.geometrical.doors) for entry in building.floors.values()] == [5, 7, 7]
+    lower = building.floors["L1"]
+    assert lower.geometrical.doors["L1_door5"].kind is DoorKind.DOUBLE_SLIDING
+    assert (len(lower.topological.nodes), len(lower.topological.edges)) == (41, 40)
+    # 3.4 m between (403.349, 408.257) and (403.379, 469.32) on L1's drawing; the lobby lies at (349.99, 530.733).
+    scale = 3.4 / math.hypot(403.349 - 403.379, 408.257 - 469.32)
+    assert lower.topological.nodes["lobby"].at == pytest.approx((349.99 * scale, -530.733 * scale), abs=1e-6)
+    nodes = [(floor, node) for floor, entry in building.floors.items() for node in entry.topological.nodes.values()]
     for lift in ("Lift1", "Lift2"):
-        cabins = [
-            node.at
-            for entry in building.floors.values()
-            for node in entry.topological.nodes.values()
-            if node.elevator == lift
-        ]
+        cabins = [node.at for _, node in nodes if node.elevator == lift]
         assert len(cabins) == 3
         assert all(math.dist(at, building.elevators[lift].at) < 0.1 for at in cabins)
-    assert nx.is_connected(_graph(building, "0"))
-    assert {floor for floor, *_ in (node for node in _graph(building, "0") if isinstance(node, tuple))} == {
-        "L1",
-        "L2",
-        "L3",
-    }
-
-
-def test_the_hotels_scale_is_that_of_its_measurement() -> None:
-    """3.4 m between (403.349, 408.257) and (403.379, 469.32) on L1's drawing; the lobby lies at (349.99, 530.733)."""
-    scale = 3.4 / math.hypot(403.349 - 403.379, 408.257 - 469.32)
-    lobby = read_map(real_file("hotel")).building.floors["L1"].topological.nodes["lobby"]
-    assert lobby.at == pytest.approx((349.99 * scale, -530.733 * scale), abs=1e-6)
+    graph = _graph(building, "0")
+    assert nx.is_connected(graph)
+    assert {node[0] for node in graph if isinstance(node, tuple)} == {"L1", "L2", "L3"}
 
 
 def test_the_office() -> None:
@@ -458,9 +423,3 @@ def test_the_office() -> None:
     assert {"pantry", "lounge", "supplies", "coe"} <= floor.topological.nodes.keys()
     assert (len(floor.topological.nodes), len(floor.topological.edges)) == (29, 30)
     assert nx.is_connected(_graph(result.building, "0"))
-
-
-def test_blanks_around_names_and_other_spellings_are_no_other_names() -> None:
-    data = small()
-    data["levels"]["L1"]["vertices"][8][3] = " cafe\u0301 "
-    assert "caf\u00e9" in imported(data).building.floors["L1"].topological.nodes

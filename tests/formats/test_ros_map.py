@@ -1,9 +1,12 @@
-"""ROS maps: pictures become walls, blocks and an outline; floors become pictures; both ways agree."""
+"""ROS maps: pictures become walls, blocks and an outline, a list of them a building with elevators; floors become
+pictures; both ways agree."""
 
 from __future__ import annotations
 
+import copy
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,18 +23,27 @@ from robocorba.maps import validation
 from robocorba.maps.formats import read_map, write_map
 from robocorba.maps.formats.grid import Canvas
 from robocorba.maps.formats.ros_picture import MAX_FILE_BYTES
-from robocorba.maps.geometry import free_space
+from robocorba.maps.geometry import free_space, obstacles
 from robocorba.maps.model import (
     BoxShape,
     Building,
+    CabinSide,
     CircleShape,
     Door,
+    ElevatorDoor,
     Floor,
     FloorMap,
     GeometricalMap,
     MapObject,
     Wall,
+    with_topology,
 )
+from robocorba.maps.topology import topological_map
+from robocorba.planning.planner import PathPlanner
+from robocorba.planning.request import Place
+from robocorba.planning.space import FloorSpace
+from tests.formats.hostile import HOSTILE, changed, places
+from tests.formats.rmf_files import written
 from tests.formats.ros_files import BLACK, GREY, WHITE, write_ros
 
 CELL_M = 0.05
@@ -154,52 +166,21 @@ def test_unknown_pockets_block(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "shades"),
-    [
-        ({"negate": 1}, {BLACK: 255, GREY: 100, WHITE: 0}),
-        ({"negate": True}, {BLACK: 255, GREY: 100, WHITE: 0}),
-        ({"mode": "raw"}, {BLACK: 100, GREY: 255, WHITE: 0}),
-        ({"mode": "scale"}, {BLACK: 0, GREY: 128, WHITE: 255}),
-        ({"mode": "trinary", "negate": None, "occupied_thresh": None, "free_thresh": None}, {}),
-    ],
+    "settings", [{"negate": False}, {"negate": None, "occupied_thresh": None, "free_thresh": None}]
 )
-def test_modes(settings: dict[str, object], shades: dict[int, int], tmp_path: Path) -> None:
-    (tmp_path / "plain").mkdir()
-    plain = read_map(write_ros(tmp_path / "plain", _room())).building
-    cells = _room()
-    for old, new in shades.items():
-        cells[_room() == old] = new
-    assert read_map(write_ros(tmp_path, cells, **settings)).building == plain
+def test_settings_that_may_be_missing(settings: dict[str, object], tmp_path: Path) -> None:
+    plain = read_map(write_ros(tmp_path, _room(), mode="trinary")).building
+    assert read_map(write_ros(tmp_path, _room(), **settings)).building == plain
 
 
-@pytest.mark.parametrize("kind", ["P2", "P5", "RGB", "LA", "16"])
-def test_kinds_of_pictures(kind: str, tmp_path: Path) -> None:
-    plain = read_map(write_ros(tmp_path, _room())).building
-    cells = _room()
-    name = "map.pgm"
-    if kind == "P2":
-        rows = "\n".join(" ".join(map(str, row)) for row in cells.tolist())
-        (tmp_path / name).write_text(f"P2\n# drawn\n50 30\n255\n{rows}\n")
-    elif kind == "P5":
-        (tmp_path / name).write_bytes(b"P5\n50 30\n255\n" + cells.tobytes())
-    elif kind == "16":
-        (tmp_path / name).write_bytes(b"P5\n50 30\n65535\n" + (cells.astype(">u2") * 257).tobytes())
-    else:
-        name = "colour.png"
-        picture = Image.fromarray(cells).convert(kind)
-        picture.save(tmp_path / name)
-    path = tmp_path / "map.yaml"
-    mode = "scale" if kind == "LA" else "trinary"
-    path.write_text(path.read_text().replace("map.png", name) + f"mode: {mode}\n")
-    assert read_map(path).building == plain
-
-
-def test_transparent_cells_are_unknown_in_scale_mode(tmp_path: Path) -> None:
-    grey = np.where(_room() == GREY, WHITE, _room()).astype(np.uint8)
-    opacity = np.where(_room() == GREY, 0, 255).astype(np.uint8)
-    path = write_ros(tmp_path, _room(), mode="scale")
+@pytest.mark.parametrize("kind", ["P2", "16"])
+def test_other_kinds_of_pgm(kind: str, tmp_path: Path) -> None:
+    path = write_ros(tmp_path, cells := _room())
     plain = read_map(path).building
-    Image.merge("LA", [Image.fromarray(grey), Image.fromarray(opacity)]).save(tmp_path / "map.png")
+    rows = "\n".join(" ".join(map(str, row)) for row in cells.tolist())
+    wide = b"P5\n50 30\n65535\n" + (cells.astype(">u2") * 257).tobytes()
+    (tmp_path / "map.pgm").write_bytes(wide if kind == "16" else f"P2\n# drawn\n50 30\n255\n{rows}\n".encode())
+    path.write_text(path.read_text().replace("map.png", "map.pgm"))
     assert read_map(path).building == plain
 
 
@@ -295,3 +276,360 @@ def test_lines_mark_every_cell_that_they_pass() -> None:
 def test_impossible_grids_are_refused(resolution_m: float, image: str, tmp_path: Path) -> None:
     with pytest.raises(MapFileError):
         write_map(_flat(), tmp_path / "x.yaml", "ros", resolution_m=resolution_m, image=image)
+
+
+def _floor(path: Path, **options: str) -> tuple[FloorMap, tuple[str, ...]]:
+    result = read_map(path, **options)
+    assert validation.problems(result.building) == []
+    (floor,) = result.building.floors.values()
+    return floor, result.losses
+
+
+def _ground(path: Path, **options: str) -> shapely.Geometry:
+    """The ground of a floor: within the outline and outside of all solid objects."""
+    building = read_map(path, **options).building
+    (floor,) = building.floors
+    solid = [item.geometry for item in obstacles(building, floor) if item.geometry.geom_type == "Polygon"]
+    outline = building.floors[floor].floor.outline
+    return shapely.Polygon(outline).difference(shapely.union_all(solid))
+
+
+def _shades(cells: np.ndarray, points: list[tuple[float, float]]) -> set[int]:
+    """The grey of the cells of 0.1 m in which points lie."""
+    return {int(cells[len(cells) - 1 - int(y / 0.1), int(x / 0.1)]) for x, y in points}
+
+
+def test_roads_stay_in_the_white_room_of_a_black_picture(tmp_path: Path) -> None:
+    cells = np.full((200, 200), BLACK)
+    cells[60:140, 50:120] = WHITE
+    path = write_ros(tmp_path, cells)
+    building = read_map(path).building
+    roads = topological_map(building, "map", 0.3)
+    assert roads.nodes
+    assert _shades(cells, [node.at for node in roads.nodes.values()]) == {WHITE}
+    assert _ground(path).area == pytest.approx(56.0)
+    assert not FloorSpace(building, "map").is_ground(2.0, 2.0)
+
+
+@pytest.mark.parametrize("thick", [1, 2])
+def test_the_inside_of_a_thin_wall_is_no_ground(thick: int, tmp_path: Path) -> None:
+    cells = np.full((60, 80), WHITE)
+    cells[:thick], cells[-thick:], cells[:, :thick], cells[:, -thick:] = BLACK, BLACK, BLACK, BLACK
+    cells[:40, 40 : 40 + thick] = BLACK
+    path = write_ros(tmp_path, cells, resolution=1.0)
+    space = FloorSpace(read_map(path).building, "map")
+    rows, columns = np.nonzero(cells == BLACK)
+    assert not any(space.is_ground(column + 0.5, 59.5 - row) for row, column in zip(rows, columns, strict=True))
+    rows, columns = np.nonzero(cells == WHITE)
+    assert all(space.is_ground(column + 0.5, 59.5 - row) for row, column in zip(rows, columns, strict=True))
+
+
+def test_robots_keep_their_radius_from_occupied_cells(tmp_path: Path) -> None:
+    """Obstacles are never farther than the occupied cells, and half a cell nearer at most."""
+    noise = np.random.default_rng(5)
+    cells = np.where(noise.random((60, 60)) < 0.2, BLACK, WHITE)
+    path = write_ros(tmp_path, cells, resolution=1.0)
+    building = read_map(path).building
+    shapes = shapely.union_all([item.geometry for item in obstacles(building, "map")])
+    row, column = np.nonzero(cells == BLACK)
+    squares = shapely.union_all(
+        [*shapely.box(column, 59 - row, column + 1, 60 - row), shapely.box(0, 0, 60, 60).exterior]
+    )
+    for x, y in noise.random((400, 2)) * 60:
+        here = shapely.Point(x, y)
+        assert squares.distance(here) - 0.5 - 1e-9 <= shapes.distance(here) <= squares.distance(here) + 1e-9
+
+
+def test_a_wing_apart_stays_on_the_floor(tmp_path: Path) -> None:
+    """Two rooms of 12 and 6 m2 with unknown space between, and a speck of 0.04 m2 far away."""
+    cells = np.full((100, 120), GREY)
+    cells[20:50, 10:50] = cells[60:80, 70:100] = cells[90:92, 5:7] = WHITE
+    path = write_ros(tmp_path, cells)
+    floor, losses = _floor(path)
+    assert shapely.Polygon(floor.floor.outline).bounds == pytest.approx((1.0, 2.0, 10.0, 8.0))
+    assert sorted(part.area for part in shapely.get_parts(_ground(path))) == pytest.approx([6.0, 12.0])
+    speck = "free space: 1 separate regions below 1 m2 count as blocked, 0.04 m2 in all: 0.04 m2 at (0.60, 0.90)"
+    assert {speck, "unknown space: 36.0 m2 within the outline count as blocked"} <= set(losses)
+
+
+def test_nothing_lies_outside_of_the_outline(tmp_path: Path) -> None:
+    cells = np.full((80, 80), GREY)
+    cells[20:60, 20:60] = WHITE
+    cells[18:20, 18:62] = BLACK
+    cells[5:8, 5:8], cells[70:75, 3] = BLACK, WHITE
+    floor, losses = _floor(write_ros(tmp_path, cells))
+    outline = shapely.Polygon(floor.floor.outline).buffer(1e-9)
+    building = read_map(tmp_path / "map.yaml").building
+    assert floor.geometrical.walls == {}
+    assert all(outline.covers(item.geometry) for item in obstacles(building, "map"))
+    assert (
+        "occupied space: 1 regions outside the outline are left out, 0.09 m2 in all: 0.09 m2 at (0.65, 7.35)"
+    ) in losses
+
+
+def test_a_picture_without_free_cells_blocks(tmp_path: Path) -> None:
+    _, losses = _floor(write_ros(tmp_path, np.full((20, 30), BLACK)))
+    assert "the picture has no free cell, the whole floor is blocked; check negate and the thresholds" in losses
+    assert _ground(tmp_path / "map.yaml").is_empty
+
+
+def _nav2_room(tmp_path: Path, **more: object) -> Path:
+    """A room of 8 m2 in unknown space, saved by nav2's map_saver with the thresholds of its default."""
+    cells = np.full((40, 60), GREY)
+    cells[10:30, 10:50] = WHITE
+    return write_ros(tmp_path, cells, **{"free_thresh": 0.25, **more})
+
+
+GREY_205 = (
+    "unknown cells: 1600 of grey 205 (16.0 m2) are below free_thresh 0.25 but count as blocked, "
+    "since map_saver writes unknown cells in this grey; --unknown free makes them free"
+)
+FREE_CELLS = "unknown cells: 1600 (16.0 m2) count as free, as requested"
+
+
+@pytest.mark.parametrize(
+    ("more", "kind", "options", "ground_m2", "loss"),
+    [
+        ({}, "L", {}, 8.0, GREY_205),
+        # In mode trinary map_server counts opacity as a shade, which makes grey 205 lighter than any threshold.
+        ({"free_thresh": 0.196}, "LA", {}, 8.0, GREY_205.replace("0.25", "0.196")),
+        ({}, "L", {"unknown": "free"}, 24.0, FREE_CELLS),
+        ({"free_thresh": 0.196}, "L", {"unknown": "free"}, 24.0, FREE_CELLS),
+        # Where map_saver does not write it, it is an ordinary shade.
+        ({"mode": "scale"}, "L", {}, 24.0, ""),
+        ({"negate": 1, "free_thresh": 0.85, "occupied_thresh": 0.9}, "L", {}, 16.0, ""),
+    ],
+)
+def test_unknown_cells_of_a_nav2_map(
+    more: dict[str, object], kind: str, options: dict[str, str], ground_m2: float, loss: str, tmp_path: Path
+) -> None:
+    path = _nav2_room(tmp_path, **more)
+    Image.open(tmp_path / "map.png").convert(kind).save(tmp_path / "map.png")
+    assert _ground(path, **options).area == pytest.approx(ground_m2)
+    losses = [each for each in read_map(path, **options).losses if each.startswith("unknown cells")]
+    assert losses == ([loss] if loss else [])
+
+
+def _specks(tmp_path: Path, resolution: float = 0.05) -> Path:
+    """A room with one speck beside its wall and one in the open, and a thing of two cells in the open."""
+    cells = np.full((80, 100), WHITE)
+    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = BLACK, BLACK, BLACK, BLACK
+    cells[40, 3] = cells[40, 50] = cells[20, 30] = cells[20, 31] = BLACK
+    return write_ros(tmp_path, cells, resolution=resolution)
+
+
+NOISE = "specks: 1 of at most 0.05 m beside walls, 0.0025 m2, are removed as noise; --specks keep keeps them"
+LEGS = "specks: 1 of at most 0.05 m away from walls are kept, as table legs; --specks all removes them"
+
+
+@pytest.mark.parametrize(
+    ("cell_m", "options", "open_things", "losses"),
+    [
+        (0.05, {}, 2, [NOISE, LEGS]),
+        (0.05, {"specks": "walls"}, 2, [NOISE, LEGS]),
+        (0.05, {"specks": "keep"}, 3, []),
+        (0.05, {"specks": "all"}, 1, None),
+        (0.1, {"specks": "all"}, 3, []),  # a cell of a coarse map is no speck
+    ],
+)
+def test_specks_beside_walls_are_noise_and_legs_of_tables_stay(
+    cell_m: float, options: dict[str, str], open_things: int, losses: list[str] | None, tmp_path: Path
+) -> None:
+    path = _specks(tmp_path, cell_m)
+    (room,) = shapely.get_parts(_ground(path, **options))
+    assert len(room.interiors) == open_things
+    assert losses is None or [loss for loss in read_map(path, **options).losses if "specks" in loss] == losses
+
+
+def test_an_unknown_cell_within_free_space_is_a_speck(tmp_path: Path) -> None:
+    cells = np.full((40, 40), WHITE)
+    cells[20, 20] = GREY
+    path = write_ros(tmp_path, cells, resolution=0.05)
+    assert _ground(path).area == pytest.approx(4.0 - 0.0025)
+    assert _ground(path, specks="all").area == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("options", [{"unknown": "maybe"}, {"specks": "some"}])
+def test_options_that_do_not_exist_are_refused(options: dict[str, str], tmp_path: Path) -> None:
+    with pytest.raises(MapFileError, match="is not supported"):
+        read_map(_specks(tmp_path), **options)
+
+
+LIST: dict[str, Any] = {
+    "ros_maps": 1,
+    "name": "lab",
+    "floors": [
+        {"name": "L1", "level": 1, "elevation": 0.0, "map": "ground.yaml"},
+        {"name": "L2", "level": 2, "elevation": 3.5, "height": 3.2, "map": "up/first.yaml"},
+    ],
+    "elevators": [
+        {
+            "name": "E1",
+            "at": [9.0, 3.0],
+            "size": [1.8, 1.8],
+            "doors": [{"floor": "L1", "side": "left", "width": 1.2}, {"floor": "L2", "side": "left", "width": 1.2}],
+        }
+    ],
+}
+
+
+def _written(folder: Path, **change: Any) -> Path:
+    """A list of two floors of 8 m x 6 m; the elevator's shaft is black and unknown, the door closed."""
+    cells = np.full((60, 120), GREY)
+    cells[:, :80] = BLACK
+    cells[1:-1, 1:-1][:, :78] = WHITE
+    cells[18:42, 79:102] = BLACK
+    cells[22:38, 82:98] = GREY
+    (folder / "up").mkdir(exist_ok=True)
+    write_ros(folder, cells, "ground")
+    # The upper picture is larger: its origin says where it lies in the frame of the building.
+    write_ros(folder / "up", np.pad(cells, 10, constant_values=GREY), "first", origin=[-1.0, -1.0, 0.0])
+    path = folder / "lab.yaml"
+    path.write_text(yaml.safe_dump({**copy.deepcopy(LIST), **change}, sort_keys=False))
+    return path
+
+
+def test_floors_and_elevators_of_a_list(tmp_path: Path) -> None:
+    result = read_map(_written(tmp_path))
+    building = result.building
+    assert result.format == "ros"
+    assert validation.problems(building) == []
+    assert building.name == "lab"
+    floors = {name: entry.floor for name, entry in building.floors.items()}
+    assert [(name, floor.level, floor.elevation, floor.height) for name, floor in floors.items()] == [
+        ("L1", 1, 0.0, 3.0),
+        ("L2", 2, 3.5, 3.2),
+    ]
+    assert np.allclose(floors["L1"].outline, floors["L2"].outline)
+    assert building.elevators["E1"].doors == (
+        ElevatorDoor(floor="L1", side=CabinSide.LEFT, width=1.2),
+        ElevatorDoor(floor="L2", side=CabinSide.LEFT, width=1.2),
+    )
+    # 18 x 18 cells of the shaft, and 2 x 12 of the wall that the picture shows before its door.
+    assert "L1: elevator 'E1': 3.48 m2 of its shaft and landings are not free in the picture and were cleared" in (
+        result.losses
+    )
+
+
+def test_the_shaft_is_opened_and_joined_to_the_floor(tmp_path: Path) -> None:
+    building = read_map(_written(tmp_path)).building
+    for floor in ("L1", "L2"):
+        building = with_topology(building, floor, topological_map(building, floor, 0.3))
+        assert FloorSpace(building, floor).point_is_free(9.0, 3.0, 0.4)
+    path = PathPlanner(building).shortest(Place("L1", 2.0, 2.0), Place("L2", 2.0, 4.0))
+    assert [point.floor for point in path.points][:: len(path.points) - 1] == ["L1", "L2"]
+
+
+@pytest.mark.parametrize(
+    ("floors", "expected"),
+    [
+        ([{"elevation": -3.0}, {"elevation": 0.0}], [(-1, -3.0), (0, 0.0)]),
+        ([{"level": 2}, {"level": 5}], [(2, 6.0), (5, 15.0)]),
+        ([{"level": 5}, {"level": 2}], [(2, 6.0), (5, 15.0)]),
+    ],
+)
+def test_levels_and_elevations_follow_from_each_other(
+    floors: list[dict[str, float]], expected: list[tuple[int, float]], tmp_path: Path
+) -> None:
+    listed = [{"name": name, "map": "ground.yaml", **floor} for name, floor in zip(("L1", "L2"), floors, strict=True)]
+    building = read_map(_written(tmp_path, floors=listed)).building
+    assert [(entry.floor.level, entry.floor.elevation) for entry in building.floors.values()] == expected
+
+
+def test_the_example_of_the_manual(tmp_path: Path) -> None:
+    manual = (Path(__file__).parents[2] / "docs" / "formats.md").read_text()
+    (tmp_path / "upper").mkdir()
+    for folder, name in ((tmp_path, "ground"), (tmp_path / "upper", "first")):
+        write_ros(folder, np.full((60, 120), WHITE), name)
+    path = tmp_path / "lab.yaml"
+    path.write_text("ros_maps: 1" + manual.split("```yaml\nros_maps: 1")[1].split("```")[0])
+    building = read_map(path).building
+    assert (list(building.floors), list(building.elevators)) == (["L1", "L2"], ["E1"])
+
+
+def test_an_elevator_whose_doors_lead_nowhere_is_reported(tmp_path: Path) -> None:
+    elevator = {**LIST["elevators"][0], "doors": [{"floor": "L1", "side": "right"}]}
+    losses = read_map(_written(tmp_path, elevators=[elevator])).losses
+    assert "L1: elevator 'E1': no free cell in front of its doors; check its position and their side" in losses
+
+
+def _listed(i: int, **change: Any) -> dict[str, Any]:
+    """A change of the list: one floor with other values, None for a missing key."""
+    floors = copy.deepcopy(LIST["floors"])
+    floors[i] = {key: value for key, value in {**floors[i], **change}.items() if value is not None}
+    return {"floors": floors}
+
+
+def _elevator(**change: Any) -> dict[str, Any]:
+    return {"elevators": [{**LIST["elevators"][0], **change}]}
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "reason"),
+    [
+        ({"ros_maps": 2}, "ros_maps", "this release reads version 1, not 2"),
+        ({"floors": []}, "floors", "no floor is listed"),
+        ({"colour": "red"}, "colour", "there is no such key"),
+        (_listed(1, walls=[]), "floors[1].walls", "there is no such key"),
+        (_listed(1, map=None), "floors[1]", "missing required field `map`"),
+        (_listed(1, map=7), "floors[1].map", "Expected `str`"),
+        (_listed(1, map="absent.yaml"), "floors[1].map", "there is no file of that name"),
+        (_listed(1, map="../ground.yaml"), "floors[1].map", "must lie in the folder of the file"),
+        (_listed(1, map="lab.yaml"), "floors[1].map", "not a map_server file"),
+        (_listed(1, level=None), "floors[1]", "the key 'level' is missing; other floors give one"),
+        (
+            {"floors": [{"name": "L1", "map": "ground.yaml"}]},
+            "floors[0]",
+            "the key 'level' or 'elevation' is missing",
+        ),
+        (_listed(1, name="L1"), "floors[1].name", "there is a floor 'L1' already"),
+        (_listed(1, name="L:1"), "floors[1]", "must not hold ':'"),
+        (_listed(1, level=1), "floors[1]", "level 1 is that of"),
+        (_listed(1, elevation=-1.0), "floors[1]", "does not fit"),
+        (_listed(1, height=-1.0), "floors[1]", "height must be"),
+        (_elevator(size=[0.0, 1.8]), "elevators[0]", "size x must be"),
+        (_elevator(at=[11.5, 3.0]), "elevators[0]", "reaches beyond the picture of floor 'L1'"),
+        (_elevator(doors=[{"floor": "L3"}]), "elevators[0]", "which does not exist"),
+        (_elevator(cabin=1), "elevators[0].cabin", "there is no such key"),
+        (
+            {"elevators": [LIST["elevators"][0], copy.deepcopy(LIST["elevators"][0])]},
+            "elevators[1].name",
+            "there is an elevator 'E1' already",
+        ),
+    ],
+)
+def test_what_is_wrong_is_named_with_line_and_key(
+    change: dict[str, Any], key: str, reason: str, tmp_path: Path
+) -> None:
+    path = _written(tmp_path, **change)
+    with pytest.raises(MapFileError) as caught:
+        read_map(path)
+    assert caught.value.file == str(path)
+    assert caught.value.key == key
+    assert reason in caught.value.reason
+    assert caught.value.line > 0
+
+
+def test_what_is_wrong_in_a_listed_map_is_named_there(tmp_path: Path) -> None:
+    path = _written(tmp_path)
+    listed = tmp_path / "up" / "first.yaml"
+    listed.write_text(listed.read_text().replace("resolution: 0.1", "resolution: fine"))
+    with pytest.raises(MapFileError, match="expected a number") as caught:
+        read_map(path)
+    assert caught.value.file == str(listed)
+    assert caught.value.key == "resolution"
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(list(places(LIST))), st.sampled_from(HOSTILE))
+def test_a_hostile_value_anywhere(
+    tmp_path_factory: pytest.TempPathFactory, place: tuple[Any, ...], change: Any
+) -> None:
+    folder = tmp_path_factory.mktemp("hostile")
+    path = _written(folder)
+    path.write_bytes(written(changed(LIST, place, change)))
+    try:
+        assert validation.problems(read_map(path).building) == []
+    except MapFileError as error:
+        assert error.line >= 1
+        assert len(str(error)) < 2_000

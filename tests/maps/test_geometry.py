@@ -1,8 +1,10 @@
-"""What blocks on a floor: the shape of every obstacle, what doors cut open, and the free space between them."""
+"""What blocks on a floor: the shape of every obstacle, what doors cut open, the free space between them, and that what
+is derived from a map is kept as long as the map."""
 
 from __future__ import annotations
 
 import math
+import weakref
 from collections.abc import Iterable
 
 import msgspec
@@ -14,7 +16,9 @@ from hypothesis import strategies as st
 from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps import geometry
+from robocorba.maps import collisions, geometry
+from robocorba.maps.collisions import all_paths
+from robocorba.maps.derived import Derived
 from robocorba.maps.geometry import DOOR_REACH_M, LANDING_REACH_M, free_space, obstacles
 from robocorba.maps.model import (
     BoxShape,
@@ -26,6 +30,7 @@ from robocorba.maps.model import (
     Elevator,
     ElevatorDoor,
     Floor,
+    GeometricalMap,
     MapObject,
     PathNode,
     PolygonShape,
@@ -33,6 +38,7 @@ from robocorba.maps.model import (
     Shape,
     Wall,
 )
+from robocorba.maps.validation import problems
 from robocorba.spatial.pose import XY
 from robocorba.testing.buildings import with_all
 
@@ -94,31 +100,6 @@ def test_a_circle_is_enclosed_and_hardly_larger(radius: float, heading: float, x
 # -- doors -------------------------------------------------------------------------------------------------------------
 
 WALL = Wall(name="w", a=(0.0, 0.0), b=(10.0, 0.0))
-
-
-def test_a_door_cuts_its_wall_from_jamb_to_jamb() -> None:
-    left = left_of(WALL, Door(name="d", a=(5.0, 0.0), b=(4.0, 0.0)))
-    assert shapely.equals(left, shapely.MultiLineString([[(0, 0), (4, 0)], [(5, 0), (10, 0)]]))
-
-
-def test_a_wall_that_is_all_door_is_no_obstacle() -> None:
-    assert ("wall", "w") not in found(storey([WALL, Door(name="d", a=(-0.5, 0.0), b=(10.0, 0.0))]))
-
-
-@pytest.mark.parametrize(
-    ("a", "b"),
-    [
-        ((4.0, -2.0), (4.0, 2.0)),  # crosses the door at its jamb
-        ((4.5, -2.0), (4.5, 2.0)),  # crosses it in the middle
-        ((4.0, 0.0), (4.0, 3.0)),  # the side of a corridor that ends at the jamb
-        ((5.0, 0.0), (6.0, 0.6)),  # an oblique wall from the other jamb on
-        ((4.0, 0.2), (5.0, 0.2)),  # along it but out of reach
-        ((3.0, 0.1), (4.0, 0.1)),  # along it, beside it
-    ],
-)
-def test_walls_that_a_door_leaves_whole(a: XY, b: XY) -> None:
-    wall = Wall(name="side", a=a, b=b)
-    assert shapely.equals(left_of(wall, Door(name="d", a=(4.0, 0.0), b=(5.0, 0.0))), LineString([a, b]))
 
 
 @pytest.mark.parametrize(("degrees", "cut"), [(0, True), (10, True), (14.9, True), (15.1, False), (45, False)])
@@ -187,16 +168,20 @@ def lift(*doors: ElevatorDoor, heading: float = 0.0) -> Elevator:
 
 
 @pytest.mark.parametrize(
-    ("side", "middle"),
+    ("side", "heading", "middle"),
     [
-        (CabinSide.FRONT, (5.2, 3.0)),
-        (CabinSide.BACK, (5.2, 5.0)),
-        (CabinSide.LEFT, (3.5, 4.2)),
-        (CabinSide.RIGHT, (6.5, 4.2)),
+        (CabinSide.FRONT, 0.0, (5.2, 3.0)),
+        (CabinSide.BACK, 0.0, (5.2, 5.0)),
+        (CabinSide.LEFT, 0.0, (3.5, 4.2)),
+        (CabinSide.RIGHT, 0.0, (6.5, 4.2)),
+        (CabinSide.FRONT, math.pi / 2, (6.0, 4.2)),
     ],
 )
-def test_a_shaft_is_open_at_its_doors_on_the_floors_that_they_serve(side: CabinSide, middle: XY) -> None:
-    building = storey([lift(ElevatorDoor(floor="L1", side=side, width=1.2, offset=0.2), ElevatorDoor(floor="L3"))])
+def test_a_shaft_is_open_at_its_doors_on_the_floors_that_they_serve(
+    side: CabinSide, heading: float, middle: XY
+) -> None:
+    door = ElevatorDoor(floor="L1", side=side, width=1.2, offset=0.2)
+    building = storey([lift(door, ElevatorDoor(floor="L3"), heading=heading)])
     (served,), (closed,) = found(building).values(), found(building, "L2").values()
     assert closed.is_ring and closed.length == pytest.approx(10.0)
     assert served.length == pytest.approx(8.8, abs=1e-5)
@@ -216,13 +201,6 @@ def test_a_shaft_reaches_from_the_lowest_to_the_highest_floor_that_it_serves() -
     raised = building.with_element("", msgspec.structs.replace(roof, level=-1, elevation=-8.0))
     higher = building.with_element("", lift(ElevatorDoor(floor="L1"), ElevatorDoor(floor="L4")))
     assert not found(raised, "L4") and found(higher, "L4")
-
-
-def test_a_turned_shaft_opens_where_its_front_is() -> None:
-    building = storey([lift(ElevatorDoor(floor="L1", width=1.0), heading=math.pi / 2)])
-    (shaft,) = found(building).values()
-    assert shaft.bounds == pytest.approx((4.0, 2.5, 6.0, 5.5))
-    assert shaft.distance(Point(6.0, 4.0)) == pytest.approx(0.5, abs=1e-5)
 
 
 def test_a_landing_cuts_the_walls_in_front_of_it_on_its_own_floor_only() -> None:
@@ -323,3 +301,36 @@ def test_a_door_lets_through_who_fits() -> None:
     wall = Wall(name="w", a=(5.0, 0.0), b=(5.0, 8.0))
     building = storey([wall, Door(name="d", a=(5.0, 3.0), b=(5.0, 4.0))], ROOM)
     assert [len(shapely.get_parts(free_space(building, "L1", radius))) for radius in (0.49, 0.51)] == [1, 2]
+
+
+def with_wall(building: Building, number: int) -> Building:
+    return building.with_element("L1", Wall(f"w{number}", (number, 0.0), (number, 1.0)))
+
+
+def room() -> Building:
+    return with_wall(Building("room").with_element("", Floor("L1", 0, 0.0)), 0)
+
+
+def test_a_result_is_derived_once_and_goes_with_its_map() -> None:
+    derived: Derived[GeometricalMap, list[str]] = Derived()
+    plan = room().floors["L1"].geometrical
+    walls, gone = plan.walls, weakref.ref(plan)
+    first = derived.of(plan, (walls,), lambda: list(walls))
+    assert first == ["w0"] and derived.of(plan, (walls,), lambda: ["again"]) is first
+    del plan
+    assert gone() is None and not derived
+    other = GeometricalMap(walls=walls)
+    assert derived.of(other, (walls,), lambda: ["again"]) == ["again"]
+
+
+def test_only_the_latest_of_many_versions_is_kept() -> None:
+    building = room()
+    before = len(geometry._OBSTACLES), len(collisions._ALL_PATHS)
+    versions: list[weakref.ref[GeometricalMap]] = []
+    for number in range(1, 20):
+        building = with_wall(building, number).with_element("L1", PathNode(f"n{number}", (number + 0.5, 0.5)))
+        assert not problems(building)
+        assert len(obstacles(building, "L1")) == number + 1 and len(all_paths(building.floors["L1"].topological).at)
+        versions.append(weakref.ref(building.floors["L1"].geometrical))
+    assert [each() is not None for each in versions] == [False] * 18 + [True]
+    assert len(geometry._OBSTACLES) <= before[0] + 1 and len(collisions._ALL_PATHS) <= before[1] + 1

@@ -1,4 +1,5 @@
-"""The editor: versions, conflicts, undo, and that it agrees with a plain dictionary, also in transactions."""
+"""The editor: versions, conflicts, undo, renaming, transactions that take effect together or not at all, and that it
+agrees with plain dictionaries."""
 
 from __future__ import annotations
 
@@ -20,15 +21,19 @@ from robocorba.errors.maps import (
     NothingToUndo,
     StaleEdit,
     StaleVersion,
+    TooManyTransactions,
+    TransactionClosed,
     UnknownElement,
     VersionUnavailable,
 )
-from robocorba.maps.changes import Change, ChangeKind, ElementKey, apply, elements_of, key_of
+from robocorba.maps.changes import Change, ElementKey, apply, elements_of, key_of
+from robocorba.maps.edit_session import EditSessions
+from robocorba.maps.element_rules import size_of
 from robocorba.maps.map_building_agent import BuildingEditor
 from robocorba.maps.model import (
+    COLLECTION_OF,
     Area,
     Building,
-    Element,
     ElementKind,
     Floor,
     PathEdge,
@@ -37,33 +42,12 @@ from robocorba.maps.model import (
     Wall,
 )
 from robocorba.maps.store import MapLimits, MapStore
+from robocorba.maps.validation import problems
 from robocorba.testing.buildings import floor_names, is_refused, names, placed, two_floors
+from tests.clock import Clock
+from tests.maps.elements import EDGE, ELEVATOR, FLOOR, NODE, WALL, Elements, building_of, wall
 
-L1, WALL, NODE, FLOOR = "L1", ElementKind.WALL, ElementKind.NODE, ElementKind.FLOOR
-
-
-def wall(name: str, x: float = 2.0) -> Wall:
-    return Wall(name=name, a=(x, 1.0), b=(x, 2.0))
-
-
-def read_wall(editor: BuildingEditor, name: str) -> tuple[Element, int]:
-    return editor.read(WALL, L1, name)
-
-
-def test_create_change_remove(editor: BuildingEditor, building: Building) -> None:
-    assert (editor.building, editor.version) == (building, 1)
-    assert editor.create(L1, wall("a")) == 2
-    assert read_wall(editor, "a") == (wall("a"), 2)
-    assert editor.change(L1, wall("a", 3.0), 2) == 3
-    assert read_wall(editor, "a") == (wall("a", 3.0), 3)
-    assert editor.remove(WALL, L1, "a", 3) == 4
-    assert editor.building == building
-    changes = editor.changes_since(1)
-    assert [(change.version, change.kind, change.floor, change.element) for change in changes] == [
-        (2, ChangeKind.CREATED, L1, wall("a")),
-        (3, ChangeKind.CHANGED, L1, wall("a", 3.0)),
-        (4, ChangeKind.REMOVED, L1, wall("a", 3.0)),
-    ]
+L1 = "L1"
 
 
 def test_what_is_refused_changes_nothing(editor: BuildingEditor, building: Building) -> None:
@@ -95,6 +79,13 @@ def test_what_is_refused_changes_nothing(editor: BuildingEditor, building: Build
             InvalidElement,
             lambda: editor.replace_topology(L1, TopologicalMap({"n": PathNode(name="n", at=(10.0, 1.0))})),
         ),
+        (UnknownElement, lambda: editor.rename(NODE, L1, "nobody", "x", 1)),
+        (StaleEdit, lambda: editor.rename(NODE, L1, "east", "x", 2)),
+        (DuplicateElement, lambda: editor.rename(NODE, L1, "east", "west", 1)),
+        (DuplicateElement, lambda: editor.rename(FLOOR, "", L1, "L2", 1)),
+        (InvalidElement, lambda: editor.rename(NODE, L1, "east", "", 1)),
+        (InvalidElement, lambda: editor.rename(FLOOR, "", L1, "a/b", 1)),
+        (InvalidElement, lambda: editor.rename(WALL, L1, "w", "x" * 201, 1)),
         (VersionUnavailable, lambda: editor.changes_since(0)),
         (VersionUnavailable, lambda: editor.changes_since(2)),
     ]
@@ -102,6 +93,11 @@ def test_what_is_refused_changes_nothing(editor: BuildingEditor, building: Build
         with pytest.raises(error):
             edit()
     assert (editor.building, editor.version, editor.changes_since(1)) == (building, 1, [])
+    with pytest.raises(StaleEdit) as stale:
+        editor.change(L1, wall("w"), 5)
+    wrong = stale.value
+    assert (wrong.kind, wrong.floor, wrong.name, wrong.expected, wrong.current) == ("wall", L1, "w", 5, 1)
+    assert str(wrong) == "wall 'w' on L1 is at version 1, the edit was made for version 5"
 
 
 def test_an_edit_that_blocks_edges_is_made_and_logged(
@@ -125,86 +121,14 @@ def test_an_edit_that_blocks_edges_is_made_and_logged(
     assert editor.building.floors[L1].geometrical.doors["d"].locked
     assert editor.replace(editor.building, editor.version) == editor.version == opened + 3
     assert len(caplog.records) == 1
-
-
-def test_the_log_names_the_first_of_many_blocked_edges(
-    editor: BuildingEditor, caplog: pytest.LogCaptureFixture
-) -> None:
     for i in range(4):
         editor.create("L2", PathNode(name=f"n{i}", at=(3.0, float(i))))
         editor.create("L2", PathEdge(name=f"e{i}", a=f"n{i}", b="top"))
-    editor.create("L2", Wall(name="across", a=(5.0, -9.0), b=(5.0, 9.0)))
-    editor.create("L2", Wall(name="through", a=(3.0, -9.0), b=(3.0, 9.0)))
-    across, through = (record.getMessage() for record in caplog.records)
+    for name, x in (("across", 5.0), ("through", 3.0)):
+        editor.create("L2", Wall(name=name, a=(x, -9.0), b=(x, 9.0)))
+    across, through = (record.getMessage() for record in caplog.records[1:])
     assert across.count("it leads through wall 'across'") == 4
     assert through.count("it stands on wall 'through'") == 4 and through.endswith("; and 3 more")
-
-
-def test_errors_have_plain_fields(editor: BuildingEditor) -> None:
-    editor.create(L1, wall("a"))
-    with pytest.raises(StaleEdit) as stale:
-        editor.change(L1, wall("a"), 1)
-    wrong = stale.value
-    assert (wrong.kind, wrong.floor, wrong.name, wrong.expected, wrong.current) == ("wall", L1, "a", 1, 2)
-    assert str(wrong) == "wall 'a' on L1 is at version 2, the edit was made for version 1"
-    with pytest.raises(UnknownElement, match="there is no floor 'L9'"):
-        editor.create("L9", wall("a"))
-
-
-def test_editors_of_different_elements_do_not_conflict(editor: BuildingEditor) -> None:
-    first, second = editor.create(L1, wall("a")), editor.create(L1, wall("b"))
-    editor.change(L1, wall("a", 3.0), first)
-    editor.change(L1, wall("b", 3.0), second)
-    with pytest.raises(StaleEdit):
-        editor.change(L1, wall("a", 4.0), first)
-
-
-def test_elements_come_with_the_versions_that_changed_them(editor: BuildingEditor) -> None:
-    version = editor.create(L1, wall("a"))
-    assert editor.elements(WALL, L1) == [(editor.building.floors[L1].geometrical.walls["w"], 1), (wall("a"), version)]
-    assert [name.name for name, _ in editor.elements(FLOOR)] == ["L1", "L2"]
-    assert [element.name for element, _ in editor.elements(ElementKind.ELEVATOR, "L9")] == ["E1"]
-
-
-def test_a_floor_goes_and_comes_back_with_all_on_it(editor: BuildingEditor) -> None:
-    editor.create("", Floor(name="B1", level=-1, elevation=-4.0))
-    editor.create("B1", wall("a"))
-    editor.create("B1", PathNode(name="n", at=(0.0, 0.0)))
-    full = editor.building
-    version = editor.remove(FLOOR, "", "B1", 2)
-    assert "B1" not in editor.building.floors
-    assert [change.key.kind for change in editor.changes_since(version - 1)] == [WALL, NODE, FLOOR]
-    editor.undo(version)
-    assert editor.building == full
-    assert list(editor.building.floors) == ["B1", "L1", "L2"]
-    assert editor.read(WALL, "B1", "a")[1] == version + 1
-    editor.redo(editor.version)
-    assert "B1" not in editor.building.floors
-
-
-def test_undo_and_redo_walk_up_and_down(editor: BuildingEditor, building: Building) -> None:
-    for name in "abc":
-        editor.create(L1, wall(name))
-    full = editor.building
-    for expected in (4, 5, 6):
-        assert editor.undo(expected) == expected + 1
-    assert editor.building == building
-    with pytest.raises(NothingToUndo):
-        editor.undo(7)
-    for expected in (7, 8, 9):
-        editor.redo(expected)
-    assert editor.building == full
-    with pytest.raises(NothingToRedo):
-        editor.redo(10)
-    editor.undo(10)
-    editor.create(L1, wall("d"))
-    with pytest.raises(NothingToRedo):
-        editor.redo(12)
-    editor.undo(12)
-    editor.undo(13)
-    assert set(editor.building.floors[L1].geometrical.walls) == {"w", "a"}
-    with pytest.raises(StaleEdit):
-        editor.change(L1, wall("a"), 2)
 
 
 def test_replacing_the_building_is_one_edit(editor: BuildingEditor, building: Building) -> None:
@@ -249,17 +173,6 @@ def test_memory_is_bounded(store: MapStore, building: Building) -> None:
     with pytest.raises(InvalidElement, match="the building would have more than"):
         one.commit()
     editor.remove(WALL, L1, "a", 3)
-
-
-def test_listeners_hear_each_edit_before_it_returns(editor: BuildingEditor) -> None:
-    heard: list[tuple[Building, int, list[Change]]] = []
-    assert editor.subscribe(lambda *event: heard.append((event[0], event[1], list(event[2])))) == editor.snapshot
-    editor.create(L1, wall("a"))
-    assert heard == [(editor.building, 2, editor.changes_since(1))]
-    with pytest.raises(DuplicateElement):
-        editor.create(L1, wall("a"))
-    editor.undo(2)
-    assert [version for _, version, _ in heard] == [2, 3]
 
 
 def test_history_is_bounded(store: MapStore) -> None:
@@ -330,7 +243,191 @@ def test_threads_lose_no_edit_and_see_no_half_of_one(editor: BuildingEditor) -> 
     assert len(editor.building.floors[L1].geometrical.walls) == 151
 
 
-Elements = dict[ElementKey, Element]
+def test_a_rename_is_followed_by_all_that_refers_to_the_element(editor: BuildingEditor, building: Building) -> None:
+    assert editor.rename(NODE, L1, "east", "east", 1) == 1  # no edit
+    assert editor.rename(NODE, L1, "east", "hall", 1) == 2
+    topology = editor.building.floors[L1].topological
+    assert set(topology.nodes) == {"west", "hall", "lift1"}
+    assert [(edge.a, edge.b) for edge in topology.edges.values()] == [("west", "hall"), ("hall", "lift1")]
+    assert [edit.summary for edit in editor.edits_since(1)] == ["node east on L1 renamed to hall"]
+    editor.undo(2)
+    assert editor.building == building
+    editor.rename(FLOOR, "", L1, "lobby", 1)
+    after = editor.building
+    assert list(after.floors) == ["lobby", "L2"]
+    assert after.floors["lobby"].geometrical == building.floors[L1].geometrical
+    assert after.floors["lobby"].topological == building.floors[L1].topological
+    assert after.elevators["E1"].floors() == ("lobby", "L2")
+    assert editor.read(WALL, "lobby", "w")[1] == 4
+    assert editor._store.load().building == after
+    editor.rename(ELEVATOR, "", "E1", "lift", 4)
+    for floor, node in (("lobby", "lift1"), ("L2", "lift2")):
+        assert editor.building.floors[floor].topological.nodes[node].elevator == "lift"
+    assert problems(editor.building) == []
+
+
+# -- transactions ------------------------------------------------------------------------------------------------------
+
+
+def test_a_transaction_is_seen_as_a_whole(editor: BuildingEditor, building: Building) -> None:
+    change = editor.begin()
+    change.create(L1, PathEdge(name="e", a="n", b="west"))
+    change.create(L1, PathNode(name="n", at=(3.0, 5.0)))
+    change.change(L1, PathNode(name="n", at=(2.0, 5.0)), 0)
+    change.remove(EDGE, L1, "west-east", 1)
+    change.create(L1, PathEdge(name="west-east", a="east", b="west"))
+    change.change(L1, PathEdge(name="west-east", a="east", b="n"), 1)
+    change.create(L1, wall("gone"))
+    change.remove(WALL, L1, "gone", 0)
+    assert (editor.building, editor.version) == (building, 1)
+    assert change.commit() == 2
+    assert [(step.version, step.key.name, step.kind.value) for step in editor.changes_since(1)] == [
+        (2, "e", "created"),
+        (2, "n", "created"),
+        (2, "west-east", "changed"),
+    ]
+    assert editor.read(NODE, L1, "n") == (PathNode(name="n", at=(2.0, 5.0)), 2)
+    editor.undo(2)
+    assert editor.building == building
+    for use in (change.commit, change.roll_back, lambda: change.create(L1, wall("a"))):
+        with pytest.raises(TransactionClosed):
+            use()
+
+
+def test_a_transaction_checks_each_step(editor: BuildingEditor) -> None:
+    change = editor.begin()
+    change.create(L1, wall("a"))
+    for error, step in (
+        (DuplicateElement, lambda: change.create(L1, wall("a"))),
+        (DuplicateElement, lambda: change.create(L1, wall("w"))),
+        (UnknownElement, lambda: change.create("L9", wall("a"))),
+        (UnknownElement, lambda: change.change(L1, wall("b"), 0)),
+        (UnknownElement, lambda: change.remove(WALL, L1, "b", 0)),
+        (StaleEdit, lambda: change.change(L1, wall("a"), 1)),
+        (StaleEdit, lambda: change.change(L1, wall("w"), 0)),
+        (InvalidElement, lambda: change.create(L1, wall("\n"))),
+        (InvalidElement, lambda: change.change(L1, wall("a", 1e300), 0)),
+    ):
+        with pytest.raises(error):
+            step()
+    change.remove(FLOOR, "", "L2", 1)
+    with pytest.raises(UnknownElement):
+        change.create("L2", wall("a"))
+    with pytest.raises(UnknownElement):
+        change.remove(NODE, "L2", "top", 1)
+    change.roll_back()
+    assert editor.version == 1
+
+
+@pytest.mark.parametrize(
+    ("mine", "theirs", "error"),
+    [
+        (lambda on: on.change(L1, wall("w", 10.0), 1), lambda on: on.change(L1, wall("w", 9.0), 1), StaleEdit),
+        (lambda on: on.remove(WALL, L1, "w", 1), lambda on: on.change(L1, wall("w", 9.0), 1), StaleEdit),
+        (lambda on: on.change(L1, wall("w"), 1), lambda on: on.remove(WALL, L1, "w", 1), UnknownElement),
+        (lambda on: on.create(L1, wall("a")), lambda on: on.create(L1, wall("a", 9.0)), DuplicateElement),
+        (lambda on: on.create("B", wall("a")), lambda on: on.remove(FLOOR, "", "B", 2), UnknownElement),
+        (
+            lambda on: on.create(L1, PathEdge(name="e", a="west", b="n")),
+            lambda on: on.remove(NODE, L1, "n", 3),
+            InvalidElement,
+        ),
+    ],
+)
+def test_a_transaction_does_not_overwrite_others(editor: BuildingEditor, mine: Any, theirs: Any, error: Any) -> None:
+    editor.create("", Floor(name="B", level=0, elevation=-4.0))
+    editor.create(L1, PathNode(name="n", at=(3.0, 5.0)))
+    change = editor.begin()
+    mine(change)
+    theirs(editor)
+    after = editor.building
+    with pytest.raises(error):
+        change.commit()
+    assert (editor.building, editor.version) == (after, 4)
+    with pytest.raises(TransactionClosed):
+        change.commit()
+
+
+def test_a_floor_may_be_drawn_anew_in_a_transaction(editor: BuildingEditor, building: Building) -> None:
+    change = editor.begin()
+    change.remove(FLOOR, "", "L2", 1)
+    change.create("", Floor(name="L2", level=2, elevation=5.0))
+    change.create("L2", PathNode(name="top", at=(1.0, 1.0)))
+    change.change("L2", PathNode(name="top", at=(2.0, 2.0)), 0)
+    editor.create("L2", wall("late"))
+    change.commit()
+    entry = editor.building.floors["L2"]
+    assert (entry.floor.elevation, list(entry.topological.nodes), entry.geometrical.walls) == (5.0, ["top"], {})
+    editor.undo(editor.version)
+    assert editor.building == building.with_element("L2", wall("late"))
+
+
+def test_a_floor_made_and_dropped_in_a_transaction_leaves_that_of_others_alone(editor: BuildingEditor) -> None:
+    floor = Floor(name="B", level=0, elevation=-4.0)
+    change = editor.begin()
+    change.create("", floor)
+    change.create("B", wall("mine"))
+    change.remove(FLOOR, "", "B", 0)
+    editor.create("", floor)
+    editor.create("B", wall("theirs"))
+    assert change.commit() == 3
+    assert list(editor.building.floors["B"].geometrical.walls) == ["theirs"]
+
+
+def test_transactions_are_bounded_and_time_out(store: MapStore) -> None:
+    clock = Clock(0.0)
+    editor = BuildingEditor(store, MapLimits(transactions=2, transaction_timeout_s=10.0), clock)
+    idle, busy = editor.begin(), editor.begin()
+    with pytest.raises(TooManyTransactions, match="2 transactions or edit sessions are open"):
+        editor.begin()
+    clock.now = 8.0
+    busy.create(L1, wall("a"))
+    clock.now = 11.0
+    assert editor.end_idle() == 0
+    third = editor.begin()
+    with pytest.raises(TransactionClosed):
+        idle.create(L1, wall("b"))
+    assert busy.commit() == 2
+    third.create(L1, wall("c"))
+    clock.now = 22.0
+    assert editor.end_idle() == size_of(wall("c"))
+    assert not third.is_open
+    assert editor.end_idle() == 0
+
+
+def test_forgotten_transactions_stop_nobody(store: MapStore) -> None:
+    clock = Clock(0.0)
+    editor = BuildingEditor(store, MapLimits(transactions=4, client_transactions=3), clock)
+    ada, bob = EditSessions(editor).open("Ada"), EditSessions(editor).open("Bob")
+    forgotten = [editor.begin() for _ in range(3)]
+    with pytest.raises(TooManyTransactions, match="3 transactions"):
+        editor.begin()
+    of_ada = ada.begin()
+    with pytest.raises(TooManyTransactions, match="4 transactions"):
+        bob.begin()
+    clock.now = 11.0
+    forgotten[1].create(L1, wall("in use"))
+    bob.begin()  # in the place of one of those who have most
+    assert [each.is_open for each in (*forgotten, of_ada)].count(False) == 1
+    assert of_ada.is_open
+    assert forgotten[1].is_open
+
+
+def test_a_large_forgotten_transaction_leaves_room_for_others(store: MapStore) -> None:
+    clock = Clock(0.0)
+    editor = BuildingEditor(store, MapLimits(pending_size=1), clock)
+    forgotten, other = editor.begin(), editor.begin()
+    forgotten.create(L1, wall("a"))
+    with pytest.raises(InvalidElement, match="open transactions would hold more than 1"):
+        other.create(L1, wall("b"))
+    clock.now = 11.0
+    other.create(L1, wall("b"))
+    assert other.commit() == 2
+    with pytest.raises(TransactionClosed):
+        forgotten.commit()
+
+
+# -- the editor and a model --------------------------------------------------------------------------------------------
 
 
 class Model:
@@ -362,12 +459,6 @@ class Model:
         elements, touched = source.pop()
         target.append((self.elements, touched))
         self.accept(elements, touched)
-
-
-def building_of(elements: Elements) -> Building:
-    """A building put together from nothing but its elements."""
-    first = sorted(elements, key=lambda key: key.kind is not FLOOR)
-    return apply(Building("two floors"), [Change(1, key, None, elements[key]) for key in first])
 
 
 _kinds = st.sampled_from(ElementKind)
@@ -421,11 +512,14 @@ def test_the_editor_agrees_with_plain_dictionaries(operations: list[tuple[str, A
         file = Path(folder) / "map.db"
         store = MapStore.create(file, start)
         editor, model = BuildingEditor(store), Model(start)
+        heard: list[Change] = []
+        editor.subscribe(lambda building, version, changes: heard.extend(changes))
         for what, value in operations:
             if what == "reopen":
                 store.close()
                 store = MapStore(file)
                 editor = BuildingEditor(store)
+                editor.subscribe(lambda building, version, changes: heard.extend(changes))
             elif what in ("undo", "redo"):
                 source, target = (model.done, model.undone) if what == "undo" else (model.undone, model.done)
                 if source:
@@ -448,6 +542,14 @@ def test_the_editor_agrees_with_plain_dictionaries(operations: list[tuple[str, A
             assert editor.building == building_of(model.elements)
         for key, element in model.elements.items():
             assert editor.read(*key) == (element, model.versions[key]), key
+        listed = [(kind, floor) for kind in ElementKind for floor in editor.building.floors]
+        listed = [each for each in listed if each[0] in COLLECTION_OF] + [(FLOOR, ""), (ELEVATOR, "")]
+        assert {
+            key_of(floor, element): version
+            for kind, floor in listed
+            for element, version in editor.elements(kind, floor)
+        } == model.versions
+        assert heard == editor.changes_since(1)
         replayed = apply(start, [])
         for change in editor.changes_since(1):
             replayed = apply(replayed, [change])

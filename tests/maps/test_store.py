@@ -14,23 +14,12 @@ import pytest
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import AlreadyRunning
 from robocorba.maps.map_building_agent import BuildingEditor
-from robocorba.maps.model import Building, ElementKind, Wall
+from robocorba.maps.model import Building
 from robocorba.maps.store import FIRST_VERSION, MapLimits, MapStore
 from robocorba.testing.buildings import grid
+from tests.maps.elements import wall
 
-L1, WALL = "L1", ElementKind.WALL
-
-
-def wall(name: str, x: float = 2.0) -> Wall:
-    return Wall(name=name, a=(x, 1.0), b=(x, 2.0))
-
-
-def test_a_fresh_store_holds_the_building(file: Path, building: Building) -> None:
-    with MapStore.create(file, building) as store:
-        stored = store.load()
-    assert (stored.building, stored.version) == (building, FIRST_VERSION)
-    assert set(stored.versions.values()) == {FIRST_VERSION}
-    assert list(stored.building.floors) == ["L1", "L2"]
+L1 = "L1"
 
 
 def test_a_store_is_made_once(file: Path, building: Building) -> None:
@@ -38,26 +27,10 @@ def test_a_store_is_made_once(file: Path, building: Building) -> None:
     with pytest.raises(MapFileError, match="there is such a file already"):
         MapStore.create(file, Building("other"))
     with MapStore(file) as store:
-        assert store.load().building == building
-
-
-def test_history_outlives_the_process(file: Path, building: Building) -> None:
-    with MapStore.create(file, building) as store:
-        editor = BuildingEditor(store)
-        for name in "abc":
-            editor.create(L1, wall(name))
-        editor.undo(editor.version)
-        changes = editor.changes_since(1)
-        full = editor.building
-    with MapStore(file) as store:
-        editor = BuildingEditor(store)
-        assert (editor.building, editor.version, editor.changes_since(1)) == (full, 5, changes)
-        assert list(editor.building.floors[L1].geometrical.walls) == ["w", "a", "b"]
-        assert editor.read(WALL, L1, "b")[1] == 3
-        editor.redo(5)
-        editor.undo(6)
-        editor.undo(7)
-        assert list(editor.building.floors[L1].geometrical.walls) == ["w", "a"]
+        stored = store.load()
+    assert (stored.building, stored.version) == (building, FIRST_VERSION)
+    assert set(stored.versions.values()) == {FIRST_VERSION}
+    assert list(stored.building.floors) == ["L1", "L2"]
 
 
 def test_the_lock_of_a_living_process_holds(file: Path, building: Building) -> None:

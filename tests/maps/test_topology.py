@@ -1,9 +1,11 @@
-"""Automatic topological maps: clear of everything, connected like the free space, and readable."""
+"""Automatic topological maps: clear of everything, connected like the free space, and readable; also by way of the
+nodes that a floor has already."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from itertools import combinations
 
 import msgspec
 import networkx as nx
@@ -39,6 +41,7 @@ from robocorba.maps.model import (
 from robocorba.maps.samples import SAMPLES, load_sample
 from robocorba.maps.time_limit import TimeLimit
 from robocorba.maps.topology import topological_map
+from robocorba.maps.topology.roadmap import SAME_POINT_M
 from robocorba.maps.topology.sites import Sites
 from robocorba.spatial.pose import XY
 from tests.formats.rmf_files import real_file
@@ -83,30 +86,29 @@ def open_parts(building: Building, floor: str, radius: float) -> list[Polygon]:
     return list(shapely.get_parts(space))
 
 
-def check_roads(building: Building, floor: str, roads: TopologicalMap, radius: float) -> None:
-    """Every edge is clear, and the graph's pieces are the free space's parts, one for one."""
+def check_roads(
+    building: Building, floor: str, roads: TopologicalMap, radius: float, left_out: Collection[str] = ()
+) -> None:
+    """Every edge is clear, and the graph's pieces, without some nodes, are the free space's parts, one for one."""
     everything = shapely.union_all([item.geometry for item in geometry.obstacles(building, floor)])
     for edge in roads.edges.values():
         line = LineString([roads.nodes[edge.a].at, roads.nodes[edge.b].at])
         assert line.length > 0
-        assert line.distance(everything) >= radius - 1e-6, edge.name
-    parts = open_parts(building, floor, radius)
+        assert everything.is_empty or line.distance(everything) >= radius - 1e-6, edge.name
+    parts, graph = open_parts(building, floor, radius), graph_of(roads)
+    graph.remove_nodes_from(left_out)
     reached: list[int] = []
-    for piece in nx.connected_components(graph_of(roads)):
-        homes = set()
-        for name in piece:
-            distances = shapely.distance(parts, Point(roads.nodes[name].at))
-            assert distances.min() < 1e-6, f"{name} is not free"
-            homes.add(int(distances.argmin()))
+    for piece in nx.connected_components(graph):
+        distances = shapely.distance(parts, shapely.points([roads.nodes[name].at for name in piece])[:, None])
+        homes = set(distances.argmin(axis=1).tolist())
+        assert distances.min(axis=1).max() < 1e-6, f"a node of {sorted(piece)} is not free"
         assert len(homes) == 1, f"{sorted(piece)} spans several parts"
         reached += homes
     assert sorted(reached) == list(range(len(parts)))
-    assert validation.problems(with_topology(building, floor, roads)) == []
-    assert blockages(with_topology(building, floor, roads), floor) == []
 
 
 metres = st.floats(0.5, 14.0).map(lambda value: round(value, 2))
-places = st.tuples(metres, metres)
+spots = st.tuples(metres, metres)
 
 
 @st.composite
@@ -115,7 +117,7 @@ def floors(draw: st.DrawFn) -> Building:
     width, depth = draw(st.floats(6, 15)), draw(st.floats(6, 15))
     walls, doors = [], []
     for _ in range(draw(st.integers(0, 6))):
-        (x, y), length = draw(places), draw(st.floats(1.5, 8))
+        (x, y), length = draw(spots), draw(st.floats(1.5, 8))
         turn = draw(st.sampled_from([0.0, math.pi / 2]) | st.floats(0, 6))
         ux, uy = math.cos(turn), math.sin(turn)
         walls.append(((x, y), (x + length * ux, y + length * uy)))
@@ -125,33 +127,32 @@ def floors(draw: st.DrawFn) -> Building:
             doors.append(((x + at * ux, y + at * uy), (x + (at + opening) * ux, y + (at + opening) * uy)))
     sizes = st.floats(0.2, 2.5)
     shapes = st.builds(BoxShape, size=st.tuples(sizes, sizes)) | st.builds(CircleShape, radius=st.floats(0.1, 1.2))
-    objects = draw(st.lists(st.tuples(shapes, places), max_size=5))
+    objects = draw(st.lists(st.tuples(shapes, spots), max_size=5))
     elevators = []
     if draw(st.booleans()):
         door = ElevatorDoor(floor="L1", side=draw(st.sampled_from(list(CabinSide))), width=draw(st.floats(0.6, 1.1)))
         size = (draw(st.floats(1.2, 2.4)), draw(st.floats(1.2, 2.4)))
-        elevators.append(Elevator(name="E1", at=draw(places), size=size, doors=(door,), heading=draw(st.floats(0, 6))))
+        elevators.append(Elevator(name="E1", at=draw(spots), size=size, doors=(door,), heading=draw(st.floats(0, 6))))
     return one_floor(width, depth, walls, doors, objects, elevators, bounded=draw(st.booleans()))
 
 
 @settings(deadline=None, max_examples=30)
 @given(building=floors(), radius=st.sampled_from([0.25, 0.40, 0.60]))
 def test_any_floor_is_clear_and_connected_like_its_free_space(building: Building, radius: float) -> None:
-    if not open_parts(building, "L1", radius):
-        with pytest.raises(InvalidElement):
+    if open_parts(building, "L1", radius):
+        check_roads(building, "L1", topological_map(building, "L1", radius), radius)
+    else:
+        with pytest.raises(InvalidElement, match="no free space"):
             topological_map(building, "L1", radius)
-        return
-    roads = topological_map(building, "L1", radius)
-    everything = shapely.union_all([item.geometry for item in geometry.obstacles(building, "L1")])
-    for edge in roads.edges.values():
-        line = LineString([roads.nodes[edge.a].at, roads.nodes[edge.b].at])
-        assert everything.is_empty or line.distance(everything) >= radius - 1e-6
-    parts = open_parts(building, "L1", radius)
-    homes = [
-        {int(shapely.distance(parts, Point(roads.nodes[name].at)).argmin()) for name in piece}
-        for piece in nx.connected_components(graph_of(roads))
-    ]
-    assert sorted(map(tuple, homes)) == [(i,) for i in range(len(parts))]
+
+
+def check_whole(building: Building, floor: str, roads: TopologicalMap, radius: float) -> None:
+    """The same, and the building with these roads keeps the rules: nothing blocks them, and elevators have cabins."""
+    check_roads(building, floor, roads, radius)
+    building = with_topology(building, floor, roads)
+    assert validation.problems(building) == blockages(building, floor) == []
+    served = {elevator.name for elevator in building.elevators.values() if floor in elevator.floors()}
+    assert {node.elevator for node in roads.nodes.values()} - {""} == served
 
 
 SAMPLE_FLOORS = [(name, floor) for name in SAMPLES for floor in load_sample(name).floors]
@@ -161,7 +162,7 @@ SAMPLE_FLOORS = [(name, floor) for name in SAMPLES for floor in load_sample(name
 def test_sample_floors(sample: str, floor: str) -> None:
     building = load_sample(sample)
     roads = topological_map(building, floor, RADIUS)
-    check_roads(building, floor, roads, RADIUS)
+    check_whole(building, floor, roads, RADIUS)
     assert len(roads.nodes) <= 100
 
     space = shapely.union_all(open_parts(building, floor, RADIUS))
@@ -183,18 +184,13 @@ def test_sample_floors(sample: str, floor: str) -> None:
     for area in building.floors[floor].geometrical.areas.values():
         inner = Polygon(area.polygon).buffer(-0.1)
         assert any(inner.contains(Point(node.at)) for node in roads.nodes.values()), area.name
-    served = {elevator.name for elevator in building.elevators.values() if floor in elevator.floors()}
-    assert {node.elevator for node in roads.nodes.values()} - {""} == served
 
 
 @pytest.mark.parametrize("name", ["hotel", "office"])
 def test_real_buildings(name: str) -> None:
     building = read_map(real_file(name)).building
     for floor in building.floors:
-        roads = topological_map(building, floor, 0.25)
-        check_roads(building, floor, roads, 0.25)
-        served = {elevator.name for elevator in building.elevators.values() if floor in elevator.floors()}
-        assert {node.elevator for node in roads.nodes.values()} - {""} == served
+        check_whole(building, floor, topological_map(building, floor, 0.25), 0.25)
 
 
 @pytest.mark.parametrize("bounded", [True, False])
@@ -211,7 +207,7 @@ def test_elevators_opposite_each_other_share_the_place_in_front() -> None:
     south = msgspec.structs.replace(north, name="E2", at=(6.0, 1.1), heading=math.pi)
     building = one_floor(depth=8.0, elevators=[msgspec.structs.replace(north, at=(6.0, 5.3)), south])
     roads = topological_map(building, "L1", RADIUS)
-    check_roads(building, "L1", roads, RADIUS)
+    check_whole(building, "L1", roads, RADIUS)
     between = graph_of(roads)
     assert set(between["cabin-E1"]) == set(between["cabin-E2"])
 
@@ -234,7 +230,7 @@ def test_a_column_in_a_corridor_can_be_passed_on_both_sides_but_a_post_needs_one
         things = [(CircleShape(radius=radius), (x, depth / 2)) for x in (4.0, 8.0, 12.0, 16.0)]
         building = one_floor(20, depth, objects=things)
         roads = topological_map(building, "L1", RADIUS)
-        check_roads(building, "L1", roads, RADIUS)
+        check_whole(building, "L1", roads, RADIUS)
         return len(nx.cycle_basis(graph_of(roads)))
 
     assert rings(3.0, 0.25) == 4
@@ -290,7 +286,7 @@ def test_a_shaft_without_a_door_here_has_no_nodes() -> None:
     building = one_floor(elevators=[closed])
     roads = topological_map(building, "L1")
     assert not any(geometry.shaft_polygon(closed).covers(Point(node.at)) for node in roads.nodes.values())
-    check_roads(building, "L1", roads, RADIUS)
+    check_whole(building, "L1", roads, RADIUS)
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, 1e-9, 0.01, 1e9, math.nan, math.inf])
@@ -328,8 +324,85 @@ def test_the_work_ends_at_its_time_limit() -> None:
     assert next(now) == 11.0
 
 
-def test_no_room_and_no_floor() -> None:
-    with pytest.raises(InvalidElement, match="no free space"):
-        topological_map(one_floor(2, 2), "L1", 1.5)
+def test_an_unknown_floor() -> None:
     with pytest.raises(UnknownElement):
         topological_map(one_floor(), "L9")
+
+
+def named(*at: XY, elevator: str = "") -> tuple[PathNode, ...]:
+    return tuple(PathNode(name=f"p{i}", at=place, elevator=elevator) for i, place in enumerate(at))
+
+
+@settings(deadline=None, max_examples=40)
+@given(building=floors(), at=st.lists(spots, min_size=1, max_size=8), radius=st.sampled_from([0.25, 0.40]))
+def test_places_are_kept_and_joined_where_the_robot_gets_to_them(
+    building: Building, at: list[XY], radius: float
+) -> None:
+    places = named(*at)
+    building = with_topology(building, "L1", TopologicalMap({place.name: place for place in places}))
+    parts = open_parts(building, "L1", radius)
+    if not parts:
+        return
+    roads = topological_map(building, "L1", radius, places)
+    assert {name: node for name, node in roads.nodes.items() if name.startswith("p")} == {
+        place.name: place for place in places
+    }
+    apart = {
+        place.name
+        for i, place in enumerate(places)
+        if shapely.distance(parts, Point(place.at)).min() > 0
+        or any(math.dist(place.at, other.at) <= SAME_POINT_M for other in (*building.elevators.values(), *places[:i]))
+    }
+    check_roads(building, "L1", roads, radius, apart)
+
+
+def test_places_on_a_road_behind_a_corner_and_aside_are_joined() -> None:
+    building = one_floor(walls=[((6.0, 0.0), (6.0, 6.0))], objects=[(BoxShape(size=(2.0, 2.0)), (2.0, 6.0))])
+    places = named((3.0, 3.0), (11.5, 0.5), (0.5, 7.5), (6.0, 7.0))
+    roads = topological_map(building, "L1", RADIUS, places)
+    check_whole(building, "L1", roads, RADIUS)
+    assert nx.is_connected(graph_of(roads))
+    assert all(graph_of(roads)[place.name] for place in places)
+
+
+def test_places_that_the_robot_does_not_get_to_keep_their_names() -> None:
+    building = one_floor(objects=[(CircleShape(radius=0.5), (3.0, 3.0))])
+    places = named((3.0, 3.0), (0.1, 4.0), (9.0, 4.0), (9.0, 4.0), (9.01, 4.0))
+    roads = topological_map(building, "L1", RADIUS, places)
+    assert [name for name in roads.nodes if name.startswith("p")] == ["p2", "p0", "p1", "p3", "p4"]
+    assert [bool(graph_of(roads)[place.name]) for place in places] == [False, False, True, False, False]
+
+
+def test_new_names_avoid_those_of_places() -> None:
+    places = (PathNode(name="n1", at=(3.0, 3.0)), PathNode(name="cabin-E1", at=(3.0, 6.0)))
+    roads = topological_map(one_floor(elevators=[elevator()]), "L1", RADIUS, places)
+    assert {place.name: roads.nodes[place.name] for place in places} == {place.name: place for place in places}
+    assert roads.nodes["cabin-E1-2"].elevator == "E1"
+    assert all(edge.name == name for name, edge in roads.edges.items())
+    assert nx.is_connected(graph_of(roads))
+
+
+def test_names_of_edges_are_told_apart() -> None:
+    """Where nodes are called a, a-b, b-c and c, an edge a-b-c may be two."""
+    names = ("a", "a-b", "b-c", "c")
+    places = tuple(PathNode(name=name, at=(2.0 + 2.0 * i, 4.0)) for i, name in enumerate(names))
+    roads = topological_map(one_floor(), "L1", RADIUS, places)
+    pairs = {frozenset((edge.a, edge.b)) for edge in roads.edges.values()}
+    assert len(pairs) == len(roads.edges) == len(graph_of(roads).edges)
+
+
+@pytest.mark.parametrize("beside", [[(0.0, 0.0)], [(0.3, 0.1)], [(0.0, 0.0), (0.3, 0.0)]])
+def test_places_in_a_cabin_are_its_nodes(beside: list[XY]) -> None:
+    lift = elevator()
+    places = named(*((lift.at[0] + x, lift.at[1] + y) for x, y in beside), elevator="E1")
+    building = one_floor(elevators=[lift])
+    roads = topological_map(building, "L1", RADIUS, places)
+    assert [node for node in roads.nodes.values() if node.elevator] == list(places)
+    check_whole(building, "L1", roads, RADIUS)
+
+
+def test_places_side_by_side_stay_apart() -> None:
+    places = named(*((4.0 + 0.1 * i, 4.0) for i in range(6)))
+    roads = topological_map(one_floor(), "L1", RADIUS, places)
+    assert all(graph_of(roads)[place.name] for place in places)
+    assert all(a.at != b.at for a, b in combinations(roads.nodes.values(), 2))
