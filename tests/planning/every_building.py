@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from itertools import cycle
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,12 +13,20 @@ from robocorba.maps.formats import read_map
 from robocorba.maps.model import Building
 from robocorba.maps.samples import SAMPLES, load_sample
 from robocorba.planning.planner import PathPlanner
-from robocorba.planning.request import PathRequest, RouteMode
+from robocorba.planning.request import Criterion, PathRequest, RouteMode
 from robocorba.testing.grid_maps import KINDS, building_of
 from tests.planning.adversary import Query
-from tests.planning.generated import isolated_node, one_way_hall, random_building, two_halls, with_random_roads
 from tests.planning.judge import Judge, Verdict
-from tests.planning.scenes import random_room, tower, two_rooms
+from tests.planning.scenes import (
+    isolated_node,
+    one_way_hall,
+    random_building,
+    random_room,
+    tower,
+    two_halls,
+    two_rooms,
+    with_random_roads,
+)
 
 #: Folder of real buildings, tested if present.
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "rmf"
@@ -58,14 +68,14 @@ DRAWN: dict[str, Case] = {
 }
 REAL_FILES = ("office.building.yaml", "hotel.building.yaml")
 IMPORTED: dict[str, Case] = {
-    file: Case(partial(_real, file), 0.25, is_small=False) for file in REAL_FILES if (REAL / file).exists()
+    file: Case(partial(_real, file), 0.25, is_small="office" in file) for file in REAL_FILES if (REAL / file).exists()
 }
 
 
 def grids(size: int) -> dict[str, Case]:
     """Grid maps of size x size cells, some with a random roadmap."""
     return {
-        f"{kind}, {nodes} nodes": Case(partial(_grid, kind, size, nodes), 0.2, is_small=False)
+        f"{kind}, {nodes} nodes": Case(partial(_grid, kind, size, nodes), 0.2, is_small=size <= 32)
         for kind, nodes in GRID_KINDS
     }
 
@@ -84,17 +94,15 @@ def buildings_at_random(seeds: range) -> dict[str, Case]:
 
 
 def judged(
-    case: Case, planner: PathPlanner, judge: Judge, mode: RouteMode, queries: Iterable[Query], max_on_grid: int
+    case: Case, planner: PathPlanner, judge: Judge, mode: RouteMode, queries: Iterable[Query]
 ) -> Iterator[tuple[Query, Verdict, float | None]]:
-    """The verdict on each query, and the length of the path as a multiple of the shortest; None if not compared.
-
-    Lengths on large buildings, by fine grids, take a tenth of a second each: at most `max_on_grid` are compared."""
-    compared = 0
-    for query in queries:
-        request = PathRequest(query.start, query.goal, radius=case.radius_m, mode=mode)
+    """The verdict on each query, the best path by distance and by time in turn. On small buildings the length of a
+    geometric path by distance is compared to that of the shortest: their ratio, None if not compared."""
+    for query, best in zip(queries, cycle(Criterion), strict=False):
+        request = PathRequest(query.start, query.goal, radius=case.radius_m, speed=0.8, mode=mode, best=best)
         verdict, ratio = judge.verdict(planner, request), None
-        if mode is not RouteMode.TOPOLOGICAL and verdict.length_m > SHORT_M and verdict.is_right:
-            compared += 1
-            if case.is_small or (mode is RouteMode.GEOMETRIC and compared <= max_on_grid):
-                ratio = verdict.length_m / judge.shortest_length(request, case.is_small)
+        is_compared = case.is_small and mode is RouteMode.GEOMETRIC and best is Criterion.SHORTEST_DISTANCE
+        if is_compared and verdict.length_m > SHORT_M and not verdict.objections:
+            length = judge.exact_length(request)
+            ratio = None if math.isnan(length) else verdict.length_m / length
         yield query, verdict, ratio

@@ -15,13 +15,12 @@ from rich.progress import track
 
 from robocorba.maps.model import Building
 from robocorba.planning.planner import PathPlanner
-from robocorba.planning.request import PathRequest, Place
+from robocorba.planning.request import PathRequest
 from robocorba.testing.report import PROGRESS
 from tests.planning.adversary import Adversary
 from tests.planning.every_building import DRAWN, IMPORTED
-from tests.planning.plain_plan import Plan
-from tests.planning.request_judge import objections
-from tests.planning.ruled import request_for, ruled_building, with_rules
+from tests.planning.judge import Judge, Verdict
+from tests.planning.scenes import request_for, ruled_building, with_rules
 
 #: Generated buildings, and requests on each building.
 BUILDINGS, REQUESTS = 400, 50
@@ -29,17 +28,12 @@ BUILDINGS, REQUESTS = 400, 50
 EXAMPLES = 10
 
 
-def judged(building: Building, count: int, seed: int) -> Iterator[tuple[PathRequest, str, list[str]]]:
-    """Random requests on a building: each with the kind of the answer and the judge's objections."""
-    rng = np.random.default_rng([seed, 2])
-    planner, plain = PathPlanner(building), Plan(building, PathRequest(Place("", 0, 0), Place("", 0, 0), radius=0.0))
-
-    def is_free(place: Place, radius_m: float) -> bool:
-        return plain.fits(place, radius_m)
-
-    for query in Adversary(building, 0.25, is_free, seed).queries(count):
+def judged(building: Building, count: int, seed: int) -> Iterator[tuple[PathRequest, Verdict]]:
+    """Random requests on a building, each with the verdict on its answer."""
+    rng, planner, judge = np.random.default_rng([seed, 2]), PathPlanner(building), Judge(building)
+    for query in Adversary(building, 0.25, judge.fits, seed).queries(count):
         request = request_for(building, query, rng)
-        yield request, *objections(building, planner, request)
+        yield request, judge.verdict(planner, request)
 
 
 def cases(count: int, first: int) -> dict[str, Callable[[], Building]]:
@@ -62,11 +56,11 @@ def main(buildings: int = BUILDINGS, requests: int = REQUESTS, first: int = 0) -
     for number, (name, make) in enumerate(
         track(cases(buildings, first).items(), "buildings", console=PROGRESS, transient=True)
     ):
-        for request, kind, found in judged(make(), requests, number):
+        for request, verdict in judged(make(), requests, number):
             counts["requests"] += 1
-            counts[kind] += 1
-            counts["objections"] += len(found)
-            wrong += [f"{name}: {request}\n    {text}" for text in found[:1]]
+            counts[verdict.outcome] += 1
+            counts["objections"] += len(verdict.objections)
+            wrong += [f"{name}: {request}\n    {text}" for text in verdict.objections[:1]]
     for text in wrong[:EXAMPLES]:
         print(text)
     print(", ".join(f"{count} {name}" for name, count in counts.items()))

@@ -1,12 +1,10 @@
-"""A building as shapely geometry and a networkx graph for one request, made without the product's code.
-
-Only the classes of the map (robocorba.maps.model) and of requests are shared with the product."""
+"""A building as shapely geometry and a networkx graph for one request, made without the planner's code: only the map
+and its obstacles (robocorba.maps) and the classes of requests are shared with it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import cached_property
 from itertools import permutations
 from typing import NamedTuple, TypeAlias
 
@@ -15,36 +13,28 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
-from shapely import LineString, Point, Polygon
-from shapely.affinity import rotate, translate
+from shapely import LineString, Point, Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
+from robocorba.maps.geometry import obstacles
 from robocorba.maps.model import (
-    BoxShape,
     Building,
-    CabinSide,
-    CircleShape,
     Elevator,
-    ElevatorDoor,
-    MapObject,
     PathEdge,
     PathNode,
-    PolygonShape,
-    SegmentShape,
 )
-from robocorba.planning.request import Criterion, PathRequest, Place
+from robocorba.planning.request import Criterion, PathRequest, Place, RouteMode
 from robocorba.spatial.pose import XY
 
 Node: TypeAlias = tuple[str, str]
 #: Tolerance for rounding [m].
 TOLERANCE_M = 1e-6
-#: A door opens walls that are at most this far from it and parallel within 15 degrees; the same for landing doors [m].
-DOOR_M, LANDING_M = 0.15, 0.35
 #: path_planner.idl: a place is connected to nodes in sight at most this much farther than the nearest one [m]; the
 #: planner takes at most so many of them; nearer than ON_NODE_M it is on a node.
 TIE_REACH_M, MAX_TIES, ON_NODE_M = 6.0, 8, 0.01
-#: Side of a cell [m], clearance beyond the radius at the centre of a free one, and how far a place is from one.
-CELL_M, CELL_MARGIN_M, CELL_REACH_M = 0.06, 0.05, 0.4
+#: Side of a cell [m], clearance beyond the radius at the centre of a free one, and how far a place is from one. A move
+#: to the next cell may lose half a cell of the clearance.
+CELL_M, CELL_MARGIN_M, CELL_REACH_M = 0.04, 0.03, 0.3
 
 
 class Lane(NamedTuple):
@@ -58,44 +48,33 @@ class Lane(NamedTuple):
     def is_closed(self, direction: int, radius: float) -> bool:
         return radius > self.widest[direction] + 1e-9
 
+    @property
+    def has_rule(self) -> bool:
+        return min(*self.widest, *self.speed) < math.inf
+
 
 class FloorPlan:
-    """One floor for a request."""
+    """One floor for the options of a request: its start, goal, mode and criterion do not matter."""
 
     def __init__(self, building: Building, name: str, request: PathRequest) -> None:
         self.building, self.name, self.request = building, name, request
         entry = building.floors[name]
         self.nodes = entry.topological.nodes
         self.edges = list(entry.topological.edges.values())
-        self.solids = [Polygon(polygon) for floor, polygon in request.forbidden_areas if floor == name]
-        self.solids += [
-            Polygon(entry.geometrical.areas[area].polygon) for floor, area in request.avoid_areas if floor == name
+        movables = {item.name for item in entry.geometrical.objects.values() if item.movable}
+        ignored = movables if name in request.without_movables else set()
+        polygons = [polygon for floor, polygon in request.forbidden_areas if floor == name]
+        polygons += [entry.geometrical.areas[area].polygon for floor, area in request.avoid_areas if floor == name]
+        shapes = [
+            item.geometry for item in obstacles(building, name) if (item.kind, item.name in ignored) != ("object", True)
         ]
-        self.lines: list[BaseGeometry] = []
-        for item in entry.geometrical.objects.values():
-            if not (item.movable and name in request.without_movables):
-                shape = footprint(item)
-                (self.lines if shape.geom_type == "LineString" else self.solids).append(shape)
-        shafts = [lift for lift in building.elevators.values() if _passes(building, lift, name)]
-        landings = [(landing(lift, door), LANDING_M) for lift in shafts for door in lift.doors if door.floor == name]
-        doors = entry.geometrical.doors.values()
-        openings = [(LineString([door.a, door.b]), DOOR_M) for door in doors] + landings
-        for wall in entry.geometrical.walls.values():
-            left: BaseGeometry = LineString([wall.a, wall.b])
-            for opening, reach in openings:
-                if _angle(left, opening) <= math.radians(15):
-                    left = left.difference(opening.buffer(reach, cap_style="flat"))
-            self.lines.append(left)
-        self.lines += [LineString([door.a, door.b]) for door in doors if door.locked]
-        for lift in shafts:
-            ring: BaseGeometry = shaft(lift).exterior
-            for line, _ in landings:
-                ring = ring.difference(line.buffer(1e-6, cap_style="square"))
-            self.lines.append(ring)
+        self.shapes = np.array([*shapes, *map(Polygon, polygons)], object)
         self.outline = Polygon(entry.floor.outline) if entry.floor.outline else None
-        self.lines += [self.outline.exterior] if self.outline else []
-        self.lines = [line for line in self.lines if not line.is_empty]
-        self.shapes = np.array([*self.lines, *self.solids], object)
+        if self.outline is not None:
+            shapely.prepare(self.outline)
+        self._tree = STRtree(self.shapes)
+        self._usable: dict[tuple[str, float], bool] = {}
+        self._parts: dict[bool, tuple[NDArray[np.int32], float, float]] = {}
         self.lanes = list(self._lanes())
         self._strips = np.array(
             [lane.line.buffer(max(request.radius - TOLERANCE_M, 1e-9), cap_style="flat") for lane in self.lanes], object
@@ -103,17 +82,31 @@ class FloorPlan:
 
     # Geometry.
 
-    def clearance(self, shape: BaseGeometry) -> float:
-        """Distance to the nearest obstacle [m]; negative outside the outline."""
-        if self.outline is not None and not self.outline.covers(shape):
+    def clearance(self, a: XY, b: XY) -> float:
+        """Distance of a drive to the nearest obstacle [m]; negative outside the outline."""
+        line = self.drive(a, b)
+        if self.outline is not None and not self.outline.covers(line):
             return -1.0
-        return float(shapely.distance(self.shapes, shape).min(initial=math.inf))
+        return float(shapely.distance(self.shapes, line).min(initial=math.inf))
 
     def drive(self, a: XY, b: XY) -> BaseGeometry:
         return LineString([a, b]) if math.dist(a, b) > 1e-12 else Point(a)
 
-    def is_free(self, a: XY, b: XY, spare_m: float = 0.0) -> bool:
-        return self.clearance(self.drive(a, b)) >= self.request.radius + spare_m
+    def is_free(self, a: XY, b: XY, spare_m: float) -> bool:
+        """Whether a drive keeps the radius, and `spare_m` more, from all obstacles."""
+        line, reach = self.drive(a, b), self.request.radius + spare_m
+        if self.outline is not None and not self.outline.covers(line):
+            return False
+        hits = self._tree.query(line, "dwithin", reach) if reach > 0.0 else self._tree.query(line, "crosses")
+        return not len(hits)
+
+    def usable(self, edge: PathEdge, spare_m: float) -> bool:
+        """Whether the request's robot may use an edge and fits along it."""
+        key = edge.name, spare_m
+        if key not in self._usable:
+            ends = self.nodes[edge.a].at, self.nodes[edge.b].at
+            self._usable[key] = self.is_open(edge) and self.is_free(*ends, spare_m)
+        return self._usable[key]
 
     # Rules of edges.
 
@@ -170,11 +163,7 @@ class FloorPlan:
     def is_near_rules(self, a: XY, b: XY, spare_m: float = 0.05) -> bool:
         """Whether a drive comes near a lane with a rule, so that another reading of the rules could forbid it."""
         line = self.drive(a, b)
-        return any(
-            line.distance(lane.line) <= self.request.radius + spare_m
-            for lane in self.lanes
-            if min(*lane.widest, *lane.speed) < math.inf
-        )
+        return any(lane.has_rule and line.distance(lane.line) <= self.request.radius + spare_m for lane in self.lanes)
 
     def crosses_closed(self, place: XY, a: XY, b: XY) -> bool:
         """Whether a drive that connects a place to the map crosses a lane that is closed both ways, on which the robot
@@ -205,37 +194,47 @@ class FloorPlan:
         return found
 
     def certain_ties(self, place: XY) -> list[PathNode]:
-        """The nodes to and from which a robot can certainly drive, by any reading of the rules."""
-        on = [node for node in self.nodes.values() if math.dist(node.at, place) < ON_NODE_M]
-        return [
+        """The nodes to and from which a robot can certainly drive, by any reading of the rules: those in sight, and
+        where there are neither any nor rules, those around corners."""
+        on = [node for node in self.nodes.values() if math.dist(node.at, place) < ON_NODE_M][:1]
+        nodes = on or list(self.nodes.values())
+        in_sight = [
             node
-            for node in on[:1] or self.nodes.values()
+            for node in nodes
             if self.is_free(place, node.at, TOLERANCE_M) and not self.is_near_rules(place, node.at)
         ]
+        if in_sight or any(lane.has_rule for lane in self.lanes):
+            return in_sight
+        parts = self.parts(place, False)
+        return [node for node in nodes if parts & self.parts(node.at, False)]
 
     # Free space.
 
-    @cached_property
-    def _cells(self) -> tuple[NDArray[np.int32], float, float]:
-        """The connected parts of the cells that are certainly free and away from closed lanes, and the lower corner."""
+    def _cells(self, with_rules: bool) -> tuple[NDArray[np.int32], float, float]:
+        """The connected parts of the cells that are certainly free, with rules also away from closed lanes, and the
+        lower corner."""
         closed = [
             lane.line
             for lane in self.lanes
-            if any(lane.is_closed(direction, self.request.radius) for direction in (0, 1))
+            if with_rules and any(lane.is_closed(direction, self.request.radius) for direction in (0, 1))
         ]
-        points = [Point(node.at) for node in self.nodes.values()]
-        x0, y0, x1, y1 = shapely.total_bounds([*self.shapes, *points, Point(0.0, 0.0)])
-        if self.outline is None:
-            x0, y0, x1, y1 = x0 - 3.0, y0 - 3.0, x1 + 3.0, y1 + 3.0
-        grown = shapely.buffer([*self.shapes, *closed], (self.request.radius + CELL_MARGIN_M) * 1.01)
-        space = (self.outline or shapely.box(x0, y0, x1, y1)).difference(shapely.union_all(grown))
-        shapely.prepare(space)
-        x, y = np.arange(x0 + CELL_M / 2, x1, CELL_M), np.arange(y0 + CELL_M / 2, y1, CELL_M)
-        return ndimage.label(shapely.contains_xy(space, *np.meshgrid(x, y)))[0], float(x[0]), float(y[0])
+        key = bool(closed)
+        if key not in self._parts:
+            points = [Point(node.at) for node in self.nodes.values()]
+            x0, y0, x1, y1 = shapely.total_bounds([*self.shapes, *points, Point(0.0, 0.0)])
+            if self.outline is None:
+                x0, y0, x1, y1 = x0 - 3.0, y0 - 3.0, x1 + 3.0, y1 + 3.0
+            grown = shapely.buffer([*self.shapes, *closed], (self.request.radius + CELL_MARGIN_M) * 1.01)
+            space = (self.outline or shapely.box(x0, y0, x1, y1)).difference(shapely.union_all(grown))
+            shapely.prepare(space)
+            x, y = np.arange(x0 + CELL_M / 2, x1, CELL_M), np.arange(y0 + CELL_M / 2, y1, CELL_M)
+            labels = ndimage.label(shapely.contains_xy(space, *np.meshgrid(x, y)))[0]
+            self._parts[key] = labels, float(x[0]), float(y[0])
+        return self._parts[key]
 
-    def parts(self, place: XY) -> set[int]:
+    def parts(self, place: XY, with_rules: bool) -> set[int]:
         """The parts of the free cells that a straight drive certainly leads to."""
-        labels, x0, y0 = self._cells
+        labels, x0, y0 = self._cells(with_rules)
         column, row, reach = (place[0] - x0) / CELL_M, (place[1] - y0) / CELL_M, math.ceil(CELL_REACH_M / CELL_M)
         found: set[int] = set()
         for i in range(max(round(row) - reach, 0), min(round(row) + reach + 1, labels.shape[0])):
@@ -243,7 +242,7 @@ class FloorPlan:
                 centre = (x0 + k * CELL_M, y0 + i * CELL_M)
                 if not labels[i, k] or labels[i, k] in found:
                     continue
-                if self.is_free(place, centre, TOLERANCE_M) and not self.is_near_rules(place, centre):
+                if self.is_free(place, centre, TOLERANCE_M) and not (with_rules and self.is_near_rules(place, centre)):
                     found.add(int(labels[i, k]))
         return found
 
@@ -251,9 +250,8 @@ class FloorPlan:
 class Plan:
     """A building for a request: its floors, rides and roads."""
 
-    def __init__(self, building: Building, request: PathRequest) -> None:
-        self.building, self.request = building, request
-        self.floors = {name: FloorPlan(building, name, request) for name in building.floors}
+    def __init__(self, building: Building, request: PathRequest, floors: dict[str, FloorPlan]) -> None:
+        self.building, self.request, self.floors = building, request, floors
         self.height = {name: entry.floor.elevation for name, entry in building.floors.items()}
         self.lifts = {name: lift for name, lift in building.elevators.items() if name not in request.avoid_elevators}
 
@@ -270,10 +268,6 @@ class Plan:
             return 2 * math.sqrt(abs(climb))
         return abs(climb) / lift.speed + lift.speed
 
-    def usable(self, floor: str, edge: PathEdge, spare_m: float = -TOLERANCE_M) -> bool:
-        plan = self.floors[floor]
-        return plan.is_open(edge) and plan.is_free(plan.nodes[edge.a].at, plan.nodes[edge.b].at, spare_m)
-
     def roads(self, spare_m: float = -TOLERANCE_M) -> nx.DiGraph[Node]:
         """Nodes, usable edges and rides; weights by the request's criterion."""
         by_time, speed = self.request.best is Criterion.SHORTEST_TIME, self.request.speed
@@ -286,7 +280,7 @@ class Plan:
         for name, plan in self.floors.items():
             graph.add_nodes_from((name, node) for node in plan.nodes)
             for edge in plan.edges:
-                if self.usable(name, edge, spare_m):
+                if plan.usable(edge, spare_m):
                     length = math.dist(plan.nodes[edge.a].at, plan.nodes[edge.b].at)
                     cost = length / min(speed, edge.speed_limit or speed) if by_time else length
                     for a, b in ((edge.a, edge.b),) if edge.one_way else ((edge.a, edge.b), (edge.b, edge.a)):
@@ -335,19 +329,34 @@ class Plan:
         return bool(reached & goals)
 
     def certain_way(self) -> bool:
-        """Whether a path through free space certainly leads from start to goal, away from closed edges."""
-        request = self.request
+        """Whether a path through free space certainly leads from start to goal, in smoothed mode away from closed
+        edges."""
+        request, with_rules = self.request, self.request.mode is RouteMode.SMOOTHED
+        if self.is_straight(with_rules):
+            return True
         graph: nx.Graph[tuple[str, object]] = nx.Graph()
         for name, lift in self.lifts.items():
             places = self.cabin_places(lift)
             for floor in {door.floor for door in lift.doors}:
                 for i, place in enumerate(places):
-                    graph.add_edges_from(((name, i), (floor, part)) for part in self.floors[floor].parts(place))
+                    graph.add_edges_from(
+                        ((name, i), (floor, part)) for part in self.floors[floor].parts(place, with_rules)
+                    )
         ends = (("start", ""), ("goal", ""))
         graph.add_nodes_from(ends)
         for end, place in zip(ends, (request.start, request.goal), strict=True):
-            graph.add_edges_from((end, (place.floor, part)) for part in self.floors[place.floor].parts(place[1:]))
+            graph.add_edges_from(
+                (end, (place.floor, part)) for part in self.floors[place.floor].parts(place[1:], with_rules)
+            )
         return nx.has_path(graph, *ends)
+
+    def is_straight(self, with_rules: bool) -> bool:
+        """Whether a robot can certainly drive straight from start to goal."""
+        start, goal = self.request.start, self.request.goal
+        if start.floor != goal.floor:
+            return False
+        floor, ends = self.floors[start.floor], (start[1:], goal[1:])
+        return floor.is_free(*ends, TOLERANCE_M) and not (with_rules and floor.is_near_rules(*ends))
 
     def cabin_places(self, lift: Elevator) -> list[XY]:
         nodes = [node for plan in self.floors.values() for node in plan.nodes.values()]
@@ -355,59 +364,3 @@ class Plan:
 
     def fits(self, place: Place, spare_m: float) -> bool:
         return self.floors[place.floor].is_free(place[1:], place[1:], spare_m)
-
-
-def footprint(item: MapObject) -> BaseGeometry:
-    """An object's footprint in the floor's frame; a circle as a polygon of 32 sides around it."""
-    shape: BaseGeometry
-    if isinstance(item.shape, CircleShape):
-        turns = 2 * math.pi * (np.arange(32) + 0.5) / 32
-        corners = item.shape.radius / math.cos(math.pi / 32) * np.column_stack([np.cos(turns), np.sin(turns)])
-        return translate(rotate(Polygon(corners), item.heading, origin=(0.0, 0.0), use_radians=True), *item.at)
-    if isinstance(item.shape, SegmentShape):
-        shape = LineString([(-item.shape.length / 2, 0.0), (item.shape.length / 2, 0.0)])
-    elif isinstance(item.shape, BoxShape):
-        shape = _box(item.shape.size)
-    else:
-        assert isinstance(item.shape, PolygonShape)
-        shape = Polygon(item.shape.points)
-    return translate(rotate(shape, item.heading, origin=(0.0, 0.0), use_radians=True), *item.at)
-
-
-def shaft(lift: Elevator) -> Polygon:
-    return translate(rotate(_box(lift.size), lift.heading, origin=(0.0, 0.0), use_radians=True), *lift.at)
-
-
-def landing(lift: Elevator, door: ElevatorDoor) -> LineString:
-    """The doorway of a shaft."""
-    x, y = lift.size[0] / 2, lift.size[1] / 2
-    side = {
-        CabinSide.FRONT: ((1.0, 0.0), (0.0, -y)),
-        CabinSide.BACK: ((1.0, 0.0), (0.0, y)),
-        CabinSide.LEFT: ((0.0, 1.0), (-x, 0.0)),
-        CabinSide.RIGHT: ((0.0, 1.0), (x, 0.0)),
-    }
-    (ux, uy), (mx, my) = side[door.side]
-    ends = [(mx + ux * at, my + uy * at) for at in (door.offset - door.width / 2, door.offset + door.width / 2)]
-    return translate(rotate(LineString(ends), lift.heading, origin=(0.0, 0.0), use_radians=True), *lift.at)
-
-
-def _box(size: XY) -> Polygon:
-    return shapely.box(-size[0] / 2, -size[1] / 2, size[0] / 2, size[1] / 2)
-
-
-def _passes(building: Building, lift: Elevator, floor: str) -> bool:
-    served = [building.floors[door.floor].floor.elevation for door in lift.doors]
-    return min(served) <= building.floors[floor].floor.elevation <= max(served)
-
-
-def _angle(one: BaseGeometry, other: BaseGeometry) -> float:
-    """Angle between two lines [rad], at most a right one."""
-    at = shapely.get_coordinates(one)
-    if len(at) < 2:
-        return math.inf
-    (ax, ay), (bx, by) = at[0], at[-1]
-    (cx, cy), (dx, dy) = shapely.get_coordinates(other)
-    sine = (bx - ax) * (dy - cy) - (by - ay) * (dx - cx)
-    cosine = (bx - ax) * (dx - cx) + (by - ay) * (dy - cy)
-    return math.atan2(abs(sine), abs(cosine))

@@ -12,8 +12,7 @@ from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Criterion, Path, PathRequest, Place, RouteMode
 from robocorba.planning.road_rules import breaks_rule, limits_along, make_lanes, slowed_length, tie_lanes
 from tests.planning.every_request import judged
-from tests.planning.ruled import ruled_building
-from tests.planning.scenes import edge, node, room
+from tests.planning.scenes import edge, node, room, ruled_building
 
 ON_ROADS = (RouteMode.TOPOLOGICAL, RouteMode.SMOOTHED)
 A, B = Place("L1", 2.0, 5.0), Place("L1", 18.0, 5.0)
@@ -130,5 +129,6 @@ def test_the_best_path_does_not_depend_on_the_number_of_alternatives(alternative
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_judge_has_no_objection(seed: int) -> None:
-    wrong = [f"{request}: {found}" for request, _, found in judged(ruled_building(seed), 25, seed) if found]
+    answers = judged(ruled_building(seed), 25, seed)
+    wrong = [f"{request}: {verdict}" for request, verdict in answers if verdict.objections]
     assert not wrong, "\n".join(wrong[:3])
