@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,54 +30,43 @@ _OPACITY = np.tile(np.array(OPACITIES, np.uint8), len(SHADES)).reshape(5, -1)
 Pixel = tuple[float, float, float, float]
 
 
-def _palette(with_opacity: bool) -> Image.Image:
-    indices = (np.arange(_GREY.size, dtype=np.uint8)).reshape(_GREY.shape)
-    picture = Image.fromarray(indices).convert("P")
-    picture.putpalette([value for grey in _GREY.flat for value in (grey, grey, 255 - grey)])
-    if with_opacity:
-        picture.info["transparency"] = bytes(_OPACITY.flatten())
-    return picture
-
-
-def _pictures() -> dict[str, tuple[Image.Image, dict[str, object]]]:
-    grey, opacity = Image.fromarray(_GREY), Image.fromarray(_OPACITY)
-    inverse = Image.fromarray(255 - _GREY)
-    wide = Image.fromarray(_GREY.astype(np.uint16) * 257)
-    return {
-        "1": (grey.point(lambda value: 255 * (value > 128)).convert("1"), {}),
-        "L": (grey, {}),
-        "L with a transparent grey": (grey, {"transparency": 190}),
-        "LA": (Image.merge("LA", (grey, opacity)), {}),
-        "P": (_palette(False), {}),
-        "P with opacity": (_palette(True), {"transparency": bytes(_OPACITY.flatten())}),
-        "RGB": (Image.merge("RGB", (grey, grey, inverse)), {}),
-        "RGB with a transparent colour": (Image.merge("RGB", (grey, grey, inverse)), {"transparency": (190, 190, 65)}),
-        "RGBA": (Image.merge("RGBA", (grey, inverse, grey, opacity)), {}),
-        "I;16": (wide, {}),
-        "I;16 with a transparent grey": (wide, {"transparency": 190 * 257}),
-    }
+def _picture(kind: str) -> tuple[Image.Image, dict[str, Any]]:
+    """A picture and how it is saved: with the opacity of `_pixels`, of single shades or of each pixel."""
+    grey, opacity, inverse = (Image.fromarray(each) for each in (_GREY, _OPACITY, 255 - _GREY))
+    if kind.startswith("P"):
+        picture = Image.fromarray(np.arange(_GREY.size, dtype=np.uint8).reshape(_GREY.shape)).convert("P")
+        picture.putpalette([value for shade in _GREY.flat for value in (shade, shade, 255 - shade)])
+        return picture, {"transparency": bytes(_OPACITY.flatten())} if "opacity" in kind else {}
+    mode, *transparent = kind.split(" with ")
+    picture = {
+        "1": grey.point(lambda value: 255 * (value > 128)).convert("1"),
+        "L": grey,
+        "LA": Image.merge("LA", (grey, opacity)),
+        "RGB": Image.merge("RGB", (grey, grey, inverse)),
+        "RGBA": Image.merge("RGBA", (grey, inverse, grey, opacity)),
+        "I;16": Image.fromarray(_GREY.astype(np.uint16) * 257),
+    }[mode]
+    shade = {"L": 190, "RGB": (190, 190, 65), "I;16": 190 * 257}.get(mode)
+    return picture, {"transparency": shade} if transparent else {}
 
 
 def _pixels(kind: str) -> tuple[Callable[[int, int], Pixel], bool]:
     """The pixel at a row and column, and whether the file has opacities: known here without reading the file."""
-    grey, opacity = _GREY / 255, _OPACITY / 255
+    mode, *transparent = kind.split(" with ")
+    grey, full = _GREY / 255, np.ones(_GREY.shape)
     bits = (_GREY > 128).astype(float)
-    seen = np.where(_GREY == 190, 0.0, 1.0)
-    full = np.ones(_GREY.shape)
-    channels, has_opacity = {
-        "1": ((bits, bits, bits, full), False),
-        "L": ((grey, grey, grey, full), False),
-        "L with a transparent grey": ((grey, grey, grey, seen), True),
-        "LA": ((grey, grey, grey, opacity), True),
-        "P": ((grey, grey, 1 - grey, full), False),
-        "P with opacity": ((grey, grey, 1 - grey, opacity), True),
-        "RGB": ((grey, grey, 1 - grey, full), False),
-        "RGB with a transparent colour": ((grey, grey, 1 - grey, seen), True),
-        "RGBA": ((grey, 1 - grey, grey, opacity), True),
-        "I;16": ((grey, grey, grey, full), False),
-        "I;16 with a transparent grey": ((grey, grey, grey, seen), True),
-    }[kind]
-    return lambda row, column: tuple(float(channel[row, column]) for channel in channels), has_opacity  # type: ignore[return-value]
+    colours = {"1": (bits, bits, bits), "P": (grey, grey, 1 - grey), "RGB": (grey, grey, 1 - grey)}
+    colours["RGBA"] = grey, 1 - grey, grey
+    if mode in ("LA", "RGBA", "P") and (transparent or mode != "P"):
+        opacity = _OPACITY / 255
+    else:
+        opacity = np.where(_GREY == 190, 0.0, 1.0) if transparent else full
+    channels = (*colours.get(mode, (grey, grey, grey)), opacity)
+    return lambda row, column: tuple(float(each[row, column]) for each in channels), opacity is not full  # type: ignore[return-value]
+
+
+KINDS = ("1", "L", "L with a transparent grey", "LA", "P", "P with opacity", "RGB", "RGB with a transparent colour")
+KINDS += ("RGBA", "I;16", "I;16 with a transparent grey")
 
 
 def _map_server(pixel: Pixel, has_opacity: bool, settings: MapServerSettings) -> int:
@@ -103,9 +93,9 @@ def _map_server(pixel: Pixel, has_opacity: bool, settings: MapServerSettings) ->
 
 @pytest.mark.parametrize("negate", [0, 1])
 @pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
-@pytest.mark.parametrize("kind", list(_pictures()))
+@pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_picture_reads_as_map_server_reads_it(kind: str, mode: str, negate: int, tmp_path: Path) -> None:
-    picture, options = _pictures()[kind]
+    picture, options = _picture(kind)
     picture.save(tmp_path / "map.png", **options)
     path = tmp_path / "map.yaml"
     path.write_text(

@@ -1,18 +1,32 @@
-"""Copies of a building that are read in pages, also while it is edited."""
+"""What readers of a building get: copies in pages, also while it is edited; which element is which after renamings; one
+long request at a time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
-from robocorba.errors.maps import InvalidElement, VersionUnavailable
+from robocorba.errors.maps import ServerBusy, VersionUnavailable
 from robocorba.maps import pages
+from robocorba.maps.changes import ChangeKind
 from robocorba.maps.edits import MapChange
+from robocorba.maps.lineage import Lineage
+from robocorba.maps.long_requests import LongRequests
 from robocorba.maps.map_building_agent import BuildingEditor
-from robocorba.maps.model import Area, Building, ElementKind, Floor, PathNode, Wall
+from robocorba.maps.model import (
+    Area,
+    BoxShape,
+    Building,
+    ElementKind,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    MapObject,
+    PathNode,
+)
 from robocorba.maps.pages import (
     EVERYTHING,
     ChangePage,
@@ -23,19 +37,13 @@ from robocorba.maps.pages import (
     with_changes_of,
 )
 from robocorba.maps.store import MapLimits, MapStore
-from robocorba.testing.buildings import two_floors
-
-FLOOR, WALL, NODE = ElementKind.FLOOR, ElementKind.WALL, ElementKind.NODE
+from robocorba.maps.transactions import Transaction
+from tests.maps.elements import ELEVATOR, FLOOR, WALL, wall
 
 
 @pytest.fixture
-def editor(tmp_path: Path) -> Iterator[BuildingEditor]:
-    with MapStore.create(tmp_path / "map.sqlite", two_floors()) as store:
-        yield BuildingEditor(store, MapLimits(commits=6))
-
-
-def wall(name: str, x: float = 0.0) -> Wall:
-    return Wall(name=name, a=(x, 20.0), b=(x, 21.0))
+def editor(store: MapStore) -> BuildingEditor:
+    return BuildingEditor(store, MapLimits(commits=6))
 
 
 def nodes(editor: BuildingEditor, count: int, floor: str = "L2") -> int:
@@ -178,12 +186,105 @@ def test_a_removed_floor_takes_its_elements_along(editor: BuildingEditor) -> Non
     assert with_changes_of(editor.building, found) == editor.building  # repeated changes change nothing
 
 
-def test_a_replacement_brings_at_most_so_much(tmp_path: Path) -> None:
-    with MapStore.create(tmp_path / "map.sqlite", two_floors()) as store:
-        editor = BuildingEditor(store, MapLimits(replacement_size=2))
-        building = editor.building.with_element("L1", wall("a")).with_element("L1", wall("b"))
-        too_much = building.with_element("L1", wall("c"))
-        with pytest.raises(InvalidElement, match="3 new elements and points, one call may bring 2"):
-            editor.replace(too_much, editor.version)
-        editor.replace(building, editor.version)
-        assert editor.replace(Building(building.name, {}, {}), editor.version)  # removing is not bringing
+OBJECT = ElementKind.OBJECT
+CHAIR = MapObject("chair", BoxShape((0.4, 0.4)), (2.5, 3.5), movable=True)
+
+
+@pytest.fixture
+def since(editor: BuildingEditor) -> int:
+    """The version of the earlier map, which has a chair on L1."""
+    return editor.create("L1", CHAIR)
+
+
+def lineage(editor: BuildingEditor, since: int) -> Lineage:
+    changes = editor.changes_since(since)
+    return Lineage(MapChange(each.version, each.kind, each.floor, each.element) for each in changes)
+
+
+def in_one_edit(editor: BuildingEditor, *operations: Callable[[Transaction], object]) -> None:
+    transaction = editor.begin()
+    for operation in operations:
+        operation(transaction)
+    transaction.commit()
+
+
+def test_without_changes_elements_go_by_their_names() -> None:
+    assert Lineage().origin(OBJECT, "L1", "chair") == (OBJECT, "L1", "chair")
+    assert Lineage().floors(["L1", "L2"]) == {"L1": "L1", "L2": "L2"}
+
+
+def test_a_renamed_object_is_followed_over_further_edits(editor: BuildingEditor, since: int) -> None:
+    renamed = editor.rename(OBJECT, "L1", "chair", "stool", since)
+    editor.change("L1", msgspec.structs.replace(CHAIR, name="stool", height=2.0), renamed)
+    again = editor.rename(OBJECT, "L1", "stool", "seat", editor.version)
+    found = lineage(editor, since)
+    assert found.origin(OBJECT, "L1", "seat") == (OBJECT, "L1", "chair")
+    editor.undo(again)
+    assert lineage(editor, since).origin(OBJECT, "L1", "stool") == (OBJECT, "L1", "chair")
+
+
+def test_an_object_that_was_removed_is_another_one_than_its_successor(editor: BuildingEditor, since: int) -> None:
+    editor.remove(OBJECT, "L1", "chair", since)
+    editor.create("L1", CHAIR)
+    assert lineage(editor, since).origin(OBJECT, "L1", "chair") is None
+
+
+def test_an_equal_object_in_the_same_edit_is_the_same(editor: BuildingEditor, since: int) -> None:
+    in_one_edit(
+        editor,
+        lambda edit: edit.remove(OBJECT, "L1", "chair", since),
+        lambda edit: edit.create("L1", msgspec.structs.replace(CHAIR, name="stool")),
+        lambda edit: edit.create("L1", msgspec.structs.replace(CHAIR, name="other", at=(1.0, 1.0))),
+    )
+    found = lineage(editor, since)
+    assert found.origin(OBJECT, "L1", "stool") == (OBJECT, "L1", "chair")
+    assert found.origin(OBJECT, "L1", "other") is None
+
+
+def test_a_renamed_floor_takes_its_objects_along(editor: BuildingEditor, since: int) -> None:
+    editor.rename(FLOOR, "", "L1", "lobby", editor.read(FLOOR, "", "L1")[1])
+    editor.rename(OBJECT, "lobby", "chair", "stool", editor.version)
+    found = lineage(editor, since)
+    assert found.floors(editor.building.floors) == {"L1": "lobby", "L2": "L2"}
+    assert found.origin(OBJECT, "lobby", "stool") == (OBJECT, "L1", "chair")
+    assert found.origin(ELEVATOR, "", "E1") == (ELEVATOR, "", "E1")
+
+
+def test_floors_may_exchange_their_names(editor: BuildingEditor, since: int) -> None:
+    for before, after in (("L1", "x"), ("L2", "L1"), ("x", "L2")):
+        editor.rename(FLOOR, "", before, after, editor.read(FLOOR, "", before)[1])
+    found = lineage(editor, since)
+    assert found.floors(editor.building.floors) == {"L1": "L2", "L2": "L1"}
+    assert found.origin(OBJECT, "L2", "chair") == (OBJECT, "L1", "chair")
+
+
+def test_an_elevator_is_the_same_if_a_floor_gets_another_name_in_the_same_edit() -> None:
+    doors = {name: (ElevatorDoor(name), ElevatorDoor("L2")) for name in ("L1", "lobby")}
+    edit = [
+        (ChangeKind.REMOVED, Elevator("E1", (0.0, 0.0), (2.0, 2.0), doors["L1"])),
+        (ChangeKind.REMOVED, Floor("L1", 1, 0.0)),
+        (ChangeKind.CREATED, Floor("lobby", 1, 0.0)),
+        (ChangeKind.CREATED, Elevator("lift", (0.0, 0.0), (2.0, 2.0), doors["lobby"])),
+    ]
+    found = Lineage(MapChange(2, kind, "", element) for kind, element in edit)
+    assert found.origin(ELEVATOR, "", "lift") == (ELEVATOR, "", "E1")
+
+
+def test_a_new_floor_has_no_origin(editor: BuildingEditor, since: int) -> None:
+    editor.create("", Floor("L3", 3, 8.0))
+    assert lineage(editor, since).floors(editor.building.floors) == {"L1": "L1", "L2": "L2"}
+
+
+def test_requests_that_would_wait_too_long_are_refused() -> None:
+    requests = LongRequests(wait_limit_s=0.0, max_waiting=1)
+    with requests.admitted(), pytest.raises(ServerBusy, match="took more than 0 s"), requests.admitted():
+        pass
+    with requests.admitted():
+        pass
+
+
+def test_only_so_many_wait() -> None:
+    requests = LongRequests(wait_limit_s=30.0, max_waiting=0)
+    for _ in range(2):
+        with requests.admitted(), pytest.raises(ServerBusy, match="too many"), requests.admitted():
+            pass

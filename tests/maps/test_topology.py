@@ -212,19 +212,6 @@ def test_elevators_opposite_each_other_share_the_place_in_front() -> None:
     assert set(between["cabin-E1"]) == set(between["cabin-E2"])
 
 
-def test_a_bare_room_needs_hardly_any_nodes() -> None:
-    roads = topological_map(one_floor(6, 6), "L1")
-    assert len(roads.nodes) == 1
-    assert roads.nodes["n1"].at == pytest.approx((3, 3), abs=0.8)
-
-
-def test_a_block_can_be_passed_on_both_sides() -> None:
-    building = one_floor(12, 12, objects=[(BoxShape(size=(4.0, 4.0)), (6.0, 6.0))])
-    roads = topological_map(building, "L1")
-    (ring,) = nx.cycle_basis(graph_of(roads))
-    assert Polygon([roads.nodes[name].at for name in ring]).contains(Point(6, 6))
-
-
 def test_a_column_in_a_corridor_can_be_passed_on_both_sides_but_a_post_needs_one() -> None:
     def rings(depth: float, radius: float) -> int:
         things = [(CircleShape(radius=radius), (x, depth / 2)) for x in (4.0, 8.0, 12.0, 16.0)]
@@ -235,6 +222,22 @@ def test_a_column_in_a_corridor_can_be_passed_on_both_sides_but_a_post_needs_one
 
     assert rings(3.0, 0.25) == 4
     assert rings(1.8, 0.05) == 0
+
+
+def test_few_nodes_and_a_ring_around_a_block() -> None:
+    (node,) = topological_map(one_floor(6, 6), "L1").nodes.values()
+    assert node.at == pytest.approx((3, 3), abs=0.8)
+    roads = topological_map(one_floor(12, 12, objects=[(BoxShape(size=(4.0, 4.0)), (6.0, 6.0))]), "L1")
+    (ring,) = nx.cycle_basis(graph_of(roads))
+    assert Polygon([roads.nodes[name].at for name in ring]).contains(Point(6, 6))
+
+
+@pytest.mark.parametrize("radius", [0.0, -1.0, 1e-9, 0.01, 1e9, math.nan, math.inf])
+def test_a_radius_must_be_positive_and_the_floor_be_there(radius: float) -> None:
+    with pytest.raises(InvalidElement, match="radius"):
+        topological_map(one_floor(), "L1", radius)
+    with pytest.raises(UnknownElement):
+        topological_map(one_floor(), "L9")
 
 
 def test_rooms_are_joined_through_their_door_and_only_there() -> None:
@@ -289,12 +292,6 @@ def test_a_shaft_without_a_door_here_has_no_nodes() -> None:
     check_whole(building, "L1", roads, RADIUS)
 
 
-@pytest.mark.parametrize("radius", [0.0, -1.0, 1e-9, 0.01, 1e9, math.nan, math.inf])
-def test_a_radius_must_be_positive(radius: float) -> None:
-    with pytest.raises(InvalidElement, match="radius"):
-        topological_map(one_floor(), "L1", radius)
-
-
 @pytest.mark.parametrize("metres", [1.0, 50.0, 1000.0])
 def test_the_work_follows_the_content_of_a_floor_and_not_its_size(metres: float) -> None:
     """The sites of the Voronoi diagram are most of the work. A door of 0.9 m is found in a hall of 20 km."""
@@ -322,11 +319,6 @@ def test_the_work_ends_at_its_time_limit() -> None:
     with pytest.raises(TooSlow, match="the topological map of L1 takes longer than 10 s"):
         topological_map(load_sample("five-floors"), "L1", check_time=limit.check)
     assert next(now) == 11.0
-
-
-def test_an_unknown_floor() -> None:
-    with pytest.raises(UnknownElement):
-        topological_map(one_floor(), "L9")
 
 
 def named(*at: XY, elevator: str = "") -> tuple[PathNode, ...]:

@@ -1,4 +1,5 @@
-"""Each rule, by a change that breaks it; and that the check of an edit agrees with the check of everything."""
+"""Each rule, by a change that breaks it; that the check of an edit agrees with that of everything; and what an edit
+changes beside its elements, so that the building stays valid."""
 
 from __future__ import annotations
 
@@ -12,8 +13,9 @@ from hypothesis import strategies as st
 
 from robocorba.errors.maps import InvalidElement
 from robocorba.maps import changes
-from robocorba.maps.changes import Change
+from robocorba.maps.changes import Change, ElementKey
 from robocorba.maps.collisions import blockages
+from robocorba.maps.consequences import Outcome, with_consequences
 from robocorba.maps.element_json import as_json, from_json
 from robocorba.maps.model import (
     COLLECTION_OF,
@@ -412,3 +414,91 @@ def test_the_difference_of_two_buildings_leads_from_one_to_the_other(before: Bui
     assert one_by_one == after
     if not is_refused(before, after):
         check_change(after, difference, before)
+
+
+LIFT = ElementKey(ElementKind.ELEVATOR, "", "E1")
+
+
+def node_key(floor: str, name: str) -> ElementKey:
+    return ElementKey(ElementKind.NODE, floor, name)
+
+
+def edge_key(floor: str, name: str) -> ElementKey:
+    return ElementKey(ElementKind.EDGE, floor, name)
+
+
+def test_an_edge_that_is_led_to_another_node_stays() -> None:
+    building = two_floors()
+    led = msgspec.structs.replace(building.floors["L1"].topological.edges["in"], a="west")
+    outcome = with_consequences(building, {node_key("L1", "east"): None, edge_key("L1", "in"): led})
+    assert outcome[edge_key("L1", "in")] == led
+
+
+def test_a_node_in_a_cabin_is_not_removed_by_itself() -> None:
+    with pytest.raises(InvalidElement, match="elevator 'E1' stops at it"):
+        with_consequences(two_floors(), {node_key("L1", "lift1"): None})
+
+
+def test_the_nodes_in_a_cabin_follow_their_elevator() -> None:
+    building = two_floors()
+    aside = building.with_element("L2", PathNode("lift2", (18.5, 5.0), "E1"))
+    lift = msgspec.structs.replace(building.elevators["E1"], at=(16.0, 3.0), heading=math.pi)
+    outcome = with_consequences(aside, {LIFT: lift})
+    moved = outcome[node_key("L1", "lift1")], outcome[node_key("L2", "lift2")]
+    assert [each.at for each in moved if isinstance(each, PathNode)] == [(16.0, 3.0), pytest.approx((16.0, 3.5))]
+
+
+def test_a_new_elevator_gets_a_node_on_each_floor() -> None:
+    building = two_floors().with_element("L1", PathNode("cabin-E2", (1.0, 1.0)))
+    lift = Elevator("E2", (3.0, 3.0), (2.0, 2.0), (ElevatorDoor("L1"), ElevatorDoor("L2")))
+    outcome = with_consequences(building, {ElementKey(ElementKind.ELEVATOR, "", "E2"): lift})
+    assert outcome[node_key("L1", "cabin-E2-2")] == PathNode("cabin-E2-2", (3.0, 3.0), "E2")
+    assert outcome[node_key("L2", "cabin-E2")] == PathNode("cabin-E2", (3.0, 3.0), "E2")
+    assert problems(building.with_changes((*key, element) for key, element in outcome.items())) == []
+
+
+def test_a_node_that_comes_with_its_elevator_is_not_made_twice() -> None:
+    lift = Elevator("E2", (3.0, 3.0), (2.0, 2.0), (ElevatorDoor("L2"),))
+    own = PathNode("mine", (3.2, 3.0), "E2")
+    wanted: Outcome = {ElementKey(ElementKind.ELEVATOR, "", "E2"): lift, node_key("L2", "mine"): own}
+    assert with_consequences(two_floors(), wanted) == wanted
+
+
+def floor(name: str) -> ElementKey:
+    return ElementKey(ElementKind.FLOOR, "", name)
+
+
+@pytest.mark.parametrize(
+    ("removed", "served", "gone"),
+    [
+        (
+            [node_key("L1", "east")],
+            ("L1", "L2"),
+            [node_key("L1", "east"), edge_key("L1", "west-east"), edge_key("L1", "in")],
+        ),
+        (
+            [LIFT],
+            (),
+            [LIFT, node_key("L1", "lift1"), node_key("L2", "lift2"), edge_key("L1", "in"), edge_key("L2", "lift2-top")],
+        ),
+        ([floor("L2")], ("L1",), [floor("L2"), ElementKey(ElementKind.ELEVATOR, "", "E3")]),
+        ([floor("L2"), floor("L3")], ("L1",), [floor("L2"), floor("L3"), ElementKey(ElementKind.ELEVATOR, "", "E3")]),
+    ],
+)
+def test_what_is_removed_takes_along_what_refers_to_it(
+    removed: list[ElementKey], served: tuple[str, ...], gone: list[ElementKey]
+) -> None:
+    building = two_floors().with_element("", Floor("L3", 3, 8.0))
+    building = building.with_element("", Elevator("E3", (3.0, 3.0), (2.0, 2.0), (ElevatorDoor("L2"),)))
+    outcome = with_consequences(building, dict.fromkeys(removed))
+    assert {key for key, after in outcome.items() if after is None} == set(gone)
+    after = building.with_changes((*key, element) for key, element in outcome.items())
+    assert problems(after) == [] or "E3" in after.elevators
+    lift = after.elevators.get("E1")
+    assert (lift.floors() if lift else ()) == served
+
+
+def test_a_floor_that_an_elevator_serves_no_more_loses_its_node() -> None:
+    lift = two_floors().elevators["E1"]
+    outcome = with_consequences(two_floors(), {LIFT: msgspec.structs.replace(lift, doors=lift.doors[:1])})
+    assert outcome[node_key("L2", "lift2")] is None

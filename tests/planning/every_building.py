@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from itertools import cycle
@@ -36,6 +38,8 @@ GRID_CELL_M = 0.5
 MAX_RATIO = 1.01
 #: Shorter paths are not compared, because the tangent lines of one arc count for more [m].
 SHORT_M = 0.5
+#: Examples of objections that are printed.
+MAX_EXAMPLES = 10
 #: Kinds of grid maps, and their number of random nodes.
 GRID_KINDS = (("rooms of 8", 0), ("maze of 4", 30), ("cave", 30), ("city", 0), ("laser", 30))
 
@@ -106,3 +110,15 @@ def judged(
             length = judge.exact_length(request)
             ratio = None if math.isnan(length) else verdict.length_m / length
         yield query, verdict, ratio
+
+
+def report(answers: Iterable[tuple[str, Verdict]]) -> None:
+    """Print the counts of answers and examples of objections; exit with 1 if there are any."""
+    counts: Counter[str] = Counter()
+    wrong: list[str] = []
+    for asked, verdict in answers:
+        counts.update(["answers", verdict.outcome])
+        wrong += [f"{asked}\n    {text}" for text in verdict.objections[:1]]
+    print(*wrong[:MAX_EXAMPLES], ", ".join(f"{count} {name}" for name, count in counts.items()), sep="\n")
+    if wrong:
+        sys.exit(f"{len(wrong)} answers are wrong")

@@ -7,8 +7,8 @@ Measures no times: it counts the objections of the judge, prints examples, and e
 from __future__ import annotations
 
 import sys
-from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from rich.progress import track
@@ -18,14 +18,12 @@ from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import PathRequest
 from robocorba.testing.report import PROGRESS
 from tests.planning.adversary import Adversary
-from tests.planning.every_building import DRAWN, IMPORTED
+from tests.planning.every_building import DRAWN, IMPORTED, report
 from tests.planning.judge import Judge, Verdict
 from tests.planning.scenes import request_for, ruled_building, with_rules
 
 #: Generated buildings, and requests on each building.
 BUILDINGS, REQUESTS = 400, 50
-#: Examples of objections that are printed.
-EXAMPLES = 10
 
 
 def judged(building: Building, count: int, seed: int) -> Iterator[tuple[PathRequest, Verdict]]:
@@ -39,34 +37,24 @@ def judged(building: Building, count: int, seed: int) -> Iterator[tuple[PathRequ
 def cases(count: int, first: int) -> dict[str, Callable[[], Building]]:
     """Generated buildings by their seed, and the samples and real buildings with random rules."""
     found: dict[str, Callable[[], Building]] = {
-        f"ruled {seed}": lambda seed=seed: ruled_building(seed)
-        for seed in range(first, first + count)  # type: ignore
+        f"ruled {seed}": partial(ruled_building, seed) for seed in range(first, first + count)
     }
     for number, (name, case) in enumerate({**DRAWN, **IMPORTED}.items()):
-        found[name] = case.make
-        found[f"{name}, ruled"] = lambda case=case, number=number: with_rules(  # type: ignore[misc]
-            case.make(), np.random.default_rng(number)
-        )
+        found |= {name: case.make, f"{name}, ruled": partial(_ruled, case.make, number)}
     return found
 
 
-def main(buildings: int = BUILDINGS, requests: int = REQUESTS, first: int = 0) -> None:
-    counts: Counter[str] = Counter()
-    wrong: list[str] = []
-    for number, (name, make) in enumerate(
-        track(cases(buildings, first).items(), "buildings", console=PROGRESS, transient=True)
-    ):
+def _ruled(make: Callable[[], Building], seed: int) -> Building:
+    return with_rules(make(), np.random.default_rng(seed))
+
+
+def answers(buildings: int = BUILDINGS, requests: int = REQUESTS, first: int = 0) -> Iterator[tuple[str, Verdict]]:
+    """The verdicts on the answers to all requests."""
+    every = track(cases(buildings, first).items(), "buildings", console=PROGRESS, transient=True)
+    for number, (name, make) in enumerate(every):
         for request, verdict in judged(make(), requests, number):
-            counts["requests"] += 1
-            counts[verdict.outcome] += 1
-            counts["objections"] += len(verdict.objections)
-            wrong += [f"{name}: {request}\n    {text}" for text in verdict.objections[:1]]
-    for text in wrong[:EXAMPLES]:
-        print(text)
-    print(", ".join(f"{count} {name}" for name, count in counts.items()))
-    if wrong:
-        sys.exit(f"{len(wrong)} answers are wrong")
+            yield f"{name}: {request}", verdict
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    report(answers(*map(int, sys.argv[1:])))
