@@ -102,14 +102,6 @@ def test_outline_and_block_of_a_drawn_room(tmp_path: Path) -> None:
     assert shapely.Polygon(turned.floor.outline).bounds == pytest.approx((7.5, 20.5, 9.5, 24.5), abs=0.06)
 
 
-def test_unknown_pockets_block(tmp_path: Path) -> None:
-    cells = _room()
-    cells[16:20, 30:34] = GREY
-    result = read_map(write_ros(tmp_path, cells))
-    assert "unknown1" in result.building.floors["map"].geometrical.objects
-    assert "unknown space: 0.2 m2 within the outline count as blocked" in result.losses
-
-
 @pytest.mark.parametrize(
     "settings", [{"negate": False}, {"negate": None, "occupied_thresh": None, "free_thresh": None}]
 )
@@ -239,11 +231,6 @@ def _ground(path: Path, **options: str) -> shapely.Geometry:
     return shapely.Polygon(outline).difference(shapely.union_all(solid))
 
 
-def _shades(cells: np.ndarray, points: list[tuple[float, float]]) -> set[int]:
-    """The grey of the cells of 0.1 m in which points lie."""
-    return {int(cells[len(cells) - 1 - int(y / 0.1), int(x / 0.1)]) for x, y in points}
-
-
 def test_roads_stay_in_the_white_room_of_a_black_picture(tmp_path: Path) -> None:
     cells = np.full((200, 200), BLACK)
     cells[60:140, 50:120] = WHITE
@@ -251,7 +238,7 @@ def test_roads_stay_in_the_white_room_of_a_black_picture(tmp_path: Path) -> None
     building = read_map(path).building
     roads = topological_map(building, "map", 0.3)
     assert roads.nodes
-    assert _shades(cells, [node.at for node in roads.nodes.values()]) == {WHITE}
+    assert all(cells[199 - int(node.at[1] / 0.1), int(node.at[0] / 0.1)] == WHITE for node in roads.nodes.values())
     assert _ground(path).area == pytest.approx(56.0)
     assert not FloorSpace(building, "map").is_ground(2.0, 2.0)
 
@@ -269,22 +256,6 @@ def test_the_inside_of_a_thin_wall_is_no_ground(thick: int, tmp_path: Path) -> N
     assert all(space.is_ground(column + 0.5, 59.5 - row) for row, column in zip(rows, columns, strict=True))
 
 
-def test_robots_keep_their_radius_from_occupied_cells(tmp_path: Path) -> None:
-    """Obstacles are never farther than the occupied cells, and half a cell nearer at most."""
-    noise = np.random.default_rng(5)
-    cells = np.where(noise.random((60, 60)) < 0.2, BLACK, WHITE)
-    path = write_ros(tmp_path, cells, resolution=1.0)
-    building = read_map(path).building
-    shapes = shapely.union_all([item.geometry for item in obstacles(building, "map")])
-    row, column = np.nonzero(cells == BLACK)
-    squares = shapely.union_all(
-        [*shapely.box(column, 59 - row, column + 1, 60 - row), shapely.box(0, 0, 60, 60).exterior]
-    )
-    for x, y in noise.random((400, 2)) * 60:
-        here = shapely.Point(x, y)
-        assert squares.distance(here) - 0.5 - 1e-9 <= shapes.distance(here) <= squares.distance(here) + 1e-9
-
-
 def test_a_wing_apart_stays_on_the_floor(tmp_path: Path) -> None:
     """Two rooms of 12 and 6 m2 with unknown space between, and a speck of 0.04 m2 far away."""
     cells = np.full((100, 120), GREY)
@@ -295,6 +266,7 @@ def test_a_wing_apart_stays_on_the_floor(tmp_path: Path) -> None:
     assert sorted(part.area for part in shapely.get_parts(_ground(path))) == pytest.approx([6.0, 12.0])
     speck = "free space: 1 separate regions below 1 m2 count as blocked, 0.04 m2 in all: 0.04 m2 at (0.60, 0.90)"
     assert {speck, "unknown space: 36.0 m2 within the outline count as blocked"} <= set(losses)
+    assert "unknown1" in floor.geometrical.objects
 
 
 def test_nothing_lies_outside_of_the_outline(tmp_path: Path) -> None:
@@ -514,7 +486,6 @@ def _elevator(**change: Any) -> dict[str, Any]:
         ({"ros_maps": 2}, "ros_maps", "this release reads version 1, not 2"),
         ({"floors": []}, "floors", "no floor is listed"),
         ({"colour": "red"}, "colour", "there is no such key"),
-        (_listed(1, walls=[]), "floors[1].walls", "there is no such key"),
         (_listed(1, map=None), "floors[1]", "missing required field `map`"),
         (_listed(1, map=7), "floors[1].map", "Expected `str`"),
         (_listed(1, map="absent.yaml"), "floors[1].map", "there is no file of that name"),
@@ -527,14 +498,9 @@ def _elevator(**change: Any) -> dict[str, Any]:
             "the key 'level' or 'elevation' is missing",
         ),
         (_listed(1, name="L1"), "floors[1].name", "there is a floor 'L1' already"),
-        (_listed(1, name="L:1"), "floors[1]", "must not hold ':'"),
         (_listed(1, level=1), "floors[1]", "level 1 is that of"),
-        (_listed(1, elevation=-1.0), "floors[1]", "does not fit"),
-        (_listed(1, height=-1.0), "floors[1]", "height must be"),
         (_elevator(size=[0.0, 1.8]), "elevators[0]", "size x must be"),
         (_elevator(at=[11.5, 3.0]), "elevators[0]", "reaches beyond the picture of floor 'L1'"),
-        (_elevator(doors=[{"floor": "L3"}]), "elevators[0]", "which does not exist"),
-        (_elevator(cabin=1), "elevators[0].cabin", "there is no such key"),
         (
             {"elevators": [LIST["elevators"][0], copy.deepcopy(LIST["elevators"][0])]},
             "elevators[1].name",

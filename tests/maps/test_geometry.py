@@ -250,15 +250,11 @@ shapes_of_any_kind = (
 @st.composite
 def furnished(draw: st.DrawFn) -> Building:
     """A floor with walls, doors, objects and perhaps an elevator, with an outline or without."""
-    elements: list[Element] = [
-        Wall(name=f"w{i}", a=a, b=b) for i, (a, b) in enumerate(draw(st.lists(spans, max_size=4)))
-    ]
-    doors = draw(st.lists(st.tuples(spans, st.booleans()), max_size=2))
-    elements += [Door(name=f"d{i}", a=a, b=b, locked=locked) for i, ((a, b), locked) in enumerate(doors)]
+    walls, doors = draw(st.lists(spans, max_size=4)), draw(st.lists(st.tuples(spans, st.booleans()), max_size=2))
     things = draw(st.lists(st.tuples(shapes_of_any_kind, spots, st.floats(0, 6)), max_size=4))
-    elements += [
-        MapObject(name=f"o{i}", shape=shape, at=at, heading=turn) for i, (shape, at, turn) in enumerate(things)
-    ]
+    elements: list[Element] = [Wall(f"w{i}", *ends) for i, ends in enumerate(walls)]
+    elements += [Door(f"d{i}", *ends, locked=locked) for i, (ends, locked) in enumerate(doors)]
+    elements += [MapObject(f"o{i}", *thing) for i, thing in enumerate(things)]
     if draw(st.booleans()):
         elements.append(lift(ElevatorDoor(floor=draw(st.sampled_from(["L1", "L2"]))), heading=draw(st.floats(0, 6))))
     return storey(elements, outline=draw(st.sampled_from([(), ROOM])))

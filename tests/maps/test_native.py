@@ -154,19 +154,14 @@ def test_save_and_load(tmp_path: Path, building: Building) -> None:
             "floors[0].walls[1].to[1]",
             "'-nan' is a text in YAML and no number; write a",
         ),
-        ("to: [4, 4]", "to: [4, NaN]", 9, "floors[0].walls[1].to[1]", "write a finite number, such as 0.5"),
         ("to: [4, 4]", "to: [4, x]", 9, "floors[0].walls[1].to[1]", "Expected `float`, got `str`"),
         ("at: [3, 1]", "at: [1.5, 3]", 13, "floors[0].nodes[1]", "it stands on the shaft of elevator 'E'"),
-        ("at: [3, 1]", "at: {x: 3}", 14, "floors[0].nodes[1].at", "Expected `array`, got `object`"),
         ("{from: a, to: b}", "{from: a, to: c}", 16, "floors[0].edges[0]", "edge 'a-c' on L1: node 'c' does not exist"),
         ("{from: a, to: b}", "{from: a}", 16, "floors[0].edges[0]", "missing required field `to`"),
         ("width: 0.8", "side: up", 25, "elevators[0].doors[0].side", "Invalid enum value 'up'"),
         ("name: w2", "name: &n w2, height: *n", 9, "floors[0].walls[1].height", "aliases are not accepted"),
-        ("name: w2", "name: !!int w2", 9, "floors[0].walls[1].name", "'w2' is not a value"),
         ("name: w2", "name: !!python/object:os.system w2", 9, "floors[0].walls[1].name", "'w2' is not a value"),
-        ("name: w2", 'name: "w2', 9, "", "unexpected"),
         ("name: w2", "name: [w2", 9, "", "did not find expected"),
-        ("  level: 2", "\tlevel: 2", 18, "", "found a tab character"),
         ("name: w2", "name: w\x01", 9, "", "control characters are not allowed"),
         ("elevators:", "---\nelevators:", 21, "", "only one document"),
     ],
@@ -212,7 +207,6 @@ def test_keys_with_points_and_brackets_are_found() -> None:
         (b"\x89PNG\r\n\x1a\n\x00\x00", 1, "not UTF-8 text"),
         (b"a: 1\nb: \xff", 2, "not UTF-8 text"),
         (b"a: 1\nb: \0", 2, "control characters are not allowed"),
-        (b"null", 1, "not a RoboCorba map"),
         (b"[" * 1_000_000, 1, "nested deeper than 40"),
         (b"{" * 900, 1, "a key must be a plain word"),
         (b"{" * 1_000_000, 1, ""),  # either this reason or the depth: libyaml 0.2.6 scans ahead and counts levels
@@ -221,7 +215,6 @@ def test_keys_with_points_and_brackets_are_found() -> None:
         (b"robocorba: 1\nname: h\nfloors: []\n" + b"k" * 1_000_000 + b": 1", 4, ""),
         (b"robocorba: " + b"1" * 1_000_000, 1, "this release reads format version 1, not"),
         (b"robocorba: 1\nname: " + b"x" * 1_000_000 + b"\nfloors: []", 2, "the name has 1000000 characters"),
-        (b"robocorba: 1\nname: x\nfloors: " + b"x" * 1_000_000, 3, "Expected `array`"),
         (b"robocorba: 1\nname: x\nfloors: 3", 3, "Expected `array`"),
         (b"robocorba: 1\nname: x\nfloors:", 3, "Expected `array`, got `null`"),
         (b'robocorba: 1\nname: "\\ud800"\nfloors: []', 2, ""),
@@ -310,16 +303,6 @@ def test_five_floors_is_what_it_says() -> None:
             assert geometry.shaft_polygon(building.elevators[name]).contains(place)
     edges = [edge for entry in building.floors.values() for edge in entry.topological.edges.values()]
     assert any(edge.one_way for edge in edges) and any(edge.speed_limit for edge in edges)
-
-
-def test_the_scene_has_the_table_and_two_subnets() -> None:
-    plan = load_sample("paper-scene").floors["L1"].geometrical
-    assert plan.objects["table"].movable
-    assert {area.name: area.subnet for area in plan.areas.values()} == {
-        "room-1": "lab",
-        "room-2": "hall",
-        "corridor": "hall",
-    }
 
 
 @pytest.mark.parametrize("name", ["", "six-floors", "../five-floors", "five-floors.yaml"])

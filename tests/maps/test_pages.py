@@ -11,7 +11,7 @@ import pytest
 
 from robocorba.errors.maps import ServerBusy, VersionUnavailable
 from robocorba.maps import pages
-from robocorba.maps.changes import ChangeKind
+from robocorba.maps.changes import ChangeKind, elements_of
 from robocorba.maps.edits import MapChange
 from robocorba.maps.lineage import Lineage
 from robocorba.maps.long_requests import LongRequests
@@ -90,40 +90,23 @@ def loaded(
 
 
 @pytest.mark.parametrize("limit", [1, 3, 5000])
-def test_a_building_is_read_in_pages(editor: BuildingEditor, limit: int) -> None:
+def test_a_building_is_read_in_pages_also_while_it_is_edited(editor: BuildingEditor, limit: int) -> None:
     assert loaded(editor, limit) == editor.building
-    assert size_of_copy(editor.building) == sum(
-        len(editor.building.elements(kind, floor))
-        for kind in ElementKind
-        for floor in ([""] if kind in (FLOOR, ElementKind.ELEVATOR) else editor.building.floors)
+    assert size_of_copy(editor.building) == sum(1 for _ in elements_of(editor.building))
+    edits = iter(
+        [
+            lambda: editor.create("L1", wall("a")),
+            lambda: (editor.create("", Floor(name="L9", level=9, elevation=40.0)), editor.create("L9", wall("on top"))),
+            lambda: editor.remove(FLOOR, "", "L9", editor.read(FLOOR, "", "L9")[1]),
+            lambda: editor.remove(WALL, "L1", "w", editor.read(WALL, "L1", "w")[1]),
+        ]
     )
-
-
-def test_what_is_edited_while_it_is_read_is_corrected(editor: BuildingEditor) -> None:
-    names = iter("abc")
-
-    def edit(start: int) -> None:
-        name = next(names, None)
-        if name == "a":
-            editor.create("L1", wall("a"))
-        elif name == "b":
-            editor.create("", Floor(name="L9", level=9, elevation=40.0))
-            editor.create("L9", wall("on top"))
-        elif name == "c":
-            editor.remove(FLOOR, "", "L9", editor.read(FLOOR, "", "L9")[1])
-            removed = next(iter(editor.building.floors["L1"].geometrical.walls))
-            editor.remove(WALL, "L1", removed, editor.read(WALL, "L1", removed)[1])
-
-    assert loaded(editor, 1, meanwhile=edit) == editor.building
-    assert "a" in editor.building.floors["L1"].geometrical.walls
-
-
-def test_a_part_of_a_building(editor: BuildingEditor) -> None:
-    nodes(editor, 3)
-    copy = loaded(editor, 2, Selection((FLOOR, WALL), "L1"))
+    assert loaded(editor, limit, meanwhile=lambda start: next(edits, int)()) == editor.building
+    copy = loaded(editor, limit, Selection((FLOOR, WALL), "L1"))
     assert list(copy.floors) == list(editor.building.floors)
-    assert copy.floors["L1"].geometrical.walls == editor.building.floors["L1"].geometrical.walls
-    assert size_of_copy(copy) == 2 + len(copy.floors["L1"].geometrical.walls)
+    walls = copy.floors["L1"].geometrical.walls
+    assert walls == editor.building.floors["L1"].geometrical.walls and "a" in walls
+    assert size_of_copy(copy) == len(copy.floors) + len(walls)
 
 
 def test_changes_come_in_pages_that_end_anywhere_in_an_edit(editor: BuildingEditor) -> None:

@@ -70,10 +70,10 @@ def lift(*doors: ElevatorDoor, **values: Any) -> Elevator:
 FRONT = ElevatorDoor(floor="L1")
 
 
-def test_a_building_in_order_has_no_problems(building: Building) -> None:
-    assert problems(building) == []
-    assert problems(Building("empty")) == []
-    assert problems(grid(5, 4, floors=2, doors=2)) == []
+def test_problems_of_a_building(building: Building) -> None:
+    assert problems(building) == problems(Building("empty")) == problems(grid(5, 4, floors=2, doors=2)) == []
+    many = with_all(building, [("L1", wall(name=f"w{i}", height=NAN)) for i in range(30)])
+    assert (len(problems(many)), len(problems(many, limit=3))) == (30, 3)
 
 
 @pytest.mark.parametrize(
@@ -83,21 +83,16 @@ def test_a_building_in_order_has_no_problems(building: Building) -> None:
         (wall(name="x" * 201), "the name has 201 characters, at most 200"),
         (wall(name="x" * 1_000_000), "the name has 1000000 characters"),
         (wall(name=" A"), "the name ' A' begins or ends with a blank; write 'A'"),
-        (wall(name="A "), "begins or ends with a blank"),
-        (wall(name="A\u00a0"), "the unprintable character U+00A0"),
         (wall(name="e\u0301"), "is not in Unicode's normal form NFC"),
         (PathNode(name="n", at=(1.0, 1.0), elevator="E "), "elevator 'E ' begins or ends with a blank"),
         (wall(name="a\nb"), "unprintable character U+000A"),
-        (wall(name="a\ud800"), "unprintable character U+D800"),
         (Floor(name="L:1", level=9, elevation=9.0), "must not hold ':'"),
         (Floor(name="L/1", level=9, elevation=9.0), "must not hold '/'"),
-        (Floor(name="L", level=2**31, elevation=9.0), "level must be from"),
         (Floor(name="L", level=10**5000, elevation=9.0), "level must be from"),
         (Floor(name="L", level=1, elevation=9.0, height=0.0), "height must be from 0.001"),
         (Floor(name="L", level=1, elevation=9.0, outline=SQUARE[:2]), "outline has 2 points"),
         (wall(b=(1.0, 1.0)), "it has no length"),
         (wall(b=(1.0, 1.0005)), "it has no length"),
-        (wall(height=-1.0), "height must be"),
         (Door(name="x", a=(1.0, 1.0), b=(1.0, 1.0)), "it has no length"),
         (thing(SegmentShape(length=0.0)), "length must be"),
         (thing(SegmentShape(length=1.0), movable=True), "no mass, so it can't be movable; make it a box or a polygon"),
@@ -107,14 +102,11 @@ def test_a_building_in_order_has_no_problems(building: Building) -> None:
         (thing(CircleShape(radius=1.0), height=0.0), "height must be"),
         (Area(name="x", polygon=()), "the polygon has 0 points"),
         (Area(name="x", polygon=((0.0, 0.0), (1.0, 0.0), (2.0, 0.0))), "encloses no area"),
-        (Area(name="x", polygon=((0.0, 0.0), (1e-320, 0.0), (0.0, 1e-320))), "encloses no area"),
-        (Area(name="x", polygon=((5.0, 5.0),) * 4), "encloses no area"),
         (Area(name="x", polygon=((0.0, 0.0),) * 10_001), "has 10001 points, at most 10000"),
         (Area(name="x", polygon=(*SQUARE[:3], (NAN, 1.0))), "point 4 x is not a finite number"),
         (Area(name="x", polygon=SQUARE, subnet="\0"), "subnet holds the unprintable"),
         (edge("a", "a"), "from a node to the same node"),
         (edge("", "a"), "from is empty"),
-        (edge("a", "b", speed_limit=-1.0), "speed_limit must be"),
         (edge("a", "b", speed_limit=1e-300), "speed_limit must be from 0.001"),
         (edge("a", "b", clearance=-0.1), "clearance must be from 0"),
         (edge("a", "b", graphs=("",)), "the name of a graph is empty"),
@@ -122,14 +114,12 @@ def test_a_building_in_order_has_no_problems(building: Building) -> None:
         (lift(), "it serves no floor"),
         (lift(FRONT, speed=0.0), "speed must be"),
         (lift(FRONT, door_time=-1.0), "door_time must be from 0"),
-        (lift(FRONT, size=(2.0, 0.0)), "size y must be"),
         (lift(ElevatorDoor(floor="L1", width=2.1)), "front door on 'L1' is 2.1 m wide, the side 2 m"),
         (
             lift(ElevatorDoor(floor="L1", width=1.1, side=CabinSide.LEFT)),
             "left door on 'L1' is 1.1 m wide, the side 1 m",
         ),
         (lift(ElevatorDoor(floor="L1", width=1.0, offset=0.6)), "reaches beyond the side"),
-        (lift(ElevatorDoor(floor="L1", width=0.0)), "the width of a door must be"),
         (lift(ElevatorDoor(floor="")), "the floor of a door is empty"),
         (
             lift(ElevatorDoor(floor="L1", width=0.8), ElevatorDoor(floor="L1", width=0.8, offset=0.5)),
@@ -147,7 +137,7 @@ def test_an_element_by_itself(element: Element, reason: str) -> None:
 
 
 def test_doors_of_an_elevator_may_meet_and_be_as_wide_as_the_side() -> None:
-    check_element("", lift(ElevatorDoor(floor="L1", width=2.0), ElevatorDoor(floor="L2", width=2.0)))
+    check_element("", lift(*(ElevatorDoor(floor=floor, width=2.0) for floor in ("L1", "L2"))))
     halves = [ElevatorDoor(floor="L1", width=1.0, offset=offset) for offset in (-0.5, 0.5)]
     check_element("", lift(*halves, ElevatorDoor(floor="L1", side=CabinSide.BACK)))
 
@@ -186,7 +176,6 @@ def test_hostile_numbers(sound: Element, value: float) -> None:
         ("L1", node(18.0, 4.0), "x", "stands on the shaft of elevator 'E1'"),
         ("L1", node(18.0, 5.0, elevator="E9"), "x", "elevator 'E9', which does not exist"),
         ("L1", node(2.0, 5.0, elevator="E1"), "x", "stands outside its shaft"),
-        ("L1", node(5.0, 2.0, name="west"), "west-east", "leads through wall 'w' near 10,"),
         ("L1", node(15.0, 1.0, name="east"), "west-east", "leads through wall 'w' near 10,"),
         ("L1", node(15.0, 5.0, name="west"), "west-east", "its nodes stand at the same place"),
         ("L1", edge("west", "nowhere"), "x", "node 'nowhere' does not exist"),
@@ -241,17 +230,10 @@ def test_moving_the_landing_door_of_an_elevator_closes_the_wall_before_it(buildi
 
 def test_removing_a_long_elevator_closes_the_wall_before_its_narrow_side() -> None:
     door = ElevatorDoor(floor="L1", side=CabinSide.RIGHT, width=0.8)
-    before = with_all(
-        Building("long"),
-        [
-            ("", Floor(name="L1", level=1, elevation=0.0)),
-            ("", lift(door, at=(0.0, 0.0), size=(4.0, 1.0))),
-            ("L1", wall(name="w", a=(2.3, -3.0), b=(2.3, 3.0))),
-            ("L1", node(1.0, 0.0, "in")),
-            ("L1", node(4.0, 0.0, "out")),
-            ("L1", edge("in", "out", name="in-out")),
-        ],
-    )
+    before = Building("long").with_element("", Floor(name="L1", level=1, elevation=0.0))
+    before = before.with_element("", lift(door, at=(0.0, 0.0), size=(4.0, 1.0)))
+    roads = [node(1.0, 0.0, "in"), node(4.0, 0.0, "out"), edge("in", "out", name="in-out")]
+    before = with_all(before, [("L1", each) for each in (wall(name="w", a=(2.3, -3.0), b=(2.3, 3.0)), *roads)])
     assert problems(before) == []
     after = before.without(ElementKind.ELEVATOR, "", "x")
     (blocked,) = check_change(after, [(ElementKind.ELEVATOR, "", "x")], before)
@@ -360,12 +342,6 @@ def test_whoever_draws_a_path_onto_an_obstacle_is_refused(
     with pytest.raises(InvalidElement) as wrong:
         check_change(after, [changes.key_of("L1", element) for element in elements], locked)
     assert wrong.value.name == blamed
-
-
-def test_problems_are_limited(building: Building) -> None:
-    many = with_all(building, [("L1", wall(name=f"w{i}", height=NAN)) for i in range(30)])
-    assert len(problems(many)) == 30
-    assert len(problems(many, limit=3)) == 3
 
 
 @settings(deadline=None, max_examples=150)

@@ -267,8 +267,7 @@ def _edge(a: str, b: str, rng: np.random.Generator) -> PathEdge:
 def ruled_building(seed: int) -> Building:
     """A random building with areas, navigation graphs, more rules of edges, movable objects, and nodes at different
     places of cabins."""
-    building = random_building(seed)
-    return with_rules(building, np.random.default_rng([seed, 1]))
+    return with_rules(random_building(seed), np.random.default_rng([seed, 1]))
 
 
 def with_rules(building: Building, rng: np.random.Generator) -> Building:
@@ -281,20 +280,13 @@ def with_rules(building: Building, rng: np.random.Generator) -> Building:
                 at = (node.at[0] + float(shift[0]), node.at[1] + float(shift[1]))
                 changes.append((ElementKind.NODE, floor, node.name, msgspec.structs.replace(node, at=at)))
         for edge in entry.topological.edges.values():
-            changes.append(
-                (
-                    ElementKind.EDGE,
-                    floor,
-                    edge.name,
-                    msgspec.structs.replace(
-                        edge,
-                        one_way=bool(rng.random() < 0.25),
-                        clearance=float(rng.choice([0.0, 0.0, 0.0, 0.0, 0.3])),
-                        speed_limit=float(rng.choice([0.0, 0.0, 0.2, 0.7])),
-                        graphs=((), (), ("g0",), ("g1",), ("g0", "g1"))[int(rng.integers(5))],
-                    ),
-                )
-            )
+            rules = {
+                "one_way": bool(rng.random() < 0.25),
+                "clearance": float(rng.choice([0.0, 0.0, 0.0, 0.0, 0.3])),
+                "speed_limit": float(rng.choice([0.0, 0.0, 0.2, 0.7])),
+                "graphs": ((), (), ("g0",), ("g1",), ("g0", "g1"))[int(rng.integers(5))],
+            }
+            changes.append((ElementKind.EDGE, floor, edge.name, msgspec.structs.replace(edge, **rules)))
         for item in entry.geometrical.objects.values():
             if not isinstance(item.shape, SegmentShape) and rng.random() < 0.5:
                 changes.append((ElementKind.OBJECT, floor, item.name, msgspec.structs.replace(item, movable=True)))

@@ -134,6 +134,10 @@ def test_alternatives_are_other_paths() -> None:
     ends = Place("L1", 1.0, 1.0), Place("L1", 9.0, 1.0)
     paths = PathPlanner(bent_ring()).paths(PathRequest(*ends, mode=RouteMode.TOPOLOGICAL, alternatives=3))
     assert [path.distance for path in paths] == pytest.approx([BENT_M, 16.0])
+    doors = tuple(ElevatorDoor(floor=floor, width=1.4) for floor in ("L1", "L2", "L3"))
+    planner = PathPlanner(tower().with_element("", Elevator("E2", (5.0, 4.5), (2.0, 2.0), doors)))
+    paths = planner.paths(UPSTAIRS._replace(mode=RouteMode.GEOMETRIC, alternatives=1))
+    assert [{point.elevator for point in path.points} - {""} for path in paths] == [{"E2"}, {"E1"}]
 
 
 def test_headings_point_to_the_next_point() -> None:

@@ -14,7 +14,7 @@ from robocorba.errors.paths import PlannerBusy, PlanningTimeout
 from robocorba.planning.space import FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.turns import ALONE, SLICE_S, Turn, Turns
-from tests.control.places import eventually
+from robocorba.testing.processes import eventually
 from tests.planning.scenes import random_room
 from tests.waits import work_for
 
@@ -69,7 +69,7 @@ def test_queries_that_are_expected_to_be_short_go_first() -> None:
         with turns.take(later(), "L1"):
             expected = [0.6, 0.001, 0.03, 0.001, 0.6]
             waiting = [pool.submit(query, each) for each in expected]
-            eventually(lambda: len(turns._waiting) == len(expected), "all queries wait")
+            eventually(lambda: len(turns._waiting) == len(expected), what="all queries wait")
         for each in waiting:
             each.result(LIMIT_S)
     assert order == sorted(expected)
