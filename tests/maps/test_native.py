@@ -261,16 +261,16 @@ def test_any_damage_to_a_sound_file_ends_in_a_building_or_a_typed_error() -> Non
 
 def test_check_lists_what_is_wrong(tmp_path: Path) -> None:
     file = tmp_path / "house.yaml"
-    file.write_text(SOUND)
-    assert native.check(file) == []
-    file.write_text(SOUND.replace("at: [1, 1]", "at: [1.5, 3]").replace("at: [3, 1]", "at: [2.5, 3]"))
-    assert [(found.line, found.key) for found in native.check(file)][:2] == [
-        (11, "floors[0].nodes[0]"),
-        (13, "floors[0].nodes[1]"),
-    ]
-    file.write_text("robocorba: 2")
-    assert [found.line for found in native.check(file)] == [1]
-    assert native.check(tmp_path / "none.yaml")[0].line == 0
+
+    def found(text: str) -> list[tuple[int, str]]:
+        file.write_text(text)
+        return [(each.line, each.key) for each in native.check(file)]
+
+    assert native.check(file)[0].line == 0
+    assert found(SOUND) == []
+    wrong = SOUND.replace("at: [1, 1]", "at: [1.5, 3]").replace("at: [3, 1]", "at: [2.5, 3]")
+    assert found(wrong)[:2] == [(11, "floors[0].nodes[0]"), (13, "floors[0].nodes[1]")]
+    assert [line for line, _ in found("robocorba: 2")] == [1]
 
 
 CLEARANCE_M = 0.45

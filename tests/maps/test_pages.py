@@ -191,11 +191,6 @@ def in_one_edit(editor: BuildingEditor, *operations: Callable[[Transaction], obj
     transaction.commit()
 
 
-def test_without_changes_elements_go_by_their_names() -> None:
-    assert Lineage().origin(OBJECT, "L1", "chair") == (OBJECT, "L1", "chair")
-    assert Lineage().floors(["L1", "L2"]) == {"L1": "L1", "L2": "L2"}
-
-
 def test_a_renamed_object_is_followed_over_further_edits(editor: BuildingEditor, since: int) -> None:
     renamed = editor.rename(OBJECT, "L1", "chair", "stool", since)
     editor.change("L1", msgspec.structs.replace(CHAIR, name="stool", height=2.0), renamed)
@@ -207,8 +202,12 @@ def test_a_renamed_object_is_followed_over_further_edits(editor: BuildingEditor,
 
 
 def test_an_object_that_was_removed_is_another_one_than_its_successor(editor: BuildingEditor, since: int) -> None:
+    assert Lineage().origin(OBJECT, "L1", "chair") == (OBJECT, "L1", "chair")  # without changes
+    assert Lineage().floors(["L1", "L2"]) == {"L1": "L1", "L2": "L2"}
     editor.remove(OBJECT, "L1", "chair", since)
     editor.create("L1", CHAIR)
+    editor.create("", Floor("L3", 3, 8.0))
+    assert lineage(editor, since).floors(editor.building.floors) == {"L1": "L1", "L2": "L2"}
     assert lineage(editor, since).origin(OBJECT, "L1", "chair") is None
 
 
@@ -253,21 +252,11 @@ def test_an_elevator_is_the_same_if_a_floor_gets_another_name_in_the_same_edit()
     assert found.origin(ELEVATOR, "", "lift") == (ELEVATOR, "", "E1")
 
 
-def test_a_new_floor_has_no_origin(editor: BuildingEditor, since: int) -> None:
-    editor.create("", Floor("L3", 3, 8.0))
-    assert lineage(editor, since).floors(editor.building.floors) == {"L1": "L1", "L2": "L2"}
-
-
-def test_requests_that_would_wait_too_long_are_refused() -> None:
-    requests = LongRequests(wait_limit_s=0.0, max_waiting=1)
-    with requests.admitted(), pytest.raises(ServerBusy, match="took more than 0 s"), requests.admitted():
-        pass
-    with requests.admitted():
-        pass
-
-
-def test_only_so_many_wait() -> None:
-    requests = LongRequests(wait_limit_s=30.0, max_waiting=0)
+@pytest.mark.parametrize(
+    ("wait_limit_s", "max_waiting", "reason"), [(0.0, 1, "took more than 0 s"), (30.0, 0, "too many")]
+)
+def test_requests_that_would_wait_too_long_are_refused(wait_limit_s: float, max_waiting: int, reason: str) -> None:
+    requests = LongRequests(wait_limit_s=wait_limit_s, max_waiting=max_waiting)
     for _ in range(2):
-        with requests.admitted(), pytest.raises(ServerBusy, match="too many"), requests.admitted():
+        with requests.admitted(), pytest.raises(ServerBusy, match=reason), requests.admitted():
             pass

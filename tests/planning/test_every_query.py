@@ -36,7 +36,6 @@ from tests.planning.scenes import (
     random_building,
     room,
     tower,
-    two_halls,
     two_rooms,
     wall,
 )
@@ -213,11 +212,6 @@ def test_a_wrong_refusal_is_found(mode: RouteMode) -> None:
     hall, is_free = one_way_hall(), mode is RouteMode.GEOMETRIC
     assert is_refuted(hall, ("L1", 18.0, 2.0), ("L1", 2.0, 2.0), mode) is is_free
     assert mode is RouteMode.TOPOLOGICAL or is_refuted(hall, ("L1", 18.0, 1.0), ("L1", 2.0, 3.0), mode)
-
-
-def test_known_lengths() -> None:
-    request = PathRequest(Place("L1", 11.0, 7.0), Place("L1", 11.0, 2.0), mode=RouteMode.GEOMETRIC)
-    assert Judge(two_halls()).exact_length(request) == pytest.approx(15.91, rel=0.005)
 
 
 @pytest.mark.parametrize("seed", range(4))
