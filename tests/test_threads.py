@@ -48,6 +48,17 @@ def test_failures_of_threads_are_reported() -> None:
     workers.close()
 
 
+def test_a_thread_that_does_not_end_is_named(caplog: pytest.LogCaptureFixture) -> None:
+    end = threading.Event()
+    thread = Background("test", end.wait, lambda reason: None)
+    thread.start()
+    thread.wait_for_end(0.01)
+    assert "the thread 'test' has not ended within 0.01 s" in caplog.text
+    end.set()
+    thread.wait_for_end(LIMIT_S)
+    assert not thread.is_alive()
+
+
 def test_a_process_ends_with_an_error_though_its_main_thread_waits() -> None:
     program = (
         "import threading; from robocorba.background import Background, end_process\n"
