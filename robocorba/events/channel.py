@@ -226,8 +226,8 @@ class Channel:
         return claims
 
     def release_overdue(self, is_over: bool = False) -> None:
-        """Deliver events that have waited long enough for earlier ones. To be called about once a second while there are
-        peers. is_over: no peer is left from which the earlier ones could come."""
+        """Deliver events that have waited long enough for earlier ones; to be called about once a second while there
+        are peers. is_over: no peer is left from which the earlier ones could come."""
         claims: Claims = []
         with self.lock:
             now, count = time.monotonic(), 0
