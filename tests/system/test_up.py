@@ -16,6 +16,7 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.corba.orb import Orb
+from robocorba.names import CHANNELS
 from robocorba.stubs import RoboCorba
 from robocorba.testing.processes import ROBOCORBA, Running, eventually, hang, is_running, read_json, refusal
 from tests.damage import damage
@@ -34,32 +35,73 @@ def answers(planner: object) -> int:
         return 0
 
 
-def test_ready_means_that_every_object_answers(echo_up: Start, client: Orb) -> None:
+def status(launch: Launch, running: Running, *options: str) -> tuple[int, str]:
+    process = launch(sys.executable, "-c", STATUS, "--state", str(running.state), *options)
+    out, err = process.communicate(timeout=60)
+    assert err == ""
+    return process.returncode, out
+
+
+STATUS = "import typer; from robocorba.commands.status import status; typer.run(status)"
+
+
+def test_all_is_served_when_it_is_ready_and_nothing_is_left_after_ctrl_c(
+    echo_up: Start, launch: Launch, client: Orb
+) -> None:
     running = echo_up().wait_ready()
-    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=1.0)
-    assert planner._get_mapVersion() == running.pid("echo")
+    pid = running.pid("echo")
+    assert client.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=1.0)._get_mapVersion() == pid
     assert running.printed == [
         f"omniNames\t{running.pid('omniNames')}\tcorbaname::{running.naming}",
-        f"echo\t{running.pid('echo')}\tcorbaname::{running.naming}#RoboCorba/PathPlanner",
+        f"echo\t{pid}\tcorbaname::{running.naming}#RoboCorba/PathPlanner",
     ]
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_stops_everything(echo_up: Start, number: signal.Signals) -> None:
-    running = echo_up().wait_ready()
-    assert running.stop(number) == 0
+    said = refusal(echo_up().process)
+    assert f"another robocorba up (process id {running.process.pid}) uses the state folder" in said
+    code, out = status(launch, running, "--json")
+    names, echo = read_json(out)["processes"]
+    assert code == 0
+    assert (names["name"], echo["name"], echo["pid"]) == ("omniNames", "echo", pid)
+    assert echo["memory_mib"] > 1 and echo["uptime_s"] > 0 and echo["restarts"] == 0
+    assert [thing["name"] for thing in echo["objects"]] == ["RoboCorba/PathPlanner"]
+    assert 0 < echo["objects"][0]["answered_ms"] < 2000
+    hang(pid)
+    code, out = status(launch, running)
+    assert (code, "RoboCorba/PathPlanner\tRoboCorba/PathPlanner is not reachable" in out) == (1, True)
+    os.kill(pid, signal.SIGCONT)
+    assert status(launch, running)[0] == 0
+    assert running.stop(signal.SIGINT) == 0
     assert running.left_behind() == []
     assert len(running.descendants) == 3  # with the warm parent
     assert not (running.state / "up.json").exists()
+    assert b"unbind" in (running.state / "omninames" / "omninames.dat").read_bytes()  # no names are left
 
 
-def test_kill_9_of_the_supervisor_ends_its_children(echo_up: Start) -> None:
+def test_kill_9_of_the_supervisor_and_damaged_files(
+    echo_up: Start, launch: Launch, client: Orb, naming_port: int
+) -> None:
     running = echo_up().wait_ready()
+    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
     running.stop(signal.SIGKILL)
     eventually(lambda: not running.left_behind(), 30.0, "all children ended")
     assert len(running.descendants) == 3  # with the warm parent
-    again = echo_up().wait_ready()  # same folder, same ports
-    assert again.stop() == 0
+    assert status(launch, running) == (1, f"nothing runs in {running.state}\n")  # up.json is still there
+    damaged = ("ports.json", "up.json", "omninames/omninames.dat")
+    for name in damaged:
+        damage(running.state / name)
+    running = echo_up().wait_ready()
+    assert client.resolve("PathPlanner", RoboCorba.PathPlanner)._get_mapVersion() == running.pid("echo")
+    assert answers(planner) == running.pid("echo")  # at the port of before
+    log = (running.state / "logs" / "up.log").read_text()
+    for name in damaged:
+        assert (running.state / f"{name}.damaged").exists()
+        assert f"{running.state / name} is damaged" in log
+    running.stop(signal.SIGKILL)
+    moved = echo_up(port=naming_port + 5).wait_ready()  # the same folder at another naming service
+    name = ("RoboCorba/PathPlanner", RoboCorba.PathPlanner, 20.0)
+    found = client.resolve_in_other_naming_service(moved.naming, *name)
+    assert eventually(lambda: answers(found)) == moved.pid("echo")
+    assert moved.stop(signal.SIGHUP) == 0
+    assert moved.left_behind() == []
 
 
 def test_ctrl_c_in_the_middle_of_the_start(echo_up: Start) -> None:
@@ -90,7 +132,7 @@ def test_a_server_that_ignores_sigterm_is_killed(echo_up: Start) -> None:
     assert running.left_behind() == []
 
 
-def test_a_reference_survives_kill_9_of_its_server(echo_up: Start, client: Orb) -> None:
+def test_references_and_names_survive_kill_9_of_servers(echo_up: Start, client: Orb) -> None:
     running = echo_up().wait_ready()
     planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
     for restarts in (1, 2, 3):
@@ -99,83 +141,32 @@ def test_a_reference_survives_kill_9_of_its_server(echo_up: Start, client: Orb) 
         eventually(lambda: answers(planner) not in (0, before), 30.0, "answers again")  # noqa: B023
         eventually(lambda: running.record().processes[1].state == "running", what="seen as running")
         assert running.record().processes[1].restarts == restarts
-    assert running.stop() == 0
-
-
-def test_names_survive_kill_9_of_the_naming_service(echo_up: Start, client: Orb) -> None:
-    running = echo_up().wait_ready()
     first = running.pid("omniNames")
     os.kill(first, signal.SIGKILL)
     eventually(lambda: running.pid("omniNames") not in (0, first), what="started again")
     assert client.resolve("PathPlanner", RoboCorba.PathPlanner)._get_mapVersion() == running.pid("echo")
-
-
-def test_servers_bind_again_when_the_naming_service_comes_back_empty(echo_up: Start, client: Orb) -> None:
-    running = echo_up().wait_ready()
-    for file in (running.state / "omninames").iterdir():
+    for file in (running.state / "omninames").iterdir():  # the next one comes back empty
         file.unlink()
     os.kill(running.pid("omniNames"), signal.SIGKILL)
     assert client.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=6.0)._get_mapVersion() == running.pid("echo")
+    assert running.stop() == 0
 
 
-def test_damaged_files_are_made_again(echo_up: Start, client: Orb) -> None:
-    running = echo_up().wait_ready()
-    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
-    running.stop(signal.SIGKILL)
-    damaged = ("ports.json", "up.json", "omninames/omninames.dat")
-    for name in damaged:
-        damage(running.state / name)
-    running = echo_up().wait_ready()
-    assert client.resolve("PathPlanner", RoboCorba.PathPlanner)._get_mapVersion() == running.pid("echo")
-    assert answers(planner) == running.pid("echo")  # at the port of before
-    log = (running.state / "logs" / "up.log").read_text()
-    for name in damaged:
-        assert (running.state / f"{name}.damaged").exists()
-        assert f"{running.state / name} is damaged" in log
-
-
-def test_a_stopped_system_leaves_no_names(echo_up: Start) -> None:
-    running = echo_up().wait_ready()
-    running.stop()
-    assert b"unbind" in (running.state / "omninames" / "omninames.dat").read_bytes()
-
-
-def test_ports_are_remembered(echo_up: Start, client: Orb, naming_port: int) -> None:
+def test_ports_in_use_are_one_line_and_ports_are_remembered(echo_up: Start, client: Orb, naming_port: int) -> None:
     """A client keeps its reference over a restart of the whole, even when the first free port has changed."""
+    with socket.create_server(("127.0.0.1", naming_port)):
+        said = refusal(echo_up().process)
+    assert said.startswith(f"robocorba up: port {naming_port} on 127.0.0.1, wanted for the naming service, is in use")
     with socket.create_server(("127.0.0.1", naming_port + 1)):
         first = echo_up().wait_ready()
         planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
         assert first.record().processes[1].endpoint == f"127.0.0.1:{naming_port + 2}"
         first.stop()
+    with socket.create_server(("127.0.0.1", naming_port + 2)):
+        said = refusal(echo_up().process)
+    assert f"port {naming_port + 2} on 127.0.0.1, wanted for echo" in said
     second = echo_up().wait_ready()
     assert eventually(lambda: answers(planner)) == second.pid("echo")
-
-
-def test_the_same_folder_on_another_naming_port(echo_up: Start, naming_port: int) -> None:
-    echo_up().wait_ready().stop(signal.SIGKILL)
-    moved = echo_up(port=naming_port + 5).wait_ready()
-    with Orb(moved.naming) as orb:
-        assert orb.resolve("PathPlanner", RoboCorba.PathPlanner)._get_mapVersion() == moved.pid("echo")
-
-
-def test_a_naming_port_in_use_is_one_line(echo_up: Start, naming_port: int) -> None:
-    with socket.create_server(("127.0.0.1", naming_port)):
-        said = refusal(echo_up().process)
-    assert said.startswith(f"robocorba up: port {naming_port} on 127.0.0.1, wanted for the naming service, is in use")
-
-
-def test_a_servers_port_in_use_is_one_line(echo_up: Start, naming_port: int) -> None:
-    echo_up().wait_ready().stop()
-    with socket.create_server(("127.0.0.1", naming_port + 1)):
-        said = refusal(echo_up().process)
-    assert f"port {naming_port + 1} on 127.0.0.1, wanted for echo" in said
-
-
-def test_a_folder_serves_one_system(echo_up: Start) -> None:
-    running = echo_up().wait_ready()
-    said = refusal(echo_up().process)
-    assert f"another robocorba up (process id {running.process.pid}) uses the state folder" in said
-    assert running.process.poll() is None
 
 
 def test_a_server_that_fails_at_start_is_named_with_its_error(echo_up: Start) -> None:
@@ -192,37 +183,6 @@ def test_a_server_that_never_serves_is_named(echo_up: Start) -> None:
     assert said.startswith("robocorba up: echo did not answer within 1 s: RoboCorba/PathPlanner is not reachable")
 
 
-def status(launch: Launch, running: Running, *options: str) -> tuple[int, str]:
-    process = launch(sys.executable, "-c", STATUS, "--state", str(running.state), *options)
-    out, err = process.communicate(timeout=60)
-    assert err == ""
-    return process.returncode, out
-
-
-STATUS = "import typer; from robocorba.commands.status import status; typer.run(status)"
-
-
-def test_status_asks_every_object(echo_up: Start, launch: Launch) -> None:
-    running = echo_up().wait_ready()
-    code, out = status(launch, running, "--json")
-    names, echo = read_json(out)["processes"]
-    assert code == 0
-    assert (names["name"], echo["name"], echo["pid"]) == ("omniNames", "echo", running.pid("echo"))
-    assert echo["memory_mib"] > 1 and echo["uptime_s"] > 0 and echo["restarts"] == 0
-    assert [thing["name"] for thing in echo["objects"]] == ["RoboCorba/PathPlanner"]
-    assert 0 < echo["objects"][0]["answered_ms"] < 2000
-
-
-def test_status_tells_of_a_server_that_hangs(echo_up: Start, launch: Launch) -> None:
-    running = echo_up().wait_ready()
-    hang(running.pid("echo"))
-    code, out = status(launch, running)
-    assert code == 1
-    assert "RoboCorba/PathPlanner\tRoboCorba/PathPlanner is not reachable" in out
-    os.kill(running.pid("echo"), signal.SIGCONT)
-    assert status(launch, running)[0] == 0
-
-
 def test_a_server_that_hangs_is_restarted(echo_up: Start, client: Orb) -> None:
     running = echo_up(hang_limit_s=2.0).wait_ready()
     planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
@@ -231,12 +191,6 @@ def test_a_server_that_hangs_is_restarted(echo_up: Start, client: Orb) -> None:
     eventually(lambda: not psutil.pid_exists(hanging), 60.0, "the end of the hanging server")
     assert eventually(lambda: answers(planner), 60.0) != hanging
     assert "echo was killed: no answer for" in (running.state / "logs" / "up.log").read_text()
-
-
-def test_status_says_when_nothing_runs(echo_up: Start, launch: Launch) -> None:
-    running = echo_up().wait_ready()
-    running.stop(signal.SIGKILL)  # up.json is still there
-    assert status(launch, running) == (1, f"nothing runs in {running.state}\n")
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "no such host", "192.0.2.1"])
@@ -249,6 +203,8 @@ def test_the_real_servers(robocorba_up: Start, launch: Launch, client: Orb) -> N
     running = robocorba_up().wait_ready()
     assert client.resolve("MapEditor", RoboCorba.MapEditor)._get_currentVersion() >= 0
     planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
+    assert client.names(CHANNELS) == ["main"]  # one channel, unless there are --subnets
+    assert client.resolve(f"{CHANNELS}/main", RoboCorba.EventChannel).state().links == []
     assert launch(ROBOCORBA, "status", "--state", str(running.state)).wait(60.0) == 0
     os.kill(running.pid("map_editor"), signal.SIGKILL)
     eventually(lambda: answers(planner) > 0, 60.0, "answers again")
