@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from subprocess import Popen
 
 import pytest
 
@@ -14,7 +15,7 @@ from robocorba.corba.orb import Orb
 from robocorba.maps import native
 from robocorba.settings import Address
 from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import Launcher, Running, forked_processes, real_system
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, forked_processes, real_system
 
 HERE = Path(__file__).resolve().parent
 ECHO_UP = (sys.executable, str(HERE / "echo_up.py"))
@@ -89,6 +90,13 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     native.save(two_floors(), folder / "two-floors.yaml")
     with claimed_ports() as port, Launcher(folder) as launch:
         yield real_system(launch, folder / "state", port, "--building", "two-floors.yaml").wait_ready()
+
+
+@pytest.fixture
+def robocorba(launch: Launcher, system: Running) -> Callable[..., Popen[str]]:
+    """Starts `robocorba` with arguments, for `system`, in the folder of the test."""
+    places = {"ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(launch.folder / "state")}
+    return lambda *arguments: launch(ROBOCORBA, *arguments, **places)
 
 
 @pytest.fixture(scope="module")

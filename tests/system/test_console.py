@@ -8,13 +8,13 @@ import os
 import signal
 import stat
 import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
 
+from robocorba.claimed_ports import claimed_ports
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.supervisor import RemoteSupervisor
 from robocorba.errors.services import NotReachable, ProcessExists, UnknownProcess
@@ -28,23 +28,6 @@ pytestmark = pytest.mark.system
 
 #: Timeout for a process to get ready on a busy machine [s].
 START_S = 90.0
-
-
-@pytest.fixture(scope="module")
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    with running_system(tmp_path_factory.mktemp("console"), "--console", "--console-port", "0") as (running, _):
-        yield running
-
-
-@pytest.fixture(scope="module")
-def orb(system: Running) -> Iterator[Orb]:
-    with Orb(system.naming) as orb:
-        yield orb
-
-
-@pytest.fixture
-def supervisor(system: Running, orb: Orb) -> RemoteSupervisor:
-    return RemoteSupervisor(orb, system.state / SUPERVISOR)
 
 
 def call(system: Running, operation: str, /, **arguments: Any) -> Any:
@@ -62,12 +45,36 @@ def state_of(supervisor: RemoteSupervisor, name: str) -> ProcessState | None:
     return next((state for state in supervisor.processes() if state.name == name), None)
 
 
-def is_in(supervisor: RemoteSupervisor, name: str, phase: ProcessPhase) -> bool:
-    state = state_of(supervisor, name)
-    return state is not None and state.phase is phase
+def wait_for(supervisor: RemoteSupervisor, name: str, phase: ProcessPhase) -> ProcessState:
+    """Wait until a process is in a phase."""
+
+    def state() -> ProcessState | None:
+        found = state_of(supervisor, name)
+        return found if found and found.phase is phase else None
+
+    found: ProcessState = eventually(state, START_S, f"{name} is {phase}")
+    return found
 
 
-def test_the_console_is_a_process_of_the_system(system: Running, supervisor: RemoteSupervisor) -> None:
+def test_the_console_is_a_process_of_the_system(tmp_path: Path) -> None:
+    with (
+        running_system(tmp_path, "--console", "--console-port", "0") as (system, launch),
+        Orb(system.naming) as orb,
+    ):
+        supervisor = RemoteSupervisor(orb, system.state / SUPERVISOR)
+        check_console(system, supervisor)
+        check_refusals(supervisor)
+        check_robots(system, supervisor)
+        check_kill(system, supervisor)
+        port = system.record().console_address.rstrip("/").rpartition(":")[2]
+        with claimed_ports() as naming:
+            options = ("--state", "other", "--naming-port", str(naming), "--console", "--console-port", port)
+            said = refusal(launch(ROBOCORBA, "up", *options), 60.0)
+        assert f"port {port} on 127.0.0.1, wanted for the console, is in use" in said
+        check_end(system, supervisor)
+
+
+def check_console(system: Running, supervisor: RemoteSupervisor) -> None:
     address = system.record().console_address
     assert any(line.startswith("console\t") and line.endswith(f"\t{address}") for line in system.printed)
     with urllib.request.urlopen(address, timeout=30.0) as page:
@@ -78,21 +85,37 @@ def test_the_console_is_a_process_of_the_system(system: Running, supervisor: Rem
     assert call(system, "rights") == {"administrator": True, "supervisor": True}
     assert call(system, "set_pace", pace=-1).startswith("pace: -1.0 is not")
     assert supervisor.log_lines("omniNames", 3)
-
-
-def test_only_this_user_can_read_the_reference(system: Running) -> None:
     assert stat.S_IMODE((system.state / SUPERVISOR).stat().st_mode) == 0o600
 
 
-def test_robots_start_and_end(system: Running, supervisor: RemoteSupervisor) -> None:
+def check_refusals(supervisor: RemoteSupervisor) -> None:
+    for order, field in (
+        (RobotOrder("--help"), "name"),
+        (RobotOrder("A/../B"), "name"),
+        (RobotOrder("A", adaptor="nothing"), "adaptor"),
+        (RobotOrder("A", adaptor_arguments=("x",) * 65), "adaptorArguments"),
+        (RobotOrder("A", floor="nowhere"), "onFloor"),
+        (RobotOrder("A", at=(float("nan"), 0.0, 0.0)), "x"),
+        (RobotOrder("A", channel="nowhere"), "channel"),
+    ):
+        with pytest.raises(InvalidChoice) as raised:
+            supervisor.start_robot(order)
+        assert raised.value.field == field
+    for name in ("nobody", "simulation", "", "../up"):
+        with pytest.raises(UnknownProcess):
+            supervisor.end_robot(name)
+
+
+def check_robots(system: Running, supervisor: RemoteSupervisor) -> None:
+    """They start, end, are killed, and say why they can't start."""
     supervisor.start_robot(RobotOrder("R1", channel="main"))
     with pytest.raises(ProcessExists):
         supervisor.start_robot(RobotOrder("R1"))
     assert call(system, "start_robot", name="R2", x=3.0, y=4.0, heading=-1.5) is None
-    for name in ("R1", "R2"):
-        eventually(lambda: is_in(supervisor, f"robot_{name}", ProcessPhase.READY), START_S, f"{name} ready")  # noqa: B023
+    for name in ("robot_R1", "robot_R2"):
+        wait_for(supervisor, name, ProcessPhase.READY)
     processes = [psutil.Process(state.pid) for state in supervisor.processes() if state.robot]
-    assert state_of(supervisor, "robot_R1").bound_names == ("RoboCorba/Robots/R1",)  # type: ignore[union-attr]
+    assert wait_for(supervisor, "robot_R1", ProcessPhase.READY).bound_names == ("RoboCorba/Robots/R1",)
     # Ready before it is bound only where the naming service did not answer for seconds.
     bound = "bound RoboCorba/Robots/R2"
     log = functools.partial(call, system, "log_lines", process="robot_R2", lines=50)
@@ -101,78 +124,32 @@ def test_robots_start_and_end(system: Running, supervisor: RemoteSupervisor) -> 
     supervisor.end_robot("R1")
     eventually(lambda: state_of(supervisor, "robot_R1") is None, 60.0, "R1 ended")
     os.kill(processes[1].pid, signal.SIGKILL)
-    eventually(lambda: is_in(supervisor, "robot_R2", ProcessPhase.ENDED), 30.0, "the end of R2 is shown")
-    assert state_of(supervisor, "robot_R2").problem == "ended by SIGKILL"  # type: ignore[union-attr]
+    assert wait_for(supervisor, "robot_R2", ProcessPhase.ENDED).problem == "ended by SIGKILL"
     assert not any(map(is_running, processes))
     assert call(system, "end_robot", robot="R2") is None
     assert state_of(supervisor, "robot_R2") is None
-
-
-def test_a_robot_that_can_not_start_says_why(supervisor: RemoteSupervisor) -> None:
     supervisor.start_robot(RobotOrder("R3", adaptor="corba", adaptor_arguments=("nobody",)))
-    eventually(lambda: is_in(supervisor, "robot_R3", ProcessPhase.ENDED), START_S, "R3 ended")
-    assert "R3" in state_of(supervisor, "robot_R3").problem  # type: ignore[union-attr]
+    assert "R3" in wait_for(supervisor, "robot_R3", ProcessPhase.ENDED).problem
     supervisor.end_robot("robot_R3")
 
 
-@pytest.mark.parametrize(
-    ("order", "field"),
-    [
-        (RobotOrder("--help"), "name"),
-        (RobotOrder("A/../B"), "name"),
-        (RobotOrder("A", adaptor="nothing"), "adaptor"),
-        (RobotOrder("A", adaptor_arguments=("x",) * 65), "adaptorArguments"),
-        (RobotOrder("A", floor="nowhere"), "onFloor"),
-        (RobotOrder("A", at=(float("nan"), 0.0, 0.0)), "x"),
-        (RobotOrder("A", channel="nowhere"), "channel"),
-    ],
-)
-def test_orders_that_make_no_sense_are_refused(order: RobotOrder, field: str, supervisor: RemoteSupervisor) -> None:
-    with pytest.raises(InvalidChoice) as raised:
-        supervisor.start_robot(order)
-    assert raised.value.field == field
-
-
-@pytest.mark.parametrize("name", ["nobody", "simulation", "", "../up"])
-def test_only_robots_that_were_started_here_are_ended(name: str, supervisor: RemoteSupervisor) -> None:
-    with pytest.raises(UnknownProcess):
-        supervisor.end_robot(name)
-
-
-def test_a_killed_console_comes_back_at_its_address(system: Running, supervisor: RemoteSupervisor) -> None:
-    before = state_of(supervisor, "console")
-    assert before is not None
+def check_kill(system: Running, supervisor: RemoteSupervisor) -> None:
+    """A killed console comes back at its address."""
+    before = wait_for(supervisor, "console", ProcessPhase.READY)
     os.kill(before.pid, signal.SIGKILL)
-
-    def is_back() -> bool:
-        now = state_of(supervisor, "console")
-        return now is not None and now.phase is ProcessPhase.READY and now.restarts == before.restarts + 1
-
-    eventually(is_back, START_S, "the console restarted")
+    eventually(lambda: (now := state_of(supervisor, "console")) and now.restarts == before.restarts + 1)
+    wait_for(supervisor, "console", ProcessPhase.READY)
     assert call(system, "rights")["administrator"]
 
 
-def test_a_port_in_use_is_one_line(system: Running, tmp_path: Path) -> None:
-    from robocorba.claimed_ports import claimed_ports
-    from robocorba.testing.processes import Launcher
-
-    port = system.record().console_address.rstrip("/").rpartition(":")[2]
-    with Launcher(tmp_path) as launch, claimed_ports() as naming:
-        options = ("--state", "state", "--naming-port", str(naming), "--console", "--console-port", port)
-        said = refusal(launch(ROBOCORBA, "up", *options), 60.0)
-    assert f"port {port} on 127.0.0.1, wanted for the console, is in use" in said
-
-
-def test_all_ends_with_the_system(orb: Orb, tmp_path: Path) -> None:
-    with running_system(tmp_path, "--console", "--console-port", "0") as (system, _):
-        supervisor = RemoteSupervisor(orb, system.state / SUPERVISOR)
-        supervisor.start_robot(RobotOrder("R4"))
-        eventually(lambda: is_in(supervisor, "robot_R4", ProcessPhase.READY), START_S, "R4 ready")
-        assert call(system, "rights") == {"administrator": True, "supervisor": True}
-        system.note_descendants()
-        assert system.stop(signal.SIGKILL) == -signal.SIGKILL
-        eventually(lambda: not system.left_behind(), 30.0, "all processes ended")
-        with pytest.raises(NotReachable):
-            supervisor.processes()
-        with pytest.raises(OSError):  # refused, or reset while the last process closes its socket
-            call(system, "rights")
+def check_end(system: Running, supervisor: RemoteSupervisor) -> None:
+    """All ends with the system, its robots too."""
+    supervisor.start_robot(RobotOrder("R4"))
+    wait_for(supervisor, "robot_R4", ProcessPhase.READY)
+    system.note_descendants()
+    assert system.stop(signal.SIGKILL) == -signal.SIGKILL
+    eventually(lambda: not system.left_behind(), 30.0, "all processes ended")
+    with pytest.raises(NotReachable):
+        supervisor.processes()
+    with pytest.raises(OSError):  # refused, or reset while the last process closes its socket
+        call(system, "rights")
