@@ -6,7 +6,6 @@ import contextlib
 import math
 import os
 import signal
-import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -25,6 +24,7 @@ from robocorba.simulation.sensor_admission import proof_of, read_token
 from robocorba.spatial.floor_update import WHOLE
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, hang
+from robocorba.testing.virtual_and_actual import robot_process
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
@@ -80,29 +80,16 @@ def thief(orb: Orb) -> Iterator[None]:
 
 
 @pytest.fixture
-def robot(system: Running, tmp_path: Path) -> Iterator[Path]:
-    """The robot A; its state folder."""
-    with Launcher(tmp_path) as launch:
-        naming = {"ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(tmp_path / "state")}
-        process = launch(ROBOCORBA, "robot", "A", "--floor", "L1", "--at", "3,5,0", "--channel", "main", **naming)
-        assert process.stdout is not None and process.stdout.readline() == "ready\n"
-        yield tmp_path / "state"
-        process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=PATIENCE_S)
-
-
-@pytest.fixture
-def robocorba(system: Running, tmp_path: Path) -> Iterator[Callable[..., tuple[int, str]]]:
+def robocorba(launch: Launcher, system: Running) -> Callable[..., tuple[int, str]]:
     """Runs `robocorba`, and returns its exit code and what it has printed."""
-    with Launcher(tmp_path) as launch:
 
-        def run(*arguments: str) -> tuple[int, str]:
-            naming = {"ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(system.state)}
-            process: subprocess.Popen[str] = launch(ROBOCORBA, *arguments, **naming)
-            out, err = process.communicate(timeout=PATIENCE_S)
-            return process.returncode, out + err
+    def run(*arguments: str) -> tuple[int, str]:
+        places = {"ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(system.state)}
+        process = launch(ROBOCORBA, *arguments, **places)
+        out, err = process.communicate(timeout=PATIENCE_S)
+        return process.returncode, out + err
 
-        yield run
+    return run
 
 
 #: What proves that a virtual robot stands; on a busy machine its body may be seen first.
@@ -132,42 +119,43 @@ def check_stopped(agent: RemoteAgent, orb: Orb) -> None:
 
 
 def test_a_stop_does_not_depend_on_names(
-    system: Running, system_orb: Orb, robot: Path, robocorba: Callable[..., tuple[int, str]]
+    system: Running, system_orb: Orb, robocorba: Callable[..., tuple[int, str]], tmp_path: Path
 ) -> None:
     endpoint = next(process.endpoint for process in system.record().processes if process.name == "simulation")
     server = system_orb.reference(f"corbaloc:iiop:1.2@{endpoint}/SimulationServer", RoboCorba.SimulationServer, 5.0)
-    agent = drive(system_orb)
-    own = agent._agent
-    with thief(system_orb):
-        code, printed = robocorba("stop", "--all")
-        assert code == 0
-        assert PROOFS & set(printed.splitlines())
-        assert "\x1b" not in printed and "\nB\tstands" not in printed
-        assert "evil" in printed
+    where, server_log = ("--floor", "L1", "--at", "3,5,0", "--channel", "main"), system.state / "logs/simulation.log"
+    with robot_process(tmp_path, system_orb, "A", *where):
+        agent = drive(system_orb)
+        own = agent._agent
+        with thief(system_orb):
+            code, printed = robocorba("stop", "--all")
+            assert code == 0
+            assert PROOFS & set(printed.splitlines())
+            assert "\x1b" not in printed and "\nB\tstands" not in printed
+            assert "evil" in printed
+            check_stopped(agent, system_orb)
+
+        def is_back() -> bool:
+            bound = system_orb._names.bound("Robots/A"), system_orb._names.bound("SimulationServer")
+            return bool(bound[0]._is_equivalent(own) and bound[1]._is_equivalent(server))
+
+        eventually(is_back, PATIENCE_S, "names taken back")
+        for log, name in ((tmp_path / "state/logs/robot_A.log", "Robots/A"), (server_log, "SimulationServer")):
+            assert f"took back the name RoboCorba/{name}" in log.read_text()
+        until = "all robots are stopped, until: robocorba stop --all --reset (emergency stop)"
+        assert until in robocorba("status")[1]
+        robocorba("stop", "--all", "--reset")  # also what the thief has bound, which refuses
+        assert "all robots" not in robocorba("status")[1]
+        drive(system_orb)
+        naming = system.pid("omniNames")
+        hang(naming)
+        try:
+            code, printed = robocorba("stop", "A")
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(naming, signal.SIGCONT)
+        assert code == 0 and printed.rstrip("\n") in PROOFS
         check_stopped(agent, system_orb)
-
-    def is_back() -> bool:
-        bound = system_orb._names.bound("Robots/A"), system_orb._names.bound("SimulationServer")
-        return bool(bound[0]._is_equivalent(own) and bound[1]._is_equivalent(server))
-
-    eventually(is_back, PATIENCE_S, "names taken back")
-    assert "took back the name RoboCorba/Robots/A" in (robot / "logs" / "robot_A.log").read_text()
-    assert "took back the name RoboCorba/SimulationServer" in (system.state / "logs" / "simulation.log").read_text()
-
-    assert "all robots are stopped, until: robocorba stop --all --reset (emergency stop)" in robocorba("status")[1]
-    robocorba("stop", "--all", "--reset")  # also what the thief has bound, which refuses
-    assert "all robots" not in robocorba("status")[1]
-    agent = drive(system_orb)
-    naming = system.pid("omniNames")
-    hang(naming)
-    try:
-        code, printed = robocorba("stop", "A")
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(naming, signal.SIGCONT)
-    assert code == 0
-    assert printed.rstrip("\n") in PROOFS
-    check_stopped(agent, system_orb)
 
 
 def test_a_false_sensor_server_gets_no_robots(system: Running, system_orb: Orb) -> None:

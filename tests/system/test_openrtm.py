@@ -13,16 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from omniORB import CORBA
 
 from robocorba.control.agent_state import AgentCondition
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.programs import program
 from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.stubs import RTC, SDOPackage
+from robocorba.stubs import RTC
 from robocorba.testing.json_process import Process
 from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually
+from robocorba.testing.virtual_and_actual import robot_process
 
 pytest.importorskip("rtctree", reason="rtshell-aist is not installed")
 pytestmark = [pytest.mark.system, pytest.mark.full]
@@ -76,47 +76,39 @@ class Door:
 
 
 @pytest.fixture(scope="module")
-def agents(
-    system: Running, system_orb: Orb, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[dict[str, RemoteAgent]]:
-    """A on L1, B/2 on L2."""
-    with Launcher(tmp_path_factory.mktemp("robots")) as launch:
-        for name, floor in (("A", "L1"), ("B.2", "L2")):
-            launch(
-                *(ROBOCORBA, "robot", name, "--floor", floor, "--at", "5,4", "--state", str(system.state)),
-                ROBOCORBA_NAMING=str(system.naming),
-            )
-        yield {name: RemoteAgent(system_orb, name, PATIENCE_S) for name in ("A", "B.2")}
+def a(system_orb: Orb, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RemoteAgent]:
+    """A on L1; B.2 is on L2."""
+    folder = tmp_path_factory.mktemp("robots")
+    with (
+        robot_process(folder, system_orb, "A", "--floor", "L1", "--at", "5,4") as a,
+        robot_process(folder, system_orb, "B.2", "--floor", "L2", "--at", "5,4"),
+    ):
+        yield a.agent
 
 
 @pytest.fixture(scope="module")
-def door(
-    system: Running, system_orb: Orb, agents: dict[str, RemoteAgent], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Door]:
+def door(system: Running, system_orb: Orb, a: RemoteAgent, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Door]:
     with Launcher(tmp_path_factory.mktemp("door")) as launch:
         door = Door(system, system_orb, launch)
         eventually(lambda: door.state("A") and door.state("B_2"), PATIENCE_S, "names in the naming service")
         yield door
 
 
-class Peer:
-    """A foreign component. Called with the name of a command and its arguments, it answers."""
-
-    def __init__(self, process: Process) -> None:
-        self.process = process
-
-    def __call__(self, do: str, **arguments: Any) -> Any:
-        return self.process.ask({"do": do, **arguments}, PATIENCE_S)
-
-
 @pytest.fixture
-def peer(system: Running, door: Door, tmp_path: Path) -> Iterator[Peer]:
-    """It is connected to all ports of A."""
+def peer(system: Running, door: Door, tmp_path: Path) -> Iterator[Process]:
+    """A foreign component, connected to all ports of A."""
     process = Process(
         (sys.executable, str(Path(__file__).with_name("rt_peer.py")), str(system.naming)), tmp_path / "peer.log", (), {}
     )
     process.receive(PATIENCE_S)
     eventually(lambda: door.state("Peer"), PATIENCE_S, "the peer")
+    connect(door)
+    yield process
+    process.kill()
+
+
+def connect(door: Door) -> None:
+    """All ports of A and of the peer."""
     for out, into in (
         ("/A.rtc:pose", "/Peer.rtc:pose"),
         ("/Peer.rtc:range", "/A.rtc:range"),  # from the other side
@@ -124,66 +116,69 @@ def peer(system: Running, door: Door, tmp_path: Path) -> Iterator[Peer]:
         ("/Peer.rtc:velocity", "/A.rtc:velocity"),
     ):
         door.run("rtcon", out, into)
-    yield Peer(process)
-    process.kill()
+
+
+def ask(peer: Process, do: str, **arguments: Any) -> Any:
+    """The answer to a command."""
+    return peer.ask({"do": do, **arguments}, PATIENCE_S)
 
 
 def x_of(agent: RemoteAgent) -> float:
     return float(agent.state().at.x)
 
 
-def test_tools_show_the_robots(door: Door) -> None:
+def test_tools_show_the_robots_that_are_there(door: Door, system_orb: Orb, tmp_path: Path) -> None:
     assert {*door.run("rtls", "/").split()} >= {"A.rtc", "B_2.rtc", "RoboCorba/"}
     shown = door.run("rtcat", "-ll", "/B_2.rtc")
     for text in ("Inactive", "RoboCorbaRobot", "pose", "floor", "range", "velocity", "B.2", "IDL:RTC/TimedPose2D:1.0"):
         assert text in shown
     assert "velocity_valid_for" in door.run("rtconf", "-l", "/A.rtc", "list")
     door.run("rtconf", "/A.rtc", "set", "velocity_valid_for", "0.8")
-    assert door.run("rtconf", "/A.rtc", "get", "velocity_valid_for").strip() == "0.8"
     assert door.tool("rtconf", "/A.rtc", "set", "velocity_valid_for", "1000").returncode
     assert door.run("rtconf", "/A.rtc", "get", "velocity_valid_for").strip() == "0.8"
+    with robot_process(tmp_path, system_orb, "C", "--floor", "L2", "--at", "8,4"):
+        eventually(lambda: door.state("C") == "Inactive", PATIENCE_S, "C")
+    eventually(lambda: door.state("C") == "", PATIENCE_S, "no C")
+    assert door.state("A") == "Inactive"
+    # By plain CORBA, with what no tool would send.
+    component = door.component("A")
+    pose = next(port for port in component.get_ports() if port.get_port_profile().name == "A.pose")
+    for ports in ([], [None], [component]):
+        assert pose.connect(RTC.ConnectorProfile("", "", ports, []))[0] is RTC.BAD_PARAMETER
+    assert component.get_owned_contexts()[0].activate_component(None) is RTC.BAD_PARAMETER
+    assert component.exit() is RTC.UNSUPPORTED
 
 
-def test_a_foreign_component_sees_and_drives_a_robot(door: Door, agents: dict[str, RemoteAgent], peer: Peer) -> None:
-    a = agents["A"]
+def test_a_foreign_component_sees_and_drives_a_robot(door: Door, a: RemoteAgent, peer: Process) -> None:
     before = x_of(a)
-    assert peer("send", velocity=AHEAD) == ["PORT_OK"]  # nobody drives an inactive robot
-    assert (x_of(a), peer("poses")) == (before, [])
+    assert ask(peer, "send", velocity=AHEAD) == ["PORT_OK"]  # nobody drives an inactive robot
+    assert (x_of(a), ask(peer, "poses")) == (before, [])
 
     door.run("rtact", "/A.rtc")
     assert door.state("A") == "Active"
 
     def has_driven() -> bool:
-        assert peer("send", velocity=AHEAD) == ["PORT_OK"]
+        assert ask(peer, "send", velocity=AHEAD) == ["PORT_OK"]
         return x_of(a) > before + 0.3
 
     eventually(has_driven, PATIENCE_S, "A drives")
     door.run("rtdeact", "/A.rtc")
     assert door.state("A") == "Inactive"
     eventually(lambda: a.state().condition is AgentCondition.IDLE, PATIENCE_S, "A stands")
-    at = a.state().at
-    assert at.y == pytest.approx(4.0, abs=0.02)
-
-    poses = peer("poses")
-    assert len(poses) > 5
-    assert [pose[0] for pose in poses] == sorted({pose[0] for pose in poses})
-    assert poses[-1][1] > before + 0.2
-    assert set(peer("floors")) == {"L1"}
-    scan = peer("last_range")
-    assert len(scan["ranges"]) == 181
-    config = scan["config"]
-    assert (config["minAngle"], config["maxAngle"]) == pytest.approx((-math.pi / 2, math.pi / 2))
-    assert config["angularRes"] == pytest.approx(math.pi / 180)
-    # To the right is the outline.
-    assert scan["ranges"][0] == pytest.approx(4.0, abs=0.05)
-    assert peer("send_octets", count=7) == ["PORT_ERROR"]
+    assert a.state().at.y == pytest.approx(4.0, abs=0.02)
+    check_data(peer, before)
     door.run("rtdis", "/A.rtc")
-    assert peer("connections") == 0
+    assert ask(peer, "connections") == 0
+    connect(door)
 
-
-def test_an_emergency_stop_is_an_error_state(door: Door, agents: dict[str, RemoteAgent]) -> None:
-    a = agents["A"]
+    a.load(program.dumps(ProgramBuilder("waits").wait(300.0).program()))
+    a.run()
     door.run("rtact", "/A.rtc")
+    before = x_of(a)
+    for _ in range(3):
+        ask(peer, "send", velocity=AHEAD)
+    assert a.state().condition is AgentCondition.RUNNING  # a robot with a program is not driven
+    assert (x_of(a), door.state("A")) == (before, "Active")
     a.stop()
     eventually(lambda: door.state("A") == "Error", PATIENCE_S, "the error state")
     assert "emergency stop" in door.run("rtcat", "-ll", "/A.rtc")
@@ -191,74 +186,37 @@ def test_an_emergency_stop_is_an_error_state(door: Door, agents: dict[str, Remot
     assert door.state("A") == "Inactive"
     assert a.state().condition is AgentCondition.IDLE
 
-
-def test_a_robot_with_a_program_is_not_driven(door: Door, agents: dict[str, RemoteAgent], peer: Peer) -> None:
-    a = agents["A"]
-    a.load(program.dumps(ProgramBuilder("waits").wait(300.0).program()))
-    a.run()
-    door.run("rtact", "/A.rtc")
-    before = x_of(a)
-    for _ in range(3):
-        peer("send", velocity=AHEAD)
-    assert a.state().condition is AgentCondition.RUNNING
-    assert (x_of(a), door.state("A")) == (before, "Active")
-    a.abort()
-    door.run("rtdeact", "/A.rtc")
-
-
-def test_connections_end_with_their_component(door: Door, peer: Peer) -> None:
     ports = door.component("A").get_ports()
     assert all(port.get_connector_profiles() for port in ports)
-    peer.process.kill()
+    peer.kill()
     eventually(lambda: not any(port.get_connector_profiles() for port in ports), PATIENCE_S, "the end of connections")
 
 
-def test_what_is_no_connection_is_refused(door: Door) -> None:
-    """By plain CORBA, with what no tool would send."""
-    component = door.component("A")
-    pose = next(port for port in component.get_ports() if port.get_port_profile().name == "A.pose")
-
-    def connect(ports: list[Any], **properties: str) -> Any:
-        values = [
-            SDOPackage.NameValue(f"dataport.{name}", CORBA.Any(CORBA.TC_string, value))
-            for name, value in properties.items()
-        ]
-        return pose.connect(RTC.ConnectorProfile("", "", ports, values))[0]
-
-    assert connect([]) is RTC.BAD_PARAMETER
-    assert connect([None]) is RTC.BAD_PARAMETER
-    assert connect([component]) is RTC.BAD_PARAMETER
-    assert connect([pose], dataflow_type="flood") is RTC.UNSUPPORTED
-    assert connect([pose], data_type="IDL:RTC/TimedLong:1.0") is RTC.BAD_PARAMETER
-    assert connect([pose]) is RTC.BAD_PARAMETER  # nowhere to put data
-    assert connect([pose], dataflow_type="pull") is RTC.RTC_OK
-    assert pose.disconnect_all() is RTC.RTC_OK
-    context = component.get_owned_contexts()[0]
-    assert context.activate_component(None) is RTC.BAD_PARAMETER
-    assert context.set_rate(1000.0) is RTC.BAD_PARAMETER
-    assert component.exit() is RTC.UNSUPPORTED
+def check_data(peer: Process, before: float) -> None:
+    """What a peer has got from a robot that has driven from `before` on."""
+    poses = ask(peer, "poses")
+    assert len(poses) > 5
+    assert [pose[0] for pose in poses] == sorted({pose[0] for pose in poses})
+    assert poses[-1][1] > before + 0.2
+    assert set(ask(peer, "floors")) == {"L1"}
+    scan = ask(peer, "last_range")
+    assert len(scan["ranges"]) == 181
+    config = scan["config"]
+    assert (config["minAngle"], config["maxAngle"]) == pytest.approx((-math.pi / 2, math.pi / 2))
+    assert config["angularRes"] == pytest.approx(math.pi / 180)
+    assert scan["ranges"][0] == pytest.approx(4.0, abs=0.05)  # to the right is the outline
+    assert ask(peer, "send_octets", count=7) == ["PORT_ERROR"]
 
 
-def test_components_come_and_go_with_their_robots(door: Door, system: Running, tmp_path: Path) -> None:
-    with Launcher(tmp_path) as launch:
-        robot = launch(
-            *(ROBOCORBA, "robot", "C", "--floor", "L2", "--at", "8,4", "--state", str(system.state)),
-            ROBOCORBA_NAMING=str(system.naming),
-        )
-        eventually(lambda: door.state("C") == "Inactive", PATIENCE_S, "C")
-        robot.send_signal(signal.SIGTERM)
-        eventually(lambda: door.state("C") == "", PATIENCE_S, "no C")
-    assert door.state("A") == "Inactive"
-
-
-def test_the_door_may_be_killed_and_ends_without_a_trace(
-    door: Door, agents: dict[str, RemoteAgent], peer: Peer
-) -> None:
-    """A robot that was driven stands; the names are those of the new process; connections are made again."""
-    a = agents["A"]
+def test_the_door_may_be_killed_and_ends_without_a_trace(door: Door, a: RemoteAgent, peer: Process) -> None:
+    """A robot that was driven stands; the names are those of the new process."""
     before = x_of(a)
     door.run("rtact", "/A.rtc")
-    eventually(lambda: peer("send", velocity=AHEAD) and peer("poses") and x_of(a) > before + 0.1, PATIENCE_S, "driving")
+    eventually(
+        lambda: ask(peer, "send", velocity=AHEAD) and ask(peer, "poses") and x_of(a) > before + 0.1,
+        PATIENCE_S,
+        "driving",
+    )
     door.process.kill()
     door.process.wait(PATIENCE_S)
     eventually(lambda: a.state().condition is AgentCondition.IDLE, PATIENCE_S, "A stands")

@@ -25,10 +25,6 @@ def channel(orb: Orb, name: str) -> Any:
     return orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel, timeout_s=5.0)
 
 
-def peers(orb: Orb, name: str) -> list[str]:
-    return sorted(peer.name for peer in channel(orb, name).peers())
-
-
 def are_linked(orb: Orb, names: Iterable[str]) -> bool:
     """Whether each of the channels has links with all of the others, and no more, and all are up both ways."""
     names = set(names)
@@ -42,38 +38,31 @@ def are_linked(orb: Orb, names: Iterable[str]) -> bool:
     return True
 
 
-def test_the_channels_are_a_federation(robocorba_up: Start, launch: Launcher, client: Orb) -> None:
+def check_federation(running: Running, launch: Launcher, orb: Orb) -> None:
+    """Three channels are there under their names, and linked."""
     names = ["hall", "lab", "yard"]
-    running = robocorba_up("--subnets", "lab,hall,yard").wait_ready()
-    for name in names:
-        line = (
-            f"events_{name}\t{running.pid(f'events_{name}')}\tcorbaname::{running.naming}#RoboCorba/{CHANNELS}/{name}"
-        )
-        assert line in running.printed
-        assert channel(client, name)._get_name() == name
-    assert client.names(CHANNELS) == names
-    assert client.names("nothing/like/it") == []
-    eventually(lambda: are_linked(client, names), 60.0, "all links")
-
+    assert orb.names(CHANNELS) == names
+    assert orb.names("nothing/like/it") == []
+    eventually(lambda: are_linked(orb, names), 60.0, "all links")
     status = launch(ROBOCORBA, "status", "--state", str(running.state), "--json")
     out, err = status.communicate(timeout=30)
     assert (status.returncode, err) == (0, "")
     objects = {process["name"]: process["objects"] for process in read_json(out)["processes"]}
     for name in names:
+        pid, bound = running.pid(f"events_{name}"), f"RoboCorba/{CHANNELS}/{name}"
+        assert f"events_{name}\t{pid}\tcorbaname::{running.naming}#{bound}" in running.printed
+        assert channel(orb, name)._get_name() == name
         (found,) = objects[f"events_{name}"]
-        assert found["name"] == f"RoboCorba/{CHANNELS}/{name}"
+        assert found["name"] == bound
         assert found["answered_ms"] > 0
         assert (running.state / "logs" / f"events_{name}.log").is_file()
         assert (running.state / "channels" / f"{name}.sqlite").is_file()
-    assert running.stop() == 0
-    assert running.left_behind() == []
 
 
-def test_a_killed_channel_comes_back_with_its_links_and_clients(robocorba_up: Start, client: Orb) -> None:
-    running = robocorba_up("--subnets", "lab,hall").wait_ready()
-    eventually(lambda: are_linked(client, ["lab", "hall"]), 60.0, "the link")
+def check_kills(running: Running, orb: Orb) -> None:
+    """A killed channel comes back with its links and clients."""
     got: list[int] = []
-    with EventClient(client, "hall") as listener, EventClient(client, "lab", "A") as speaker:
+    with EventClient(orb, "hall") as listener, EventClient(orb, "lab", "A") as speaker:
         everything = listener.subscribe(lambda event: got.append(event.payload))
         assert everything.wait_in_force("lab")
         speaker.push("x", 1)
@@ -82,61 +71,40 @@ def test_a_killed_channel_comes_back_with_its_links_and_clients(robocorba_up: St
             before = running.pid(f"events_{name}")
             os.kill(before, signal.SIGKILL)
             eventually(lambda: running.pid(f"events_{name}") not in (0, before), 30, "started again")  # noqa: B023
-            eventually(lambda: are_linked(client, ["lab", "hall"]), 30, "the link again")
+            eventually(lambda: are_linked(orb, ["hall", "lab", "yard"]), 30, "the links again")
             assert everything.wait_in_force("lab", 20)
             expected = [*got, len(got) + 1]
             speaker.push("x", expected[-1])
             eventually(lambda: got == expected, what="an event after the kill")  # noqa: B023
-    assert running.stop() == 0
 
 
-def test_subnets_go_and_come_back(robocorba_up: Start, client: Orb) -> None:
-    def up(subnets: str) -> Running:
-        return robocorba_up("--subnets", subnets).wait_ready()
-
-    running = up("lab,hall,yard")
-    eventually(lambda: are_linked(client, ["lab", "hall", "yard"]), 60.0, "all links")
+def test_subnets_are_a_federation_and_go_and_come_back(robocorba_up: Start, launch: Launcher, client: Orb) -> None:
+    running = robocorba_up("--subnets", "lab,hall,yard").wait_ready()
+    check_federation(running, launch, client)
+    check_kills(running, client)
     endpoints = {process.name: process.endpoint for process in running.record().processes}
     channel(client, "lab").addPeer(RoboCorba.PeerAddress("elsewhere", "127.0.0.1:9", False))
     assert running.stop() == 0
 
-    running = up("lab")
+    running = robocorba_up("--subnets", "lab").wait_ready()
     assert client.names(CHANNELS) == ["lab"]
-    assert peers(client, "lab") == ["elsewhere"]  # which somebody else linked
-    assert [process.name for process in running.record().processes] == [
-        "omniNames",
-        "map_editor",
-        "simulation",
-        "sensor_s1",
-        "events_lab",
-    ]
+    assert [peer.name for peer in channel(client, "lab").peers()] == ["elsewhere"]  # which somebody else linked
+    servers = ["omniNames", "map_editor", "simulation", "sensor_s1", "events_lab"]
+    assert [process.name for process in running.record().processes] == servers
     channel(client, "lab").removePeer("elsewhere")
     assert running.stop() == 0
 
     # hall last ran with yard, and must not look for it now.
-    running = up("hall,lab,roof")
+    running = robocorba_up("--subnets", "hall,lab,roof").wait_ready()
     eventually(lambda: are_linked(client, ["hall", "lab", "roof"]), 60.0, "the links of those that are here now")
-    hall = next(process for process in running.record().processes if process.name == "events_hall")
-    assert hall.endpoint == endpoints["events_hall"]
     kept = {process.name: process.endpoint for process in running.record().processes if process.name in endpoints}
     assert kept == {name: endpoint for name, endpoint in endpoints.items() if name != "events_yard"}
-    assert running.stop() == 0
-    assert running.left_behind() == []
-
-
-def test_without_the_option_there_is_one_channel(robocorba_up: Start, client: Orb) -> None:
-    running = robocorba_up().wait_ready()
-    assert client.names(CHANNELS) == ["main"]
-    assert channel(client, "main").state().links == []
-    assert running.stop() == 0
-
-
-def test_a_long_list_of_names_comes_whole(echo_up: Start, client: Orb) -> None:
-    echo_up().wait_ready()
     names = [f"n{number:04}" for number in range(1200)]
     client.serve({f"many/{name}": RoboCorba__POA.PathPlanner() for name in names})
     eventually(lambda: len(client.names("many")) == len(names), 60.0, "all names bound")
-    assert client.names("many") == names
+    assert client.names("many") == names  # a long list comes whole
+    assert running.stop() == 0
+    assert running.left_behind() == []
 
 
 @pytest.mark.parametrize("subnets", ["lab,,hall", "lab,lab", "a b", "../lab"])
