@@ -33,9 +33,10 @@ from robocorba.spatial.floor_update import WHOLE
 from robocorba.spatial.posture import Posture
 from robocorba.stubs import RoboCorba
 from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, refusal
+from robocorba.testing.processes import ROBOCORBA, Running, eventually, refusal
+from robocorba.testing.simulation import about
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.usefixtures("robots")]
 
 PATIENCE_S = 40.0
 POSTURE = [0.1] * len(JOINTS)
@@ -46,11 +47,7 @@ Robocorba = Callable[..., "subprocess.Popen[str]"]
 def robots(system: Running, system_orb: Orb) -> Iterator[None]:
     """A on L1 and B on L2 drive in circles."""
     server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
-    limits = RoboCorba.MotionLimits(1.0, 2.0, 1.0, 2.0)
-    sessions = [
-        server.registerRobot(RoboCorba.RobotDescription(name, RoboCorba.Pose(floor, 5.0, 4.0, 0.0), 0.4, 100.0, limits))
-        for name, floor in (("A", "L1"), ("B", "L2"))
-    ]
+    sessions = [server.registerRobot(about(name, 5.0, 4.0, floor=floor)) for name, floor in (("A", "L1"), ("B", "L2"))]
     ended = threading.Event()
 
     def drive() -> None:
@@ -70,12 +67,6 @@ def robots(system: Running, system_orb: Orb) -> Iterator[None]:
         driver.join()
     for session in sessions:
         session.deregister()
-
-
-@pytest.fixture
-def robocorba(launch: Launcher, system: Running, robots: None) -> Robocorba:
-    """Starts `robocorba` with arguments, in the folder of the test."""
-    return lambda *arguments: launch(ROBOCORBA, *arguments, ROBOCORBA_NAMING=str(system.naming))
 
 
 def done(process: subprocess.Popen[str]) -> str:
@@ -98,22 +89,15 @@ def updates_in(path: Path) -> int:
         return 0
 
 
-def test_what_there_is_now(robocorba: Robocorba) -> None:
+def test_what_there_is_now(robocorba: Robocorba, system_orb: Orb) -> None:
     rows = [line.split("\t") for line in done(robocorba("watch", "--once")).splitlines()]
     assert [row[:3] for row in rows if row[0] == "robot"] == [["robot", "A", "L1"], ["robot", "B", "L2"]]
     assert [row[:5] for row in rows if row[0] == "elevator"] == [["elevator", "E1", "L1", "0.00", "closed"]]
     assert [row[1] for row in rows if row[0] == "server"] == ["2"]
     assert [row[1] for row in rows if row[0] == "sensor"] == ["s1"]
-
-
-@pytest.mark.usefixtures("robots")
-def test_a_floor(system_orb: Orb) -> None:
     tables = RunningSimulation(system_orb, ["L2"]).read()
     (robot,) = tables.robots
-    assert (robot["name"], robot["floor"]) == ("B", "L2")
-    assert 0.0 < robot["speed"] <= 0.51
-    assert abs(robot["x"] - 5.0) < 3.0
-    assert tables.server[0]["robots"] == 2
+    assert (robot["name"], robot["floor"], 0.0 < robot["speed"] <= 0.51) == ("B", "L2", True)
     assert json.loads(as_json(tables))["server"]["time"] > 0.0
     with pytest.raises(UnknownFloor, match="L9"):
         RunningSimulation(system_orb, ["L9"]).read()
@@ -134,7 +118,7 @@ def test_a_film(system_orb: Orb, tmp_path: Path) -> None:
         Camera(system_orb, [], 1).png()
 
 
-def test_it_is_live_on_a_terminal(system: Running, robots: None) -> None:
+def test_it_is_live_on_a_terminal(system: Running) -> None:
     ours, its = pty.openpty()
     environment = {**os.environ, "ROBOCORBA_NAMING": str(system.naming), "TERM": "xterm", "COLUMNS": "150"}
     with subprocess.Popen([ROBOCORBA, "watch"], stdin=its, stdout=its, stderr=its, env=environment) as process:
@@ -199,9 +183,7 @@ def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Runn
     assert pictures(tmp_path / "a.mp4") == int(said.split(" s, ")[1].split()[0]) > 0
 
     found = Recording(file)
-    assert found.is_complete
-    assert found.building == two_floors()
-    assert found.floors == ["L1", "L2"]
+    assert (found.is_complete, found.building, found.floors) == (True, two_floors(), ["L1", "L2"])
     ways: dict[str, set[float]] = {"A": set(), "B": set()}
     for _, views in found.sampled(0.2):
         for view in views.values():
@@ -210,19 +192,31 @@ def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Runn
                     ways[body.name].add(float(view.motion(body.number)["x"]))
     assert all(len(way) > 3 for way in ways.values())
     postures = [entry for _, entry in found.entries() if isinstance(entry, Posture)]
-    assert {posture.robot for posture in postures} == {"A", "B"}
-    assert all(posture.joints == tuple(POSTURE) for posture in postures)
+    assert {(posture.robot, posture.joints) for posture in postures} == {(name, tuple(POSTURE)) for name in "AB"}
     times = [posture.time for posture in postures if posture.robot == "A"]
     assert len(set(times)) == len(times) > 3
 
 
+def poses(file: Path) -> int:
+    """How many of A are in a recording for Foxglove before the chunk that is being written, whose length is not there
+    yet."""
+    topics: dict[int, str] = {}
+    count = 0
+    with contextlib.suppress(OSError, McapError), file.open("rb") as opened:
+        for record in StreamReader(opened).records:
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+            count += isinstance(record, Message) and topics[record.channel_id] == "/A/pose"
+    return count
+
+
 def test_recordings_for_foxglove(robocorba: Robocorba, tmp_path: Path) -> None:
     pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
-    files = ["live.mcap", "converted.mcap"]
+    killed = robocorba("record", "killed.mcap", "--foxglove")
     done(robocorba("record", "live.mcap", "--foxglove", "--seconds", "3"))
     done(robocorba("record", "compact.mcap", "--seconds", "3"))
     assert done(robocorba("convert", "compact.mcap", "converted.mcap")).startswith("wrote converted.mcap: ")
-    for file in files:
+    for file in ("live.mcap", "converted.mcap"):
         with open(tmp_path / file, "rb") as opened:
             summary = make_reader(opened, validate_crcs=True).get_summary()
         assert summary is not None and summary.statistics is not None
@@ -233,6 +227,10 @@ def test_recordings_for_foxglove(robocorba: Robocorba, tmp_path: Path) -> None:
     assert refusal(robocorba("convert", "live.mcap", "again.mcap")) == (
         "robocorba convert: live.mcap: not a recording of RoboCorba, but another MCAP file"
     )
+    eventually(lambda: poses(tmp_path / "killed.mcap") > 20, PATIENCE_S, "poses in the file")
+    killed.kill()
+    killed.wait(PATIENCE_S)
+    assert poses(tmp_path / "killed.mcap") > 20
 
 
 def test_it_is_live_in_foxglove(robocorba: Robocorba, system: Running, system_orb: Orb) -> None:
@@ -243,12 +241,7 @@ def test_it_is_live_in_foxglove(robocorba: Robocorba, system: Running, system_or
     url = server.stdout.readline().strip()
     assert url, server.communicate(timeout=PATIENCE_S)[1]
     with client_module.FoxgloveClient(url) as client:
-        topics = {
-            "/scene",
-            "/tf",
-            "/robots",
-            *(f"/{robot}/{name}" for robot in "AB" for name in ("pose", "joint_states")),
-        }
+        topics = {"/scene", "/tf", "/robots", "/A/pose", "/B/pose", "/A/joint_states", "/B/joint_states"}
         client.until(lambda: all(len(client.messages.get(topic, ())) for topic in topics))
         client.until(lambda: len(client.messages["/A/pose"]) > 5)
         assert client.channels["/tf"]["schemaName"] == "foxglove.FrameTransforms"
@@ -256,14 +249,9 @@ def test_it_is_live_in_foxglove(robocorba: Robocorba, system: Running, system_or
         client.until(lambda: len(set(client.times)) > 3)
         assert client.times == sorted(client.times)
 
-        client.play(1.0, "stop", pause=True)
-        client.until(lambda: any(request == "stop" for *_, request in client.playback))
-        assert client.playback[-1][0]
-        client.play(0.5, "slow")
-        client.until(lambda: any(request == "slow" for *_, request in client.playback))
-        assert client.playback[-1][:2] == (False, 0.5)
-        client.play(1.0, "on")
-        client.until(lambda: client.playback[-1] == (False, 1.0, "on"))
+        for speed, request, is_paused in ((1.0, "stop", True), (0.5, "slow", False), (1.0, "on", False)):
+            client.play(speed, request, pause=is_paused)
+            client.until(lambda said=(is_paused, speed, request): client.playback and client.playback[-1] == said)
     with client_module.FoxgloveClient(url) as client:  # a later one sees the whole scene, too
         client.until(lambda: "/scene" in client.messages)
         assert b"floor/L1" in client.messages["/scene"][0][1] + client.messages["/scene"][-1][1]
@@ -280,24 +268,3 @@ def test_it_is_live_in_foxglove(robocorba: Robocorba, system: Running, system_or
         client.until(lambda: len(client.messages["/A/pose"]) > poses + 3)
     server.send_signal(signal.SIGINT)
     assert done(server) == ""
-
-
-def test_a_killed_recording_for_foxglove_can_be_read(robocorba: Robocorba, tmp_path: Path) -> None:
-    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
-    recorder, file = robocorba("record", "killed.mcap", "--foxglove"), tmp_path / "killed.mcap"
-
-    def poses() -> int:
-        """As many as there are before the chunk that is being written, whose length is not there yet."""
-        topics: dict[int, str] = {}
-        count = 0
-        with contextlib.suppress(OSError, McapError), file.open("rb") as opened:
-            for record in StreamReader(opened).records:
-                if isinstance(record, Channel):
-                    topics[record.id] = record.topic
-                count += isinstance(record, Message) and topics[record.channel_id] == "/A/pose"
-        return count
-
-    eventually(lambda: poses() > 20, PATIENCE_S, "poses in the file")
-    recorder.kill()
-    recorder.wait(PATIENCE_S)
-    assert poses() > 20
