@@ -7,7 +7,9 @@ import contextlib
 import os
 import re
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from re import Pattern
 
 import pytest
 
@@ -18,10 +20,9 @@ from robocorba.testing.processes import Running, running_system
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 pytest.importorskip("playwright", reason="playwright, which moves the browser, is not installed")
 
-from playwright.sync_api import Locator, expect
+from playwright.sync_api import ConsoleMessage, Dialog, Locator, Page, expect
 
-from robocorba.testing.browser import chromium
-from tests.system.browser import Operator, operator
+from robocorba.testing.browser import chromium, headless
 
 BROWSER = chromium()
 pytestmark = [
@@ -50,413 +51,435 @@ SEE_STATUS = """() => {
 }"""
 
 
-@pytest.fixture(scope="module")
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    folder = tmp_path_factory.mktemp("browser")
-    native.save(Building("house"), folder / "house.yaml")
-    options = ("--building", str(folder / "house.yaml"), "--console", "--console-port", "0")
-    with running_system(folder, *options) as (running, _):
-        yield running
+#: Timeout of every wait, for busy machines [s].
+LIMIT_S = 90.0
 
 
-@pytest.fixture(scope="module")
-def user(system: Running) -> Iterator[Operator]:
-    assert BROWSER
-    with operator(BROWSER, system.record().console_address) as user:
-        yield user
+class Operator:
+    """A user who only clicks, types and looks. `troubles` holds what went wrong in the browser: exceptions, console
+    errors, dialogs."""
 
+    def __init__(self, page: Page, address: str) -> None:
+        self.page, self.address = page, address
+        self.troubles: list[str] = []
+        page.on("pageerror", lambda error: self.troubles.append(f"exception: {error}"))
+        page.on("console", self._note)
+        page.on("dialog", self._dismiss)
 
-# ---- map ----
+    def _note(self, message: ConsoleMessage) -> None:
+        if message.type == "error":
+            self.troubles.append(f"console: {message.text} {message.location.get('url', '')}")
 
+    def _dismiss(self, dialog: Dialog) -> None:
+        self.troubles.append(f"dialog: {dialog.message}")
+        dialog.dismiss()
 
-def draw_building(user: Operator) -> None:
-    user.open("Map")
-    page = user.page
-    canvas = page.get_by_label(re.compile("Map of floor"))
-    element = page.get_by_label("Panel").locator("h2")
-    add_floor = user.button("Add a floor")
+    # ---- anywhere ----
 
-    add_floor.click()
-    expect(element).to_have_text("floor L1")
-    user.press("o")
-    user.click_map(canvas, *CORNERS)
-    user.press("Enter")
-    expect(page.get_by_label("outline 4 x")).to_be_visible()
-    user.press("r")
-    user.click_map(canvas, CORNERS[0], CORNERS[2])
-    expect(element).to_have_text("area room 1")
+    def open(self, title: str) -> None:
+        """Open a page by the navigation; the first one by the address."""
+        if self.page.url == "about:blank":
+            self.page.goto(self.address)
+        self.page.get_by_label("Pages").get_by_role("link", name=title).click()
+        expect(self.page.get_by_label("Pages").locator("[aria-current=page]")).to_contain_text(title)
+        expect(self.page.locator(".console-status")).to_contain_text("robots")
 
-    add_floor.click()
-    expect(element).to_have_text("floor L2")
-    expect(canvas).to_have_attribute("data-floor", "L2")
-    user.click_map(canvas, CORNERS[0], CORNERS[2])
-    expect(element).to_have_text("area room 1")
-    user.press("l")
-    user.click_map(canvas, (5.0, 5.5))
-    expect(element).to_have_text("elevator E1")
-    page.get_by_label("door time").fill("0.5")
-    with page.expect_response("**/call/map_edit"):
-        user.press("Enter")
-    user.tab("L1")
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self.page.keyboard.press(key)
 
+    def button(self, name: str | Pattern[str], within: Locator | None = None) -> Locator:
+        where = within or self.page.locator("body")
+        return where.get_by_role("button", name=name, exact=isinstance(name, str))
 
-def put_table(user: Operator) -> None:
-    """A table with a hostile name."""
-    page = user.page
-    canvas = page.get_by_label(re.compile("Map of floor"))
-    user.press("b")
-    page.get_by_label("movable").first.check()
-    user.click_map(canvas, (1.5, 3.75), (2.5, 4.5))
-    expect(page.get_by_label("Panel").locator("h2")).to_have_text("object box 1")
-    user.press("Escape")
-    name = page.get_by_label("Panel").get_by_label("name", exact=True)
-    name.fill("table\u200f")
-    name.press("Enter")
-    expect(page.locator(".map-message")).to_contain_text("U+200F")
-    name.fill(TABLE)
-    name.press("Enter")
-    expect(page.get_by_label("Panel").locator("h2")).to_have_text(f"object {TABLE}")
+    def tab(self, name: str | Pattern[str]) -> None:
+        """Choose a tab."""
+        chosen = self.page.get_by_role("tab", name=name)
+        chosen.click()
+        expect(chosen).to_have_attribute("aria-selected", "true")
 
+    @contextlib.contextmanager
+    def telling(self) -> Iterator[None]:
+        """Print what is on the page if the test fails within the `with`."""
+        try:
+            yield
+        except BaseException:
+            print(self.page.url, self.troubles, self.page.locator("body").aria_snapshot(), sep="\n")
+            raise
 
-def check_and_plan(user: Operator) -> None:
-    """Roads, what is wrong with them, and a path by two clicks, from one floor to the other."""
-    page = user.page
-    canvas = page.get_by_label(re.compile("Map of floor"))
-    for floor in ("L1", "L2"):
-        user.tab(floor)
-        user.press("Escape", "Escape")
-        with page.expect_response("**/call/map_build_roads"):
-            user.button("Generate roads").click()
-        expect(page.get_by_text("roads generated")).to_be_visible()
-    user.tab("Findings")
-    user.button("Check all floors").click()
-    expect(page.get_by_text("Nothing found: a robot reaches every node.")).to_be_visible()
-    user.tab("L1")
-    canvas.focus()
-    user.press("t")
-    user.click_map(canvas, START["R1"])
-    user.tab("L2")
-    expect(canvas).to_have_attribute("data-floor", "L2")
-    user.click_map(canvas, GOAL)
-    paths = page.get_by_label("Paths", exact=True).get_by_role("radio")
-    expect(paths).to_have_text([re.compile(rf"{mode}\d+\.\d+ m, \d+ points") for mode in MODES])
-    user.press("Escape", "Escape")
+    # ---- maps ----
 
+    @property
+    def map(self) -> Locator:
+        """The canvas of the page Map."""
+        return self.page.get_by_label(re.compile("Map of floor"))
 
-# ---- monitor ----
+    def pixel(self, canvas: Locator, x: float, y: float) -> tuple[float, float]:
+        """Where a point of the floor [m] is on a canvas [px]."""
+        expect(canvas).to_have_attribute("data-scale", re.compile(r"\d"))
+        self.page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+        box = canvas.bounding_box()
+        assert box is not None
+        scale = float(canvas.get_attribute("data-scale") or "")
+        centre_x, centre_y = map(float, (canvas.get_attribute("data-centre") or "").split())
+        return box["width"] / 2 + (x - centre_x) * scale, box["height"] / 2 - (y - centre_y) * scale
 
+    def click_map(self, canvas: Locator, *points: tuple[float, float]) -> None:
+        """Click points of the shown floor [m]."""
+        for x, y in points:
+            px, py = self.pixel(canvas, x, y)
+            canvas.click(position={"x": px, "y": py})
 
-def start_robots(user: Operator) -> None:
-    user.open("Monitor")
-    page = user.page
-    user.tab(re.compile("^L1"))  # the page shows the floor that was edited last
-    canvas = page.get_by_label(re.compile("Floor L1"))
-    processes = page.get_by_label("Processes")
-    user.tab("Processes")
-    processes.get_by_label("New robot").fill(TABLE)
-    user.button("Start", processes).click()
-    expect(processes.get_by_role("alert")).to_contain_text("<img src=x onerror=alert(1)>")
-    for name, at in START.items():
-        processes.get_by_label("New robot").fill(name)
-        processes.get_by_label("channel").select_option("main")
-        user.button(re.compile("Pick its place"), processes).click()
-        user.click_map(canvas, at)
-        expect(processes.get_by_text(re.compile(rf"{at[0]:.1f}\d, {at[1]:.1f}\d m"))).to_be_visible()
-        user.button("Start", processes).click()
-        expect(processes.get_by_role("row", name=f"robot_{name}")).to_be_visible()
-    for name in START:
-        expect(processes.get_by_role("row", name=f"robot_{name}")).to_contain_text("ready")
-    user.tab("Robots")
-    for name, at in START.items():
-        expect(robot_row(user, name)).to_contain_text("idle")
-        user.click_map(canvas, at)
-        expect(robot_row(user, name)).to_have_attribute("aria-selected", "true")
-        expect(fact(user, "pose")).to_have_text(re.compile(rf"L1: {at[0]:.1f}\d m, {at[1]:.1f}\d m, 0°"))
+    # ---- map ----
 
+    def draw_building(self) -> None:
+        self.open("Map")
+        element = self.page.get_by_label("Panel").locator("h2")
+        add_floor = self.button("Add a floor")
 
-def robot_row(user: Operator, name: str) -> Locator:
-    """The row of a robot in the monitor's table."""
-    return user.page.locator(f".robot-table tr:has(td:first-child:text-is('{name}'))")
+        add_floor.click()
+        expect(element).to_have_text("floor L1")
+        self.press("o")
+        self.click_map(self.map, *CORNERS)
+        self.press("Enter")
+        expect(self.page.get_by_label("outline 4 x")).to_be_visible()
+        self.press("r")
+        self.click_map(self.map, CORNERS[0], CORNERS[2])
+        expect(element).to_have_text("area room 1")
 
+        add_floor.click()
+        expect(element).to_have_text("floor L2")
+        expect(self.map).to_have_attribute("data-floor", "L2")
+        self.click_map(self.map, CORNERS[0], CORNERS[2])
+        expect(element).to_have_text("area room 1")
+        self.press("l")
+        self.click_map(self.map, (5.0, 5.5))
+        expect(element).to_have_text("elevator E1")
+        self.page.get_by_label("door time").fill("0.5")
+        with self.page.expect_response("**/call/map_edit"):
+            self.press("Enter")
+        self.tab("L1")
 
-def fact(user: Operator, name: str) -> Locator:
-    """A value of the selected robot, on the monitor or in 3D."""
-    return user.page.locator(f".console-facts dt:text-is('{name}') + dd")
+    def put_table(self) -> None:
+        """A table with a hostile name."""
+        self.press("b")
+        self.page.get_by_label("movable").first.check()
+        self.click_map(self.map, (1.5, 3.75), (2.5, 4.5))
+        expect(self.page.get_by_label("Panel").locator("h2")).to_have_text("object box 1")
+        self.press("Escape")
+        name = self.page.get_by_label("Panel").get_by_label("name", exact=True)
+        name.fill("table\u200f")
+        name.press("Enter")
+        expect(self.page.locator(".map-message")).to_contain_text("U+200F")
+        name.fill(TABLE)
+        name.press("Enter")
+        expect(self.page.get_by_label("Panel").locator("h2")).to_have_text(f"object {TABLE}")
 
+    def check_and_plan(self) -> None:
+        """Roads, what is wrong with them, and a path by two clicks, from one floor to the other."""
+        for floor in ("L1", "L2"):
+            self.tab(floor)
+            self.press("Escape", "Escape")
+            with self.page.expect_response("**/call/map_build_roads"):
+                self.button("Generate roads").click()
+            expect(self.page.get_by_text("roads generated")).to_be_visible()
+        self.tab("Findings")
+        self.button("Check all floors").click()
+        expect(self.page.get_by_text("Nothing found: a robot reaches every node.")).to_be_visible()
+        self.tab("L1")
+        self.map.focus()
+        self.press("t")
+        self.click_map(self.map, START["R1"])
+        self.tab("L2")
+        expect(self.map).to_have_attribute("data-floor", "L2")
+        self.click_map(self.map, GOAL)
+        paths = self.page.get_by_label("Paths", exact=True).get_by_role("radio")
+        expect(paths).to_have_text([re.compile(rf"{mode}\d+\.\d+ m, \d+ points") for mode in MODES])
+        self.press("Escape", "Escape")
 
-# ---- program ----
+    # ---- monitor ----
 
+    def start_robots(self) -> None:
+        self.open("Monitor")
+        self.tab(re.compile("^L1"))  # the page shows the floor that was edited last
+        canvas = self.page.get_by_label(re.compile("Floor L1"))
+        processes = self.page.get_by_label("Processes")
+        self.tab("Processes")
+        processes.get_by_label("New robot").fill(TABLE)
+        self.button("Start", processes).click()
+        expect(processes.get_by_role("alert")).to_contain_text("<img src=x onerror=alert(1)>")
+        for name, at in START.items():
+            processes.get_by_label("New robot").fill(name)
+            processes.get_by_label("channel").select_option("main")
+            self.button(re.compile("Pick its place"), processes).click()
+            self.click_map(canvas, at)
+            expect(processes.get_by_text(re.compile(rf"{at[0]:.1f}\d, {at[1]:.1f}\d m"))).to_be_visible()
+            self.button("Start", processes).click()
+            expect(processes.get_by_role("row", name=f"robot_{name}")).to_be_visible()
+        for name in START:
+            expect(processes.get_by_role("row", name=f"robot_{name}")).to_contain_text("ready")
+        self.tab("Robots")
+        for name, at in START.items():
+            expect(self.robot_row(name)).to_contain_text("idle")
+            self.click_map(canvas, at)
+            expect(self.robot_row(name)).to_have_attribute("aria-selected", "true")
+            expect(self.fact("pose")).to_have_text(re.compile(rf"L1: {at[0]:.1f}\d m, {at[1]:.1f}\d m, 0°"))
 
-def build_program(user: Operator) -> None:
-    """Every kind of icon once, with what each needs."""
-    user.open("Program")
-    page = user.page
-    page.get_by_label("Robot", exact=True).select_option("R1")
-    page.get_by_label("Name of the program").fill(PROGRAM)
-    add(user, "mhand_posture", hand="left", posture="ready", seconds="0.5")
-    add(user, "mhand_offset", hand="left", dz="0.05", seconds="0.5")
-    add(user, "mhand_pose")
-    user.button("As R1 stands").click()
-    add(user, "mhand_joints")
-    user.button("As R1 stands").click()
-    add(user, "lumbar", lower="4", upper="4", seconds="0.5")
-    add(user, "gripper", hand="left", action="open")
-    add(user, "wait_until", kind="farther_than", sensor="front", distance="0.1", seconds="5")
-    add(user, "stop_if_closer", sensor="front", distance="0.05")
-    add(user, "mbase_by", ahead="0.25")
-    select(user, "stop_if_closer")
-    add(user, "repeat", times="2")
-    add(user, "mbase_velocity", ahead="0.2", left="0", turn="0", seconds="0.5")
-    select(user, "repeat")
-    add(user, "branch", kind="result", result="done")
-    add(user, "say", type="hello")
-    select(user, "branch")
-    add(user, "mbase_to", x="5", y="3")
-    add(user, "move_table", table=TABLE)
-    user.click_map(target_map(user), (7.5, 2.0))
-    add(user, "hand_over", object=TABLE, taker="R2")
-    add(user, "mbase_path")
-    page.get_by_label("Target on the map").get_by_role("tab", name="L2").click()
-    user.click_map(target_map(user), (CORNERS[1][0], 2.0))
-    page.locator(".program-palette [data-icon=wait]").drag_to(
-        card(user, "mhand_posture"), target_position={"x": 30, "y": 2}
-    )
-    set_fields(user, seconds="0.2")
-    kinds = page.locator(".program-palette [data-icon]").evaluate_all("all => all.map((each) => each.dataset.icon)")
-    built = page.locator(".icon-card").evaluate_all("all => all.map((each) => each.dataset.icon)")
-    assert sorted(built) == sorted(kinds)
-    assert built[0] == "wait"
+    def robot_row(self, name: str) -> Locator:
+        """The row of a robot in the monitor's table."""
+        return self.page.locator(f".robot-table tr:has(td:first-child:text-is('{name}'))")
 
+    def fact(self, name: str) -> Locator:
+        """A value of the selected robot, on the monitor or in 3D."""
+        return self.page.locator(f".console-facts dt:text-is('{name}') + dd")
 
-def card(user: Operator, icon: str) -> Locator:
-    """The card of an icon in the program."""
-    return user.page.locator(f".icon-card[data-icon={icon}]")
+    # ---- program ----
 
+    def build_program(self) -> None:
+        """Every kind of icon once, with what each needs."""
+        self.open("Program")
+        self.page.get_by_label("Robot", exact=True).select_option("R1")
+        self.page.get_by_label("Name of the program").fill(PROGRAM)
+        self.add("mhand_posture", hand="left", posture="ready", seconds="0.5")
+        self.add("mhand_offset", hand="left", dz="0.05", seconds="0.5")
+        self.add("mhand_pose")
+        self.button("As R1 stands").click()
+        self.add("mhand_joints")
+        self.button("As R1 stands").click()
+        self.add("lumbar", lower="4", upper="4", seconds="0.5")
+        self.add("gripper", hand="left", action="open")
+        self.add("wait_until", kind="farther_than", sensor="front", distance="0.1", seconds="5")
+        self.add("stop_if_closer", sensor="front", distance="0.05")
+        self.add("mbase_by", ahead="0.25")
+        self.select("stop_if_closer")
+        self.add("repeat", times="2")
+        self.add("mbase_velocity", ahead="0.2", left="0", turn="0", seconds="0.5")
+        self.select("repeat")
+        self.add("branch", kind="result", result="done")
+        self.add("say", type="hello")
+        self.select("branch")
+        self.add("mbase_to", x="5", y="3")
+        self.add("move_table", table=TABLE)
+        self.click_map(self.target_map(), (7.5, 2.0))
+        self.add("hand_over", object=TABLE, taker="R2")
+        self.add("mbase_path")
+        self.page.get_by_label("Target on the map").get_by_role("tab", name="L2").click()
+        self.click_map(self.target_map(), (CORNERS[1][0], 2.0))
+        self.page.locator(".program-palette [data-icon=wait]").drag_to(
+            self.card("mhand_posture"), target_position={"x": 30, "y": 2}
+        )
+        self.set_fields(seconds="0.2")
+        kinds = self.page.locator(".program-palette [data-icon]").evaluate_all(
+            "all => all.map((each) => each.dataset.icon)"
+        )
+        built = self.page.locator(".icon-card").evaluate_all("all => all.map((each) => each.dataset.icon)")
+        assert sorted(built) == sorted(kinds)
+        assert built[0] == "wait"
 
-def target_map(user: Operator) -> Locator:
-    return user.page.get_by_label("Target on the map").locator("canvas")
+    def card(self, icon: str) -> Locator:
+        """The card of an icon in the program."""
+        return self.page.locator(f".icon-card[data-icon={icon}]")
 
+    def target_map(self) -> Locator:
+        return self.page.get_by_label("Target on the map").locator("canvas")
 
-def add(user: Operator, icon: str, **values: str) -> None:
-    """Click an icon of the palette and fill its fields."""
-    user.page.locator(f".program-palette [data-icon={icon}]").click()
-    expect(card(user, icon)).to_have_attribute("aria-pressed", "true")
-    set_fields(user, **values)
+    def add(self, icon: str, **values: str) -> None:
+        """Click an icon of the palette and fill its fields."""
+        self.page.locator(f".program-palette [data-icon={icon}]").click()
+        expect(self.card(icon)).to_have_attribute("aria-pressed", "true")
+        self.set_fields(**values)
 
+    def set_fields(self, **values: str) -> None:
+        form = self.page.locator(".icon-form")
+        for name, value in values.items():
+            field = form.get_by_label(re.compile(rf"^{name}\b"))
+            if field.evaluate("field => field.tagName") == "SELECT":
+                field.select_option(value)
+            else:
+                field.fill(value)
 
-def set_fields(user: Operator, **values: str) -> None:
-    form = user.page.locator(".icon-form")
-    for name, value in values.items():
-        field = form.get_by_label(re.compile(rf"^{name}\b"))
-        if field.evaluate("field => field.tagName") == "SELECT":
-            field.select_option(value)
-        else:
-            field.fill(value)
+    def select(self, icon: str) -> None:
+        self.card(icon).click()
+        expect(self.card(icon)).to_have_attribute("aria-pressed", "true")
 
+    def repair_program(self) -> None:
+        """The checker refuses the angle of a joint and a goal in a wall. Missions take minutes; they are removed."""
+        expect(self.card("lumbar")).to_have_class(re.compile("is-incomplete"))
+        self.select("lumbar")
+        self.set_fields(lower="0")
+        expect(self.page.locator(".program-verdict")).to_contain_text("not possible")
+        expect(self.card("mbase_path")).to_have_class(re.compile("is-refused"))
+        self.select("mbase_path")
+        self.click_map(self.target_map(), GOAL)
+        for icon in ("move_table", "hand_over"):
+            self.select(icon)
+            self.press("Delete")
+            expect(self.card(icon)).to_have_count(0)
+        expect(self.page.locator(".program-verdict")).to_contain_text(re.compile(r"\bchecked\b"))
 
-def select(user: Operator, icon: str) -> None:
-    card(user, icon).click()
-    expect(card(user, icon)).to_have_attribute("aria-pressed", "true")
+    # ---- run ----
 
+    def run_program(self) -> None:
+        """Icons are lit while they run; the robot is on its way when the user goes to another page."""
+        self.button("Run").click()
+        expect(self.page.locator(".icon-card.is-running")).to_have_count(1)
+        expect(self.card("mbase_path")).to_have_class(re.compile("is-running"))
+        for icon in ("mhand_posture", "say", "mbase_velocity"):
+            expect(self.card(icon)).to_have_class(re.compile("is-done"))
 
-def repair_program(user: Operator) -> None:
-    """The checker refuses the angle of a joint and a goal in a wall. Missions, which take minutes, are taken out."""
-    page = user.page
-    expect(card(user, "lumbar")).to_have_class(re.compile("is-incomplete"))
-    select(user, "lumbar")
-    set_fields(user, lower="0")
-    expect(page.locator(".program-verdict")).to_contain_text("not possible")
-    expect(card(user, "mbase_path")).to_have_class(re.compile("is-refused"))
-    select(user, "mbase_path")
-    user.click_map(target_map(user), GOAL)
-    for icon in ("move_table", "hand_over"):
-        select(user, icon)
-        user.press("Delete")
-        expect(card(user, icon)).to_have_count(0)
-    expect(page.locator(".program-verdict")).to_contain_text(re.compile(r"\bchecked\b"))
+    def watch_in_2d(self) -> None:
+        """It leaves L1 with the elevator, and arrives on L2."""
+        self.open("Monitor")
+        self.robot_row("R1").click()
+        expect(self.robot_row("R1")).to_contain_text("running")
+        expect(self.robot_row("R1")).to_contain_text(PROGRAM)
+        expect(self.fact("speed")).not_to_contain_text("0.00 m/s")
+        self.press("f")
+        expect(self.page.get_by_label("Floors").get_by_role("tab", selected=True)).to_contain_text("L2")
+        expect(self.robot_row("R1")).to_contain_text("idle")
+        expect(self.fact("pose")).to_contain_text(f"L2: {GOAL[0]:.1f}")
+        self.press("f", "0", "Escape")
+        expect(self.robot_row("R1")).to_have_attribute("aria-selected", "false")
+        self.click_map(self.page.get_by_label(re.compile("Floor L2")), GOAL)
+        expect(self.robot_row("R1")).to_have_attribute("aria-selected", "true")
 
+    def watch_in_3d(self) -> None:
+        """The camera goes to the robot: then a click in the middle of the picture is one on the robot."""
+        self.open("3D")
+        robot = self.page.get_by_label("Robot", exact=True)
+        robot.select_option("R1")
+        expect(self.fact("at")).to_contain_text(f"L2 {GOAL[0]:.1f}")
+        self.button("Follow the robot").click()
+        canvas = self.page.locator(".console-scene canvas")
+        robot.select_option("none")
+        expect(self.page.locator(".scene-facts")).to_have_count(0)
+        canvas.click()
+        expect(robot).to_have_value("R1")
 
-# ---- run ----
+    # ---- missions, the past ----
 
+    def start_and_abort_mission(self) -> None:
+        self.open("Missions")
+        form = self.page.get_by_role("form", name="Start a mission")
+        form.get_by_label(re.compile("^leader")).select_option("R2")
+        form.get_by_label(re.compile("^object")).select_option(f"{TABLE} (L1)")
+        self.click_map(form.locator("canvas"), (7.5, 2.0))
+        self.button("Start", form).click()
+        row = self.page.locator(".missions-list tbody tr").first
+        expect(row).to_contain_text("running")
+        expect(row).to_contain_text(TABLE)
+        expect(self.page.locator(".gantt-name", has_text="gathering")).to_be_visible()
+        self.button("Abort").click()
+        expect(row).to_contain_text("aborted")
+        expect(self.page.locator(".missions-detail .missions-reason")).not_to_be_empty()
+        self.button("Report").click()
+        expect(self.page.locator(".mission-report")).to_contain_text("aborted")
 
-def run_program(user: Operator) -> None:
-    """Icons are lit while they run; the robot is on its way when the user goes to another page."""
-    user.button("Run").click()
-    expect(user.page.locator(".icon-card.is-running")).to_have_count(1)
-    expect(card(user, "mbase_path")).to_have_class(re.compile("is-running"))
-    for icon in ("mhand_posture", "say", "mbase_velocity"):
-        expect(card(user, icon)).to_have_class(re.compile("is-done"))
+    def look_back(self) -> None:
+        """The moments before the mission and before the program, when the robot was still on L1, and back to now."""
+        self.open("Monitor")
+        self.tab("Events")
+        events, note = self.page.get_by_label("Events", exact=True), self.page.locator(".scene-note")
+        self.button(re.compile("mission .* has begun"), events).click()
+        expect(note).to_contain_text("past")
+        self.button(re.compile("R1 runs .*<img"), events).click()
+        expect(self.page.locator(".time-text")).to_contain_text("ago")
+        self.tab(re.compile("^L1"))
+        self.tab("Robots")
+        self.press("Escape")
+        canvas = self.page.get_by_label(re.compile("Floor L1"))
+        expect(canvas).to_have_attribute("data-floor", "L1")
+        self.click_map(canvas, START["R1"])
+        expect(self.robot_row("R1")).to_have_attribute("aria-selected", "true")
+        self.button("Live").click()
+        expect(note).to_have_count(0)
+        expect(self.page.locator(".time-text")).to_contain_text("now")
 
+    # ---- killed servers ----
 
-def watch_in_2d(user: Operator) -> None:
-    """It leaves L1 with the elevator, and arrives on L2."""
-    user.open("Monitor")
-    page = user.page
-    robot_row(user, "R1").click()
-    expect(robot_row(user, "R1")).to_contain_text("running")
-    expect(robot_row(user, "R1")).to_contain_text(PROGRAM)
-    expect(fact(user, "speed")).not_to_contain_text("0.00 m/s")
-    user.press("f")
-    expect(page.get_by_label("Floors").get_by_role("tab", selected=True)).to_contain_text("L2")
-    expect(robot_row(user, "R1")).to_contain_text("idle")
-    expect(fact(user, "pose")).to_contain_text(f"L2: {GOAL[0]:.1f}")
-    user.press("f", "0", "Escape")
-    expect(robot_row(user, "R1")).to_have_attribute("aria-selected", "false")
-    user.click_map(page.get_by_label(re.compile("Floor L2")), GOAL)
-    expect(robot_row(user, "R1")).to_have_attribute("aria-selected", "true")
+    @contextlib.contextmanager
+    def killed(self, system: Running, server: str) -> Iterator[None]:
+        """Kill a server; the page says so. At the end of the `with` it is back: the page has gone on by itself."""
+        self.page.evaluate(SEE_STATUS)
+        os.kill(system.pid(server), signal.SIGKILL)
+        self.page.wait_for_function("() => window.seen.some((text) => /answer|reachable/.test(text))")
+        yield
+        expect(self.page.locator(".console-status")).to_contain_text("robots")
+        assert self.page.evaluate("() => window.seen.length"), "the page was loaded again"
 
+    def kill_map_editor(self, system: Running) -> None:
+        """Not even a half-drawn wall is lost."""
+        self.open("Map")
+        expect(self.map).to_have_attribute("data-floor", "L1")
+        self.press("w")
+        self.click_map(self.map, (4.0, 0.0))
+        with self.killed(system, "map_editor"):
+            pass
+        expect(self.page.locator(".console-overlay")).to_have_count(0)
+        self.click_map(self.map, (4.0, 1.0))
+        self.press("Enter")
+        expect(self.page.get_by_label("Panel").locator("h2")).to_have_text("wall w5")
 
-def watch_in_3d(user: Operator) -> None:
-    """The camera goes to the robot: then a click in the middle of the picture is one on the robot."""
-    user.open("3D")
-    page = user.page
-    robot = page.get_by_label("Robot", exact=True)
-    robot.select_option("R1")
-    expect(fact(user, "at")).to_contain_text(f"L2 {GOAL[0]:.1f}")
-    user.button("Follow the robot").click()
-    canvas = page.locator(".console-scene canvas")
-    robot.select_option("none")
-    expect(page.locator(".scene-facts")).to_have_count(0)
-    canvas.click()
-    expect(robot).to_have_value("R1")
+    def kill_simulation(self, system: Running) -> None:
+        """The robots log on again, and are where they were."""
+        self.open("Monitor")
+        self.robot_row("R1").click()
+        before = self.fact("pose").text_content()
+        assert before
+        with self.killed(system, "simulation"):
+            pass
+        for name in START:
+            expect(self.robot_row(name)).to_contain_text("idle")
+        expect(self.fact("pose")).to_have_text(before)
 
-
-# ---- missions, the past ----
-
-
-def start_and_abort_mission(user: Operator) -> None:
-    user.open("Missions")
-    page = user.page
-    form = page.get_by_role("form", name="Start a mission")
-    form.get_by_label(re.compile("^leader")).select_option("R2")
-    form.get_by_label(re.compile("^object")).select_option(f"{TABLE} (L1)")
-    user.click_map(form.locator("canvas"), (7.5, 2.0))
-    user.button("Start", form).click()
-    row = page.locator(".missions-list tbody tr").first
-    expect(row).to_contain_text("running")
-    expect(row).to_contain_text(TABLE)
-    expect(page.locator(".gantt-name", has_text="gathering")).to_be_visible()
-    user.button("Abort").click()
-    expect(row).to_contain_text("aborted")
-    expect(page.locator(".missions-detail .missions-reason")).not_to_be_empty()
-    user.button("Report").click()
-    expect(page.locator(".mission-report")).to_contain_text("aborted")
-
-
-def look_back(user: Operator) -> None:
-    """The moments before the mission and before the program, when the robot was still on L1, and back to now."""
-    user.open("Monitor")
-    page = user.page
-    user.tab("Events")
-    events, note = page.get_by_label("Events", exact=True), page.locator(".scene-note")
-    user.button(re.compile("mission .* has begun"), events).click()
-    expect(note).to_contain_text("past")
-    user.button(re.compile("R1 runs .*<img"), events).click()
-    expect(page.locator(".time-text")).to_contain_text("ago")
-    user.tab(re.compile("^L1"))
-    user.tab("Robots")
-    user.press("Escape")
-    canvas = page.get_by_label(re.compile("Floor L1"))
-    expect(canvas).to_have_attribute("data-floor", "L1")
-    user.click_map(canvas, START["R1"])
-    expect(robot_row(user, "R1")).to_have_attribute("aria-selected", "true")
-    user.button("Live").click()
-    expect(note).to_have_count(0)
-    expect(page.locator(".time-text")).to_contain_text("now")
-
-
-# ---- killed servers ----
+    def kill_console(self, system: Running) -> None:
+        """What was typed stays."""
+        self.tab("Processes")
+        field = self.page.get_by_label("New robot")
+        field.fill("R3")
+        with self.killed(system, "console"):
+            pass
+        expect(field).to_have_value("R3")
+        expect(self.page.get_by_role("row", name="console")).to_contain_text("ready")
 
 
 @contextlib.contextmanager
-def killed(user: Operator, system: Running, server: str) -> Iterator[None]:
-    """Kill a server; the page says so. At the end of the `with` it is there again: the page has gone on by itself."""
-    page = user.page
-    page.evaluate(SEE_STATUS)
-    os.kill(system.pid(server), signal.SIGKILL)
-    page.wait_for_function("() => window.seen.some((text) => /answer|reachable/.test(text))")
-    yield
-    expect(page.locator(".console-status")).to_contain_text("robots")
-    assert page.evaluate("() => window.seen.length"), "the page was loaded again"
+def operator(program: str, address: str) -> Iterator[Operator]:
+    """A browser with one page."""
+    with headless(program) as browser:
+        page = browser.new_page(viewport={"width": 1366, "height": 768}, locale="en-GB")
+        page.set_default_timeout(1000 * LIMIT_S)
+        expect.set_options(timeout=1000 * LIMIT_S)
+        yield Operator(page, address)
 
 
-def kill_map_editor(user: Operator, system: Running) -> None:
-    """Not even a half-drawn wall is lost."""
-    user.open("Map")
-    page = user.page
-    canvas = page.get_by_label(re.compile("Map of floor"))
-    expect(canvas).to_have_attribute("data-floor", "L1")
-    user.press("w")
-    user.click_map(canvas, (4.0, 0.0))
-    with killed(user, system, "map_editor"):
-        pass
-    expect(page.locator(".console-overlay")).to_have_count(0)
-    user.click_map(canvas, (4.0, 1.0))
-    user.press("Enter")
-    expect(page.get_by_label("Panel").locator("h2")).to_have_text("wall w5")
+# ---- the day ----
 
 
-def kill_simulation(user: Operator, system: Running) -> None:
-    """The robots log on again, and are where they were."""
-    user.open("Monitor")
-    robot_row(user, "R1").click()
-    before = fact(user, "pose").text_content()
-    assert before
-    with killed(user, system, "simulation"):
-        pass
-    for name in START:
-        expect(robot_row(user, name)).to_contain_text("idle")
-    expect(fact(user, "pose")).to_have_text(before)
+#: Each goes on from where the one before ended.
+STEPS: tuple[Callable[[Operator], None], ...] = (
+    *(Operator.draw_building, Operator.put_table, Operator.check_and_plan, Operator.start_robots),
+    *(Operator.build_program, Operator.repair_program, Operator.run_program, Operator.watch_in_2d),
+    *(Operator.watch_in_3d, Operator.start_and_abort_mission, Operator.look_back),
+)
 
 
-def kill_console(user: Operator, system: Running) -> None:
-    """What was typed stays."""
-    user.tab("Processes")
-    field = user.page.get_by_label("New robot")
-    field.fill("R3")
-    with killed(user, system, "console"):
-        pass
-    expect(field).to_have_value("R3")
-    expect(user.page.get_by_role("row", name="console")).to_contain_text("ready")
-
-
-# ---- tests ----
-
-
-def test_an_operator_draws_a_building(user: Operator) -> None:
-    with user.telling():
-        draw_building(user)
-        put_table(user)
-        check_and_plan(user)
-    assert not user.troubles
-
-
-def test_the_operator_programs_robots(user: Operator) -> None:
-    """In the building of the test above."""
-    with user.telling():
-        start_robots(user)
-        build_program(user)
-        repair_program(user)
-        run_program(user)
-    assert not user.troubles
-
-
-def test_the_operator_watches_and_looks_back(user: Operator) -> None:
-    """The robots of the test above."""
-    with user.telling():
-        watch_in_2d(user)
-        watch_in_3d(user)
-        start_and_abort_mission(user)
-        look_back(user)
-    assert user.page.locator("img[src=x]").count() == 0
-    assert not user.troubles
-
-
-def test_pages_outlive_killed_servers(user: Operator, system: Running) -> None:
-    """On the building and with the robots of the tests above."""
-    with user.telling():
-        kill_map_editor(user, system)
-        kill_simulation(user, system)
-    assert not user.troubles
-    kill_console(user, system)
-    assert all(re.search("net::ERR_|WebSocket", trouble) for trouble in user.troubles)
+@pytest.mark.timeout(1800)
+def test_an_operators_day(tmp_path: Path) -> None:
+    assert BROWSER
+    native.save(Building("house"), tmp_path / "house.yaml")
+    options = ("--building", str(tmp_path / "house.yaml"), "--console", "--console-port", "0")
+    with (
+        running_system(tmp_path, *options) as (system, _),
+        operator(BROWSER, system.record().console_address) as user,
+        user.telling(),
+    ):
+        for step in STEPS:
+            step(user)
+            assert not user.troubles, step
+        assert user.page.locator("img[src=x]").count() == 0
+        user.kill_map_editor(system)
+        user.kill_simulation(system)
+        assert not user.troubles
+        user.kill_console(system)
+        assert all(re.search("net::ERR_|WebSocket", trouble) for trouble in user.troubles)
