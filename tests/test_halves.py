@@ -18,7 +18,7 @@ PROMISES = {
     "robocorba path": "test_clients.py::test_the_command_prints_and_draws",
     "robocorba robot A": "test_robot.py::test_pause_step_and_end_by_the_command",
     "an emergency stop": "test_robot.py::test_an_emergency_stop_by_the_command",
-    "a fleet, in one table": "test_fleet.py::test_one_dies_the_others_go_on_and_all_log_off",
+    "a fleet, in one table": "test_robot.py::test_one_dies_the_others_go_on_and_all_log_off",
     "robots, elevators and sensors, live": "test_watch_and_record.py::test_it_is_live_on_a_terminal",
     "prints the address of a page": "test_console.py::test_the_console_is_a_process_of_the_system",
     "edit the building": "test_map_editor.py::test_each_kind_is_created_read_changed_and_removed",

@@ -1,4 +1,4 @@
-"""Robot processes: programs over CORBA, emergency stops, and servers and networks that go away meanwhile."""
+"""Robot processes: programs over CORBA, emergency stops, servers that go away meanwhile, and a fleet."""
 
 from __future__ import annotations
 
@@ -7,63 +7,51 @@ import math
 import os
 import signal
 import subprocess
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from robocorba.control.agent_state import AgentCondition, AgentState, ProgramResult
 from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.corba.remote.control_agent import RemoteAgent, robots
+from robocorba.corba.remote.registered_robots import RegisteredRobots
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, UnknownAdaptor
 from robocorba.errors.services import NotReachable
 from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import Program, dumps
+from robocorba.programs.icons import Event
+from robocorba.programs.program import dumps
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.launch import module_command
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, hang, refusal
+from robocorba.testing.processes import Running, command_line, drain, eventually, hang, is_running, refusal
 from tests.waits import pause
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
-PATIENCE_S = 40.0
+PATIENCE_S = 60.0
 Start = Callable[..., "subprocess.Popen[str]"]
+StartRobot = Callable[..., RemoteAgent]
 LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.0, 60.0).program()
 
 
 @pytest.fixture
-def start(system: Running, tmp_path: Path) -> Iterator[Start]:
-    """Starts `robocorba robot` and waits until it is ready."""
-    with Launcher(tmp_path) as launch:
-        started = []
+def start(robocorba: Start, system_orb: Orb) -> Iterator[StartRobot]:
+    """Starts `robocorba robot`, and waits until it is ready."""
+    started = []
 
-        def run(*arguments: str) -> subprocess.Popen[str]:
-            naming = {"ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(tmp_path / "state")}
-            process = launch(ROBOCORBA, "robot", *arguments, **naming)
-            assert process.stdout is not None and process.stderr is not None
-            if process.stdout.readline() != "ready\n":
-                raise AssertionError(process.stderr.read())
-            started.append(process)
-            return process
+    def run(name: str, *arguments: str) -> RemoteAgent:
+        started.append(robocorba("robot", name, "--floor", "L1", *arguments))
+        out, err = started[-1].stdout, started[-1].stderr
+        assert out is not None and err is not None
+        assert out.readline() == "ready\n", err.read()
+        return RemoteAgent(system_orb, name)
 
-        yield run
-        for process in started:
-            process.send_signal(signal.SIGTERM)
-        for process in started:
-            process.communicate(timeout=PATIENCE_S)
-
-
-@pytest.fixture
-def robocorba(system: Running, tmp_path: Path) -> Iterator[Start]:
-    with Launcher(tmp_path) as launch:
-        yield lambda *arguments: launch(ROBOCORBA, *arguments, ROBOCORBA_NAMING=str(system.naming))
-
-
-def run(agent: RemoteAgent, program: Program) -> AgentState:
-    """To its end."""
-    agent.load(dumps(program))
-    agent.run()
-    return ended(agent)
+    yield run
+    for process in started:
+        process.send_signal(signal.SIGTERM)
+    for process in started:
+        process.communicate(timeout=PATIENCE_S)
 
 
 def has_ended(agent: RemoteAgent) -> bool:
@@ -75,52 +63,47 @@ def ended(agent: RemoteAgent) -> AgentState:
     return agent.state()
 
 
-def moving(agent: RemoteAgent) -> None:
+def drive(agent: RemoteAgent) -> None:
+    """Until it moves."""
+    agent.load(dumps(LONG))
+    agent.run()
     eventually(lambda: agent.state().actor.velocity[0] > 0.15, PATIENCE_S, "moving")
 
 
-def test_what_an_agent_refuses(start: Start, system_orb: Orb) -> None:
-    start("B", "--floor", "L1", "--at", "3,5,0")
-    agent = RemoteAgent(system_orb, "B")
+def works(agent: RemoteAgent) -> bool:
+    """Whether it does a program to its end."""
+    agent.load(dumps(ProgramBuilder("x").mbase_by(ahead=0.1).program()))
+    agent.run()
+    return ended(agent).program.result is ProgramResult.DONE
+
+
+def test_agents_refuse_what_makes_no_sense_and_wait_for_each_other(start: StartRobot, system_orb: Orb) -> None:
+    agents = c, d = start("C", "--at", "3,2", "--channel", "main"), start("D", "--at", "3,8", "--channel", "main")
     with pytest.raises(IllegalOrder, match="has none loaded"):
-        agent.run()
+        c.run()
     with pytest.raises(InvalidProgram) as wrong:
-        agent.load(json.dumps({"name": "x", "icons": [{"icon": "wait", "seconds": -1}]}))
+        c.load(json.dumps({"name": "x", "icons": [{"icon": "wait", "seconds": -1}]}))
     assert (wrong.value.icon, wrong.value.parameter) == ("icons[0]", "seconds")
-    with pytest.raises(InvalidProgram) as wrong:
-        agent.load(dumps(ProgramBuilder("x").mbase_path("L9", 1.0, 1.0).program()))
-    assert (wrong.value.icon, wrong.value.parameter) == ("icons[0]", "floor")
     with pytest.raises(UnknownAdaptor, match="known are corba, simulated, smartpal"):
-        agent.switch("hovering", [])
-    with pytest.raises(AdaptorFailed, match="Adaptors/B is not reachable"):
-        agent.switch("corba", [])
-    assert agent.state().adaptor == "simulated"
-    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.1).program()).program.result is ProgramResult.DONE
-
-
-def test_two_robots_wait_for_each_other(start: Start, system_orb: Orb) -> None:
-    from robocorba.programs.icons import Event
-
-    start("C", "--floor", "L1", "--at", "3,2,0", "--channel", "main")
-    start("D", "--floor", "L1", "--at", "3,8,0", "--channel", "main")
-    agents = [RemoteAgent(system_orb, name) for name in ("C", "D")]
+        c.switch("hovering", [])
+    with pytest.raises(AdaptorFailed, match="Adaptors/C is not reachable"):
+        c.switch("corba", [])
+    assert c.state().adaptor == "simulated"
+    with pytest.raises(NotReachable, match="Robots/nobody is not reachable"):
+        RemoteAgent(system_orb, "nobody", 0.3)
     ask = ProgramBuilder("ask").wait(0.5).say("go").wait_until(Event("gone", "D"), 20.0).program()
     answer = ProgramBuilder("answer").wait_until(Event("go", "C"), 20.0).mbase_by(ahead=0.2).say("gone").program()
-    for agent, program in zip(agents, (ask, answer), strict=True):
-        agent.load(dumps(program))
-    for agent in reversed(agents):
-        agent.run()
+    c.load(dumps(ask))
+    d.load(dumps(answer))
+    d.run()
+    c.run()
     assert [ended(agent).program.result for agent in agents] == [ProgramResult.DONE, ProgramResult.DONE]
 
 
-def test_an_emergency_stop_by_the_command(start: Start, system_orb: Orb, robocorba: Start) -> None:
-    start("E", "--floor", "L1", "--at", "3,5,0")
-    agent = RemoteAgent(system_orb, "E")
-    agent.load(dumps(LONG))
-    agent.run()
-    moving(agent)
-    process = robocorba("stop", "--all")
-    out, _ = process.communicate(timeout=PATIENCE_S)
+def test_an_emergency_stop_by_the_command(start: StartRobot, system_orb: Orb, robocorba: Start) -> None:
+    agent = start("E", "--at", "3,5")
+    drive(agent)
+    out, _ = robocorba("stop", "--all").communicate(timeout=PATIENCE_S)
     assert "E\tstands" in ["\t".join(row.split("\t")[:2]) for row in out.splitlines()]
     state = ended(agent)
     assert (state.condition, state.reason, state.program.result) == (
@@ -131,71 +114,53 @@ def test_an_emergency_stop_by_the_command(start: Start, system_orb: Orb, robocor
     eventually(lambda: stands(system_orb, "E"))
     assert refusal(robocorba("stop", "nobody")).startswith("nobody\tRoboCorba/Robots/nobody is not reachable")
     assert "*\tholds\trobots that log on are stopped, too" in out
-    start("F", "--floor", "L1", "--at", "6,5,0")
-    late = RemoteAgent(system_orb, "F").state()
+    late = start("F", "--at", "6,5").state()
     assert late.condition is AgentCondition.STOPPED and "robocorba stop --all --reset" in late.reason
-    process = robocorba("stop", "--all", "--reset")
-    out = process.communicate(timeout=PATIENCE_S)[0]
+    out = robocorba("stop", "--all", "--reset").communicate(timeout=PATIENCE_S)[0]
     assert {"*\tmay move again", "E\tmay move again", "F\tmay move again"} <= set(out.splitlines())
-    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.1).program()).program.result is ProgramResult.DONE
+    assert works(agent)
 
 
 def stands(orb: Orb, name: str) -> bool:
     """Whether the simulation server has a robot at the same place for half a second."""
-    before, _ = session_state(orb, name), pause(0.5)
-    return session_state(orb, name) == pytest.approx(before, abs=1e-3)
+    before, _ = body_at(orb, name), pause(0.5)
+    return body_at(orb, name) == pytest.approx(before, abs=1e-3)
 
 
-def session_state(orb: Orb, name: str) -> tuple[float, float]:
+def body_at(orb: Orb, name: str) -> tuple[float, float]:
     """Where the simulation server has a robot."""
     server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     (client,) = [client for client in server.clients() if client.name == name]
     return client.at.x, client.at.y
 
 
-def test_a_robot_whose_process_hangs_or_dies_stands(start: Start, system_orb: Orb) -> None:
-    process = start("F", "--floor", "L1", "--at", "3,5,0")
-    agent = RemoteAgent(system_orb, "F")
-    agent.load(dumps(LONG))
-    agent.run()
-    moving(agent)
+def test_a_robot_whose_process_hangs_or_dies_stands(robocorba: Start, system_orb: Orb) -> None:
+    process = robocorba("robot", "F", "--floor", "L1", "--at", "3,5")
+    assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    drive(RemoteAgent(system_orb, "F"))
     hang(process.pid)
-    at = session_state(system_orb, "F")
+    at = body_at(system_orb, "F")
     eventually(lambda: stands(system_orb, "F"))  # the command ends after 0.1 s
-    assert math.dist(session_state(system_orb, "F"), at) < 0.3
+    assert math.dist(body_at(system_orb, "F"), at) < 0.3
     os.kill(process.pid, signal.SIGKILL)
     server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     eventually(lambda: all(client.name != "F" for client in server.clients()), 30.0, "its lease")
 
 
-def test_a_program_goes_on_when_the_simulation_server_was_killed(
-    start: Start, system: Running, system_orb: Orb
-) -> None:
-    start("K", "--floor", "L1", "--at", "3,5,0")
-    agent = RemoteAgent(system_orb, "K")
+def test_the_simulation_server_is_killed_and_hangs(start: StartRobot, system: Running) -> None:
+    """A program goes on if the server is back soon, and fails otherwise; then the robot works again."""
+    agent = start("K", "--at", "3,5")
     for _ in range(5):  # on a busy machine a restart may take longer than robots wait
-        agent.load(dumps(LONG))
-        agent.run()
-        moving(agent)
+        drive(agent)
         killed = system.pid("simulation")
         os.kill(killed, signal.SIGKILL)
         eventually(lambda killed=killed: system.pid("simulation") != killed, PATIENCE_S, "the restart")
         x = agent.state().at.x
         eventually(lambda x=x: agent.state().at.x > x + 0.2 or has_ended(agent), PATIENCE_S, "driving on")
         if not has_ended(agent):
-            agent.abort()
-            assert ended(agent).program.result is ProgramResult.ABORTED
-            return
+            break
         eventually(lambda: agent.state().condition is AgentCondition.IDLE, PATIENCE_S, "back")
-    pytest.fail("it never drove on")
-
-
-def test_the_simulation_server_hangs(start: Start, system: Running, system_orb: Orb) -> None:
-    start("G", "--floor", "L1", "--at", "3,3,0")
-    agent = RemoteAgent(system_orb, "G")
-    agent.load(dumps(LONG))
-    agent.run()
-    moving(agent)
+    assert not has_ended(agent), "it never drove on"
     hung = system.pid("simulation")
     hang(hung)
     state = ended(agent)
@@ -204,14 +169,12 @@ def test_the_simulation_server_hangs(start: Start, system: Running, system_orb: 
     os.kill(hung, signal.SIGCONT)
     eventually(lambda: agent.state().condition is AgentCondition.IDLE, PATIENCE_S, "back")
     x = agent.state().at.x
-    assert x > 3.0
-    assert run(agent, ProgramBuilder("x").mbase_by(ahead=0.2).program()).program.result is ProgramResult.DONE
-    assert agent.state().at.x == pytest.approx(x + 0.2, abs=0.01)
+    assert x > 3.0 and works(agent)
+    assert agent.state().at.x == pytest.approx(x + 0.1, abs=0.01)
 
 
-def test_pause_step_and_end_by_the_command(start: Start, system_orb: Orb, robocorba: Start, tmp_path: Path) -> None:
-    start("H", "--floor", "L1", "--at", "3,5,0")
-    agent = RemoteAgent(system_orb, "H")
+def test_pause_step_and_end_by_the_command(start: StartRobot, robocorba: Start, tmp_path: Path) -> None:
+    agent = start("H", "--at", "3,5")
     program = ProgramBuilder("turns")
     with program.repeat(20):
         program.mbase_by(turn=0.3)
@@ -232,20 +195,73 @@ def test_pause_step_and_end_by_the_command(start: Start, system_orb: Orb, roboco
     )
 
 
-def test_what_a_robot_process_refuses(system: Running, tmp_path: Path) -> None:
-    with Launcher(tmp_path) as launch:
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ("--at 1,2", "--at is '1,2': needs --floor"),
+        ("--floor L1 --at x", "--at is 'x': not of the form X,Y or X,Y,HEADING"),
+        ("--floor L9", "there is no floor 'L9'"),
+        ("--floor L1 --at 10,1", "L1:10,1 is not free: a wall"),
+        ("--floor L1 --adaptor hovering", "there is no adaptor 'hovering'"),
+    ],
+)
+def test_what_a_robot_process_refuses(robocorba: Start, arguments: str, said: str) -> None:
+    assert said in refusal(robocorba("robot", "I", *arguments.split()))
 
-        def robot(*arguments: str) -> str:
-            command = (*module_command("robocorba.clients.robot"), *arguments, "--naming", str(system.naming))
-            return refusal(launch(*command, ROBOCORBA_STATE=str(tmp_path / "state"), PYTHONPATH=str(Path.cwd())))
 
-        assert robot("I", "--at", "1,2").endswith("--at is '1,2': needs --floor")
-        assert robot("I", "--floor", "L1", "--at", "x").endswith("--at is 'x': not of the form X,Y or X,Y,HEADING")
-        assert "there is no floor 'L9'" in robot("I", "--floor", "L9")
-        assert robot("I", "--floor", "L1", "--at", "10,1").endswith("L1:10,1 is not free: a wall")
-        assert "there is no adaptor 'hovering'" in robot("I", "--floor", "L1", "--adaptor", "hovering")
+# ---- a fleet ----
+
+FLEET = """
+defaults: {floor: L1}
+robots:
+  - {name: Lead, program: wait.json}
+  - {prefix: F, count: 2}
+"""
 
 
-def test_nobody_there(system_orb: Orb) -> None:
-    with pytest.raises(NotReachable, match="Robots/nobody is not reachable"):
-        RemoteAgent(system_orb, "nobody", 0.3)
+class Fleet:
+    """A running `robocorba robots` and the lines that it has printed, once all robots have started."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process, self.lines = process, list[str]()
+        drain(process)
+        threading.Thread(target=lambda: self.lines.extend(process.stdout or ()), daemon=True).start()
+        self.wait_for("ready")
+
+    def wait_for(self, line: str) -> None:
+        eventually(lambda: f"{line}\n" in self.lines, PATIENCE_S, line)
+
+    def kill(self, robot: str) -> None:
+        children = psutil.Process(self.process.pid).children()
+        robot_client = f"robocorba.clients.robot {robot} "
+        os.kill(next(child.pid for child in children if robot_client in command_line(child)), signal.SIGKILL)
+
+    def end(self, number: signal.Signals) -> int:
+        """Its exit code."""
+        self.process.send_signal(number)
+        return self.process.wait(PATIENCE_S)
+
+
+def test_one_dies_the_others_go_on_and_all_log_off(robocorba: Start, system_orb: Orb, tmp_path: Path) -> None:
+    (tmp_path / "fleet.yaml").write_text(FLEET)
+    (tmp_path / "wait.json").write_text(dumps(ProgramBuilder("waiting").wait(600.0).program()))
+    fleet, registered = Fleet(robocorba("robots", "fleet.yaml")), RegisteredRobots(system_orb)
+    assert registered.floors().items() >= {"Lead": "L1", "F1": "L1", "F2": "L1"}.items()
+    fleet.wait_for("Lead\tL1\trunning\twaiting\t0\t")
+    fleet.kill("F1")
+    fleet.wait_for("F1\tL1\tended\t\t0\tended by SIGKILL")
+    assert RemoteAgent(system_orb, "Lead").state().program.name == "waiting"
+    assert RemoteAgent(system_orb, "F2").state().at.floor == "L1"
+    family = psutil.Process(fleet.process.pid).children(recursive=True)
+    assert fleet.end(signal.SIGINT) == 1  # one failed
+    assert not {"Lead", "F2"} & {*registered.floors(), *robots(system_orb)}  # F1 stays until its lease expires
+    assert not any(map(is_running, family))
+
+
+def test_a_robot_is_started_again_if_wanted(robocorba: Start, system_orb: Orb) -> None:
+    fleet = Fleet(robocorba("robots", "--count", "1", "--prefix", "G", "--restart"))
+    fleet.kill("G1")
+    eventually(lambda: any(line.startswith("G1\tL1\tidle\t\t") and "\t0\t" not in line for line in fleet.lines))
+    assert RemoteAgent(system_orb, "G1").state().name == "G1"
+    assert fleet.end(signal.SIGTERM) == 0
+    assert "G1" not in RegisteredRobots(system_orb).floors()
