@@ -193,10 +193,12 @@ def test_a_server_that_hangs_is_restarted(echo_up: Start, client: Orb) -> None:
     assert "echo was killed: no answer for" in (running.state / "logs" / "up.log").read_text()
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "no such host", "192.0.2.1"])
-def test_hosts_that_cant_be_served_on_are_refused(launch: Launch, host: str) -> None:
-    said = refusal(launch(ROBOCORBA, "up", "--state", "state", "--host", host))
-    assert said.startswith("robocorba up: ") and host in said
+@pytest.mark.parametrize(
+    ("option", "value"), [("host", "0.0.0.0"), ("host", "no such host"), ("host", "192.0.2.1"), ("subnets", "../lab")]
+)
+def test_hosts_and_sub_networks_that_cant_be_served_are_refused(launch: Launch, option: str, value: str) -> None:
+    said = refusal(launch(ROBOCORBA, "up", "--state", "state", f"--{option}", value))
+    assert said.startswith("robocorba up: ") and value in said
 
 
 def test_the_real_servers(robocorba_up: Start, launch: Launch, client: Orb) -> None:

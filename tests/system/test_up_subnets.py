@@ -14,7 +14,7 @@ from robocorba.corba.event_client import EventClient
 from robocorba.corba.orb import Orb
 from robocorba.names import CHANNELS
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, read_json, refusal
+from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, read_json
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
@@ -105,9 +105,3 @@ def test_subnets_are_a_federation_and_go_and_come_back(robocorba_up: Start, laun
     assert client.names("many") == names  # a long list comes whole
     assert running.stop() == 0
     assert running.left_behind() == []
-
-
-@pytest.mark.parametrize("subnets", ["lab,,hall", "lab,lab", "a b", "../lab"])
-def test_wrong_names_are_one_line(launch: Launcher, subnets: str) -> None:
-    said = refusal(launch(ROBOCORBA, "up", "--state", "state", "--subnets", subnets))
-    assert said.startswith(f"robocorba up: --subnets is '{subnets}': ")
