@@ -3,45 +3,37 @@
 from __future__ import annotations
 
 import csv
-import functools
 import math
 import os
-import threading
-from collections import deque
-from collections.abc import Iterator
+from collections.abc import Sequence
 from importlib.resources import files
+from itertools import groupby
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
 
-from robocorba.claimed_ports import claimed_ports
 from robocorba.clients import hand_over
 from robocorba.clients.hand_over import BASE_RETREAT_M, BUILDING, CHANNEL, GIVER, MEETING_POSES, START_POSES, TAKER
-from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
+from robocorba.clients.hand_over_facts import GIVING, HAND_DISTANCE_M, TAKING, Moment, facts, faults, is_shut
 from robocorba.kinematics import tasks
-from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.pose import HandPose
 from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, SHUT_RAD, Side
-from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
 from robocorba.maps.samples import load_sample, sample_path
 from robocorba.motion.robot_state import RobotState
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Place
 from robocorba.programs.checker import Start, check
 from robocorba.simulation.recording import Recording
-from robocorba.spatial.arrays import Floats
 from robocorba.supervision.launch import LoggedProcess, module_command
-from robocorba.testing.processes import Launcher, real_system
+from robocorba.testing.processes import running_system
 
 pytestmark = [pytest.mark.slow, pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = Path(str(files("robocorba") / "samples"))
-#: From hand to hand along the sheet, and what they may be off, m.
-HAND_DISTANCE_M, NEAR_M = SHEET_M - 2 * GRIP_DEPTH_M, 0.005
 FLOOR = "L1"
 #: What is between the time and the icon in the line of an icon that begins.
 ICON = " s  "
@@ -52,60 +44,53 @@ LIMIT_S = 380.0
 # ---- the programs ----
 
 
-def test_the_samples_are_what_is_computed(tmp_path: Path) -> None:
+def test_the_programs_are_sound_and_are_the_samples(tmp_path: Path) -> None:
     assert hand_over.main([str(tmp_path), "--write-programs"]) == 0
     names = {"hand-over-giver.json", "hand-over-taker.json"}
     assert {file.name for file in tmp_path.iterdir()} == names
     for name in names:
         assert (SAMPLES / name).read_text() == (tmp_path / name).read_text()
-
-
-@pytest.mark.parametrize("robot", [GIVER, TAKER])
-def test_the_programs_are_sound(robot: str) -> None:
-    x, y, heading = START_POSES[robot]
-    planner = PathPlanner(load_sample(BUILDING))
-    report = check(hand_over.programs()[robot], InverseKinematics(), planner, Start(Place(FLOOR, x, y), heading))
-    assert report.findings == ()
+    planner, inverse = PathPlanner(load_sample(BUILDING)), InverseKinematics()
+    for robot, program in hand_over.programs().items():
+        x, y, heading = START_POSES[robot]
+        assert check(program, inverse, planner, Start(Place(FLOOR, x, y), heading)).findings == ()
 
 
 # ---- what is checked of a hand-over ----
 
+#: Whose grippers are shut at a moment, the giver's and the taker's, and how far both hands are drawn back, m.
+Step = tuple[bool, bool, float]
+NOBODY, GIVES, BOTH, TAKES, APART = (
+    *((False, False, 0.0), (True, False, 0.0), (True, True, 0.0), (False, True, 0.0)),
+    (False, True, 0.1),
+)
 
-@pytest.fixture(scope="module")
-def kinematics() -> InverseKinematics:
-    return InverseKinematics()
 
+def play(*steps: Step, **off: float) -> list[Moment]:
+    """Moments made up: both robots stand where they meet. off: what is wrong with the taker's hand at the third one: x,
+    z, m, or yaw, rad."""
+    inverse = InverseKinematics()
+    between_m = math.dist(MEETING_POSES[GIVER][:2], MEETING_POSES[TAKER][:2])
+    ends = tasks.hand_over(between_m, hand_over.SHEET_HEIGHT_M, hand_over.SHEET_LEFT_M)
 
-class Play:
-    """Moments made up: both robots stand where they meet, with their hands as told."""
-
-    def __init__(self, kinematics: InverseKinematics) -> None:
-        self._kinematics = kinematics
-        between_m = math.dist(MEETING_POSES[GIVER][:2], MEETING_POSES[TAKER][:2])
-        self._ends = tasks.hand_over(between_m, hand_over.SHEET_HEIGHT_M, hand_over.SHEET_LEFT_M)
-        self.moments: list[Moment] = []
-
-    def add(self, giver_shut: bool, taker_shut: bool, back_m: float = 0.0, **off: float) -> Play:
-        """back_m: how far both hands are drawn back. off: what is wrong with the taker's hand: z, m, or yaw, rad."""
-        taker = self._ends.taker.moved(-back_m)
-        taker = taker._replace(z=taker.z + off.get("z", 0.0), yaw=off.get("yaw", 0.0))
-        giver = self._state(GIVER, GIVING, self._ends.giver.moved(-back_m), giver_shut)
-        self.moments.append(
-            Moment(0.5 * len(self.moments), giver, self._state(TAKER, TAKING, taker, taker_shut, off.get("x", 0.0)))
-        )
-        return self
-
-    def _state(self, robot: str, side: Side, hand: HandPose, is_shut: bool, offset_m: float = 0.0) -> RobotState:
-        joints = self._kinematics.solve({side: hand}, np.zeros(len(JOINTS)))
+    def state(robot: str, side: Side, hand: HandPose, is_shut: bool, offset_m: float = 0.0) -> RobotState:
+        joints = inverse.solve({side: hand}, np.zeros(len(JOINTS)))
         joints[GRIP[side]] = SHUT_RAD if is_shut else OPEN_RAD
         x, y, heading = MEETING_POSES[robot]
         return RobotState(0.0, x + offset_m, y, heading, joints=joints)
 
+    moments = []
+    for number, (giver_shut, taker_shut, back_m) in enumerate(steps):
+        wrong = off if number == 2 else {}
+        taker = ends.taker.moved(-back_m)
+        taker = taker._replace(z=taker.z + wrong.get("z", 0.0), yaw=wrong.get("yaw", 0.0))
+        giver = state(GIVER, GIVING, ends.giver.moved(-back_m), giver_shut)
+        moments.append(Moment(0.5 * number, giver, state(TAKER, TAKING, taker, taker_shut, wrong.get("x", 0.0))))
+    return moments
 
-def test_a_hand_over_as_it_should_be(kinematics: InverseKinematics) -> None:
-    play = Play(kinematics).add(False, False, 0.1).add(True, False).add(True, True).add(True, True)
-    play.add(False, True).add(False, True, 0.1)
-    seen = facts(play.moments)
+
+def test_a_hand_over_as_it_should_be() -> None:
+    seen = facts(play((False, False, 0.1), GIVES, BOTH, BOTH, TAKES, APART))
     assert (seen.gripped_s, seen.released_s, seen.is_taken) == (1.0, 2.0, True)
     assert (seen.distance_error_m, seen.height_error_m, seen.angle_error_rad) == pytest.approx((0, 0, 0), abs=1e-4)
     assert seen.end_distance_m == pytest.approx(HAND_DISTANCE_M + 0.2, abs=1e-4)
@@ -113,42 +98,24 @@ def test_a_hand_over_as_it_should_be(kinematics: InverseKinematics) -> None:
 
 
 @pytest.mark.parametrize(
-    ("off", "fault"),
+    ("steps", "off", "fault"),
     [
-        ({"x": 0.008}, "the hands were 8.0 mm from where the sheet's ends are"),
-        ({"x": -0.008}, "the hands were 8.0 mm from where the sheet's ends are"),
-        ({"z": 0.007}, "one hand was 7.0 mm over the other"),
-        ({"yaw": math.radians(5)}, "the hands were 5.0 deg misaligned"),
+        ((GIVES, BOTH, BOTH, APART), {"x": 0.008}, "the hands were 8.0 mm from where the sheet's ends are"),
+        ((GIVES, BOTH, BOTH, APART), {"x": -0.008}, "the hands were 8.0 mm from where the sheet's ends are"),
+        ((GIVES, BOTH, BOTH, APART), {"z": 0.007}, "one hand was 7.0 mm over the other"),
+        ((GIVES, BOTH, BOTH, APART), {"yaw": math.radians(5)}, "the hands were 5.0 deg misaligned"),
+        ((GIVES, NOBODY, TAKES, APART), {}, "the taker's gripper was not shut before the giver's opened"),
+        ((GIVES, BOTH, (True, True, 0.1)), {}, "the taker's gripper was not shut before the giver's opened"),
+        ((GIVES, BOTH, TAKES), {}, "the hands were not drawn back"),
+        ((GIVES, BOTH, TAKES, (False, False, 0.1)), {}, "the taker does not hold the sheet in the end"),
     ],
 )
-def test_hands_that_do_not_hold_one_sheet(kinematics: InverseKinematics, off: dict[str, float], fault: str) -> None:
-    play = Play(kinematics).add(True, False).add(True, True).add(True, True, **off).add(False, True, 0.1)
-    assert faults(facts(play.moments)) == [fault]
-
-
-def test_hands_that_do_something_else(kinematics: InverseKinematics) -> None:
-    dropped = Play(kinematics).add(True, False).add(False, False).add(False, True).add(False, True, 0.1)
-    assert "the taker's gripper was not shut before the giver's opened" in faults(facts(dropped.moments))
-    kept = Play(kinematics).add(True, False).add(True, True).add(True, True, 0.1)
-    assert faults(facts(kept.moments))[0] == "the taker's gripper was not shut before the giver's opened"
-    stays = Play(kinematics).add(True, False).add(True, True).add(False, True)
-    assert faults(facts(stays.moments)) == ["the hands were not drawn back"]
-    lost = Play(kinematics).add(True, False).add(True, True).add(False, True).add(False, False, 0.1)
-    assert faults(facts(lost.moments)) == ["the taker does not hold the sheet in the end"]
+def test_a_hand_over_as_it_should_not_be(steps: Sequence[Step], off: dict[str, float], fault: str) -> None:
+    found = faults(facts(play(*steps, **off)))
+    assert found == [fault] if (BOTH in steps and TAKES in steps) or off else fault in found
 
 
 # ---- the two runs ----
-
-
-@pytest.fixture(scope="module")
-def naming(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Servers that run already, on the paper's scene."""
-    folder = tmp_path_factory.mktemp("system")
-    options = ("--building", str(sample_path(BUILDING)), "--subnets", CHANNEL)
-    with claimed_ports() as port, Launcher(folder) as launch:
-        running = real_system(launch, folder / "state", port, *options).wait_ready()
-        threading.Thread(target=deque, args=(running.process.stderr, 0), daemon=True).start()
-        yield str(running.naming)
 
 
 def run(folder: Path, kind: str, *options: str) -> None:
@@ -168,8 +135,12 @@ def run(folder: Path, kind: str, *options: str) -> None:
 
 @pytest.mark.system
 @pytest.mark.timeout(3 * LIMIT_S)
-def test_actual_robots_in_servers_that_run(naming: str, tmp_path: Path) -> None:
-    run(tmp_path, "actual", "--actual", "--naming", naming)
+def test_actual_robots_in_servers_that_run(tmp_path: Path) -> None:
+    """On the paper's scene."""
+    (tmp_path / "system").mkdir()
+    options = ("--building", str(sample_path(BUILDING)), "--subnets", CHANNEL)
+    with running_system(tmp_path / "system", *options) as (system, _):
+        run(tmp_path, "actual", "--actual", "--naming", str(system.naming))
     check_film(tmp_path / "hand-over-actual.mp4")
 
 
@@ -184,40 +155,22 @@ def check_joints(file: Path) -> None:
     """Once more, from what was written: who had the sheet when, and where the hands were then."""
     with file.open(newline="") as source:
         rows = list(csv.DictReader(source))
+
+    def state(row: dict[str, str], robot: str) -> RobotState:
+        assert row["robot"] == robot
+        x, y, heading = (float(row[name]) for name in ("x", "y", "heading"))
+        return RobotState(0.0, x, y, heading, joints=np.array([float(row[name]) for name in JOINTS]))
+
     moments = [
-        (float(giver["seconds"]), Arm(giver, GIVER, GIVING), Arm(taker, TAKER, TAKING))
+        Moment(float(giver["seconds"]), state(giver, GIVER), state(taker, TAKER))
         for giver, taker in zip(rows[::2], rows[1::2], strict=True)
     ]
     assert len(moments) > 100
-    shut = [(giver.grip > math.radians(5), taker.grip > math.radians(5)) for _, giver, taker in moments]
-    changes = [now for before, now in zip([None, *shut], shut, strict=False) if now != before]
-    assert changes == [(False, False), (True, False), (True, True), (False, True)]
-    for (_, giver, taker), both in zip(moments, shut, strict=True):
-        if both == (True, True):
-            assert math.dist(giver.hand(), taker.hand()) == pytest.approx(HAND_DISTANCE_M, abs=NEAR_M)
-            assert giver.hand()[2] == pytest.approx(taker.hand()[2], abs=NEAR_M)
-    _, giver, taker = moments[-1]
-    assert math.dist(giver.hand(), taker.hand()) > HAND_DISTANCE_M + 2 * BASE_RETREAT_M
-
-
-body = functools.cache(SmartPalBody)
-
-
-class Arm:
-    """Of one robot, in a row of the file."""
-
-    def __init__(self, row: dict[str, str], robot: str, side: Side) -> None:
-        assert row["robot"] == robot
-        self._side = side
-        self._at = [float(row[name]) for name in ("x", "y", "heading")]
-        self._joints: Floats = np.array([float(row[name]) for name in JOINTS])
-        self.grip = self._joints[GRIP[side]]
-
-    def hand(self) -> tuple[float, float, float]:
-        """In the building's frame, m."""
-        hand, (x, y, heading) = body().hand(self._side, self._joints), self._at
-        c, s = math.cos(heading), math.sin(heading)
-        return x + c * hand.x - s * hand.y, y + s * hand.x + c * hand.y, hand.z
+    shut = [(is_shut(moment.giver, GIVING), is_shut(moment.taker, TAKING)) for moment in moments]
+    assert [each for each, _ in groupby(shut)] == [(False, False), (True, False), (True, True), (False, True)]
+    found = facts(moments)
+    assert faults(found) == []
+    assert found.end_distance_m > HAND_DISTANCE_M + 2 * BASE_RETREAT_M
 
 
 def check_recording(file: Path) -> None:

@@ -221,19 +221,14 @@ def see_edits(ros: Ros, system_orb: Orb) -> None:
 def see_frames(ros: Ros) -> None:
     """From the map to robots. Links are published once a second, so one message does not have all."""
 
-    def parents() -> dict[str, str]:
+    def frames() -> set[tuple[str, str]]:
         messages = [each for _, each in ros.messages(topic="/tf", last=60)] + [ros.last("/tf_static")]
-        return {
-            each["child_frame_id"]: each["header"]["frame_id"]
-            for message in filter(None, messages)
-            for each in message["transforms"]
-        }
+        found = [each for message in filter(None, messages) for each in message["transforms"]]
+        return {(each["header"]["frame_id"], each["child_frame_id"]) for each in found}
 
-    wanted = {"floor/L2": "map"}
-    for name in "AB":
-        wanted |= {f"{name}/odom": "map", f"{name}/base_link": f"{name}/odom", f"{name}/laser": f"{name}/base_link"}
-    eventually(lambda: wanted.items() <= parents().items(), PATIENCE_S, "frames")
-    eventually(lambda: {"A/left_hand", "B/right_finger", "A/head"} <= parents().keys(), PATIENCE_S, "links")
+    wanted = {("map", "floor/L2"), ("map", "A/odom"), ("map", "B/odom"), ("A/odom", "A/base_link")}
+    eventually(lambda: wanted <= frames(), PATIENCE_S, "frames")
+    eventually(lambda: {"A/left_hand", "B/right_finger", "A/laser"} <= {child for _, child in frames()}, PATIENCE_S)
 
 
 def drive_by_cmd_vel(ros: Ros, agent: RemoteAgent) -> None:
