@@ -68,14 +68,6 @@ class Port(RTC__POA.PortService):
         self.profiles[profile.connector_id] = profile
         return RTC.RTC_OK, profile
 
-    def disconnect(self, id: str) -> Any:
-        return self.profiles[id].ports[0].notify_disconnect(id)
-
-    def disconnect_all(self) -> Any:
-        for id in list(self.profiles):
-            self.disconnect(id)
-        return RTC.RTC_OK
-
     def notify_disconnect(self, id: str) -> Any:
         profile = self.profiles.pop(id, None)
         if profile is None:
