@@ -139,6 +139,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory, system: Running, place: Stan
         (lambda faults: faults.emergencySwitch(True), LONG, "the emergency switch is pressed"),
         (lambda faults: faults.slowNetwork(5.0), LONG, "not answer"),
     ],
+    ids=("a lost unit", "a lost unit at rest", "an alarm", "the switch", "a slow network"),
 )
 def test_an_actual_robot_that_fails(
     robot: Robot, place: StandIn, happens: Callable[[Any], None], program: Program, why: str
