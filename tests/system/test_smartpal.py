@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
-import signal
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,15 +83,19 @@ def test_the_paper_s_booleans(place: StandIn, adaptor: SmartPalAdaptor) -> None:
     assert (state.x, state.y, state.heading) == pytest.approx((2, 1, 0.5), abs=0.01)
 
 
-@pytest.mark.parametrize("argv", [[], ["--naming", "here"], ["--naming", "127.0.0.1:1", "--pose=1,2"], ["--nothing"]])
-def test_bad_arguments_are_named(place: StandIn, argv: list[str]) -> None:
-    with pytest.raises(AdaptorFailed, match=r"--naming|--pose|--nothing"):
+@pytest.mark.parametrize(
+    ("argv", "why"),
+    [
+        ([], "--naming"),
+        (["--naming", "here"], "--naming"),
+        (["--naming", "127.0.0.1:1", "--pose=1,2"], "--pose"),
+        (["--nothing"], "--naming"),
+        (["--naming", "127.0.0.1:1"], r"127\.0\.0\.1:1 does not answer"),
+    ],
+)
+def test_what_it_can_t_start_with_is_named(place: StandIn, argv: list[str], why: str) -> None:
+    with pytest.raises(AdaptorFailed, match=why):
         SmartPalAdaptor(units_at(place.orb)).start(argv)
-
-
-def test_a_robot_that_is_not_there(place: StandIn) -> None:
-    with pytest.raises(AdaptorFailed, match=r"127\.0\.0\.1:1 does not answer"):
-        SmartPalAdaptor(units_at(place.orb)).start(["--naming", "127.0.0.1:1"])
 
 
 # ---- it stands when it must ----
@@ -154,70 +154,38 @@ def test_a_client_that_falls_silent(place: StandIn, adaptor: SmartPalAdaptor) ->
     jog(adaptor)  # and it goes on when the client is back
 
 
-def test_a_client_that_hangs(place: StandIn) -> None:
-    """As a process of its own, stopped by SIGSTOP in the middle of its drive."""
-    place.faults.none()
-    folder = Path(__file__).resolve().parents[2]
-    code = "from tests.system.smartpal_client import main; main()"
-    with subprocess.Popen(
-        [sys.executable, "-c", code, str(place.naming)], cwd=folder, stdout=subprocess.PIPE
-    ) as client:
-        try:
-            assert client.stdout is not None
-            assert client.stdout.readline() == b"driving\n"
-            eventually(lambda: not stands(place), PATIENCE_S, "that it drives")
-            os.kill(client.pid, signal.SIGSTOP)
-            eventually(lambda: stands(place), PATIENCE_S, "that it stands")
-        finally:
-            client.kill()
+#: What happens to a unit, and what is said of it, for UNIT its name.
+FAULTS: dict[str, tuple[Callable[[Any, str], None], str]] = {
+    "alarm": (lambda faults, unit: faults.alarm(unit, 0x99, _GlobalIDL.FAULT, "too hot"), "too hot"),
+    "lost": (lambda faults, unit: faults.lost(unit, True), "UNIT does not answer"),
+    "stuck": (lambda faults, unit: faults.stuck(unit, True), "does not follow its servo"),
+    "switch": (lambda faults, unit: faults.emergencySwitch(True), "emergency switch"),
+}
+FAILING = ["alarm Mobility", "alarm MnpR", "alarm GripperL", "alarm Lumbar", "stuck Mobility", "stuck MnpL"]
+LOST = ["lost Mobility", "lost MnpL", "lost GripperR", "lost Lumbar"]
 
 
-@pytest.mark.parametrize("unit", ["Mobility", "MnpR", "GripperL", "Lumbar"])
-def test_an_alarm(place: StandIn, adaptor: SmartPalAdaptor, unit: str) -> None:
+@pytest.mark.parametrize("case", [*FAILING, "switch", *LOST])
+def test_a_unit_that_fails(place: StandIn, adaptor: SmartPalAdaptor, case: str) -> None:
+    fault, _, unit = case.partition(" ")
+    happens, why = FAULTS[fault]
     jog(adaptor)
-    place.faults.alarm(unit, 0x99, _GlobalIDL.FAULT, "too hot")
-    with pytest.raises(UnitFailed, match="too hot") as failed:
+    happens(place.faults, unit)
+    with pytest.raises(AdaptorFailed, match=why.replace("UNIT", unit)) as failed:
         run_until_it_fails(adaptor)
-    assert failed.value.unit == unit
-    adaptor.stop()
-    eventually(lambda: stands(place), PATIENCE_S, "that it stands")
-    # While it lasts it can't be cleared; then a start does.
-    place.faults.alarm(unit, 0, _GlobalIDL.FAULT, "")
-    assert adaptor.start(["--naming", str(place.naming)])
-    jog(adaptor)
-
-
-@pytest.mark.parametrize("unit", ["Mobility", "MnpL", "GripperR", "Lumbar"])
-def test_a_lost_unit(place: StandIn, adaptor: SmartPalAdaptor, unit: str) -> None:
-    jog(adaptor)
-    place.faults.lost(unit, True)
-    with pytest.raises(AdaptorFailed, match=f"{unit} does not answer") as failed:
-        run_until_it_fails(adaptor)
-    assert not isinstance(failed.value, UnitFailed)
-    begun = time.monotonic()
-    with pytest.raises(AdaptorFailed, match=unit):
+    if isinstance(failed.value, UnitFailed):
+        assert fault != "lost"
+        assert unit in ("", failed.value.unit)  # the switch locks all of them
         adaptor.stop()
-    assert time.monotonic() - begun < 10.0  # it waits for no answer for ever
-    place.faults.none()
-    eventually(lambda: stands(place), PATIENCE_S, "that it stands")
-
-
-@pytest.mark.parametrize("unit", ["Mobility", "MnpL"])
-def test_a_stuck_axis(place: StandIn, adaptor: SmartPalAdaptor, unit: str) -> None:
-    jog(adaptor)
-    place.faults.stuck(unit, True)
-    with pytest.raises(UnitFailed, match="does not follow its servo") as failed:
-        run_until_it_fails(adaptor)
-    assert failed.value.unit == unit
-
-
-def test_the_emergency_switch(place: StandIn, adaptor: SmartPalAdaptor) -> None:
-    jog(adaptor)
-    place.faults.emergencySwitch(True)
-    with pytest.raises(UnitFailed, match="emergency switch"):
-        run_until_it_fails(adaptor)
-    adaptor.stop()
-    place.faults.emergencySwitch(False)
+        eventually(lambda: stands(place), PATIENCE_S, "that it stands")
+        place.faults.none()  # while it lasts it can't be cleared; then a start does
+    else:
+        begun = time.monotonic()
+        with pytest.raises(AdaptorFailed, match=unit):
+            adaptor.stop()
+        assert (fault, time.monotonic() - begun < 10.0) == ("lost", True)  # it waits for no answer for ever
+        place.faults.none()
+        eventually(lambda: stands(place), PATIENCE_S, "that it stands")
     assert adaptor.start(["--naming", str(place.naming)])
     jog(adaptor)
 
@@ -261,36 +229,31 @@ def test_a_plain_client(place: StandIn) -> None:
     assert mobility.getPosition()[1:] == pytest.approx((100.0, 0.0, 0.0), abs=3.0)
 
     arm.powerOff()
-    assert arm.moveJointAbs([0.0] * 7, 10.0) == -4
+    to = [10.0, -10.0, 0.0, 20.0, 0.0, 0.0, 0.0]
+    assert arm.moveJointAbs(to, 10.0) == -4
     assert arm.powerOn() == 0 and arm.servoOn() == 0
     eventually(lambda: arm.getState()[1] == 0x12)
-    assert arm.moveJointAbs([181.0] + [0.0] * 6, 10.0) == -3
-    assert arm.moveJointAbs([10.0, -10.0, 0.0, 20.0, 0.0, 0.0, 0.0], 91.0) == -6
+    assert arm.moveJointAbs(to, 91.0) == -6
     assert arm.setJointAcceleration(10) == -7
-    assert arm.moveJointAbs([10.0, -10.0, 0.0, 20.0, 0.0, 0.0, 0.0], 60.0) == 0
+    assert arm.moveJointAbs(to, 60.0) == 0
     assert arm.getState()[1] == 0x13
     assert arm.moveJogJoint([1.0] * 7) == -2
     eventually(lambda: arm.getState()[1] == 0x12)
     code, joints = arm.getFeedbackPos(_GlobalIDL.JOINT)
-    assert code == 0
-    assert joints == pytest.approx([10.0, -10.0, 0.0, 20.0, 0.0, 0.0, 0.0], abs=0.1)
+    assert (code, joints) == (0, pytest.approx(to, abs=0.1))
     limits = arm.getJointSoftLimit()[1]
     assert (limits[0].upper, limits[0].lower) == pytest.approx((180.0, -45.0))
 
 
-@pytest.mark.parametrize(("unit", "delay"), [("Wheel", 0.0), ("MnpR", 6.0), ("MnpR", math.nan)])
-def test_faults_that_can_t_be(place: StandIn, unit: str, delay: float) -> None:
-    with pytest.raises(RoboCorba.InvalidFault) as refused:
-        place.faults.lost(unit, False)
-        place.faults.slowNetwork(delay)
-    assert refused.value.field == ("delay" if unit == "MnpR" else "unit")
-
-
-def test_a_call_that_is_held_back_ends_with_its_fault(place: StandIn) -> None:
-    lumbar = place.unit("Lumbar", _GlobalIDL.LumbarUnit)
-    place.faults.lost("Lumbar", True)
+def test_faults_of_the_stand_in(place: StandIn) -> None:
+    faults, lumbar = place.faults, place.unit("Lumbar", _GlobalIDL.LumbarUnit)
+    for order, field in ((lambda: faults.lost("Wheel", False), "unit"), (lambda: faults.slowNetwork(6.0), "delay")):
+        with pytest.raises(RoboCorba.InvalidFault) as refused:
+            order()
+        assert refused.value.field == field
+    faults.lost("Lumbar", True)
     set_call_timeout(lumbar, 0.2)
     with pytest.raises(CORBA.TIMEOUT):
         lumbar.isMoving()
-    place.faults.lost("Lumbar", False)
+    faults.lost("Lumbar", False)  # a call that was held back ends with its fault
     assert lumbar.isMoving() in (True, False)
