@@ -256,7 +256,7 @@ def test_the_administrator_places_robots_and_objects(place: Place) -> None:
 
 def test_time_stands_is_counted_in_steps_and_goes_on_at_any_pace(place: Place) -> None:
     a, administrator = place.log_on("a", *HALL), place.administrator
-    assert passed(place, 0.4) == pytest.approx(0.4 * PACE, rel=0.3)
+    eventually(lambda: passed(place, 0.4) == pytest.approx(0.4 * PACE, rel=0.3), what="the pace")
     with pytest.raises(RoboCorba.InvalidSetting):
         administrator.step(1)
     administrator.pause()
@@ -276,7 +276,7 @@ def test_time_stands_is_counted_in_steps_and_goes_on_at_any_pace(place: Place) -
     administrator.setPace(1.0)
     eventually(lambda: passed(place, 0.2) > 0.05)
     administrator.setPace(0.0)
-    assert passed(place, 0.4) > 0.4 * 1.5  # far more, unless others want the machine as well
+    eventually(lambda: passed(place, 0.4) > 0.4 * 1.5)  # far more, unless others want the machine as well
     assert (state_of(place).pace, state_of(place).paused) == (0.0, False)
 
 
