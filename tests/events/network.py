@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 import tempfile
 import threading
 import time
-from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 
 from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account
-from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.events.channel import Channel
-from robocorba.events.channel_store import Peer
+from robocorba.events.channel_store import ChannelStore, Peer
 from robocorba.events.event import EventBatch, EventHeader
-from robocorba.events.event_numbers import first_number_of, life_of, next_life
+from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.foreign import Attach
 from robocorba.events.links import Links
 from robocorba.events.peer_clock import Exchange
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.proxy_supplier import ProxyPullSupplier
-from robocorba.events.queue import QueuePolicy
 from robocorba.events.seen_events import SeenEvents
-from robocorba.events.subscription import checked
-from tests.events.samples import is_balanced
+from tests.events.samples import is_balanced, pull_supplier_of, pulled, wanting
 
 DEFAULTS = LinkPolicy()
 
@@ -37,31 +34,6 @@ def batch_of(*payloads: str, type: str = "t", source: str = "s", expiry: float =
     return EventBatch(
         EventHeader(type, source, expiry=expiry), [0.0] * len(payloads), [payload.encode() for payload in payloads]
     )
-
-
-class MemoryStore:
-    """What Links keeps, as long as the test."""
-
-    def __init__(self) -> None:
-        self.records: dict[str, Peer] = {}
-        self.kept: list[Advertisement] = []
-        self.life = 0
-
-    def peers(self) -> list[Peer]:
-        return list(self.records.values())
-
-    def save_peer(self, record: Peer) -> None:
-        self.records[record.name] = record
-
-    def forget_peer(self, name: str) -> None:
-        self.records.pop(name, None)
-
-    def save_advertisements(self, advertisements: Iterable[Advertisement]) -> None:
-        self.kept = list(advertisements)
-
-    def first_number(self) -> int:
-        self.life = next_life(self.life)
-        return first_number_of(self.life)
 
 
 class Weather:
@@ -82,33 +54,27 @@ class Weather:
 
 
 class Node:
-    """A channel with its links, on a machine of its own. ahead_s: its system's clock is ahead of the true time;
-    booted_s: its monotonic clock is ahead of that of the test, as machines do not boot at the same time."""
+    """A channel with its links, on a machine of its own. booted_s: its monotonic clock is ahead of that of the test, as
+    machines do not boot at the same time."""
 
-    def __init__(self, network: Network, name: str, folder: Path, store: MemoryStore, ahead_s: float) -> None:
-        self.name, self.network, self.store = name, network, store
-        self.ahead_s, self.booted_s = ahead_s, 1000.0 * len(network.nodes)
-        self.seen = SeenEvents(folder / f"{name}.seen")
-        first_number = store.first_number()
-        federation = Federation(name, store.kept, life_of(first_number))
-        clock = ArrivalClock(lambda: time.time() + self.ahead_s)
-        self.channel = Channel(federation, self.seen, first_number, clock)
-        self.links = Links(self.channel, store, self._join, self._no_foreign, network.policy)  # type: ignore[arg-type]
+    def __init__(self, network: Network, name: str, folder: Path) -> None:
+        self.name, self.network = name, network
+        self.booted_s = 1000.0 * len(network.nodes)
+        self.store, self.seen = ChannelStore(folder / f"{name}.sqlite"), SeenEvents(folder / f"{name}.seen")
+        first_number = self.store.first_number()
+        federation = Federation(name, self.store.advertisements(), life_of(first_number))
+        self.channel = Channel(federation, self.seen, first_number)
+        self.links = Links(self.channel, self.store, self._join, self._no_foreign, network.policy)
         self.account = Account()
         self.consumers: list[Consumer] = []
 
     def publish(self, *payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> None:
         self.channel.publish(batch_of(*payloads, type=type, source=source, expiry=expiry), self.account)
 
-    def consume(self, *types: str, size: int = 1_000_000) -> Consumer:
+    def consume(self, *types: str) -> Consumer:
         """A consumer of this node's own."""
-        subscription = checked([([(type, "*")], 0.0) for type in types])
-        proxy = ProxyPullSupplier(self.channel.lock, str(len(self.consumers)), subscription, QueuePolicy(size))
-        with self.channel.lock:
-            self.channel.proxy_suppliers[proxy.id] = proxy
-            proxy.connect(None)
-        self.consumers.append(Consumer(self, proxy))
-        self.consumers[-1].update_interest()
+        self.consumers.append(Consumer(self, pull_supplier_of(self.channel, wanting(*types), 1_000_000)))
+        self.links.send_advertisements()
         return self.consumers[-1]
 
     def knows(self, name: str) -> tuple[str, ...]:
@@ -122,6 +88,8 @@ class Node:
             for totals in (link.feed.totals, link.gateway.totals):
                 assert is_balanced(totals), (self.name, link)
         self.links.close()
+        self.seen.__exit__(None, None, None)
+        self.store.__exit__(None, None, None)
 
     def _join(self, record: Peer) -> tuple[FeedWire, str]:
         there, sent = self.network.reach(self.name, record.name), time.monotonic()
@@ -145,22 +113,21 @@ class Consumer:
         self.got: list[str] = []
 
     def read(self) -> list[str]:
-        while (batch := self.proxy.pull(0.0)) is not None:
-            self.got += [payload.decode() for payload in batch.payloads]
+        self.got += [batch.payloads[0].decode() for batch in pulled(self.proxy)]
         return self.got
 
     def change(self, *types: str) -> None:
         with self.node.channel.lock:
-            self.proxy.select(checked([([(type, "*")], 0.0) for type in types]))
-        self.update_interest()
+            self.proxy.select(wanting(*types))
+        self._update_interest()
 
     def leave(self) -> None:
         with self.node.channel.lock:
             del self.node.channel.proxy_suppliers[self.proxy.id]
             self.proxy.end()
-        self.update_interest()
+        self._update_interest()
 
-    def update_interest(self) -> None:
+    def _update_interest(self) -> None:
         with self.node.channel.lock:
             changed = self.node.channel.update_routes()
         if changed:
@@ -186,8 +153,8 @@ class GatewayWire:
             there = self._network.reach(self._here, self._there)
         except NotReachable as error:
             raise NotDelivered(str(error)) from None
-        here_s = self._network.nodes[self._here].booted_s if self._here in self._network.nodes else 0.0
-        copies = [_copy(batch, batch.epoch - here_s + there.booted_s) for batch in batches]
+        later_s = there.booted_s - self._network.booted_s(self._here)
+        copies = [_copy(batch, batch.epoch + later_s) for batch in batches]
         if weather.strikes(weather.lost):
             return []
         if self._held is None and weather.strikes(weather.late):
@@ -212,7 +179,7 @@ class FeedWire:
     joining: Exchange
 
     def exchange(self, sent: float, there: Node) -> Exchange:
-        here_s = self._network.nodes[self._here].booted_s if self._here in self._network.nodes else 0.0
+        here_s = self._network.booted_s(self._here)
         return Exchange(sent + here_s, time.monotonic() + there.booted_s, time.monotonic() + here_s)
 
     def renew(self, position: int, refused: int, news: list[Advertisement]) -> tuple[list[Advertisement], Exchange]:
@@ -223,18 +190,13 @@ class FeedWire:
         return answer, self.exchange(sent, there)
 
     def acknowledge(self, position: int) -> None:
-        if self._network.weather.strikes(self._network.weather.lost):
-            return
-        try:
-            self._network.reach(self._here, self._there).links.acknowledge(self.session, position)
-        except (NotReachable, SessionOver):
-            return
+        if not self._network.weather.strikes(self._network.weather.lost):
+            with contextlib.suppress(NotReachable, SessionOver):
+                self._network.reach(self._here, self._there).links.acknowledge(self.session, position)
 
     def leave(self) -> None:
-        try:
+        with contextlib.suppress(NotReachable, SessionOver):
             self._network.reach(self._here, self._there).links.leave(self.session)
-        except (NotReachable, SessionOver):
-            return
 
 
 class Network:
@@ -267,18 +229,17 @@ class Network:
             raise NotReachable("lost on the way")
         return self.nodes[there]
 
-    def start(self, name: str, store: MemoryStore | None = None, ahead_s: float = 0.0) -> Node:
-        node = self.nodes[name] = Node(self, name, Path(self._folder.name), store or MemoryStore(), ahead_s)
+    def booted_s(self, name: str) -> float:
+        return self.nodes[name].booted_s if name in self.nodes else 0.0
+
+    def start(self, name: str) -> Node:
+        node = self.nodes[name] = Node(self, name, Path(self._folder.name))
         return node
 
-    def restart(self, name: str, *types: str, keeps_state: bool = True, ahead_s: float = 0.0) -> Node:
+    def restart(self, name: str, *types: str) -> Node:
         """As after a kill: what a node kept on disk is all that it has, a consumer of these types included."""
-        before = self.nodes.pop(name)
-        before.close()
-        before.seen.__exit__(None, None, None)
-        if not keeps_state:
-            (Path(self._folder.name) / f"{name}.seen").unlink()
-        node = self.start(name, before.store if keeps_state else None, ahead_s)
+        self.nodes.pop(name).close()
+        node = self.start(name)
         if types:
             node.consume(*types)
         node.links.restore()

@@ -1,4 +1,4 @@
-"""Batches of events, and small clients that note what they are given."""
+"""Batches of events, small clients that note what they are given, and proxies for them."""
 
 from __future__ import annotations
 
@@ -8,17 +8,23 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from robocorba.backoff import Backoff
 from robocorba.errors.events import EventError
-from robocorba.events.account import Arrivals, Totals
+from robocorba.events.account import Account, Arrivals, Totals
 from robocorba.events.channel import Channel
 from robocorba.events.event import CorrelatedEvents, EventBatch, EventHeader
 from robocorba.events.federation import Federation
-from robocorba.events.proxy_supplier import ProxySupplier
-from robocorba.events.queue import QueueItem
+from robocorba.events.policies import DeliveryPolicy
+from robocorba.events.proxy_push_supplier import ProxyPushSupplier
+from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
+from robocorba.events.queue import QueueItem, QueuePolicy
 from robocorba.events.seen_events import SeenEvents
-from robocorba.events.subscription import Clause, Pattern, Subscription
+from robocorba.events.subscription import ALL, Clause, Pattern, Subscription
 
 NOW = 1_000_000.0
+BOTH: Subscription = (Clause((Pattern("a"), Pattern("b"))),)
+#: A consumer that does not answer is probed sooner, and disconnected after fewer failures, than by default.
+IMPATIENT = DeliveryPolicy(backoff=Backoff(0.001, 0.002), settle_s=0.0, max_failures=4)
 _references = itertools.count()
 
 
@@ -106,7 +112,7 @@ class Supplier:
         self.disconnections += 1
 
 
-def failing(*errors: EventError) -> Callable[[Sequence[QueueItem]], None]:
+def failing(*errors: Exception) -> Callable[[Sequence[QueueItem]], None]:
     """Raises one error a call, then takes everything."""
     left = list(errors)
 
@@ -139,3 +145,62 @@ def add(channel: Channel, proxy: ProxySupplier, client: object = None) -> None:
         channel.proxy_suppliers[proxy.id] = proxy
         proxy.connect(client)
         channel.update_routes()
+
+
+class LostClients:
+    """The reasons why clients were lost."""
+
+    def __init__(self) -> None:
+        self.reasons: list[str] = []
+
+    def __call__(self, proxy: ProxyPushSupplier, reason: str) -> None:
+        self.reasons.append(reason)
+        with proxy._lock:
+            proxy.end()
+
+
+def push_supplier_of(
+    channel: Channel,
+    consumer: Consumer,
+    policy: QueuePolicy | None = None,
+    wanted: Subscription = ALL,
+    name: str = "",
+    on_client_lost: Callable[[ProxyPushSupplier, str], None] | None = None,
+    delivery: DeliveryPolicy = IMPATIENT,
+) -> ProxyPushSupplier:
+    id, lost = f"{len(channel.proxy_suppliers) + 1}", on_client_lost or LostClients()
+    proxy = ProxyPushSupplier(channel.lock, id, wanted, policy or QueuePolicy(), delivery, lost, name)
+    add(channel, proxy, consumer)
+    return proxy
+
+
+def pull_supplier_of(channel: Channel, wanted: Subscription = ALL, size: int = 10_000) -> ProxyPullSupplier:
+    proxy = ProxyPullSupplier(channel.lock, f"{len(channel.proxy_suppliers) + 1}", wanted, QueuePolicy(size))
+    add(channel, proxy)
+    return proxy
+
+
+def pulled(proxy: ProxyPullSupplier) -> list[EventBatch]:
+    """What waits there, one event each."""
+    found = []
+    while batch := proxy.pull(0.0):
+        assert len(batch) == 1
+        found.append(batch)
+    return found
+
+
+def publish(channel: Channel, *payloads: int, type: str = "t", priority: int = 0, expiry: float = 0.0) -> None:
+    channel.publish(supplied(type, *(str(n).encode() for n in payloads), priority=priority, expiry=expiry), Account())
+
+
+def received(consumer: Consumer) -> list[int]:
+    return [int(str(payload, "ascii")) for payload in consumer.payloads if isinstance(payload, bytes)]
+
+
+def totals(proxy: ProxySupplier) -> Totals:
+    with proxy._lock:
+        return proxy.totals()
+
+
+def is_settled(proxy: ProxySupplier) -> bool:
+    return totals(proxy).queued == 0

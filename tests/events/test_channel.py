@@ -1,4 +1,4 @@
-"""A channel: numbers, selection, and what comes from peers."""
+"""A channel: numbers, selection, what comes from peers and in which order, and clocks that are wrong."""
 
 from __future__ import annotations
 
@@ -7,148 +7,227 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robocorba.errors.events import ProxyGone
+from robocorba.events import resequencer
 from robocorba.events.account import Account, Arrivals
-from robocorba.events.channel import Channel
+from robocorba.events.channel import MAX_HOPS, Channel
 from robocorba.events.event import EventBatch
 from robocorba.events.event_numbers import first_number_of
+from robocorba.events.federation import Advertisement
+from robocorba.events.feed import Feed
+from robocorba.events.policies import LinkPolicy
 from robocorba.events.proxy_supplier import ProxyPullSupplier
-from robocorba.events.queue import QueuePolicy
-from robocorba.events.subscription import ALL, Pattern, Subscription
-from tests.events.samples import NOW, add, arrive, events, open_channel, supplied, wanting
+from robocorba.events.resequencer import Arrival, Resequencer
+from robocorba.events.subscription import Clause, Pattern
+from tests.events.samples import NOW, arrive, events, open_channel, pull_supplier_of, pulled, supplied, wanting
+from tests.waits import outlast
 
 
-@pytest.fixture
-def channel(tmp_path: Path) -> Iterator[Channel]:
-    with open_channel(tmp_path, first_number=100) as channel:
-        yield channel
-
-
-def consumer(channel: Channel, id: str, wanted: Subscription = ALL) -> ProxyPullSupplier:
-    proxy = ProxyPullSupplier(channel.lock, id, wanted, QueuePolicy())
-    add(channel, proxy)
-    return proxy
-
-
-def pulled(proxy: ProxyPullSupplier) -> list[tuple[int, object]]:
-    found = []
-    while batch := proxy.pull(0.0):
-        found.append((batch.first, batch.payloads[0]))
-    return found
-
-
-def test_events_get_numbers_origin_and_time(channel: Channel) -> None:
-    proxy, account = consumer(channel, "1"), Account()
-    before = time.time()
-    channel.publish(supplied("a", b"x", b"y"), account)
-    channel.publish(supplied("b", b"z"), account)
-    assert channel.last_number == 102
-    batch = proxy.pull(0.0)
-    assert batch is not None and batch.header.origin == "lab"
-    assert before <= batch.times[0] <= time.time()
-    assert [(batch.first, batch.payloads[0]), *pulled(proxy)] == [(100, b"x"), (101, b"y"), (102, b"z")]
-    assert account.totals(0) == (3, 3, 0, 0, 0, 0)
-
-
-def test_each_consumer_gets_the_events_of_its_current_subscription(channel: Channel) -> None:
-    first, second = consumer(channel, "1", wanting("a*")), consumer(channel, "2", wanting("b", "a1"))
-    for type in ("a1", "a2", "b", "c"):
+def supply(channel: Channel, *types: str) -> None:
+    """Events with their types as payloads."""
+    for type in types:
         channel.publish(supplied(type, type.encode()), Account())
-    assert [payload for _, payload in pulled(first)] == [b"a1", b"a2"]
-    assert [payload for _, payload in pulled(second)] == [b"a1", b"b"]
-    with channel.lock:
-        first.select(wanting("c"))
-        channel.update_routes()
-    for type in ("a1", "c"):
-        channel.publish(supplied(type, type.encode()), Account())
-    assert [payload for _, payload in pulled(first)] == [b"c"]
 
 
-def test_the_interest_is_the_union_of_all_subscriptions(channel: Channel) -> None:
-    assert channel.interest() == ()
-    consumer(channel, "1", wanting("a*"))
-    second = consumer(channel, "2", wanting("a1", "b"))
-    assert channel.interest() == (Pattern("a*"), Pattern("b"))
-    with channel.lock:
-        second.end()
-        channel.update_routes(second)
-    assert channel.interest() == (Pattern("a*"),)
+def payloads(proxy: ProxyPullSupplier) -> list[object]:
+    return [batch.payloads[0] for batch in pulled(proxy)]
 
 
-def test_events_that_arrive_expired_get_no_number(channel: Channel) -> None:
-    proxy, account = consumer(channel, "1"), Account()
-    batch = supplied("t", b"a", b"b", b"c", b"d", expiry=5.0)
-    now = time.time()
-    batch.times = [now, now - 9.0, now, now - 9.0]
-    channel.publish(batch, account)
-    assert pulled(proxy) == [(100, b"a"), (101, b"c")]
-    assert account.totals(0) == (4, 2, 0, 0, 2, 0)
-    batch = supplied("t", b"a", expiry=5.0)
-    batch.times = [now - 9.0]
-    channel.publish(batch, account)
-    assert (channel.last_number, account.expired) == (101, 3)
-
-
-def from_hall(first: int, count: int = 1) -> EventBatch:
-    batch = events(first, count)
-    batch.header = batch.header._replace(origin="hall")
+def from_hall(number: int, made: float = NOW, expiry: float = 0.0, count: int = 1) -> EventBatch:
+    batch = events(number, count, expiry=expiry)
+    batch.header, batch.times = batch.header._replace(origin="hall"), [made] * count
     return batch
 
 
-def test_duplicates_from_a_peer_are_recognised(channel: Channel) -> None:
-    proxy = consumer(channel, "1")
-
-    def forward(first: int, count: int, origin: str = "hall") -> int:
-        batch = events(first, count)
-        batch.header = batch.header._replace(origin=origin)
-        return arrive(channel, batch).repeated
-
-    assert [forward(1, 3), forward(2, 4), forward(1, 5), forward(7, 1), forward(6, 2)] == [0, 2, 5, 0, 1]
-    assert forward(50, 2, origin="lab") == 2  # its own
-    assert [number for number, _ in pulled(proxy)] == [1, 2, 3, 4, 5, 7, 6]
-
-
-def test_forged_numbers_harm_no_other_event(channel: Channel) -> None:
-    proxy = consumer(channel, "1")
-    first = first_number_of(7)
-    forged = ((1 << 64) - 1, first + 1000, first_number_of(8))
-    sent = [*forged, first, first + 1, first + 999, first + 1001]
-    for number in sent:
-        account = arrive(channel, from_hall(number))
-        assert (account.repeated, account.refused) == (0, 0)
-    assert [number for number, _ in pulled(proxy)] == sent
-    assert arrive(channel, from_hall(first, 2)).repeated == 2
-
-
-def test_events_that_waited_on_an_earlier_path_are_no_duplicates(channel: Channel) -> None:
-    """A direct link was added, and a newer event came by it."""
-    proxy = consumer(channel, "1")
-    for first, count in ((1, 10), (1011, 1), (11, 1000), (500, 600)):
-        account = arrive(channel, from_hall(first, count))
-        assert (account.repeated, account.refused) == ((512, 0) if first == 500 else (0, 0))
-    assert sorted(number for number, _ in pulled(proxy)) == list(range(1, 1100))
-
-
-def test_events_of_its_name_from_another_life_are_refused(channel: Channel) -> None:
-    """They are of another channel with the same name, or of an earlier process."""
-    consumer(channel, "1")
-    batch = events(first_number_of(7))
-    assert arrive(channel, batch) == Arrivals(received=1, discarded=1, refused=1)
-    assert channel.has_had("lab", first_number_of(7))
-
-
-def test_a_destroyed_channel_accepts_no_events(channel: Channel) -> None:
-    with channel.lock:
+def test_events_get_numbers_origin_and_time(tmp_path: Path) -> None:
+    with open_channel(tmp_path, first_number=100) as channel:
+        proxy, account = pull_supplier_of(channel), Account()
+        before, given = time.time(), supplied("b", b"z")
+        given.times = [NOW]
+        channel.publish(supplied("a", b"x", b"y"), account)
+        channel.publish(given, account)
+        assert channel.last_number == 102
+        first, second, third = pulled(proxy)
+        assert before <= first.times[0] <= time.time()
+        assert [(one.header.origin, one.first, one.payloads) for one in (first, second, third)] == [
+            ("lab", 100, [b"x"]),
+            ("lab", 101, [b"y"]),
+            ("lab", 102, [b"z"]),
+        ]
+        assert third.times == [NOW]  # those that suppliers gave are kept
+        assert account.totals(0) == (3, 3, 0, 0, 0, 0)
         channel.is_destroyed = True
-    with pytest.raises(ProxyGone):
-        channel.publish(supplied("t", b"a"), Account())
+        with pytest.raises(ProxyGone):
+            channel.publish(supplied("t", b"a"), Account())
 
 
-def test_times_that_suppliers_gave_are_kept(channel: Channel) -> None:
-    proxy = consumer(channel, "1")
-    batch = supplied("t", b"a")
-    batch.times = [NOW]
-    channel.publish(batch, Account())
-    found = proxy.pull(0.0)
-    assert found is not None and found.times == [NOW]
+def test_each_consumer_gets_the_events_of_its_current_subscription(channel: Channel) -> None:
+    assert channel.interest() == ()
+    first, second = pull_supplier_of(channel, wanting("a*")), pull_supplier_of(channel, wanting("b", "a1"))
+    assert channel.interest() == (Pattern("a*"), Pattern("b"))
+    supply(channel, "a1", "a2", "b", "c")
+    assert (payloads(first), payloads(second)) == ([b"a1", b"a2"], [b"a1", b"b"])
+    with channel.lock:
+        first.select(wanting("c"))
+        second.end()
+        channel.update_routes(second)
+        channel.update_routes(first)
+    assert channel.interest() == (Pattern("c"),)
+    supply(channel, "a1", "c")
+    assert payloads(first) == [b"c"]
+
+
+def test_events_that_arrive_expired_get_no_number(channel: Channel) -> None:
+    proxy, account, now = pull_supplier_of(channel), Account(), time.time()
+    for ages_s in ((0.0, 9.0, 0.0, 9.0), (9.0,)):
+        batch = supplied("t", *(str(age_s).encode() for age_s in ages_s), expiry=5.0)
+        batch.times = [now - age_s for age_s in ages_s]
+        channel.publish(batch, account)
+    assert [(one.first, one.payloads) for one in pulled(proxy)] == [(1, [b"0.0"]), (2, [b"0.0"])]
+    assert account.totals(0) == (5, 2, 0, 0, 3, 0)
+    assert channel.last_number == 2
+
+
+def test_duplicates_from_a_peer_are_recognised(channel: Channel) -> None:
+    proxy, parts = pull_supplier_of(channel), ((1, 3), (2, 4), (1, 5), (7, 1), (6, 2))
+    assert [arrive(channel, from_hall(first, count=count)).repeated for first, count in parts] == [0, 2, 5, 0, 1]
+    assert [one.first for one in pulled(proxy)] == [1, 2, 3, 4, 5, 7, 6]
+    assert arrive(channel, events(50, 2)).repeated == 2  # its own
+    # Of its name, but of another life: of another channel with the same name, or of an earlier process.
+    other = first_number_of(7)
+    assert arrive(channel, events(other)) == Arrivals(received=1, discarded=1, refused=1)
+    assert channel.has_had("lab", other)
+
+
+# ---- order ----
+
+
+@pytest.fixture
+def hall(tmp_path: Path) -> Iterator[Channel]:
+    """A channel that is not the origin of the events, and has a consumer."""
+    with open_channel(tmp_path, name="hall") as channel:
+        pull_supplier_of(channel)
+        yield channel
+
+
+def got(channel: Channel) -> list[object]:
+    (proxy,) = channel.proxy_suppliers.values()
+    assert isinstance(proxy, ProxyPullSupplier)
+    return payloads(proxy)
+
+
+@given(st.permutations(range(1, 7)), st.lists(st.integers(1, 6), max_size=3))
+def test_events_in_any_order(order: list[int], again: list[int]) -> None:
+    """Numbers 10, 20, ... were sent here; those between went elsewhere."""
+    seen: set[int] = set()
+    held, account = Resequencer(lambda origin, number: number in seen), Arrivals()
+    delivered = []
+    for number in [*order, *again]:
+        for arrival in held.add(Arrival(events(10 * number), 10 * (number - 1), 0.0, account)):
+            if arrival.batch.first not in seen:
+                delivered.append(arrival.batch.first)
+            seen.add(arrival.batch.first)
+    assert delivered == [10, 20, 30, 40, 50, 60]
+    assert account.held == 0
+
+
+def test_what_waits_is_counted_as_queued(hall: Channel) -> None:
+    late = arrive(hall, events(5, 2), before=3)
+    assert late.snapshot() == (2, 0, 0, 0, 0, 2)
+    assert got(hall) == []
+    soon = arrive(hall, events(2, 2), before=0)
+    assert got(hall) == [2, 3, 5, 6]
+    assert late.snapshot() == soon.snapshot() == (2, 2, 0, 0, 0, 0)
+
+
+def test_nobody_waits_longer_than_the_limit(hall: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
+    arrive(hall, events(5), before=4)
+    arrive(hall, events(8), before=5)
+    hall.release_overdue()
+    assert got(hall) == []
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + resequencer.MAX_WAIT_S)
+    hall.release_overdue()
+    assert got(hall) == [5, 8]
+    arrive(hall, events(4))  # too late for its place, but not lost
+    assert got(hall) == [4]
+
+
+def test_a_copy_that_comes_again_holds_up_nothing(hall: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resequencer, "MAX_HELD", 0)
+    arrive(hall, events(5), before=4)  # without the missing one
+    monkeypatch.undo()
+    again = arrive(hall, events(5), before=4)
+    arrive(hall, events(6), before=5)
+    assert got(hall) == [5, 6]
+    assert again == Arrivals(repeated=1)
+
+
+def test_what_waits_is_bounded(hall: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resequencer, "MAX_HELD", 3)
+    for number in (5, 7, 9):
+        arrive(hall, events(number), before=number - 1)
+    assert got(hall) == []
+    arrive(hall, events(11), before=10)
+    assert got(hall) == [5]
+
+
+def test_an_event_without_a_way_is_discarded(hall: Channel) -> None:
+    batch, account = events(1), Arrivals()
+    batch.targets = {"yard": 0}
+    assert hall.forward([batch], account) == []
+    assert account == Arrivals(received=1, discarded=1)
+    hall.publish(events(1), Account())
+    assert len(got(hall)) == 1
+
+
+def test_a_copy_does_not_go_round_for_ever(hall: Channel) -> None:
+    """Each of two channels takes the other one for the next on the way."""
+    feed = Feed(hall.lock, "lab", LinkPolicy())
+    with hall.lock:
+        hall.feeds["lab"] = feed
+        hall.update_routes()
+        hall.federation.learn([Advertisement("lab", 1, ("hall", "yard"), ()), Advertisement("yard", 1, ("lab",), ())])
+    batch, account = events(1), Arrivals()
+    for _ in range(MAX_HOPS + 1):
+        batch.targets = {"yard": 0}
+        hall.forward([batch], account)
+    assert (account.delivered, account.discarded) == (MAX_HOPS, 1)
+    assert feed.account.received == MAX_HOPS
+
+
+# ---- clocks ----
+
+HOURS_S = 7200.0
+
+
+@pytest.mark.parametrize("ahead_s", [HOURS_S, -HOURS_S])
+def test_the_clock_is_set_while_events_wait(channel: Channel, monkeypatch: pytest.MonkeyPatch, ahead_s: float) -> None:
+    """They expire by the time that passes, and those of both sides of the step belong together."""
+    real = time.time
+    proxy = pull_supplier_of(channel, (Clause((Pattern("a"), Pattern("b")), 5.0), *wanting("t")))
+    supply(channel, "a")
+    channel.publish(supplied("t", b"short", expiry=0.01), Account())
+    channel.publish(supplied("t", b"long", expiry=60.0), Account())
+    monkeypatch.setattr(time, "time", lambda: real() + ahead_s)
+    outlast(0.01)
+    assert payloads(proxy) == [b"long"]
+    supply(channel, "b")
+    assert payloads(proxy) == [b"a", b"b"]
+
+
+@pytest.mark.parametrize("ahead_s", [HOURS_S, -HOURS_S, 1e9, -1e9])
+def test_the_age_of_events_of_a_machine_whose_clock_is_wrong(channel: Channel, ahead_s: float) -> None:
+    """It is what passed since, by the clock that stamped them."""
+    proxy = pull_supplier_of(channel, (Clause((Pattern("a"), Pattern("t")), 5.0), *wanting("t")))
+    supply(channel, "a")
+    now = time.time() + ahead_s
+    for number, age_s in ((1, 0.0), (2, 50.0), (3, 70.0)):
+        batch = from_hall(number, now - age_s, expiry=60.0)
+        batch.epoch = now - time.monotonic()
+        arrive(channel, batch)
+    # The first one belongs to the event of this channel, and each that is alive is delivered as such.
+    assert sorted(map(str, payloads(proxy))) == ["1", "1", "2", "b'a'"]

@@ -1,4 +1,4 @@
-"""The advertisements of channels: versions, links and bounds."""
+"""The advertisements of channels: versions, links and bounds, and which of them a peer lacks."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import itertools
 import time
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robocorba.errors.events import InvalidPeer
 from robocorba.events.federation import Advertisement, Federation, check_name
+from robocorba.events.known_advertisements import KnownAdvertisements
 from robocorba.events.subscription import Pattern
 
 WANTS_T = (Pattern("t"),)
@@ -29,12 +32,16 @@ def test_only_a_higher_version_is_news() -> None:
     assert "hall" not in lab.ways("t", "s", "lab")
 
 
-def test_an_unchanged_advertisement_keeps_its_version() -> None:
+def test_a_change_or_a_restart_makes_a_new_version() -> None:
     lab = Federation("lab")
     assert lab.advertise(["hall"], WANTS_T)
     before = lab.own
     assert not lab.advertise(["hall"], WANTS_T)
-    assert lab.own == before
+    assert not lab.learn([before])  # its own comes back
+    assert lab.own is before
+    restarted = Federation("lab", lab.advertisements).own
+    assert restarted.version > before.version
+    assert (restarted.peers, restarted.interest) == (("hall",), WANTS_T)
     assert lab.advertise(["hall"], ())
     assert lab.own.version > before.version
 
@@ -48,21 +55,12 @@ def test_a_link_needs_both_ends_unless_one_has_not_advertised_yet() -> None:
     assert "hall" in lab.ways("t", "s", "lab")
 
 
-def ring_of_four() -> Federation:
-    """Seen from lab: lab - hall - yard - attic - lab."""
+def test_a_link_that_is_down_is_used_only_where_there_is_no_other_way() -> None:
+    """In a ring: lab - hall - yard - attic - lab."""
     lab = Federation("lab")
     lab.advertise(["attic", "hall"], ())
     neighbours = {"hall": ("lab", "yard"), "yard": ("attic", "hall"), "attic": ("lab", "yard")}
     lab.learn([advertisement(name, 1, *peers) for name, peers in neighbours.items()])
-    return lab
-
-
-def test_of_equal_paths_the_first_by_name_is_taken() -> None:
-    assert ring_of_four().ways("t", "s", "lab") == {"attic": ["attic", "yard"], "hall": ["hall"]}
-
-
-def test_a_link_that_is_down_is_used_only_where_there_is_no_other_way() -> None:
-    lab = ring_of_four()
     lab.learn([advertisement("attic", 2, "lab", "yard")._replace(down=("yard",))])
     assert lab.ways("t", "s", "lab") == {"attic": ["attic"], "hall": ["hall", "yard"]}
     assert lab.advertise(["attic", "hall"], (), down=["hall"])
@@ -100,22 +98,6 @@ def test_a_channel_that_lost_its_state_supersedes_its_earlier_advertisement() ->
     assert "lab" in hall.ways("t", "s", "hall")
 
 
-def test_its_own_advertisement_that_comes_back_changes_nothing() -> None:
-    lab = Federation("lab")
-    lab.advertise(["hall"], WANTS_T)
-    before = lab.own
-    assert not lab.learn([before])
-    assert lab.own is before
-
-
-def test_a_restarted_channel_has_a_newer_advertisement_with_the_same_content() -> None:
-    before = Federation("lab")
-    before.advertise(["hall"], WANTS_T)
-    after = Federation("lab", before.advertisements)
-    assert after.own.version > before.own.version
-    assert (after.own.peers, after.own.interest) == (("hall",), WANTS_T)
-
-
 def test_advertisements_are_bounded_and_unreachable_ones_make_room() -> None:
     lab = Federation("lab", max_channels=4)
     lab.advertise(["a"], ())
@@ -137,6 +119,44 @@ def test_names_that_no_channel_can_have(name: str) -> None:
 @pytest.mark.parametrize("name", ["lab", "L-2.east", "_", "9", "a" * 60])
 def test_names_of_channels(name: str) -> None:
     assert check_name(name) == name
+
+
+# ---- what a renewal carries ----
+
+#: Name and version of channels.
+VERSIONS = st.dictionaries(st.sampled_from("ABC"), st.integers(1, 4))
+
+
+@given(st.lists(st.tuples(VERSIONS, st.booleans())))
+def test_the_other_end_lacks_what_is_newer_than_it_had(steps: list[tuple[dict[str, int], bool]]) -> None:
+    known, had = KnownAdvertisements(), dict.fromkeys("ABC", 0)
+    for versions, arrives in steps:
+        advertisements = [Advertisement(name, version, (), ()) for name, version in versions.items()]
+        for _ in range(2):
+            missing = known.missing(advertisements)
+            assert {entry.name: entry.version for entry in missing} == {
+                name: version for name, version in versions.items() if version > had[name]
+            }
+        if arrives:
+            known.add(missing)
+            had.update((entry.name, entry.version) for entry in missing)
+            assert known.missing(advertisements) == []
+
+
+def test_the_advertisements_of_a_federation_are_listed_once_for_each_change() -> None:
+    lab, hall = Federation("lab"), Federation("hall", life=7)
+    listed = lab.advertisements
+    assert lab.advertisements is listed
+    lab.advertise(["hall"], ())
+    hall.advertise(["lab"], ())
+    assert [entry.peers for entry in lab.advertisements] == [("hall",)]
+    lab.learn(hall.advertisements)
+    assert [entry.name for entry in lab.advertisements] == ["lab", "hall"]
+    listed = lab.advertisements
+    lab.learn(hall.advertisements)
+    assert lab.advertisements is listed
+    lab.learn([Advertisement("lab", 9 << 32, (), ())])  # of an earlier process
+    assert lab.advertisements[0].version > 9 << 32
 
 
 # ---- two channels of one name ----

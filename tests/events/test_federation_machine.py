@@ -12,12 +12,12 @@ import tempfile
 import threading
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import networkx as nx
 import pytest
-from hypothesis import settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
@@ -30,12 +30,9 @@ from robocorba.events.event_numbers import first_number_of, next_life
 from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.feed import Feed
 from robocorba.events.policies import LinkPolicy
-from robocorba.events.proxy_supplier import ProxyPullSupplier
-from robocorba.events.queue import QueuePolicy
 from robocorba.events.seen_events import SeenEvents
-from robocorba.events.subscription import checked
 from tests.events.network import batch_of
-from tests.events.samples import is_balanced
+from tests.events.samples import is_balanced, pull_supplier_of, pulled, wanting
 
 NAMES = "ABCD"
 EXPIRY_S = 3600.0
@@ -89,17 +86,22 @@ class Wire(Feed):
 
 
 class Node:
-    """A channel with a consumer of all events."""
+    """A channel with a consumer of some types."""
 
-    def __init__(self, name: str, folder: Path, life: int, known: list[Advertisement], ahead_s: float) -> None:
+    def __init__(
+        self,
+        name: str,
+        folder: Path,
+        life: int = 1,
+        known: Sequence[Advertisement] = (),
+        ahead_s: float = 0.0,
+        types: Iterable[str] = "t",
+    ) -> None:
         self.life, self.ahead_s = life, ahead_s
         self.seen = SeenEvents(folder / f"{name}.seen")
         clock = ArrivalClock(lambda: time.time() + self.ahead_s)
         self.channel = Channel(Federation(name, known, life), self.seen, first_number_of(life), clock)
-        self.proxy = ProxyPullSupplier(self.channel.lock, "1", checked([([("t", "")], 0)]), QueuePolicy(10**6))
-        self.proxy.connect(None)
-        self.channel.proxy_suppliers["1"] = self.proxy
-        self.channel.update_routes()
+        self.proxy = pull_supplier_of(self.channel, wanting(*types), 10**6)
         #: Of the events by peer, and how many came.
         self.arrivals: dict[str, Arrivals] = defaultdict(Arrivals)
         self.came: Counter[str] = Counter()
@@ -108,13 +110,13 @@ class Node:
     def wires(self) -> dict[str, Wire]:
         return self.channel.feeds  # type: ignore[return-value]
 
+    def link(self, *peers: str, is_up: bool = True) -> None:
+        for peer in peers:
+            self.channel.feeds[peer] = Wire(self.channel.lock, peer, is_up)
+
     def got(self) -> list[tuple[str, int, str]]:
         """Origin, number and payload of what its consumer gets."""
-        result = []
-        while batch := self.proxy.pull(0.0):
-            for index, payload in enumerate(batch.payloads):
-                result.append((batch.header.origin, batch.first + index, payload.decode()))
-        return result
+        return [(batch.header.origin, batch.first, batch.payloads[0].decode()) for batch in pulled(self.proxy)]
 
 
 class FederationMachine(RuleBasedStateMachine):
@@ -143,7 +145,7 @@ class FederationMachine(RuleBasedStateMachine):
     @initialize(shape=st.sampled_from([("AB", "BC", "CD"), ("AB", "BC", "CA", "CD"), ("AB", "AC", "BD", "CD")]))
     def start(self, shape: tuple[str, ...]) -> None:
         for name in NAMES:
-            self.nodes[name] = Node(name, Path(self.folder.name), next_life(0), [], 0.0)
+            self.nodes[name] = Node(name, Path(self.folder.name), next_life(0))
         self.links.add_nodes_from(NAMES)
         for here, there in shape:
             self._link(here, there)
@@ -319,8 +321,7 @@ class FederationMachine(RuleBasedStateMachine):
     def _link(self, here: str, there: str) -> None:
         self.links.add_edge(here, there)
         for name, peer in ((here, there), (there, here)):
-            channel = self.nodes[name].channel
-            channel.feeds[peer] = Wire(channel.lock, peer, is_up=True)
+            self.nodes[name].link(peer)
         self._update()
 
     def _restore(self, link: frozenset[str]) -> None:
@@ -343,7 +344,7 @@ class FederationMachine(RuleBasedStateMachine):
         node = self.nodes[name] = Node(name, Path(self.folder.name), life, known, ahead_s)
         for peer in self.links[name]:
             works = self._works(name, peer)
-            node.channel.feeds[peer] = Wire(node.channel.lock, peer, works)
+            node.link(peer, is_up=works)
             if works:
                 self.nodes[peer].wires[name].begin_session()
         self._update()
@@ -397,3 +398,63 @@ class FederationMachine(RuleBasedStateMachine):
 
 TestFederation = FederationMachine.TestCase
 TestFederation.settings = settings(max_examples=120, stateful_step_count=40, deadline=None)
+
+
+# ---- which links carry what ----
+
+
+@st.composite
+def graphs(draw: st.DrawFn) -> nx.Graph:
+    """Up to seven channels, all linked somehow."""
+    names = "ABCDEFG"[: draw(st.integers(2, 7))]
+    graph = nx.Graph((names[number], names[draw(st.integers(0, number - 1))]) for number in range(1, len(names)))
+    pairs = st.tuples(st.sampled_from(names), st.sampled_from(names))
+    graph.add_edges_from((a, b) for a, b in draw(st.lists(pairs, max_size=8)) if a != b)
+    return graph
+
+
+def linked(graph: nx.Graph, wants: Mapping[str, Iterable[str]], folder: Path) -> dict[str, Node]:
+    """Channels that know all of each other."""
+    nodes = {name: Node(name, folder, types=wants[name]) for name in sorted(graph)}
+    for name, node in nodes.items():
+        node.link(*sorted(graph[name]))
+        node.channel.update_routes()
+    for node in nodes.values():
+        node.channel.federation.learn([other.channel.federation.own for other in nodes.values()])
+        node.channel.update_routes()
+    return nodes
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs(), st.data())
+def test_one_copy_crosses_the_links_to_those_who_want_it_and_no_others(graph: nx.Graph, data: st.DataObject) -> None:
+    wants = {name: data.draw(st.sets(st.sampled_from("ab"))) for name in sorted(graph)}
+    supplied = data.draw(st.lists(st.tuples(st.sampled_from(sorted(graph)), st.sampled_from("ab")), max_size=12))
+    carried: dict[tuple[str, str], list[str]] = defaultdict(list)
+    with tempfile.TemporaryDirectory() as folder:
+        nodes = linked(graph, wants, Path(folder))
+        for number, (origin, type) in enumerate(supplied):
+            nodes[origin].channel.publish(batch_of(str(number), type=type, source=origin), Account())
+        while loaded := [(name, peer) for name in nodes for peer, wire in nodes[name].wires.items() if wire.is_loaded]:
+            here, there = data.draw(st.sampled_from(loaded), label="link")
+            batches = nodes[here].wires[there].send()
+            carried[here, there] += [payload.decode() for batch in batches for payload in batch.payloads]
+            nodes[there].channel.forward(batches, Arrivals())
+        got = {name: [payload for _, _, payload in node.got()] for name, node in nodes.items()}
+    crossed: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for number, (origin, type) in enumerate(supplied):
+        # Of the shortest paths to a channel, the first one by the names of the channels on it.
+        wanted_by = [name for name in graph if type in wants[name]]
+        paths = [min(nx.all_shortest_paths(graph, origin, name)) for name in wanted_by]
+        for link in {link for path in paths for link in itertools.pairwise(path)}:
+            crossed[link].append(str(number))
+    assert {link: sorted(payloads, key=int) for link, payloads in carried.items()} == crossed
+    for name, payloads in got.items():
+        assert sorted(payloads, key=int) == [str(n) for n, (_, type) in enumerate(supplied) if type in wants[name]]
+
+
+def test_events_that_nobody_needs_there_are_counted_as_unseen(tmp_path: Path) -> None:
+    node = linked(nx.Graph(["AB", "AC"]), {"A": "", "B": "a", "C": ""}, tmp_path)["A"]
+    for type in "abb":
+        node.channel.publish(batch_of("x", type=type), Account())
+    assert [(wire.unseen, len([*wire.held()])) for wire in node.wires.values()] == [(2, 1), (3, 0)]

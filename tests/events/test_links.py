@@ -6,11 +6,13 @@ import itertools
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robocorba.errors.events import InvalidPeer, SessionOver, UnknownPeer
 from robocorba.errors.services import NotReachable
@@ -21,7 +23,7 @@ from robocorba.events.event import EventBatch, EventHeader
 from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.gateway import MAX_EARLY, FeedPort, Gateway
 from robocorba.events.links import LinkSnapshot
-from robocorba.events.peer_clock import Exchange
+from robocorba.events.peer_clock import MAX_EXCHANGES, STEADY_S, Exchange, PeerClock
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.seen_events import SeenEvents
 from robocorba.testing.processes import eventually
@@ -39,99 +41,87 @@ def is_up(*nodes: Node) -> bool:
     return all(state.feed.is_up and state.gateway.is_up for node in nodes for state in node.links.snapshots())
 
 
+def record(node: Node, peer: str) -> Peer:
+    """What a node has stored of a peer."""
+    return next(each for each in node.store.peers() if each.name == peer)
+
+
+def await_link(network: Network) -> None:
+    a, b = network["A"], network["B"]
+    eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.snapshots(), what="the link")
+
+
+@pytest.fixture
+def pair() -> Iterator[Network]:
+    """A, which has added its link with B, and B with a consumer of events t."""
+    with Network("A", "B") as network:
+        network.link("AB")
+        network["B"].consume("t")
+        await_link(network)
+        yield network
+
+
 # ---- links ----
 
 
-def test_a_link_that_one_end_adds_exists_at_both_ends() -> None:
-    with Network("A", "B") as network:
-        network.link("AB")
-        eventually(lambda: len(network["B"].links.snapshots()) == 1 and is_up(*network.nodes.values()), what="the link")
-        assert network["B"].store.records["A"].reference == "A"
+def test_a_removed_link_ends_at_both_ends_and_can_be_added_again(pair: Network) -> None:
+    a, b = pair["A"], pair["B"]
+    assert record(b, "A").reference == "A"  # one end has added it, both have it
+    a.links.remove("B")
+    assert a.links.snapshots() == b.links.snapshots() == []
+    a.publish("nobody")
+    with pytest.raises(InvalidPeer, match="A has removed B; add it there again"):
+        a.links.join("B", "B", GatewayWire(pair, "A", "B"))
+
+    a, b = pair.restart("A"), pair.restart("B")
+    consumer = b.consume("t")
+    assert a.links.snapshots() == b.links.snapshots() == []
+
+    pair.link("AB")
+    await_link(pair)
+    a.publish("again")
+    eventually(lambda: consumer.read() == ["again"], what="the event")
 
 
-def test_a_removed_link_ends_at_both_ends_and_can_be_added_again() -> None:
-    with Network("A", "B") as network:
-        a, b = network["A"], network["B"]
-        network.link("AB")
-        consumer = b.consume("t")
-        eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.snapshots(), what="the link")
-        a.links.remove("B")
-        assert a.links.snapshots() == b.links.snapshots() == []
-        a.publish("nobody")
-        with pytest.raises(InvalidPeer, match="A has removed B; add it there again"):
-            a.links.join("B", "B", GatewayWire(network, "A", "B"))
-
-        a = network.restart("A")
-        b = network.restart("B")
-        consumer = b.consume("t")
-        assert a.links.snapshots() == b.links.snapshots() == []
-
-        network.link("AB")
-        eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.snapshots(), what="the link again")
-        a.publish("again")
-        eventually(lambda: consumer.read() == ["again"], what="the event")
+def test_a_peer_that_was_removed_while_unreachable_learns_why_it_is_refused(pair: Network) -> None:
+    a, b = pair["A"], pair["B"]
+    pair.cut.add(frozenset("AB"))
+    a.publish("1", "2", "3")
+    account = a.channel.feeds["B"].account
+    a.links.remove("B")
+    assert account.discarded == 3
+    pair.cut.clear()
+    eventually(lambda: "A has removed B; add it there again" in link(b).gateway.problem, what="the reason")
+    assert not link(b).feed.is_up or a.links.snapshots() == []
+    a.links.add(Peer("B"))
+    eventually(lambda: is_up(a, b) and a.links.snapshots(), what="the link again")
 
 
-def test_a_peer_that_was_removed_while_unreachable_learns_why_it_is_refused() -> None:
-    with Network("A", "B") as network:
-        a, b = network["A"], network["B"]
-        network.link("AB")
-        eventually(lambda: is_up(a, b) and b.links.snapshots(), what="the link")
-        network.cut.add(frozenset("AB"))
-        a.links.remove("B")
-        network.cut.clear()
-        eventually(lambda: "A has removed B; add it there again" in link(b).gateway.problem, what="the reason")
-        assert not link(b).feed.is_up or a.links.snapshots() == []
-        a.links.add(Peer("B"))
-        eventually(lambda: is_up(a, b) and a.links.snapshots(), what="the link again")
+def test_a_second_channel_of_the_same_name_takes_nothing_from_the_first(pair: Network) -> None:
+    a, joins = pair["A"], link(pair["A"]).feed.joins
+    with pytest.raises(InvalidPeer, match="another B is linked with A"):
+        a.links.join("B", "a copy of B", GatewayWire(pair, "A", "B"))
+    a.publish("event")
+    eventually(lambda: pair["B"].consumers[0].read() == ["event"], what="the event")
+    assert (link(a).feed.joins, record(a, "B").reference) == (joins, "B")
 
 
-def test_a_second_channel_of_the_same_name_takes_nothing_from_the_first() -> None:
-    with Network("A", "B") as network:
-        a, b = network["A"], network["B"]
-        network.link("AB")
-        consumer = b.consume("t")
-        eventually(lambda: a.knows("B") == ("t",) and is_up(a, b) and b.links.snapshots(), what="the link")
-        joins = link(a).feed.joins
-        with pytest.raises(InvalidPeer, match="another B is linked with A"):
-            a.links.join("B", "a copy of B", GatewayWire(network, "A", "B"))
-        a.publish("event")
-        eventually(lambda: consumer.read() == ["event"], what="the event")
-        assert (link(a).feed.joins, a.store.records["B"].reference) == (joins, "B")
+def test_the_reference_of_a_peer_that_moved_is_saved(pair: Network) -> None:
+    pair.cut.add(frozenset("AB"))
+    eventually(lambda: not link(pair["A"]).feed.is_up, what="the end of the lease")
+    pair["A"].links.join("B", "where B is now", GatewayWire(pair, "A", "B"))
+    assert record(pair["A"], "B").reference == "where B is now"
 
 
-def test_the_queue_of_a_removed_peer_is_discarded() -> None:
-    with Network("A", "B") as network:
-        a = network["A"]
-        network.link("AB")
-        network["B"].consume("t")
-        eventually(lambda: a.knows("B") == ("t",), what="the interest")
-        network.cut.add(frozenset("AB"))
-        a.publish("1", "2", "3")
-        feed = a.channel.feeds["B"]
-        a.links.remove("B")
-        assert feed.account.discarded == 3
-
-
-@pytest.mark.parametrize(("name", "field"), [("A", "name"), ("", "name"), ("a/b", "name"), ("x" * 61, "name")])
-def test_invalid_names_of_peers(name: str, field: str) -> None:
+def test_invalid_names_of_peers() -> None:
     with Network("A") as network:
-        with pytest.raises(InvalidPeer) as refused:
-            network["A"].links.add(Peer(name))
-        assert refused.value.field == field
-        assert network["A"].store.records == {}
+        for name in ("A", "a/b"):
+            with pytest.raises(InvalidPeer) as refused:
+                network["A"].links.add(Peer(name))
+            assert refused.value.field == "name"
+        assert network["A"].store.peers() == []
         with pytest.raises(UnknownPeer):
             network["A"].links.remove("B")
-
-
-def test_the_reference_of_a_peer_that_moved_is_saved() -> None:
-    with Network("A", "B") as network:
-        network.link("AB")
-        eventually(lambda: is_up(*network.nodes.values()), what="the link")
-        network.cut.add(frozenset("AB"))
-        eventually(lambda: not link(network["A"]).feed.is_up, what="the end of the lease")
-        network["A"].links.join("B", "where B is now", GatewayWire(network, "A", "B"))
-        assert network["A"].store.records["B"].reference == "where B is now"
 
 
 def test_a_renewal_overtaken_by_a_join_does_not_count_as_received() -> None:
@@ -252,17 +242,15 @@ def test_sessions_are_renewed_less_often_with_many_peers(peers: int, pause_s: fl
 
 
 class Feed:
-    """A peer's feed, which answers as the test wants."""
+    """A peer's feed, which answers as the test wants. problem: raised by its calls."""
 
-    def __init__(self) -> None:
-        self.session, self.position = "s1", 1
+    def __init__(self, problem: Exception | None, joining: Exchange) -> None:
+        self.session, self.position, self.joining = "s1", 1, joining
         #: Called with each renewal.
         self.on_renewal: Callable[[], None] = lambda: None
         self.attempts: list[float] = []
-        self.acknowledged: list[int] = []
-        self.problem: Exception | None = None
+        self.problem = problem
         self.refused = 0
-        self.joining = Exchange(0.0, 0.0, 0.0)
 
     def join(self) -> FeedPort:
         self.attempts.append(time.monotonic())
@@ -278,7 +266,7 @@ class Feed:
         return [], self.joining
 
     def acknowledge(self, position: int) -> None:
-        self.acknowledged.append(position)
+        pass
 
     def leave(self) -> None:
         pass
@@ -287,14 +275,22 @@ class Feed:
 class Alone:
     """A gateway of channel lab for its peer hall."""
 
-    def __init__(self, folder: Path, policy: LinkPolicy = DEFAULTS) -> None:
-        self.feed = Feed()
+    def __init__(
+        self,
+        folder: Path,
+        policy: LinkPolicy = DEFAULTS,
+        problem: Exception | None = None,
+        joining: Exchange = Exchange(0.0, 0.0, 0.0),  # noqa: B008
+    ) -> None:
+        self.feed = Feed(problem, joining)
         self.channel = Channel(Federation("lab"), SeenEvents(folder / "seen"), 1)
         self.gateway = Gateway("hall", self.channel, self.feed.join, lambda news: None, policy)
         self.feed.on_renewal = self.probe
 
     def __enter__(self) -> Alone:
         self.gateway.start()
+        if not self.feed.problem:
+            self.await_link()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -302,6 +298,12 @@ class Alone:
         self.gateway._thread.join(60.0)
         assert not self.gateway._thread.is_alive()
         assert is_balanced(self.gateway.snapshot().totals)
+
+    def await_link(self) -> None:
+        eventually(lambda: self.gateway.snapshot().is_up, what="the session")
+
+    def await_problem(self, problem: str) -> None:
+        eventually(lambda: problem in self.gateway.snapshot().problem, what=problem)
 
     def probe(self) -> None:
         """A packet arrives that holds no events, and that the gateway has had."""
@@ -321,112 +323,91 @@ class Alone:
         return state.totals.received, state.duplicates
 
 
-def test_early_packets_wait_and_duplicates_are_dropped(tmp_path: Path) -> None:
+@pytest.fixture
+def alone(tmp_path: Path) -> Iterator[Alone]:
     with Alone(tmp_path) as alone:
-        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
-        alone.forward(2, 12, 13)
-        alone.forward(3, 14)
-        assert alone.received() == (0, 0)
-        alone.forward(1, 11, session="s0")
-        assert alone.received() == (0, 0)
-        alone.forward(1, 11)
-        assert alone.received() == (4, 0)
-        alone.forward(1, 11)  # the same packet again
-        alone.forward(4, 14, 15)  # another packet that holds a copy
-        assert alone.received() == (5, 1)
+        yield alone
 
 
-def test_early_packets_are_bounded(tmp_path: Path) -> None:
-    with Alone(tmp_path) as alone:
-        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
-        last = 2 * MAX_EARLY
-        for position in range(last, 1, -1):
-            alone.forward(position, position)
-        alone.forward(1, 1)
-        assert alone.received() == (MAX_EARLY + 1, 0)
-        for position in range(MAX_EARLY + 2, last + 1):
-            alone.forward(position, position)
-        assert alone.received() == (last, 0)
+def test_early_packets_wait_and_duplicates_are_dropped(alone: Alone) -> None:
+    alone.forward(2, 12, 13)
+    alone.forward(3, 14)
+    alone.forward(1, 11, session="s0")
+    assert alone.received() == (0, 0)
+    alone.forward(1, 11)
+    assert alone.received() == (4, 0)
+    alone.forward(1, 11)  # the same packet again
+    alone.forward(4, 14, 15)  # another packet that holds a copy
+    assert alone.received() == (5, 1)
+    alone.accept(5, EventBatch(EventHeader("t", "s", "lab"), [1.0], [b"x"], 1))  # its own
+    assert alone.received() == (5, 2)
+
+
+def test_early_packets_are_bounded(alone: Alone) -> None:
+    last = 2 * MAX_EARLY
+    for position in range(last, 1, -1):
+        alone.forward(position, position)
+    alone.forward(1, 1)
+    assert alone.received() == (MAX_EARLY + 1, 0)
+    for position in range(MAX_EARLY + 2, last + 1):
+        alone.forward(position, position)
+    assert alone.received() == (last, 0)
+
+
+@pytest.mark.parametrize(
+    ("problem", "shown"),
+    [
+        (NotReachable("it is away"), "it is away"),
+        (InvalidPeer("address", "the channel there is 'yard', not 'hall'"), "refused: address: the channel"),
+        (ValueError("a fault"), "internal fault"),
+    ],
+)
+def test_why_a_peer_is_not_joined_is_shown_until_it_is(tmp_path: Path, problem: Exception, shown: str) -> None:
+    with Alone(tmp_path, problem=problem) as alone:
+        alone.await_problem(shown)
+        alone.feed.problem = None
+        alone.gateway.wake()
+        alone.await_link()
 
 
 def test_a_wake_while_the_peer_is_away_costs_one_attempt(tmp_path: Path) -> None:
-    alone = Alone(tmp_path)
-    alone.feed.problem = NotReachable("it is away")
-    with alone:
+    with Alone(tmp_path, problem=NotReachable("it is away")) as alone:
         eventually(lambda: len(alone.feed.attempts) >= 3, what="attempts")
         alone.gateway.wake()
         stays(lambda: len(alone.feed.attempts) < 25, 0.5)
-        assert alone.gateway.snapshot().problem == "it is away"
-        alone.feed.problem = None
-        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
 
 
 def test_a_gateway_is_up_only_while_packets_arrive(tmp_path: Path) -> None:
     """Its own calls may get through where those of the feed do not."""
-    policy = LinkPolicy(renew_interval_s=0.01, silence_s=0.1)
-    with Alone(tmp_path, policy) as alone:
-        eventually(lambda: alone.gateway.snapshot().is_up, what="the first packet")
+    with Alone(tmp_path, LinkPolicy(renew_interval_s=0.01, silence_s=0.1)) as alone:
         alone.feed.on_renewal = lambda: None
-        eventually(lambda: "has arrived for 0.1 s" in alone.gateway.snapshot().problem, what="the link to be down")
+        alone.await_problem("has arrived for 0.1 s")
         alone.feed.problem = SessionOver("the session has ended")
         eventually(lambda: len(alone.feed.attempts) >= 2, what="another session")
         alone.feed.problem = None
-        eventually(lambda: "nothing that it sends has arrived yet" in alone.gateway.snapshot().problem, what="why")
+        alone.await_problem("nothing that it sends has arrived yet")
         alone.feed.on_renewal = alone.probe
-        eventually(lambda: alone.gateway.snapshot().is_up, what="the link")
+        alone.await_link()
 
 
-def test_the_reason_of_a_refusal_is_reported(tmp_path: Path) -> None:
-    alone = Alone(tmp_path)
-    alone.feed.problem = InvalidPeer("address", "the channel there is 'yard', not 'hall'")
-    with alone:
-        eventually(lambda: alone.gateway.snapshot().problem.startswith("refused: address: the channel"), what="why")
-        alone.feed.problem = None
-        alone.gateway.wake()
-        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
-
-
-def test_a_fault_does_not_end_the_gateway(tmp_path: Path) -> None:
-    alone = Alone(tmp_path)
-    alone.feed.problem = ValueError("a fault")
-    with alone:
-        eventually(lambda: "internal fault" in alone.gateway.snapshot().problem, what="a reported problem")
-        alone.feed.problem = None
-        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
-
-
-def test_its_own_events_are_duplicates(tmp_path: Path) -> None:
-    with Alone(tmp_path) as alone:
-        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
-        alone.accept(1, EventBatch(EventHeader("t", "s", "lab"), [1.0], [b"x"], 1))
-        assert alone.received() == (0, 1)
-
-
-def test_expired_events_are_counted_and_not_published(tmp_path: Path) -> None:
-    with Alone(tmp_path) as alone:
-        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
-        header = EventHeader("t", "s", "hall", expiry=1.0)
-        alone.accept(1, EventBatch(header, [time.time() - 5, time.time()], [b"x", b"y"], 1))
-        assert alone.gateway.snapshot().totals == (2, 1, 0, 0, 1, 0)
-
-
-def test_refused_events_are_reported_to_the_peer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refused_events_are_reported_to_the_peer(alone: Alone, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(seen_events, "MAX_INTERVALS", 2)
-    with Alone(tmp_path) as alone:
-        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
-        alone.forward(1, 11, 13, 15, 12)
-        assert alone.gateway.snapshot().totals == (4, 3, 0, 1, 0, 0)
-        alone.gateway.wake()
-        eventually(lambda: alone.feed.refused == 1, what="the report")
+    alone.forward(1, 11, 13, 15, 12)
+    assert alone.gateway.snapshot().totals == (4, 3, 0, 1, 0, 0)
+    alone.gateway.wake()
+    eventually(lambda: alone.feed.refused == 1, what="the report")
+
+
+def test_expired_events_are_counted_and_not_published(alone: Alone) -> None:
+    header = EventHeader("t", "s", "hall", expiry=1.0)
+    alone.accept(1, EventBatch(header, [time.time() - 5, time.time()], [b"x", b"y"], 1))
+    assert alone.gateway.snapshot().totals == (2, 1, 0, 0, 1, 0)
 
 
 def test_the_age_of_events_does_not_depend_on_clocks_that_are_set(tmp_path: Path) -> None:
     """The peer's system is an hour behind, its machine was started 1000 s later than this one."""
-    alone = Alone(tmp_path)
     now = time.monotonic()
-    alone.feed.joining = Exchange(now, now - 1000.0, now)
-    with alone:
-        eventually(lambda: alone.gateway.snapshot().is_up, what="the session")
+    with Alone(tmp_path, joining=Exchange(now, now - 1000.0, now)) as alone:
         header, made = EventHeader("t", "s", "hall", expiry=10.0), time.time() - 3600.0
         batch = EventBatch(header, [made - 20.0, made - 5.0], [b"x", b"y"], 1)
         batch.epoch = made - (time.monotonic() - 1000.0)
@@ -434,3 +415,34 @@ def test_the_age_of_events_does_not_depend_on_clocks_that_are_set(tmp_path: Path
         snapshot = alone.gateway.snapshot()
         assert snapshot.totals == (2, 1, 0, 0, 1, 0)
         assert 5.0 <= snapshot.lag_s < 10.0
+
+
+# ---- a peer's clock ----
+
+delays = st.floats(0.0, 5.0)
+
+
+def test_the_exchange_with_the_shortest_round_trip_counts() -> None:
+    clock = PeerClock()
+    assert clock.behind_s == 0.0
+    clock.measure(Exchange(100.0, 31.0, 104.0))  # a slow answer: 1 s there, 3 s back
+    assert clock.behind_s == 71.0
+    clock.measure(Exchange(200.0, 130.01, 200.02))
+    assert clock.behind_s == 70.0
+    clock.measure(Exchange(300.0, 231.0, 304.0))
+    assert clock.behind_s == 70.0
+    clock.reset()  # another process of the peer has another clock
+    clock.measure(Exchange(200.0, 1.0, 202.0))
+    assert clock.behind_s == 200.0
+
+
+@given(st.floats(-1e6, 1e6), st.lists(st.tuples(delays, delays), min_size=1, max_size=300))
+def test_the_error_of_a_clock_is_at_most_half_of_the_shortest_recent_round_trip(
+    behind_s: float, calls: list[tuple[float, float]]
+) -> None:
+    clock, now = PeerClock(), 1000.0
+    for there_s, back_s in calls:
+        clock.measure(Exchange(now, now + there_s - behind_s, now + there_s + back_s))
+        now += 5.0
+    shortest = min(there_s + back_s for there_s, back_s in calls[-MAX_EXCHANGES:])
+    assert abs(clock.behind_s - behind_s) <= shortest / 2.0 + STEADY_S + 1e-6

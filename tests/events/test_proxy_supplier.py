@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
@@ -15,17 +16,33 @@ from robocorba.errors.events import ClientGone, EventError, NotDelivered, Refuse
 from robocorba.events.account import Totals
 from robocorba.events.blocking_budget import BUDGET_S, STEADY_S, BlockingBudget
 from robocorba.events.channel import MAX_WAIT_S, Channel
-from robocorba.events.event import CorrelatedEvents
+from robocorba.events.event import CorrelatedEvents, EventBatch
 from robocorba.events.policies import DeliveryPolicy
 from robocorba.events.proxy import ProxyCondition
-from robocorba.events.proxy_push_supplier import ProxyPushSupplier
+from robocorba.events.proxy_push_supplier import MAX_REPEATS, ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.queue import OverflowRule, QueueItem, QueuePolicy
 from robocorba.events.subscription import ALL
 from robocorba.testing.processes import eventually
-from tests.events.outlets import BOTH, IMPATIENT, LostClients, is_settled, publish, push_supplier_of, received, totals
-from tests.events.samples import Consumer, failing, is_balanced, wanting
+from tests.events.samples import (
+    BOTH,
+    IMPATIENT,
+    Consumer,
+    LostClients,
+    failing,
+    is_balanced,
+    is_settled,
+    publish,
+    push_supplier_of,
+    received,
+    totals,
+    wanting,
+)
 from tests.waits import outlast, pause
+
+REAL_THREADS = settings(
+    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 
 
 @pytest.mark.parametrize("takes_batches", [False, True])
@@ -94,16 +111,13 @@ def test_concurrent_suppliers_call_a_consumer_one_after_another(channel: Channel
         for number in range(200):
             publish(channel, base + number)
 
-    threads = [threading.Thread(target=supply, args=(1000 * k,)) for k in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(60.0)
+    bases = range(0, 4000, 1000)
+    with ThreadPoolExecutor(len(bases)) as suppliers:
+        list(suppliers.map(supply, bases))
     eventually(lambda: is_settled(proxy))
-    got = received(consumer)
     assert consumer.overlaps == 0
-    for k in range(4):
-        assert [number for number in got if number // 1000 == k] == list(range(1000 * k, 1000 * k + 200))
+    for base in bases:
+        assert [number for number in received(consumer) if 0 <= number - base < 1000] == [*range(base, base + 200)]
 
 
 @pytest.mark.parametrize(
@@ -160,18 +174,23 @@ def test_no_event_counts_as_delivered_to_a_client_that_is_gone(channel: Channel,
 
 @pytest.mark.parametrize(
     ("error", "answers_probes", "reason"),
-    [(Unconfirmed("no answer"), False, "4 failures in a row"), (NotDelivered("stuck"), True, "stuck")],
+    [
+        (Unconfirmed("no answer"), False, "4 failures in a row"),
+        (NotDelivered("stuck"), True, "stuck"),
+        (ValueError("a fault"), True, "ValueError: a fault"),
+    ],
 )
 def test_a_consumer_that_accepts_no_events_is_disconnected_after_max_failures(
-    channel: Channel, error: EventError, answers_probes: bool, reason: str
+    channel: Channel, error: Exception, answers_probes: bool, reason: str
 ) -> None:
     lost = LostClients()
-    consumer = Consumer(answer=failing(*[error] * 99))
+    consumer = Consumer(takes_batches=False, answer=failing(*[error] * 99))
     consumer.is_alive = lambda: answers_probes
     proxy = push_supplier_of(channel, consumer, on_client_lost=lost)
-    publish(channel, 1)
+    for number in range(10):
+        publish(channel, number)
     eventually(lambda: lost.reasons)
-    assert lost.reasons == [reason]
+    assert reason in lost.reasons[0]
     assert is_balanced(totals(proxy))
 
 
@@ -209,20 +228,6 @@ def test_a_proxy_whose_thread_ends_by_a_defect_goes_on(channel: Channel) -> None
     assert (received(consumer), proxy.problem) == ([1], "")
 
 
-def test_a_consumer_is_lost_by_a_defect_too(channel: Channel) -> None:
-    def fail(items: Sequence[QueueItem]) -> None:
-        raise ValueError("a fault")
-
-    lost = LostClients()
-    consumer = Consumer(takes_batches=False, answer=fail)
-    proxy = push_supplier_of(channel, consumer, on_client_lost=lost)
-    for number in range(10):
-        publish(channel, number)
-    eventually(lambda: lost.reasons)
-    assert "ValueError: a fault" in lost.reasons[0]
-    assert is_balanced(totals(proxy))
-
-
 def test_a_stalled_consumer_loses_the_oldest_events_and_delays_no_other(channel: Channel) -> None:
     is_stalled = threading.Event()
     is_stalled.set()
@@ -246,34 +251,22 @@ def test_a_stalled_consumer_loses_the_oldest_events_and_delays_no_other(channel:
     assert totals(first) == Totals(received=25, delivered=10, discarded=15)
 
 
-def test_events_wait_in_order_while_delivery_is_suspended(channel: Channel) -> None:
+def test_events_wait_in_order_or_expire_while_delivery_is_suspended(channel: Channel) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer)
     publish(channel, 0)
     eventually(lambda: is_settled(proxy))
     with channel.lock:
         proxy.suspend()
-    publish(channel, 1, 2)
-    assert totals(proxy).queued == 2
-    with channel.lock:
-        proxy.resume()
-    eventually(lambda: is_settled(proxy))
-    assert received(consumer) == [0, 1, 2]
-
-
-def test_an_event_that_expires_in_the_queue_is_not_delivered(channel: Channel) -> None:
-    consumer = Consumer()
-    proxy = push_supplier_of(channel, consumer)
-    with channel.lock:
-        proxy.suspend()
     publish(channel, 1, expiry=0.01)
-    publish(channel, 2)
+    publish(channel, 2, 3)
+    assert totals(proxy).queued == 3
     outlast(0.01)
     with channel.lock:
         proxy.resume()
     eventually(lambda: is_settled(proxy))
-    assert received(consumer) == [2]
-    assert totals(proxy) == Totals(received=2, delivered=1, expired=1)
+    assert received(consumer) == [0, 2, 3]
+    assert totals(proxy) == Totals(received=4, delivered=3, expired=1)
 
 
 def test_a_blocked_supplier_loses_no_event(channel: Channel) -> None:
@@ -281,14 +274,13 @@ def test_a_blocked_supplier_loses_no_event(channel: Channel) -> None:
     proxy = push_supplier_of(channel, consumer, QueuePolicy(5, OverflowRule.BLOCK_SUPPLIER, 10.0))
     with channel.lock:
         proxy.suspend()
-    supplier = threading.Thread(target=publish, args=(channel, *range(12)))
-    supplier.start()
-    eventually(lambda: totals(proxy).queued == 5)
-    assert supplier.is_alive()
-    with channel.lock:
-        proxy.resume()
-    supplier.join(60.0)
-    assert not supplier.is_alive()
+    with ThreadPoolExecutor(1) as supplier:
+        supply = supplier.submit(publish, channel, *range(12))
+        eventually(lambda: totals(proxy).queued == 5)
+        assert not supply.done()
+        with channel.lock:
+            proxy.resume()
+        supply.result(60.0)
     eventually(lambda: is_settled(proxy))
     assert received(consumer) == list(range(12))
 
@@ -441,9 +433,7 @@ FAILURES = st.sampled_from([NotDelivered("not reachable"), Unconfirmed("no answe
     st.booleans(),
     st.booleans(),
 )
-@settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
-)
+@REAL_THREADS
 def test_accounts_are_exact_whatever_fails(
     channel: Channel,
     failures: list[EventError | None],
@@ -480,3 +470,93 @@ def test_accounts_are_exact_whatever_fails(
     assert final.received == 2 * number  # each fits as such, and one of the patterns
     assert final.delivered - final.unconfirmed == sum(map(len, consumer.items))
     assert consumer.overlaps == 0
+
+
+# ---- calls without an answer to idempotent consumers are repeated, and executed once ----
+
+
+class IdempotentConsumer(Consumer):
+    """Ignores calls that it has had. `outcomes` of its next calls: "answered"; "unanswered", executed at once; "late",
+    executed after the next one; "lost" and "refused", not executed, the latter known to the caller."""
+
+    def __init__(self, outcomes: Sequence[str]) -> None:
+        super().__init__(answer=self._answer)
+        self.is_idempotent = True
+        self.calls: list[list[int]] = []
+        self.executed: list[int] = []
+        self._outcomes = list(outcomes)
+        self._late: list[list[int]] = []
+
+    def _answer(self, items: Sequence[QueueItem]) -> None:
+        call = [
+            int(str(payload, "ascii")) for batch in items if isinstance(batch, EventBatch) for payload in batch.payloads
+        ]
+        outcome = self._outcomes.pop(0) if self._outcomes else "answered"
+        if outcome == "refused":
+            raise NotDelivered("not reachable")
+        if outcome in ("answered", "unanswered"):
+            self._execute(call)
+        late, self._late = self._late, [call] if outcome == "late" else []
+        for one in late:
+            self._execute(one)
+        if outcome != "answered":
+            raise Unconfirmed("no answer")
+
+    def _execute(self, call: list[int]) -> None:
+        if call not in self.calls:
+            self.calls.append(call)
+            self.executed += call
+
+
+@given(
+    st.lists(st.sampled_from(["answered", "unanswered", "late", "lost", "refused"]), max_size=20),
+    st.lists(st.integers(1, 4), min_size=1, max_size=15),
+)
+@REAL_THREADS
+def test_an_idempotent_consumer_gets_all_once_and_in_order(
+    channel: Channel, outcomes: list[str], published: list[int]
+) -> None:
+    bounded: list[str] = []
+    for outcome in outcomes:
+        bounded += ["answered", outcome] if len(bounded) % 4 == MAX_REPEATS else [outcome]
+    consumer = IdempotentConsumer(bounded)
+    proxy = push_supplier_of(channel, consumer, name="durable")
+    number = 0
+    for count in published:
+        publish(channel, *range(number, number + count))
+        number += count
+        assert is_balanced(totals(proxy))
+    eventually(lambda: is_settled(proxy))
+    assert consumer.executed == list(range(number))
+    assert totals(proxy) == Totals(received=number, delivered=number)
+    with channel.lock:
+        proxy.end()
+
+
+def test_a_call_that_is_never_answered_is_given_up(channel: Channel) -> None:
+    """Its events could be the cause; the others must not wait for ever."""
+    consumer = IdempotentConsumer(["lost"] * (1 + MAX_REPEATS))
+    proxy = push_supplier_of(channel, consumer, name="durable")
+    publish(channel, 0)
+    eventually(lambda: is_settled(proxy))
+    publish(channel, 1)
+    eventually(lambda: is_settled(proxy))
+    assert consumer.executed == [1]
+    assert totals(proxy) == Totals(received=2, delivered=2, unconfirmed=1)
+
+
+def test_a_successor_does_not_get_what_its_predecessor_may_have(channel: Channel) -> None:
+    consumer = IdempotentConsumer(["unanswered"])
+    consumer.is_alive = lambda: False
+    proxy = push_supplier_of(channel, consumer, name="durable")
+    publish(channel, 0)
+    eventually(lambda: proxy.condition is ProxyCondition.STALLED)
+    publish(channel, 1)
+    assert totals(proxy) == Totals(received=2, queued=2)
+    successor = Consumer()
+    with channel.lock:
+        proxy.leave()
+        proxy.connect(successor)
+    eventually(lambda: is_settled(proxy))
+    assert received(successor) == [1]
+    assert totals(proxy) == Totals(received=2, delivered=2, unconfirmed=1)

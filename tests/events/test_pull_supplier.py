@@ -6,91 +6,32 @@ import threading
 
 import pytest
 
-from robocorba.errors.events import Disconnected, EventError, ProxyGone
+from robocorba.errors.events import Disconnected
 from robocorba.events.account import Totals
 from robocorba.events.channel import Channel
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
-from robocorba.events.subscription import ALL, Subscription
-from robocorba.testing.processes import eventually
-from tests.events.outlets import BOTH, publish, totals
-from tests.events.samples import add, is_balanced
-from tests.waits import outlast, until_waiting
-
-
-def pull_supplier_of(
-    channel: Channel, policy: QueuePolicy | None = None, wanted: Subscription = ALL
-) -> ProxyPullSupplier:
-    proxy = ProxyPullSupplier(channel.lock, "pull", wanted, policy or QueuePolicy())
-    add(channel, proxy)
-    return proxy
+from robocorba.events.subscription import ALL
+from tests.events.samples import BOTH, publish, pull_supplier_of, pulled, totals
+from tests.waits import outlast
 
 
 def test_pull_returns_one_event_at_a_time_and_then_none(channel: Channel) -> None:
-    proxy = pull_supplier_of(channel, wanted=(*ALL, *BOTH))
+    proxy = pull_supplier_of(channel, (*ALL, *BOTH))
+    with pytest.raises(Disconnected):  # before it is connected
+        ProxyPullSupplier(channel.lock, "pull", ALL, QueuePolicy()).pull(0.0)
     publish(channel, 1, 2, type="a")
     publish(channel, 3, type="b")
-    pulled = []
-    while batch := proxy.pull(0.0):
-        assert len(batch) == 1
-        pulled.append(int(batch.payloads[0]))
-        assert is_balanced(totals(proxy))
-    assert pulled == [1, 2, 1, 3, 3]  # the conjunction of 1 and 3 came true before 3 came as such
-    assert totals(proxy) == Totals(received=6, delivered=5, queued=1)  # 2 waits for another b
-
-
-def test_concurrent_pulls_get_one_event_each(channel: Channel) -> None:
-    proxy = pull_supplier_of(channel)
-    pulled: list[int] = []
-
-    def pull() -> None:
-        batch = proxy.pull(10.0)
-        assert batch is not None
-        pulled.append(int(batch.payloads[0]))
-
-    threads = [threading.Thread(target=pull) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-        until_waiting(thread)
-    publish(channel, 1, 2, 3, 4)
-    for thread in threads:
-        thread.join(60.0)
-    assert sorted(pulled) == [1, 2, 3, 4]
-
-
-def test_the_end_of_a_proxy_wakes_waiting_pulls(channel: Channel) -> None:
-    """A call in progress finds its proxy disconnected, a later one finds it gone."""
-    proxy = pull_supplier_of(channel)
-    woken: list[type[BaseException]] = []
-
-    def pull() -> None:
-        try:
-            proxy.pull(600.0)
-        except EventError as error:
-            woken.append(type(error))
-
-    thread = threading.Thread(target=pull, daemon=True)
-    thread.start()
-    eventually(lambda: proxy.pulls == 1, what="the pull")
-    with channel.lock:
-        proxy.end()
-    thread.join(60.0)
-    assert woken == [Disconnected]
-    with pytest.raises(ProxyGone):
-        proxy.pull(0.0)
-
-
-def test_pull_before_connect_is_refused(channel: Channel) -> None:
-    with pytest.raises(Disconnected):
-        ProxyPullSupplier(channel.lock, "pull", ALL, QueuePolicy()).pull(0.0)
-
-
-def test_pull_does_not_return_expired_events(channel: Channel) -> None:
-    proxy = pull_supplier_of(channel)
-    publish(channel, 1, expiry=0.01)
+    publish(channel, 4, expiry=0.01)
     outlast(0.01)
-    assert proxy.pull(0.0) is None
-    assert totals(proxy) == Totals(received=1, expired=1)
+    assert [int(batch.payloads[0]) for batch in pulled(proxy)] == [
+        1,
+        2,
+        1,
+        3,
+        3,
+    ]  # the conjunction of 1 and 3 came true before 3 came as such
+    assert totals(proxy) == Totals(received=7, delivered=5, expired=1, queued=1)  # 2 waits for another b
 
 
 class Pulling:
@@ -119,6 +60,13 @@ class Pulling:
         return self.payload
 
 
+def test_concurrent_pulls_get_one_event_each(channel: Channel) -> None:
+    proxy = pull_supplier_of(channel)
+    clients = [Pulling(proxy) for _ in range(4)]
+    publish(channel, 1, 2, 3, 4)
+    assert sorted(client.result() or 0 for client in clients) == [1, 2, 3, 4]
+
+
 def test_the_last_pull_that_waits_is_served_first(channel: Channel) -> None:
     proxy = pull_supplier_of(channel)
     clients = [Pulling(proxy) for _ in range(3)]
@@ -135,7 +83,7 @@ def test_events_wait_for_a_client_that_has_not_gone(channel: Channel) -> None:
     publish(channel, 1, 2)
     assert [client.result() for client in clients] == [None] * 3
     assert totals(proxy) == Totals(received=2, queued=2)
-    assert [batch.payloads for batch in (proxy.pull(0.0), proxy.pull(0.0)) if batch] == [[b"1"], [b"2"]]
+    assert [batch.payloads for batch in pulled(proxy)] == [[b"1"], [b"2"]]
     assert totals(proxy) == Totals(received=2, delivered=2)
 
 

@@ -1,4 +1,4 @@
-"""Which events fit: beside fnmatch, and by trying texts."""
+"""Which events fit: beside fnmatch, and by trying texts; and what all consumers of a channel want."""
 
 from __future__ import annotations
 
@@ -8,17 +8,21 @@ from fnmatch import fnmatchcase
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from robocorba.errors.events import InvalidSubscription
+from robocorba.events.interest import Interest
 from robocorba.events.subscription import (
     EVERYTHING,
     MAX_UNION,
     Clause,
     Pattern,
+    Subscription,
     SubscriptionMatch,
     checked,
     is_covered,
     match_subscription,
+    patterns_of,
     union,
 )
 
@@ -38,12 +42,8 @@ def test_wildcards_are_those_of_fnmatch(glob: str, text: str) -> None:
 def test_a_covering_pattern_matches_all_events_of_the_other(wider: Pattern, pattern: Pattern, text: str) -> None:
     if wider.covers(pattern) and pattern.matches(text, ""):
         assert wider.matches(text, "")
-
-
-@given(GLOBS)
-def test_a_pattern_covers_itself_and_everything_covers_it(glob: str) -> None:
-    assert Pattern(glob).covers(Pattern(glob))
-    assert EVERYTHING.covers(Pattern(glob))
+    assert pattern.covers(pattern)
+    assert EVERYTHING.covers(pattern)
 
 
 @given(st.lists(PATTERNS, max_size=8), TEXTS)
@@ -51,11 +51,7 @@ def test_a_union_matches_exactly_what_any_of_its_patterns_matches(patterns: list
     one = union(patterns)
     assert set(one) <= {*patterns, EVERYTHING}
     assert any(p.matches(text, "") for p in one) == any(p.matches(text, "") for p in patterns)
-
-
-@given(st.lists(PATTERNS, max_size=8))
-def test_a_union_has_nothing_that_another_of_its_patterns_covers(patterns: list[Pattern]) -> None:
-    one = union(patterns)
+    # It has nothing that another of its patterns covers.
     assert not any(a.covers(b) for a in one for b in one if a is not b)
     assert all(is_covered(pattern, one) for pattern in patterns if "*" not in pattern.type)
 
@@ -106,3 +102,29 @@ def test_an_invalid_subscription_names_its_place(
     with pytest.raises(InvalidSubscription) as refused:
         checked(clauses)
     assert refused.value.where == where
+
+
+WANTED = st.sampled_from([("a", "*"), ("a*", "*"), ("b", "s"), ("b", "*"), ("c", ""), ("*", "*")])
+SUBSCRIPTIONS = st.lists(st.tuples(st.lists(WANTED, min_size=1, max_size=3), st.just(0.0)), max_size=3)
+
+
+class Subscribing(RuleBasedStateMachine):
+    """The interest of a channel is the union of all subscriptions."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.interest = Interest()
+        self.subscriptions: dict[str, Subscription] = {}
+
+    @rule(consumer=st.sampled_from("123"), clauses=SUBSCRIPTIONS)
+    def set(self, consumer: str, clauses: list[tuple[list[tuple[str, str]], float]]) -> None:
+        self.subscriptions[consumer] = checked(clauses) if clauses else ()
+        self.interest.set(consumer, self.subscriptions[consumer])
+
+    @invariant()
+    def is_the_union(self) -> None:
+        everything = [pattern for each in self.subscriptions.values() for pattern in patterns_of(each)]
+        assert self.interest.patterns() == union(everything)
+
+
+TestSubscribing = Subscribing.TestCase
