@@ -13,7 +13,7 @@ from robocorba.clients.robot import Checker
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.planning.request import Path, PathRequest
-from robocorba.programs.icons import Icon, MbasePath, Say
+from robocorba.programs.icons import MbasePath, Say
 from robocorba.programs.program import Program
 from robocorba.spatial.pose import Pose
 
@@ -33,18 +33,14 @@ class HangingPlanner:
         raise NotReachable("the path planning agent does not answer")
 
 
-def program(*icons: Icon) -> Program:
-    return Program(name="test", icons=icons)
-
-
 def test_a_check_does_not_wait_for_the_planner_of_another() -> None:
     planner = HangingPlanner()
     checker = Checker(planner)
     with ThreadPoolExecutor(2) as pool:
         try:
-            hanging = pool.submit(checker, program(MbasePath("L1", 3.0, 1.0)), STATE)
+            hanging = pool.submit(checker, Program(name="path", icons=(MbasePath("L1", 3.0, 1.0),)), STATE)
             assert planner.is_asked.wait(PATIENCE_S)
-            assert pool.submit(checker, program(Say("hello")), STATE).result(PATIENCE_S).is_valid
+            assert pool.submit(checker, Program(name="hello", icons=(Say("hello"),)), STATE).result(PATIENCE_S).is_valid
             assert not hanging.done()
         finally:
             planner.released.set()

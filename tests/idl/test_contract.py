@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -38,6 +39,7 @@ module Demo {
   };
 };
 """
+Example = Callable[[str, str], tuple[dict[str, str], dict[str, str]]]
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +54,20 @@ def contract() -> ModuleType:
     finally:
         sys.path.remove(str(IDL))
     return module
+
+
+@pytest.fixture(scope="module")
+def example(contract: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Example:
+    """Signatures of the example, and of its copy with a change."""
+    file = tmp_path_factory.mktemp("idl") / "example.idl"
+
+    def signatures(text: str) -> dict[str, str]:
+        file.write_text(text)
+        found: dict[str, str] = contract.signatures([str(file)])
+        return found
+
+    before = signatures(BEFORE)
+    return lambda old, new: (before, signatures(BEFORE.replace(old, new, 1)))
 
 
 @pytest.mark.parametrize("release", [folder.name for folder in sorted((IDL / "released").iterdir())])
@@ -97,9 +113,9 @@ def test_the_last_release_is_this_one_or_earlier(contract: ModuleType) -> None:
     ],
 )
 def test_what_breaks_compiled_clients_is_named(
-    contract: ModuleType, tmp_path: Path, old: str, new: str, named: str
+    contract: ModuleType, example: Example, old: str, new: str, named: str
 ) -> None:
-    (found,) = contract.broken(*_signatures(contract, tmp_path, old, new))
+    (found,) = contract.broken(*example(old, new))
     assert found.startswith(named)
 
 
@@ -113,28 +129,10 @@ def test_what_breaks_compiled_clients_is_named(
         ("exception Refused", "struct Size { long all; }; exception Refused"),
     ],
 )
-def test_what_is_new_breaks_nothing(contract: ModuleType, tmp_path: Path, old: str, new: str) -> None:
-    before, now = _signatures(contract, tmp_path, old, new)
+def test_what_is_new_breaks_nothing(contract: ModuleType, example: Example, old: str, new: str) -> None:
+    before, now = example(old, new)
     assert contract.broken(before, now) == []
     assert contract.broken(now, now) == []
-
-
-def _signatures(contract: ModuleType, folder: Path, old: str, new: str) -> list[dict[str, str]]:
-    """Of the example, and of its copy with a change."""
-    assert old in BEFORE
-    return [_signatures_of(contract, folder, BEFORE), _signatures_of(contract, folder, BEFORE.replace(old, new, 1))]
-
-
-_known: dict[str, dict[str, str]] = {}
-
-
-def _signatures_of(contract: ModuleType, folder: Path, text: str) -> dict[str, str]:
-    """The example is read once."""
-    if text not in _known:
-        file = folder / "example.idl"
-        file.write_text(text)
-        _known[text] = contract.signatures([str(file)])
-    return _known[text]
 
 
 def test_constants_are_the_limits_of_the_servers() -> None:

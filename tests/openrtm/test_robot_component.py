@@ -11,7 +11,7 @@ import pytest
 from robocorba.errors.robots import IllegalOrder
 from robocorba.openrtm.connections import Connection
 from robocorba.openrtm.data_ports import DATAFLOW, IN_PORT, OUT_PORT
-from robocorba.openrtm.life_cycle import ReturnCode, State
+from robocorba.openrtm.life_cycle import LifeCycle, ReturnCode, State
 from robocorba.openrtm.robot_component import (
     DataTypes,
     InvalidParameter,
@@ -113,18 +113,6 @@ def test_only_an_active_component_of_a_running_context_sends_and_drives() -> Non
     assert [component.start(), component.start()] == [ReturnCode.OK, ReturnCode.PRECONDITION_NOT_MET]
 
 
-def test_the_robot_is_told_to_stand_only_if_it_was_driven() -> None:
-    shown = Shown()
-    life = shown.component.life_cycle
-    life.activate()
-    life.deactivate()
-    assert shown.robot.orders == []
-    life.activate()
-    shown.put((0.0, 0.3, 0.0))
-    life.deactivate()
-    assert shown.robot.orders[1:] == [((0.0, 0.0, 0.0), 0.5)]
-
-
 def test_an_emergency_stop_is_an_error_until_it_is_ended() -> None:
     shown = Shown()
     life = shown.component.life_cycle
@@ -132,6 +120,7 @@ def test_an_emergency_stop_is_an_error_until_it_is_ended() -> None:
     life.fail("emergency stop")
     shown.robot.stop = "still pressed"
     assert (life.reset(), life.state) == (ReturnCode.ERROR, State.ERROR)
+    assert "still pressed" in life.reason
     shown.robot.stop = ""
     assert (life.reset(), life.state) == (ReturnCode.OK, State.INACTIVE)
 
@@ -175,19 +164,45 @@ def test_the_validity_of_velocities_is_a_parameter() -> None:
     assert component.configuration == {"velocity_valid_for": "2"}
 
 
-@pytest.mark.parametrize("wrong", [math.nan, math.inf])
-def test_velocities_are_finite(wrong: float) -> None:
+def test_a_component_that_ends_leaves_nothing_and_stands_if_it_was_driven() -> None:
     shown = Shown()
-    shown.component.life_cycle.activate()
-    assert not shown.put((wrong, 0.0, 0.0))
+    life = shown.component.life_cycle
+    life.activate()
+    life.deactivate()
+    life.activate()
+    for wrong in (math.nan, math.inf):
+        assert not shown.put((wrong, 0.0, 0.0))
     assert shown.robot.orders == []
-
-
-def test_a_component_that_ends_leaves_nothing() -> None:
-    shown = Shown()
-    shown.component.life_cycle.activate()
     shown.put((0.1, 0.0, 0.0))
     shown.component.close()
     assert not shown.objects.served
     assert shown.component.life_cycle.state is State.INACTIVE
     assert shown.robot.orders[-1] == ((0.0, 0.0, 0.0), 0.5)
+
+
+# ---- the life cycle alone ----
+
+OK, REFUSED = ReturnCode.OK, ReturnCode.PRECONDITION_NOT_MET
+
+
+def test_each_operation_is_allowed_in_one_state() -> None:
+    calls: list[str] = []
+    life = LifeCycle(lambda: calls.append("stand"), lambda: calls.append("reset"))
+    assert life.state is State.INACTIVE
+    assert [life.deactivate(), life.reset(), life.fail("why")] == [REFUSED] * 3
+    assert life.activate() is OK
+    assert life.is_active
+    assert [life.activate(), life.reset()] == [REFUSED] * 2
+    assert life.fail("the robot is stopped") is OK
+    assert (life.state, life.reason) == (State.ERROR, "the robot is stopped")
+    assert [life.activate(), life.deactivate(), life.fail("again")] == [REFUSED] * 3
+    assert life.reset() is OK
+    assert (life.state, life.reason) == (State.INACTIVE, "")
+    assert [life.activate(), life.deactivate()] == [OK, OK]
+    assert life.state is State.INACTIVE
+    assert calls == ["stand", "reset", "stand"]
+
+
+@pytest.mark.parametrize("kind", [ReturnCode, State])
+def test_numbers_are_those_of_the_idl(kind: type[ReturnCode] | type[State]) -> None:
+    assert [one.value for one in kind] == list(range(len(kind)))
