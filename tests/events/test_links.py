@@ -398,12 +398,6 @@ def test_refused_events_are_reported_to_the_peer(alone: Alone, monkeypatch: pyte
     eventually(lambda: alone.feed.refused == 1, what="the report")
 
 
-def test_expired_events_are_counted_and_not_published(alone: Alone) -> None:
-    header = EventHeader("t", "s", "hall", expiry=1.0)
-    alone.accept(1, EventBatch(header, [time.time() - 5, time.time()], [b"x", b"y"], 1))
-    assert alone.gateway.snapshot().totals == (2, 1, 0, 0, 1, 0)
-
-
 def test_the_age_of_events_does_not_depend_on_clocks_that_are_set(tmp_path: Path) -> None:
     """The peer's system is an hour behind, its machine was started 1000 s later than this one."""
     now = time.monotonic()

@@ -61,27 +61,19 @@ def published() -> Published:
     return Published()
 
 
-def test_a_push_is_published_between_connect_and_end(published: Published) -> None:
-    one = ProxyConsumer(published.lock, "1", published.publish, published.has_had)
-    with pytest.raises(Disconnected):
-        one.push(supplied("t", b"early"))
-    one.connect(None)
-    one.push(supplied("t", b"a"))
-    one.end()
-    with pytest.raises(ProxyGone):
-        one.push(supplied("t", b"late"))
-    assert published.payloads == [b"a"]
-
-
-def test_events_that_come_again_are_discarded(published: Published, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_push_is_published_once_between_connect_and_end(
+    published: Published, caplog: pytest.LogCaptureFixture
+) -> None:
     one = ProxyConsumer(published.lock, "7", published.publish, published.has_had)
-    one.connect(None)
 
     def push(origin: str, first: int, *payloads: bytes) -> None:
         batch = supplied("t", *payloads)
         batch.header, batch.first = batch.header._replace(origin=origin), first
         one.push(batch)
 
+    with pytest.raises(Disconnected):
+        one.push(supplied("t", b"early"))
+    one.connect(None)
     push("east", 4, b"again", b"again")
     push("east", 5, b"again")
     push("east", 5, b"new", b"new")
@@ -89,6 +81,9 @@ def test_events_that_come_again_are_discarded(published: Published, caplog: pyte
     assert published.payloads == [b"new"] * 3
     assert (one.account.received, one.account.discarded) == (3, 3)  # those published are counted by the channel
     assert caplog.messages == ["the supplier of 7 publishes events that it has received; they are discarded"]
+    one.end()
+    with pytest.raises(ProxyGone):
+        one.push(supplied("t", b"late"))
 
 
 def test_a_supplier_is_polled_continuously(published: Published) -> None:
@@ -110,18 +105,13 @@ def test_polls_become_rare_after_an_event(published: Published) -> None:
 
 
 @pytest.mark.parametrize("error", [NotDelivered("away"), Unconfirmed("no answer"), Refused("a fault of its own")])
-def test_a_supplier_that_fails_sometimes_is_polled_further(published: Published, error: EventError) -> None:
+def test_a_supplier_is_disconnected_after_max_failures_in_a_row(published: Published, error: EventError) -> None:
     supplier = Supplier(error, error, error, supplied("t", b"a"), error, error, error, supplied("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: published.payloads == [b"a", b"b"])
     eventually(lambda: one.condition is ProxyCondition.CONNECTED and one.failures == 0)
-    one.end()
     assert published.reasons == []
-
-
-@pytest.mark.parametrize("error", [NotDelivered("away"), Unconfirmed("no answer"), Refused("a fault of its own")])
-def test_a_supplier_is_disconnected_after_max_failures(published: Published, error: EventError) -> None:
-    published.polled(Supplier(*[error] * 9))
+    supplier.batches += [error] * 9
     eventually(lambda: published.reasons)
     assert published.reasons == [f"4 failures in a row ({error})"]
 
