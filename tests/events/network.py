@@ -15,7 +15,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import ChannelStore, Peer
-from robocorba.events.event import EventBatch, EventHeader
+from robocorba.events.event import EventBatch
 from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.foreign import Attach
@@ -24,16 +24,9 @@ from robocorba.events.peer_clock import Exchange
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.seen_events import SeenEvents
-from tests.events.samples import is_balanced, pull_supplier_of, pulled, wanting
+from tests.events.samples import is_balanced, pull_supplier_of, pulled, supplied, wanting
 
 DEFAULTS = LinkPolicy()
-
-
-def batch_of(*payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> EventBatch:
-    """Events of one supplier; the channel sets their time."""
-    return EventBatch(
-        EventHeader(type, source, expiry=expiry), [0.0] * len(payloads), [payload.encode() for payload in payloads]
-    )
 
 
 class Weather:
@@ -68,8 +61,9 @@ class Node:
         self.account = Account()
         self.consumers: list[Consumer] = []
 
-    def publish(self, *payloads: str, type: str = "t", source: str = "s", expiry: float = 0.0) -> None:
-        self.channel.publish(batch_of(*payloads, type=type, source=source, expiry=expiry), self.account)
+    def publish(self, *payloads: str, type: str = "t", source: str = "s") -> None:
+        encoded = (payload.encode() for payload in payloads)
+        self.channel.publish(supplied(type, *encoded, source=source), self.account)
 
     def consume(self, *types: str) -> Consumer:
         """A consumer of this node's own."""

@@ -35,9 +35,9 @@ def events(first: int, count: int = 1, *, type: str = "t", priority: int = 0, ex
     )
 
 
-def supplied(type: str, *payloads: bytes, priority: int = 0, expiry: float = 0.0) -> EventBatch:
-    """Events of a supplier: without origin, numbers and times."""
-    return EventBatch(EventHeader(type, "A", "", priority, expiry), [0.0] * len(payloads), list(payloads))
+def supplied(type: str, *payloads: bytes, source: str = "A", priority: int = 0, expiry: float = 0.0) -> EventBatch:
+    """Events of a supplier: without origin, numbers and times, which the channel sets."""
+    return EventBatch(EventHeader(type, source, "", priority, expiry), [0.0] * len(payloads), list(payloads))
 
 
 def numbers(items: Sequence[QueueItem]) -> list[int]:
@@ -65,6 +65,7 @@ class Consumer:
         self.reference = self.address = f"consumer {next(_references)}"
         self.answer = answer or (lambda items: None)
         self.is_alive: Callable[[], bool] = lambda: True
+        self.on_disconnect: Callable[[], None] = lambda: None
         self.items: list[QueueItem] = []
         self.disconnections = 0
         self.overlaps = 0
@@ -85,6 +86,7 @@ class Consumer:
 
     def disconnect(self) -> None:
         self.disconnections += 1
+        self.on_disconnect()
 
     @property
     def payloads(self) -> list[object]:
@@ -99,6 +101,7 @@ class Supplier:
         self.reference = self.address = f"supplier {next(_references)}"
         self.batches = list(batches)
         self.asked = 0
+        self.on_disconnect: Callable[[], None] = lambda: None
         self.disconnections = 0
 
     def try_pull(self, limit_s: float) -> EventBatch | None:
@@ -110,6 +113,7 @@ class Supplier:
 
     def disconnect(self) -> None:
         self.disconnections += 1
+        self.on_disconnect()
 
 
 def failing(*errors: Exception) -> Callable[[Sequence[QueueItem]], None]:

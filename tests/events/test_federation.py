@@ -109,16 +109,13 @@ def test_advertisements_are_bounded_and_unreachable_ones_make_room() -> None:
     assert [n.name for n in lab.advertisements] == ["lab", "a", "b", "c"]
 
 
-@pytest.mark.parametrize("name", ["", "-a", ".a", "a/b", "a b", "ä", "a" * 61, "a\n"])
-def test_names_that_no_channel_can_have(name: str) -> None:
-    with pytest.raises(InvalidPeer) as refused:
-        check_name(name, "peer")
-    assert refused.value.field == "peer"
-
-
-@pytest.mark.parametrize("name", ["lab", "L-2.east", "_", "9", "a" * 60])
-def test_names_of_channels(name: str) -> None:
-    assert check_name(name) == name
+def test_names_of_channels() -> None:
+    for name in ("lab", "L-2.east", "_", "9", "a" * 60):
+        assert check_name(name) == name
+    for name in ("", "-a", ".a", "a/b", "a b", "ä", "a" * 61, "a\n"):
+        with pytest.raises(InvalidPeer) as refused:
+            check_name(name, "peer")
+        assert refused.value.field == "peer"
 
 
 # ---- what a renewal carries ----

@@ -31,8 +31,7 @@ from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.feed import Feed
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.seen_events import SeenEvents
-from tests.events.network import batch_of
-from tests.events.samples import is_balanced, pull_supplier_of, pulled, wanting
+from tests.events.samples import is_balanced, pull_supplier_of, pulled, supplied, wanting
 
 NAMES = "ABCD"
 EXPIRY_S = 3600.0
@@ -114,6 +113,10 @@ class Node:
         for peer in peers:
             self.channel.feeds[peer] = Wire(self.channel.lock, peer, is_up)
 
+    def publish(self, type: str, *payloads: str) -> None:
+        encoded = (payload.encode() for payload in payloads)
+        self.channel.publish(supplied(type, *encoded, source=self.channel.name, expiry=EXPIRY_S), Account())
+
     def got(self) -> list[tuple[str, int, str]]:
         """Origin, number and payload of what its consumer gets."""
         return [(batch.header.origin, batch.first, batch.payloads[0].decode()) for batch in pulled(self.proxy)]
@@ -158,7 +161,7 @@ class FederationMachine(RuleBasedStateMachine):
             payloads = [str(next(self.count)) for _ in range(count)]
             for payload in payloads:
                 self.due[payload] = nx.node_connected_component(self.links, name) & self.known[name]
-            self.nodes[name].channel.publish(batch_of(*payloads, source=name, expiry=EXPIRY_S), Account())
+            self.nodes[name].publish("t", *payloads)
 
     @rule(data=st.data(), steps=st.integers(1, 8))
     def publish_everywhere(self, data: st.DataObject, steps: int) -> None:
@@ -434,7 +437,7 @@ def test_one_copy_crosses_the_links_to_those_who_want_it_and_no_others(graph: nx
     with tempfile.TemporaryDirectory() as folder:
         nodes = linked(graph, wants, Path(folder))
         for number, (origin, type) in enumerate(supplied):
-            nodes[origin].channel.publish(batch_of(str(number), type=type, source=origin), Account())
+            nodes[origin].publish(type, str(number))
         while loaded := [(name, peer) for name in nodes for peer, wire in nodes[name].wires.items() if wire.is_loaded]:
             here, there = data.draw(st.sampled_from(loaded), label="link")
             batches = nodes[here].wires[there].send()
@@ -456,5 +459,5 @@ def test_one_copy_crosses_the_links_to_those_who_want_it_and_no_others(graph: nx
 def test_events_that_nobody_needs_there_are_counted_as_unseen(tmp_path: Path) -> None:
     node = linked(nx.Graph(["AB", "AC"]), {"A": "", "B": "a", "C": ""}, tmp_path)["A"]
     for type in "abb":
-        node.channel.publish(batch_of("x", type=type), Account())
+        node.publish(type, "x")
     assert [(wire.unseen, len([*wire.held()])) for wire in node.wires.values()] == [(2, 1), (3, 0)]

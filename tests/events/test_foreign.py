@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -34,15 +35,10 @@ class ForeignChannel:
         self.answer: Callable[[Sequence[QueueItem]], None] = lambda items: None
         self.returns = True
 
-    def attach(
-        self,
-        echoes: Echoes,
-        receive: Callable[[EventBatch, object], None],
-        on_disconnected: Callable[[], None],
-    ) -> Port:
+    def attach(self, *connection: Any) -> Port:
         if self.problem:
             raise self.problem
-        self.connections.append(Port(self, echoes, receive, on_disconnected))
+        self.connections.append(Port(self, *connection))
         return self.connections[-1]
 
     def push(self, text: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -17,20 +17,27 @@ from robocorba.errors.events import (
     AlreadyConnected,
     ClientGone,
     Disconnected,
+    EventError,
+    EventTooLarge,
     InvalidEvent,
     InvalidQueue,
+    NotDelivered,
     ProxyGone,
+    Refused,
     TooManyProxies,
+    Unconfirmed,
     UnknownSubscription,
 )
+from robocorba.events.account import Account
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import ChannelStore, Peer
+from robocorba.events.event import EventBatch
 from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Advertisement
 from robocorba.events.policies import PollingPolicy, ProxyPolicy
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
-from robocorba.events.proxy_consumer import ORDERS, ProxyConsumer, own_supplier
+from robocorba.events.proxy_consumer import ORDERS, ProxyConsumer, ProxyPullConsumer, own_supplier
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import OverflowRule, QueuePolicy
@@ -38,6 +45,7 @@ from robocorba.events.subscription import ALL
 from robocorba.names import STOP_EVENT
 from robocorba.testing.processes import eventually
 from tests.events.samples import Consumer, Supplier, failing, open_channel, supplied, wanting
+from tests.waits import stays
 
 POLICY = QueuePolicy(100)
 DEFAULTS = ProxyPolicy()
@@ -107,35 +115,22 @@ def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: Proxy
     state = lab.proxies.snapshot(proxy)
     assert (state.kind, state.condition) == (kind, ProxyCondition.CONNECTED)
     assert state.client == (client.address if client else "")
-    lab.proxies.disconnect(proxy)
-    for act in (
-        lambda: lab.proxies.disconnect(proxy),
-        lambda: lab.proxies.connect(proxy, client),
-        lambda: lab.proxies.snapshot(proxy),
-    ):
-        with pytest.raises(ProxyGone):
-            act()
-    assert (lab.removed, lab.proxies.snapshots()) == ([proxy.id], [])
-    assert client is None or client.disconnections == 1
 
-
-def test_a_proxy_is_gone_before_its_client_is_notified(lab: Lab) -> None:
-    seen: list[list[str]] = []
-
-    class Mutual(Consumer):
-        """Disconnects its proxy while it is notified of its disconnection."""
-
-        def disconnect(self) -> None:
-            super().disconnect()
-            seen.append([*lab.removed])
+    def check_gone() -> None:
+        for act in (
+            lambda: lab.proxies.disconnect(proxy),
+            lambda: lab.proxies.connect(proxy, client),
+            lambda: lab.proxies.snapshot(proxy),
+        ):
             with pytest.raises(ProxyGone):
-                lab.proxies.disconnect(proxy)
+                act()
+        assert (lab.removed, lab.proxies.snapshots()) == ([proxy.id], [])
 
-    consumer = Mutual()
-    proxy = lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER)
-    lab.proxies.connect(proxy, consumer)
+    if client:
+        client.on_disconnect = check_gone  # before the client is notified
     lab.proxies.disconnect(proxy)
-    assert (seen, consumer.disconnections) == ([[proxy.id]], 1)
+    check_gone()
+    assert client is None or client.disconnections == 1
 
 
 def test_destroy_notifies_all_clients_once_and_refuses_later_calls(lab: Lab) -> None:
@@ -181,8 +176,8 @@ def test_a_named_supplier_gets_the_same_proxy_again(lab: Lab) -> None:
     assert lab.proxies.supply("") is not lab.proxies.supply("")
 
 
-def test_a_durable_subscription_collects_while_its_consumer_is_away(lab: Lab) -> None:
-    first, second = Consumer(), Consumer()
+def test_a_durable_subscription_collects_while_its_consumer_is_away_and_goes_to_the_next(lab: Lab) -> None:
+    first, second, third = Consumer(), Consumer(), Consumer()
     proxy = lab.proxies.subscribe("log", first, ALL, POLICY)
     lab.publish(b"1")
     eventually(lambda: first.payloads == [b"1"])
@@ -193,21 +188,16 @@ def test_a_durable_subscription_collects_while_its_consumer_is_away(lab: Lab) ->
     lab.publish(b"2", b"3")
     assert lab.proxies.subscribe("log", second, ALL, POLICY) is proxy
     eventually(lambda: second.payloads == [b"2", b"3"])
-    lab.proxies.unsubscribe("log")
-    assert second.disconnections == 1
-    with pytest.raises(UnknownSubscription):
-        lab.proxies.unsubscribe("log")
-
-
-def test_a_new_consumer_of_a_durable_subscription_replaces_the_one_before(lab: Lab) -> None:
-    first, second = Consumer(), Consumer()
-    lab.proxies.subscribe("log", first, ALL, POLICY)
-    lab.proxies.subscribe("log", second, wanting("t"), QueuePolicy(7))
-    lab.publish(b"1")
-    eventually(lambda: second.payloads == [b"1"])
-    assert (first.payloads, first.disconnections, second.disconnections) == ([], 1, 0)
+    lab.proxies.subscribe("log", third, wanting("t"), QueuePolicy(7))  # replaces one that is there
+    lab.publish(b"4")
+    eventually(lambda: third.payloads == [b"4"])
     (state,) = [state for state in lab.proxies.snapshots() if state.name == "log"]
     assert (state.subscription, state.policy) == (wanting("t"), QueuePolicy(7))
+    lab.proxies.unsubscribe("log")
+    assert [one.disconnections for one in (first, second, third)] == [1, 1, 1]
+    assert second.payloads == [b"2", b"3"]
+    with pytest.raises(UnknownSubscription):
+        lab.proxies.unsubscribe("log")
 
 
 def test_a_consumer_that_is_gone_is_disconnected_and_its_durable_subscription_stays(lab: Lab) -> None:
@@ -269,6 +259,108 @@ def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> Non
     with pytest.raises(InvalidQueue):
         lab.proxies.subscribe("", Consumer(), ALL, QueuePolicy(0))
     assert lab.proxies.snapshots() == []
+
+
+# ---- suppliers ----
+
+#: Shorter pauses, and fewer failures, than the defaults.
+POLLING = PollingPolicy(backoff=Backoff(0.001, 0.002), max_failures=4)
+
+
+class Published:
+    """What a proxy published, and the reasons why clients were lost."""
+
+    def __init__(self) -> None:
+        self.payloads: list[object] = []
+        self.reasons: list[str] = []
+        self.lock = threading.Lock()
+
+    def publish(self, batch: EventBatch, account: Account) -> None:
+        assert not batch.header.origin
+        self.payloads += batch.payloads
+
+    @staticmethod
+    def has_had(origin: str, number: int) -> bool:
+        return origin == "east" and number <= 5
+
+    def lost(self, proxy: ProxyPullConsumer, reason: str) -> None:
+        self.reasons.append(reason)
+
+    def polled(self, supplier: Supplier, policy: PollingPolicy = POLLING) -> ProxyPullConsumer:
+        one = ProxyPullConsumer(self.lock, "1", self.publish, self.has_had, policy, self.lost)
+        one.connect(supplier)
+        return one
+
+
+@pytest.fixture
+def published() -> Published:
+    return Published()
+
+
+def test_a_push_is_published_once_between_connect_and_end(
+    published: Published, caplog: pytest.LogCaptureFixture
+) -> None:
+    one = ProxyConsumer(published.lock, "7", published.publish, published.has_had)
+
+    def push(origin: str, first: int, *payloads: bytes) -> None:
+        batch = supplied("t", *payloads)
+        batch.header, batch.first = batch.header._replace(origin=origin), first
+        one.push(batch)
+
+    with pytest.raises(Disconnected):
+        one.push(supplied("t", b"early"))
+    one.connect(None)
+    push("east", 4, b"again", b"again")
+    push("east", 5, b"again")
+    push("east", 5, b"new", b"new")
+    push("west", 1, b"new")
+    assert published.payloads == [b"new"] * 3
+    assert (one.account.received, one.account.discarded) == (3, 3)  # those published are counted by the channel
+    assert caplog.messages == ["the supplier of 7 publishes events that it has received; they are discarded"]
+    one.end()
+    with pytest.raises(ProxyGone):
+        one.push(supplied("t", b"late"))
+
+
+def test_a_supplier_is_polled_continuously(published: Published) -> None:
+    supplier = Supplier(supplied("t", b"a"), supplied("t", b"b"))
+    one = published.polled(supplier)
+    eventually(lambda: supplier.asked > 5)
+    supplier.batches.append(supplied("t", b"c"))
+    eventually(lambda: published.payloads == [b"a", b"b", b"c"])
+    one.end()
+    eventually(lambda: not any(thread.name == "from 1" for thread in threading.enumerate()))
+
+
+def test_polls_become_rare_after_an_event(published: Published) -> None:
+    supplier = Supplier(supplied("t", b"a"))
+    one = published.polled(supplier, PollingPolicy(intervals=Backoff(0.001, 3600.0, factor=1e7)))
+    eventually(lambda: supplier.asked == 3, what="the poll with the event and two without")
+    stays(lambda: supplier.asked == 3, 0.2)
+    one.end()
+
+
+@pytest.mark.parametrize("error", [NotDelivered("away"), Unconfirmed("no answer"), Refused("a fault of its own")])
+def test_a_supplier_is_disconnected_after_max_failures_in_a_row(published: Published, error: EventError) -> None:
+    supplier = Supplier(error, error, error, supplied("t", b"a"), error, error, error, supplied("t", b"b"))
+    one = published.polled(supplier)
+    eventually(lambda: published.payloads == [b"a", b"b"])
+    eventually(lambda: one.condition is ProxyCondition.CONNECTED and one.failures == 0)
+    assert published.reasons == []
+    supplier.batches += [error] * 9
+    eventually(lambda: published.reasons)
+    assert published.reasons == [f"4 failures in a row ({error})"]
+
+
+def test_an_event_that_the_channel_does_not_take_is_counted_and_a_supplier_that_is_gone_is_lost(
+    published: Published,
+) -> None:
+    refused = EventTooLarge(9, 8), InvalidEvent("type", "is empty")
+    supplier = Supplier(*refused, supplied("t", b"a"), ClientGone("gone"), supplied("t", b"b"))
+    one = published.polled(supplier)
+    eventually(lambda: published.reasons == ["gone"])
+    assert (supplier.asked, published.payloads) == (4, [b"a"])
+    assert (one.account.received, one.account.discarded) == (2, 2)  # the one published is counted by the channel
 
 
 # ---- restarts ----
@@ -362,14 +454,6 @@ def test_no_clock_and_no_lost_state_makes_a_channel_repeat_its_numbers(
             ids += [store.next_id() for _ in range(100)]
     assert len({life_of(number) for number in numbers}) == len(numbers)
     assert len(set(ids)) == len(ids)
-
-
-def test_numbers_increase_while_the_state_is_kept(tmp_path: Path) -> None:
-    numbers = []
-    for _ in range(20):
-        with ChannelStore(tmp_path / "s") as store:
-            numbers.append(store.first_number())
-    assert all(after - before > 1e9 for before, after in itertools.pairwise(numbers))
 
 
 def test_threads_do_not_disturb_each_other(tmp_path: Path) -> None:

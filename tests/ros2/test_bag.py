@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.kinematics.body import SmartPalBody
@@ -110,31 +111,16 @@ def test_links_are_where_the_kinematics_have_them(messages: Messages) -> None:
     found = transforms(messages)
     bodies = SmartPalBody().links(np.array(POSTURE.joints))
     for link in ("left_hand", "right_forearm", "head"):
-        matrix, frame = np.eye(4), f"A/{link}"
+        at, turn, frame = np.zeros(3), Rotation.identity(), f"A/{link}"
         while frame != "A/base_link":
             each = found[frame][-1]
-            matrix = homogeneous(each.transform) @ matrix
-            frame = each.header.frame_id
+            t, q = each.transform.translation, each.transform.rotation
+            outer = Rotation.from_quat((q.x, q.y, q.z, q.w))
+            at = outer.apply(at) + np.array((t.x, t.y, t.z))
+            turn, frame = outer * turn, each.header.frame_id
         position, (w, x, y, z) = bodies[link]
-        assert matrix[:3, 3] == pytest.approx(position, abs=1e-6), link
-        assert matrix[:3, :3] == pytest.approx(rotation(x, y, z, w), abs=1e-6), link
-
-
-def homogeneous(transform: Any) -> np.ndarray:
-    found = np.eye(4)
-    q, t = transform.rotation, transform.translation
-    found[:3, :3], found[:3, 3] = rotation(q.x, q.y, q.z, q.w), (t.x, t.y, t.z)
-    return found
-
-
-def rotation(x: float, y: float, z: float, w: float) -> np.ndarray:
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+        assert at == pytest.approx(position, abs=1e-6), link
+        assert turn.as_matrix() == pytest.approx(Rotation.from_quat((x, y, z, w)).as_matrix(), abs=1e-6), link
 
 
 def test_the_description_has_the_frames_of_the_robot(messages: Messages) -> None:
