@@ -103,6 +103,8 @@ def test_only_an_active_component_of_a_running_context_sends_and_drives() -> Non
     assert shown.out("floor") == TimedText(8.0, "L1")
     ranges = shown.out("range")
     assert isinstance(ranges, Ranges) and ranges.scan.time == 4.0 and ranges.rate_hz == 10.0
+    component.show_scan(scan_of((-0.1, 0.0, math.pi)), 10.0)  # of another sensor
+    assert shown.out("range").scan.mount == (0.1, 0.0, 0.0)
     assert shown.robot.orders == [(speed, 0.5)]
 
     assert [component.stop(), component.stop()] == [ReturnCode.OK, ReturnCode.PRECONDITION_NOT_MET]
@@ -137,14 +139,6 @@ def test_poses_come_at_the_rate() -> None:
     for wrong in (0.0, -1.0, math.nan, math.inf, 1000.0):
         assert shown.component.set_rate(wrong) is ReturnCode.BAD_PARAMETER
     assert shown.component.rate_hz == 2.0
-
-
-def test_scans_of_one_sensor_only() -> None:
-    shown = Shown()
-    shown.component.life_cycle.activate()
-    shown.component.show_scan(scan_of(), 10.0)
-    shown.component.show_scan(scan_of((-0.1, 0.0, math.pi)), 10.0)
-    assert shown.out("range").scan.mount == (0.1, 0.0, 0.0)
 
 
 def test_the_validity_of_velocities_is_a_parameter() -> None:
