@@ -184,7 +184,7 @@ def test_a_durable_subscription_collects_while_its_consumer_is_away_and_goes_to_
     lab.proxies.disconnect(proxy)
     with pytest.raises(ProxyGone):
         lab.proxies.disconnect(proxy)
-    assert (first.disconnections, proxy.condition) == (1, ProxyCondition.WAITING)
+    assert (first.disconnections, lab.removed, proxy.condition) == (1, [proxy.id], ProxyCondition.WAITING)
     lab.publish(b"2", b"3")
     assert lab.proxies.subscribe("log", second, ALL, POLICY) is proxy
     eventually(lambda: second.payloads == [b"2", b"3"])

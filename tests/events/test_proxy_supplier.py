@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -160,38 +159,24 @@ def test_a_consumer_that_accepts_no_events_is_disconnected_after_max_failures(
     assert is_balanced(totals(proxy))
 
 
-def test_failures_never_end_a_durable_subscription(channel: Channel) -> None:
-    lost = LostClients()
-    consumer = Consumer()
-    asked = []
+@pytest.mark.parametrize("is_defect", [False, True])
+def test_failures_and_defects_never_end_a_durable_subscription(channel: Channel, is_defect: bool) -> None:
+    lost, consumer, may_answer = LostClients(), Consumer(), threading.Event()
 
     def is_alive() -> bool:
-        asked.append(time.monotonic())
-        return len(asked) > 10
+        if is_defect and not may_answer.is_set():
+            raise ValueError("a fault")
+        return may_answer.is_set()
 
     consumer.answer, consumer.is_alive = failing(NotDelivered("not reachable")), is_alive
     proxy = push_supplier_of(channel, consumer, name="durable", on_client_lost=lost)
     publish(channel, 1)
-    eventually(lambda: received(consumer) == [1])
-    eventually(lambda: is_settled(proxy))
-    assert lost.reasons == []
-    assert proxy.failures == 0
-
-
-def test_a_proxy_whose_thread_ends_by_a_defect_goes_on(channel: Channel) -> None:
-    def fail() -> bool:
-        raise ValueError("a fault")
-
-    consumer = Consumer(answer=failing(NotDelivered("asleep")))
-    consumer.is_alive = fail
-    proxy = push_supplier_of(channel, consumer, delivery=replace(IMPATIENT, max_failures=10**9))
-    publish(channel, 1)
-    eventually(lambda: proxy.failures > 3)
-    assert "ValueError: a fault" in proxy.problem
+    eventually(lambda: proxy.failures > 10)
+    assert ("ValueError: a fault" if is_defect else "not reachable") in proxy.problem
     assert proxy.condition is ProxyCondition.STALLED
-    consumer.is_alive = lambda: True
+    may_answer.set()
     eventually(lambda: is_settled(proxy))
-    assert (received(consumer), proxy.problem) == ([1], "")
+    assert (received(consumer), lost.reasons, proxy.failures, proxy.problem) == ([1], [], 0, "")
 
 
 def test_a_stalled_consumer_loses_the_oldest_events_and_delays_no_other(channel: Channel) -> None:
