@@ -89,13 +89,10 @@ def test_events_with_numbers_keep_them_and_no_live_one_is_lost(ages: list[int], 
     assert [number - first for number in numbers([fresh])] == fresh.payloads
 
 
-def test_a_batch_without_expiry_is_returned_unchanged() -> None:
-    batch = events(1, 3)
-    assert batch.unexpired(math.inf) is batch
-
-
 def test_a_conjunction_expires_with_any_of_its_events() -> None:
-    together = CorrelatedEvents(0, [events(1), events(2, expiry=1.0)])
+    lasting = events(1)
+    assert lasting.unexpired(math.inf) is lasting
+    together = CorrelatedEvents(0, [lasting, events(2, expiry=1.0)])
     assert together.unexpired(NOW + 0.5) is together
     assert together.unexpired(NOW + 1.5) is None
 

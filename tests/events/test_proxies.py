@@ -170,12 +170,6 @@ def test_the_end_ends_a_pull_that_waits(lab: Lab, end: str, later: type[Exceptio
             proxy.pull(0.0)
 
 
-def test_a_named_supplier_gets_the_same_proxy_again(lab: Lab) -> None:
-    assert lab.proxies.supply("A") is lab.proxies.supply("A")
-    assert lab.proxies.supply("B") is not lab.proxies.supply("A")
-    assert lab.proxies.supply("") is not lab.proxies.supply("")
-
-
 def test_a_durable_subscription_collects_while_its_consumer_is_away_and_goes_to_the_next(lab: Lab) -> None:
     first, second, third = Consumer(), Consumer(), Consumer()
     proxy = lab.proxies.subscribe("log", first, ALL, POLICY)
@@ -246,7 +240,10 @@ def test_at_the_limit_forgotten_proxies_make_room_and_those_in_use_stay(lab: Lab
     assert {proxy.name for proxy in lab.proxies.snapshots()} == {"", "log", "A", "B"}
 
 
-def test_a_supplier_of_its_own_events_publishes_no_others(lab: Lab) -> None:
+def test_a_named_supplier_gets_its_proxy_again_and_that_of_its_own_events_publishes_no_others(lab: Lab) -> None:
+    assert lab.proxies.supply("A") is lab.proxies.supply("A")
+    assert lab.proxies.supply("B") is not lab.proxies.supply("A")
+    assert lab.proxies.supply("") is not lab.proxies.supply("")
     lab.proxies.supply(own_supplier("A")).push(supplied("t", b"1"))
     with pytest.raises(InvalidEvent, match="'B'"):
         lab.proxies.supply(own_supplier("B")).push(supplied("t", b"1"))

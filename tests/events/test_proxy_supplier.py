@@ -462,13 +462,6 @@ class Pulling:
         return self.payload
 
 
-def test_concurrent_pulls_get_one_event_each(channel: Channel) -> None:
-    proxy = pull_supplier_of(channel)
-    clients = [Pulling(proxy) for _ in range(4)]
-    publish(channel, 1, 2, 3, 4)
-    assert sorted(client.result() or 0 for client in clients) == [1, 2, 3, 4]
-
-
 def test_the_last_pull_that_waits_is_served_first(channel: Channel) -> None:
     proxy = pull_supplier_of(channel)
     clients = [Pulling(proxy) for _ in range(3)]

@@ -20,28 +20,22 @@ def add(seen: SeenEvents, origin: str, first: int, last: int) -> list[tuple[int,
     return seen.add(origin, first, last).parts
 
 
-def test_what_a_killed_process_has_seen_is_restored(tmp_path: Path) -> None:
-    killed = SeenEvents(tmp_path / "seen")
-    assert add(killed, "lab", 1, 7) == [(1, 7)]
-    assert add(killed, "lab", 9, 9) == [(9, 9)]
-    assert add(killed, "hall", 2**63, 2**63) == [(2**63, 2**63)]
-    with SeenEvents(tmp_path / "seen") as successor:  # nothing was closed, nothing flushed
-        assert [number for number in range(1, 12) if successor.has_seen("lab", number)] == [*range(1, 8), 9]
-        assert add(successor, "lab", 6, 10) == [(8, 8), (10, 10)]
-        assert add(successor, "hall", 2**63, 2**63 + 1) == [(2**63 + 1, 2**63 + 1)]
-        assert add(successor, "yard", 1, 1) == [(1, 1)]
-
-
-def test_lives_are_independent_of_each_other(tmp_path: Path) -> None:
+def test_lives_are_independent_of_each_other_and_restored_after_a_kill(tmp_path: Path) -> None:
     """The life of a channel that has lost its state may be below the one before."""
-    with SeenEvents(tmp_path / "seen") as seen:
-        for life in (7, 2**31, 3, 8):
-            first = first_number_of(life)
-            assert add(seen, "lab", first, first + 9) == [(first, first + 9)]
-            assert add(seen, "lab", first, first + 9) == []
-        border = 12 << 32  # a batch over the end of a life
-        assert add(seen, "lab", border - 2, border + 1) == [(border - 2, border - 1), (border, border + 1)]
-        assert add(seen, "lab", border, border) == add(seen, "lab", border - 1, border - 1) == []
+    streams = [
+        (origin, first_number_of(life)) for origin, life in (("lab", 7), ("lab", 2**31), ("lab", 3), ("hall", 7))
+    ]
+    killed = SeenEvents(tmp_path / "seen")
+    for origin, first in streams:
+        assert add(killed, origin, first, first + 9) == [(first, first + 9)]
+        assert add(killed, origin, first, first + 9) == []
+    border = 12 << 32  # a batch over the end of a life
+    assert add(killed, "lab", border - 2, border + 1) == [(border - 2, border - 1), (border, border + 1)]
+    with SeenEvents(tmp_path / "seen") as successor:  # nothing was closed, nothing flushed
+        for origin, first in streams:
+            assert add(successor, origin, first - 1, first + 10) == [(first - 1, first - 1), (first + 10, first + 10)]
+        assert add(successor, "lab", border, border) == add(successor, "lab", border - 1, border - 1) == []
+        assert add(successor, "yard", 1, 1) == [(1, 1)]
 
 
 def test_damaged_entries_are_set_aside_and_the_others_kept(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
