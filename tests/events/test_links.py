@@ -586,8 +586,10 @@ def test_refused_events_are_reported_to_the_peer(alone: Alone, monkeypatch: pyte
     monkeypatch.setattr(seen_events, "MAX_INTERVALS", 2)
     alone.forward(1, 11, 13, 15, 12)
     assert alone.gateway.snapshot().totals == (4, 3, 0, 1, 0, 0)
+    alone.gateway.forward("s1", 2, [], invalid=2)  # which could not be read
+    assert alone.gateway.snapshot().totals == (6, 3, 0, 3, 0, 0)
     alone.gateway.wake()
-    eventually(lambda: alone.feed.refused == 1, what="the report")
+    eventually(lambda: alone.feed.refused == 3, what="the report")
 
 
 def test_the_age_of_events_does_not_depend_on_clocks_that_are_set(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Iterator
@@ -451,6 +452,14 @@ def test_no_clock_and_no_lost_state_makes_a_channel_repeat_its_numbers(
             ids += [store.next_id() for _ in range(100)]
     assert len({life_of(number) for number in numbers}) == len(numbers)
     assert len(set(ids)) == len(ids)
+
+
+def test_numbers_increase_while_the_state_is_kept(tmp_path: Path) -> None:
+    numbers = []
+    for _ in range(20):
+        with ChannelStore(tmp_path / "s") as store:
+            numbers.append(store.first_number())
+    assert all(after - before > 1e9 for before, after in itertools.pairwise(numbers))
 
 
 def test_threads_do_not_disturb_each_other(tmp_path: Path) -> None:
