@@ -126,6 +126,9 @@ def test_a_channel_that_returns_nothing_is_down_until_it_pushes(
     stays(lambda: link.problem)  # a connection alone shows nothing
     peer.push("an event")
     eventually(lambda: not link.problem, what="the link")
+    connections = link.connections
+    peer.connections[-1].on_disconnected()
+    eventually(lambda: link.connections > connections and not link.problem, what="the next connection")
 
 
 def test_a_channel_that_returns_our_events_stays_up(link: ForeignLink, channel: Channel, peer: ForeignChannel) -> None:

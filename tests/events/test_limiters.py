@@ -104,6 +104,8 @@ def test_time_is_used_up_and_returns(caplog: pytest.LogCaptureFixture) -> None:
     assert "consumer logger" in record.getMessage()
     clock.now += RETURNS_IN_S / 2
     assert budget.left_s() == pytest.approx(BUDGET_S / 2 - 1.5)
+    budget.spend(BUDGET_S, "logger")
+    assert len(caplog.records) == 1
     clock.now += 10 * RETURNS_IN_S
     assert budget.left_s() == BUDGET_S
     budget.spend(BUDGET_S, "logger")  # it is reported again when all had returned
