@@ -16,7 +16,7 @@ from robocorba.background import Background
 from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed, MissionTakenOver
-from robocorba.errors.services import NotReachable
+from robocorba.errors.services import NotPermitted, NotReachable
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.report import ASKING, RECOVERING, MissionReport, PhaseTimes
@@ -144,6 +144,9 @@ class MissionRecorder:
                 if stale.current:
                     _check_leader(self._records.mission(name), content)
                 version = self._records.put_mission(Mission(name, stale.current, document))
+            except NotPermitted:  # a guarded database takes a record only from the robot that leads the mission
+                _check_leader(self._records.mission(name), content)
+                raise
             self._versions[name] = version
             if not content.is_running:
                 del self._versions[name]

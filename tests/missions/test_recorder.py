@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from robocorba.backoff import Backoff
 from robocorba.errors.robots import MissionFailed, MissionTakenOver
-from robocorba.errors.services import NotReachable
+from robocorba.errors.services import NotPermitted, NotReachable
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.missions.messages import Answer, MemberState
 from robocorba.missions.recorder import MAX_WAITING, LedMission, MissionRecorder, claimed
@@ -33,11 +33,12 @@ NEW = MissionContent(kind="move_table", about="desk", leader="A", begun=100.0)
 
 
 class Database:
-    """Missions by name, as the Omni database keeps them. is_away: it does not answer."""
+    """Missions by name, as the Omni database keeps them. is_away: it does not answer. is_guarded: it takes only those
+    that A leads."""
 
     def __init__(self) -> None:
         self.missions: dict[str, tuple[int, MissionContent]] = {}
-        self.is_away = False
+        self.is_away = self.is_guarded = False
         self.calls = 0
         self.gate = threading.Event()
         self.gate.set()
@@ -55,6 +56,8 @@ class Database:
         self.gate.wait(60.0)
         if self.is_away:
             raise NotReachable("the Omni database does not answer")
+        if self.is_guarded and self.missions.get(mission.name, (0, NEW))[1].leader != "A":
+            raise NotPermitted("the Omni database")
         if mission.name == "invalid":
             raise InvalidMission("name", "1000 missions are stored already")
         current = self.missions[mission.name][0] if mission.name in self.missions else 0
@@ -108,12 +111,6 @@ def test_a_database_that_was_away_gets_the_latest_state(database: Database, reco
     eventually(lambda: database.content("next") == content(4), "and the next mission")
 
 
-def test_a_record_that_another_has_changed_is_brought_up_to_date(database: Database, recorder: MissionRecorder) -> None:
-    database.missions["m"] = 7, content(0, MissionResult.FAILED)
-    recorder.record("m", content(1))
-    eventually(lambda: database.missions["m"] == (8, content(1)), "what the leader knows")
-
-
 def test_what_can_t_be_recorded_is_dropped(database: Database, recorder: MissionRecorder) -> None:
     recorder.record("invalid", content(1))
     recorder.record("m", content(1))
@@ -139,7 +136,11 @@ def test_a_recorder_ends_while_the_database_is_away(database: Database, recorder
     assert "mission records" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_what_a_leader_of_a_later_term_has_written_stays(database: Database, recorder: MissionRecorder) -> None:
+@pytest.mark.parametrize("is_guarded", [False, True])
+def test_what_a_leader_of_a_later_term_has_written_stays(
+    database: Database, recorder: MissionRecorder, is_guarded: bool
+) -> None:
+    database.is_guarded = is_guarded
     recorder.record("m", content(1))
     eventually(lambda: database.content("m") == content(1), "it is recorded")
     later = content(1).taken_over("B", "A was silent", 2.0)
@@ -152,17 +153,24 @@ def test_what_a_leader_of_a_later_term_has_written_stays(database: Database, rec
         recorder.write("m", content(3))
 
 
-def test_a_record_that_was_removed_is_written_again(database: Database, recorder: MissionRecorder) -> None:
+def test_a_state_is_written_at_once_whatever_became_of_the_record(
+    database: Database, recorder: MissionRecorder
+) -> None:
     recorder.write("m", content(1))
-    del database.missions["m"]
+    assert database.content("m") == content(1)
+    database.missions["m"] = 7, content(1, MissionResult.FAILED)  # mission control has written it
     recorder.write("m", content(2))
-    assert database.missions["m"] == (1, content(2))
-
-
-def test_a_mission_is_led_by_one_robot_in_a_term(database: Database, recorder: MissionRecorder) -> None:
+    assert database.missions["m"] == (8, content(2))
+    del database.missions["m"]
+    recorder.write("m", content(3))
+    assert database.missions["m"] == (1, content(3))
+    database.is_away = True
+    with pytest.raises(NotReachable):
+        recorder.write("m", content(4))
+    database.is_away = False
     database.missions["m"] = 7, replace(content(1), leader="B")
     with pytest.raises(MissionTakenOver, match="B has taken the mission over, in term 1"):
-        recorder.write("m", content(1))
+        recorder.write("m", content(5))
 
 
 # ---- who leads ----
@@ -173,63 +181,55 @@ def is_silent(leader: str, mission: str) -> bool:
     return False
 
 
-def test_a_new_mission_is_claimed(database: Database) -> None:
-    assert claimed(database, "m", NEW) is NEW
+#: Led by another robot; by this one, before and after it began.
+OTHERS, GIVEN = replace(NEW, leader="B", begun=1.0), replace(NEW, begun=4e9)
+OWN = replace(GIVEN, phases=(PhaseRecord("asking", 4e9),))
 
 
-def test_a_mission_of_another_leader_is_taken_over(database: Database) -> None:
-    database.missions["m"] = 7, replace(content(1), leader="B", attempts=3)
-    taken = claimed(database, "m", NEW, 1, is_silent)
-    assert database.missions["m"] == (8, taken)
-    assert (taken.leader, taken.term, taken.attempts) == ("A", 2, 3)
-    assert claimed(database, "m", replace(NEW, icon={"icon": "move_table"})).term == 2, "its own"
+@pytest.mark.parametrize(
+    ("stored", "term", "claim"),
+    [
+        (None, 0, NEW),
+        (GIVEN, 0, NEW),  # by the clock of its leader
+        (OWN, 0, OWN),
+        (replace(OWN, term=4), 4, replace(OWN, term=4)),
+        (replace(NEW, term=2, is_offered=True), 2, replace(NEW, term=2)),
+        (replace(OTHERS, attempts=3), 1, replace(OTHERS, attempts=3).taken_over("A", "B was silent", 100.0)),
+    ],
+)
+def test_a_mission_is_claimed(
+    database: Database, stored: MissionContent | None, term: int, claim: MissionContent
+) -> None:
+    if stored:
+        database.missions["m"] = 7, stored
+    assert claimed(database, "m", NEW, term, is_silent) == claim
+    assert database.content("m") == (claim if stored else None)
 
 
-def test_a_leader_that_answers_is_not_displaced(database: Database) -> None:
-    database.missions["m"] = 7, replace(content(1), leader="B")
-    asked = []
-
-    def leads(leader: str, mission: str) -> bool:
-        asked.append((leader, mission))
-        return True
-
-    with pytest.raises(MissionTakenOver, match="B has taken the mission over, in term 1"):
-        claimed(database, "m", NEW, 1, leads)
-    assert asked == [("B", "m")]
-
-
-def test_a_request_that_comes_late_displaces_nobody(database: Database) -> None:
-    """It waited in a socket while the mission was given to others, even to the same robot again."""
-    database.missions["m"] = 7, replace(content(1), leader="B", term=3)
-    with pytest.raises(MissionTakenOver, match="B has taken the mission over, in term 3"):
-        claimed(database, "m", NEW, 2, is_silent)
-    with pytest.raises(MissionTakenOver):
-        claimed(database, "m", NEW)  # without a term nobody is displaced
-    database.missions["m"] = 8, replace(content(1), leader="A", term=4)
-    with pytest.raises(MissionTakenOver):
-        claimed(database, "m", NEW, 2, is_silent)
-    assert claimed(database, "m", NEW, 4, is_silent).term == 4
-    with pytest.raises(MissionFailed, match="gone is not offered any more"):
-        claimed(database, "gone", NEW, 1, is_silent)
+@pytest.mark.parametrize(
+    ("stored", "term", "leads", "error", "reason"),
+    [
+        (OTHERS, 1, True, MissionTakenOver, "B has taken the mission over, in term 1"),  # a leader that answers
+        (OTHERS, 0, False, MissionTakenOver, "term 1"),  # without a term nobody is displaced
+        # A request waited in a socket while the mission was given to others, or to the same robot again.
+        (replace(OTHERS, term=3), 2, False, MissionTakenOver, "term 3"),
+        (replace(NEW, term=4), 2, False, MissionTakenOver, "term 4"),
+        (replace(OTHERS, term=2, is_offered=True), 2, False, MissionTakenOver, "term 2"),
+        (None, 1, False, MissionFailed, "m is not offered any more"),
+        (replace(NEW, result=MissionResult.FAILED), 0, False, MissionFailed, "m has ended already: failed"),
+    ],
+)
+def test_a_claim_is_refused(
+    database: Database, stored: MissionContent | None, term: int, leads: bool, error: type[Exception], reason: str
+) -> None:
+    if stored:
+        database.missions["m"] = 7, stored
+    with pytest.raises(error, match=reason):
+        claimed(database, "m", NEW, term, lambda leader, mission: leads and (leader, mission) == ("B", "m"))
+    assert database.content("m") == stored
 
 
-def test_an_offered_mission_is_accepted_by_its_robot_only(database: Database) -> None:
-    database.missions["m"] = 7, replace(content(1), leader="A", term=2, is_offered=True)
-    with pytest.raises(MissionTakenOver):
-        claimed(database, "m", replace(NEW, leader="B"), 2, is_silent)
-    assert claimed(database, "m", NEW, 2, is_silent) == replace(NEW, term=2)
-    assert database.missions["m"] == (8, replace(NEW, term=2))
-
-
-def test_a_mission_that_mission_control_has_recorded_begins_by_the_clock_of_its_leader(database: Database) -> None:
-    database.missions["m"] = 1, replace(content(4e9), leader="A")
-    assert claimed(database, "m", NEW) == NEW
-    led = replace(content(4e9), leader="A", phases=(PhaseRecord("asking", 4e9),))
-    database.missions["m"] = 2, led
-    assert claimed(database, "m", NEW) == led
-
-
-def test_only_one_robot_takes_a_mission_over(database: Database) -> None:
+def test_only_one_robot_takes_a_mission_over() -> None:
     class Late(Database):
         """Another robot is faster."""
 
@@ -241,34 +241,13 @@ def test_only_one_robot_takes_a_mission_over(database: Database) -> None:
             return found
 
     late = Late()
-    late.missions["m"] = 7, replace(content(1), leader="B")
+    late.missions["m"] = 7, OTHERS
     with pytest.raises(MissionTakenOver, match="C has taken the mission over, in term 2"):
         claimed(late, "m", NEW, 1, is_silent)
     assert late.missions["m"][0] == 8
-
-
-def test_a_mission_is_not_led_without_its_record(database: Database) -> None:
-    """Another robot could lead it in the same term."""
-    database.is_away = True
+    late.is_away = True  # another robot could lead it in the same term
     with pytest.raises(NotReachable):
-        claimed(database, "m", NEW)
-
-
-def test_a_mission_that_has_ended_is_not_claimed(database: Database) -> None:
-    database.missions["m"] = 7, content(1, MissionResult.FAILED)
-    with pytest.raises(MissionFailed, match="m has ended already: failed"):
-        claimed(database, "m", NEW)
-
-
-def test_a_state_is_written_at_once(database: Database, recorder: MissionRecorder) -> None:
-    recorder.write("m", content(1))
-    assert database.content("m") == content(1)
-    database.missions["m"] = 7, content(1, MissionResult.FAILED)  # mission control has written it
-    recorder.write("m", content(2))
-    assert database.missions["m"] == (8, content(2))
-    database.is_away = True
-    with pytest.raises(NotReachable):
-        recorder.write("m", content(3))
+        claimed(late, "m", NEW)
 
 
 # ---- what is recorded ----
