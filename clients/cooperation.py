@@ -16,7 +16,7 @@ from shapely import MultiPoint, Point
 
 from robocorba.clients.cooperative_planners import planner_of
 from robocorba.control.agent import ControlAgent
-from robocorba.control.execution_control import Aborted
+from robocorba.control.execution_control import Aborted, PartEnded
 from robocorba.control.runner import ReceivedEvent
 from robocorba.corba.orb import Orb
 from robocorba.corba.remote.mission_leaders import RemoteLeaders
@@ -233,6 +233,8 @@ class Cooperation:
         def interruption() -> str:
             nonlocal is_aborted
             why = execution.interruption
+            if isinstance(why, PartEnded):  # it has received no orders, for example: then the leader tries again
+                return ""
             is_aborted = is_aborted or isinstance(why, Aborted)
             return str(why or "")
 

@@ -16,6 +16,10 @@ class Aborted(RobotError):
     """An operator or a leader ended the program."""
 
 
+class PartEnded(Aborted):
+    """A robot's part in a mission ends early. A program of this robot that leads the mission goes on."""
+
+
 class SensorStop(RobotError):
     """A sensor saw an obstacle closer than `icon` allows."""
 
@@ -72,7 +76,14 @@ class ExecutionControl:
 
     def abort(self, reason: str = "it was aborted") -> None:
         """End the program."""
-        self.interrupt(Aborted(reason))
+        self._end(Aborted(reason))
+
+    def end_part(self, reason: str) -> None:
+        """End the robot's part in a mission."""
+        self._end(PartEnded(reason))
+
+    def _end(self, why: Aborted) -> None:
+        self.interrupt(why)
         self._release()
 
     def interrupt(self, why: RobotError) -> None:

@@ -116,7 +116,7 @@ class Member:
                 self._order = order
             self._changed.notify_all()
         if is_end and order.end != "done":
-            self._robot.execution.abort(order.reason)
+            self._robot.execution.end_part(order.reason)
 
     def _change_leader(self, order: Order) -> None:
         """Stand where the last orders have ended until the new leader's next ones."""
@@ -164,7 +164,7 @@ class Member:
         with self._changed:
             self._order = replace(self._order, end="aborted", reason=reason, sent=OWN_CLOCK.now())
             self._changed.notify_all()
-        self._robot.execution.abort(reason)
+        self._robot.execution.end_part(reason)
 
     @property
     def is_holding(self) -> bool:

@@ -121,19 +121,13 @@ def test_inside_an_object_the_distance_is_0() -> None:
     assert pool.snapshot().nearest_non_robot(8.0, 8.0) == (0.0, 8.0, 8.0, "S1")
 
 
-def test_an_empty_floor_has_no_obstacles() -> None:
-    place = Place(Building("plain", {"L1": FloorMap(Floor("L1", 1, 0.0))}))
-    pool = place.pool()
+def test_an_empty_floor_has_no_obstacles_and_a_wall_far_away_is_found() -> None:
+    empty = Building("plain", {"L1": FloorMap(Floor("L1", 1, 0.0))})
+    pool = Place(empty).pool()
     pool.follow()
     assert pool.snapshot().nearest_non_robot(1.0, 2.0) is None
     assert pool.snapshot().robots_near(1.0, 2.0, 1e9) == []
-
-
-def test_a_wall_far_away_is_found() -> None:
-    place = Place(
-        Building("plain", {"L1": FloorMap(Floor("L1", 1, 0.0))}).with_element("L1", Wall("W", (0, 0), (1, 0)))
-    )
-    pool = place.pool()
+    pool = Place(empty.with_element("L1", Wall("W", (0, 0), (1, 0)))).pool()
     pool.follow()
     assert pool.snapshot().nearest_non_robot(1e6, 0.0) == (1e6 - 1.0, 1.0, 0.0, "W")
 
