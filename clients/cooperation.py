@@ -233,7 +233,7 @@ class Cooperation:
         def interruption() -> str:
             nonlocal is_aborted
             why = execution.interruption
-            if isinstance(why, PartEnded):  # it has received no orders, for example: then the leader tries again
+            if isinstance(why, (PartEnded, MissionFailed)):  # of the robot's own part: then the leader tries again
                 return ""
             is_aborted = is_aborted or isinstance(why, Aborted)
             return str(why or "")
