@@ -1,9 +1,10 @@
-"""How a carrier keeps its place beside the carried body, and brings a body back that was moved off its path."""
+"""A carrier follows its leader's orders, keeps its place beside the body, and brings one back that was moved."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from robocorba.errors.robots import MotionFailed
@@ -13,20 +14,26 @@ from robocorba.missions.carry_control import (
     MAX_ERROR_M,
     MAX_MOVED_M,
     RETURN_SPEED_M_S,
+    UNKNOWN_AFTER_S,
     CarryMotion,
 )
-from robocorba.missions.carry_progress import CarryProgress
+from robocorba.missions.carry_progress import CATCH_UP_RATE, SLOWS_DOWN_AFTER_S, STANDS_AFTER_S, CarryProgress
 from robocorba.missions.clock import LeaderClock
-from robocorba.missions.trajectory import Trajectory
+from robocorba.missions.leader_policy import LeaderPolicy
+from robocorba.missions.trajectory import SPEED_M_S, Trajectory
 from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import RobotState
 from robocorba.spatial.frames import into, out_of, turned
-from robocorba.spatial.pose import Pose2D
+from robocorba.spatial.pose import Limits, Pose2D
 
 #: Control interval [s].
 CYCLE_S = 0.02
 #: Where the carrier is planned, in the frame of the body.
 PLACE = (-1.0, 0.2, 0.0)
+#: Trajectory time for which a body moves on at the full rate after the last order [s].
+COASTS_S = (SLOWS_DOWN_AFTER_S + STANDS_AFTER_S) / 2
+#: Where `progress` stands at last without further orders [s].
+STOOD_S = 5.0 + 0.5 * COASTS_S
 
 
 class Clock(LeaderClock):
@@ -121,3 +128,88 @@ def test_a_carrier_that_was_pushed_from_its_place_ends_the_carry() -> None:
     carrier.x -= MAX_ERROR_M + 0.01
     with pytest.raises(MotionFailed, match=r"0.26 m off its place beside the object; the limit is 0.25 m"):
         carrier.run(1)
+
+
+# ---- by the orders of its leader ----
+
+
+@pytest.fixture
+def progress() -> CarryProgress:
+    """At half the planned rate from time 100 on; the last order was sent at 102."""
+    progress = CarryProgress()
+    progress.hold(4.0)
+    for number in range(22):
+        progress.follow(since=100.0, trajectory_s=4.0, rate=0.5, sent=99.9 + 0.1 * number)
+    return progress
+
+
+def test_it_slows_down_evenly_without_orders(progress: CarryProgress) -> None:
+    """As fast as a base can from the speed of carries, and without a jump of place or rate."""
+    times = np.linspace(102.0, 103.0, 1001)
+    places, rates = np.array([progress.at(time) for time in times]).T
+    slowing = (times > 102.0 + SLOWS_DOWN_AFTER_S) & (times < 102.0 + STANDS_AFTER_S)
+    assert np.all(np.diff(rates) <= 1e-9)
+    assert SPEED_M_S * np.max(-np.diff(rates) / np.diff(times)) <= 0.5 * Limits().acceleration + 1e-6
+    assert np.allclose(np.diff(places) / np.diff(times), (rates[1:] + rates[:-1]) / 2, atol=1e-3)
+    assert 0.0 < rates[slowing].min() < rates[slowing].max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("order", "places"),
+    [
+        # On time: at the new rate from then on.
+        ((102.3, 5.15, 1.0, 102.2), {102.25: (5.125, 0.5), 102.3: (5.15, 1.0)}),
+        # Late: back to the rhythm, without a jump.
+        ((100.0, 4.0, 0.5, 102.25), {102.25: (5.115, CATCH_UP_RATE), 102.39: (5.195, 0.5)}),
+        # After orders that only this carrier has lost: it catches up with the others.
+        ((100.0, 4.0, 0.5, 103.2), {103.2: (STOOD_S, CATCH_UP_RATE), 103.3: (STOOD_S + 0.125, CATCH_UP_RATE)}),
+        # After a lost order to stop: it stands until the moment of the next one.
+        ((110.1, 5.3, 1.0, 110.0), {110.05: (STOOD_S, 0.0), 110.15: (STOOD_S + 0.125, CATCH_UP_RATE)}),
+    ],
+)
+def test_where_a_carrier_is_after_an_order(
+    progress: CarryProgress, order: tuple[float, float, float, float], places: dict[float, tuple[float, float]]
+) -> None:
+    assert progress.at(102.0) == (pytest.approx(5.0), 0.5)
+    progress.at(order[3])
+    progress.follow(*order)
+    for time, place in places.items():
+        assert progress.at(time) == pytest.approx(place, abs=1e-3)
+
+
+def test_it_stands_until_the_orders_of_another_leader(progress: CarryProgress) -> None:
+    """Whose clock is far behind."""
+    assert progress.at(102.0 + STANDS_AFTER_S) == progress.at(110.0) == (pytest.approx(STOOD_S), 0.0)
+    assert progress.ordered_s(103.2) == pytest.approx(5.6)  # where others are that receive orders still
+    progress.hold(progress.at(110.0)[0])
+    assert progress.at(20.0) == (pytest.approx(STOOD_S), 0.0)
+    progress.follow(since=21.0, trajectory_s=STOOD_S, rate=1.0, sent=20.9)
+    assert progress.at(20.95) == (pytest.approx(STOOD_S), 0.0)
+    assert progress.at(21.05) == (pytest.approx(STOOD_S + 0.05), pytest.approx(1.0))
+
+
+def test_a_carrier_whose_state_is_unknown_falls_behind() -> None:
+    """So the leader stops the carry before the carrier is too far from its place to go on."""
+    clock, progress = Clock(), CarryProgress()
+    progress.hold(1.0)
+    trajectory = Trajectory([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0)], [(-1.0, 0.0, 0.0)])
+    motion = CarryMotion(trajectory, (-1.0, 0.0, 0.0), progress, clock, lambda: 0.0)
+
+    def wait(seconds: float) -> None:
+        for _ in range(round(seconds / 0.1) + 1):
+            clock.time += seconds / (round(seconds / 0.1) + 1)
+            progress.follow(since=100.0, trajectory_s=1.0, rate=1.0, sent=clock.time)
+
+    assert motion.error_m == 0.0
+    wait(0.0)
+    (x, y, heading), _ = trajectory.carrier(1.0, (-1.0, 0.0, 0.0))
+    assert motion.command(RobotState(0.0, x, y, heading), 0.0)
+    wait(UNKNOWN_AFTER_S / 2)
+    assert motion.error_m == pytest.approx(0.0, abs=1e-9)
+    wait(1.0)
+    assert motion.error_m > LeaderPolicy().stop_error_m
+    (x, y, heading), _ = trajectory.carrier(trajectory.duration, (-1.0, 0.0, 0.0))
+    wait(trajectory.duration)
+    assert motion.command(RobotState(0.0, x, y, heading), 0.0) is None
+    wait(10.0)
+    assert motion.error_m == pytest.approx(0.0, abs=1e-9)  # it has arrived

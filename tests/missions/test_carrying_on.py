@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
@@ -27,7 +26,7 @@ from robocorba.spatial.pose import Pose
 from robocorba.testing.processes import eventually
 from tests.control.places import Place
 from tests.missions.places import Crew, Given
-from tests.waits import outlast, patient
+from tests.waits import patient
 
 pytestmark = pytest.mark.slow
 
@@ -159,24 +158,6 @@ def test_a_carrier_that_is_gone_is_not_needed(crew: Crew) -> None:
     eventually(lambda: crew.agents["A"].is_free, 60.0)
 
 
-def test_a_carrier_that_was_only_silent_carries_on(crew: Crew) -> None:
-    scene = Scene(crew, ALONE)
-    thread = scene.lead("A")
-    scene.until_carried()
-    crew.bus.disconnected = {"B"}
-    eventually(lambda: crew.orphaned, 60.0)
-    outlast(2 * LEADING.member_timeout_s)
-    crew.bus.disconnected = set()
-    eventually(lambda: scene.box_x() > 7.4, 60.0)
-    crew.bus.disconnected = {"B"}
-    eventually(lambda: len(crew.orphaned) == 2, 60.0)
-    crew.bus.disconnected = set()
-    report = scene.result(thread)
-    assert (report.result, report.reason, report.faults) == ("done", "", ())
-    assert phases(report) == ["phase 0", "phase 1", "phase 2"]
-    assert scene.box_x() == pytest.approx(8.2, abs=0.02)
-
-
 def test_another_leader_carries_on(crew: Crew) -> None:
     scene = Scene(crew, ALONE)
     first = scene.lead("A")
@@ -190,18 +171,6 @@ def test_another_leader_carries_on(crew: Crew) -> None:
     assert scene.box_x() == pytest.approx(8.2, abs=0.02)
     eventually(lambda: crew.agents["B"].is_free, 60.0)
     first.join(90.0)
-
-
-def test_a_carrier_without_a_leader_lets_go_at_last(crew: Crew) -> None:
-    scene = Scene(crew, ALONE)
-    thread = scene.lead("A")
-    scene.until_carried()
-    crew.bus.disconnected = {"A", "B"}
-    began = time.monotonic()
-    eventually(lambda: crew.agents["B"].is_free, 60.0)
-    assert time.monotonic() - began > TAKING_PART.holding_timeout_s
-    assert crew.agents["B"].state.program.reason == "the leader A is silent"
-    thread.join(90.0)
 
 
 def test_robots_hold_from_gripping_to_putting_down() -> None:

@@ -1,40 +1,120 @@
-"""Leaders and members in one process: agreement, synchronized steps, and failures of missions."""
+"""Leaders and members in one process: agreement, synchronized steps, failures, and what is in the way."""
 
 from __future__ import annotations
 
 import math
+import threading
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
+import shapely
+from shapely import Point
+from shapely.geometry.base import BaseGeometry
 
-from robocorba.control.agent_state import ProgramResult
-from robocorba.errors.robots import GoalReached
+from robocorba.collision_avoidance.policy import GivingWayPolicy
+from robocorba.control.agent_state import AgentCondition, ProgramResult
+from robocorba.errors.robots import InTheWay, MissionTakenOver
 from robocorba.errors.services import NotReachable
 from robocorba.maps.polygons import FloorArea
+from robocorba.missions import way_ahead
+from robocorba.missions.attempt import OnProgress
+from robocorba.missions.carry_progress import CATCH_UP_RATE
 from robocorba.missions.cooperative_planner import ReserveOneOf
 from robocorba.missions.leader_areas import LeaderAreas
-from robocorba.missions.report import PhaseTimes
+from robocorba.missions.leader_policy import LeaderPolicy
+from robocorba.missions.lookout import Seen
+from robocorba.missions.member import MemberPolicy
+from robocorba.missions.report import MissionReport, PhaseTimes
 from robocorba.missions.subplan import Approach, Carry, CooperativePlan, Gather, Idle
 from robocorba.missions.trajectory import Trajectory
 from robocorba.planning.request import Place as Spot
 from robocorba.programs.graphic_programming import ProgramBuilder
-from tests.control.places import eventually
-from tests.missions.crews import FAR, LEADING, RECOVERING, ROBOTS, free, leading, near
-from tests.missions.crews import crew as crew
-from tests.missions.crews import place as place
+from robocorba.spatial.pose import Pose
+from tests.control.places import Place, eventually
 from tests.missions.places import Crew, Given
+from tests.waits import patient, work_for
 
 pytestmark = pytest.mark.slow
 
-
-def test_steps_are_synchronized(crew: Crew) -> None:
-    report = crew.leader("A").lead(
-        "test", lambda: Given([near("A", 0.2), Idle()], [near("B", 0.1), Idle()], [Idle(), Idle()])
+ROBOTS = {"A": Pose("L1", 7.0, 2.0), "B": Pose("L1", 7.0, 4.0), "C": Pose("L1", 1.0, 8.0)}
+#: Shorter than usual, as the tests wait for them.
+LEADING = patient(
+    LeaderPolicy(
+        agreement_timeout_s=6.0,
+        max_retry_pause_s=0.5,
+        offer_timeout_s=1.0,
+        surplus_offer_timeout_s=0.3,
+        member_timeout_s=1.5,
+        step_grace_s=1.0,
+        end_timeout_s=12.0,
+        max_recoveries=0,
     )
+)
+RECOVERING = replace(LEADING, max_recoveries=2, recovery_timeout_s=15.0)
+#: The arms stay where they begin.
+TAKING_PART = patient(
+    MemberPolicy(leader_timeout_s=1.5, end_order_timeout_s=3.0, final_state_s=0.5, driving_posture="home")
+)
+#: Missions that end after a minute of silence.
+PATIENT_PART = MemberPolicy(leader_timeout_s=60.0, driving_posture="home")
+PATIENT = replace(LEADING, member_timeout_s=60.0)
+GIVING_WAY = GivingWayPolicy(max_search_s=2.0, blocked_by_parked_s=0.2, blocked_by_later_s=1.0)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    place = Place(tmp_path_factory.mktemp("place"))
+    yield place
+    place.close()
+
+
+@pytest.fixture
+def crew(place: Place, request: pytest.FixtureRequest) -> Iterator[Crew]:
+    """param: the policy of members."""
+    crew = Crew(place, ROBOTS, LEADING, getattr(request, "param", TAKING_PART), GIVING_WAY)
+    yield crew
+    crew.bus.disconnected = set()
+    crew.close()
+
+
+def near(name: str, dx: float, limit_s: float = 30.0) -> Approach:
+    at = ROBOTS[name]
+    return Approach(x=at.x + dx, y=at.y, heading=0.0, limit_s=limit_s)
+
+
+def leading(
+    crew: Crew,
+    *planners: Given,
+    name: str = "A",
+    policy: LeaderPolicy = LEADING,
+    on_progress: OnProgress = lambda plan, phases, is_ending: None,
+) -> tuple[threading.Thread, list[MissionReport]]:
+    """A mission in a thread of its own. planners: of its attempts, in turn."""
+    reports: list[MissionReport] = []
+    leader, left = crew.leader(name, policy, on_progress), iter(planners)
+    thread = threading.Thread(target=lambda: reports.append(leader.lead("test", lambda: next(left))))
+    thread.start()
+    return thread, reports
+
+
+def free(crew: Crew) -> bool:
+    return all(agent.is_free for agent in crew.agents.values())
+
+
+def test_steps_are_synchronized_and_reported(crew: Crew) -> None:
+    seen: list[tuple[tuple[str, int], ...]] = []
+
+    def note(plan: CooperativePlan, phases: Sequence[PhaseTimes], is_ending: bool) -> None:
+        seen.append((*((phase.name, len(phase.done)) for phase in phases), ("ending", is_ending)))
+
+    planner = Given([near("A", 0.2), Idle()], [near("B", 0.1), Idle()], [Idle(), Idle()])
+    report = crew.leader("A", on_progress=note).lead("test", lambda: planner)
     assert (report.result, report.reason) == ("done", "")
-    assert [phase.name for phase in report.phases] == ["phase 0", "phase 1"]
+    assert seen[0] == (("ending", False),)
+    assert seen[-1] == (("phase 0", 3), ("phase 1", 3), ("ending", False))
     first, second = report.phases
     assert set(first.started) == set(second.done) == {"A", "B", "C"}
     assert min(second.started.values()) >= max(first.done.values())
@@ -45,30 +125,6 @@ def test_steps_are_synchronized(crew: Crew) -> None:
     assert found["latency_ms"]["bus"]["count"] > 10
     eventually(lambda: free(crew), "all are free again")
     assert crew.agents["B"].state.program.result is ProgramResult.DONE
-    again = crew.leader("B").lead("test", lambda: Given([Idle()], [Idle()]))
-    assert again.result == "done"
-
-
-def test_progress_is_reported(crew: Crew) -> None:
-    seen: list[tuple[tuple[str, int], ...]] = []
-    endings: list[bool] = []
-
-    def note(plan: CooperativePlan, phases: Sequence[PhaseTimes], is_ending: bool) -> None:
-        seen.append(tuple((phase.name, len(phase.done)) for phase in phases))
-        endings.append(is_ending)
-
-    given = Given([Idle(), Idle()], [Idle(), near("B", 0.1)])
-    report = crew.leader("A", on_progress=note).lead("test", lambda: given)
-    assert (report.result, report.reason) == ("done", "")
-    assert seen[0] == ()
-    assert seen[-1] == (("phase 0", 2), ("phase 1", 2))
-    assert (("phase 0", 2), ("phase 1", 1)) in seen
-    assert not any(endings)
-    eventually(lambda: free(crew), "all are free again")
-    crew.agents["B"].robot.execution.reset(False)
-    failing = Given([Idle()], [near("B", 0.6, limit_s=0.01)])
-    assert crew.leader("A", on_progress=note).lead("test", lambda: failing).result == "failed"
-    assert endings[-1]
 
 
 def test_carriers_move_simultaneously(crew: Crew) -> None:
@@ -95,30 +151,19 @@ def test_a_gathering_robot_drives_around_a_stationary_one(crew: Crew) -> None:
     assert crew.place.agent.collisions == 0
 
 
-def test_a_blocked_robot_retries(crew: Crew) -> None:
-    crew.agents["A"].cap_speed(1.0)
-    beside = Gather(floor="L1", x=7.0, y=4.3, heading=0.0)  # B's place, until it leaves
-    report = crew.leader("A").lead("test", lambda: Given([beside], [near("B", 1.2)]))
-    assert (report.result, report.reason) == ("done", "")
-
-
-def test_a_busy_robot_is_not_assigned(crew: Crew) -> None:
+def test_busy_robots_are_waited_for_and_those_that_do_not_exist_are_not(crew: Crew) -> None:
     crew.agents["B"].load(ProgramBuilder("busy").wait(60).program())
     crew.agents["B"].run()
-    begun = time.monotonic()
-    report = crew.leader("A").lead("test", lambda: Given([Idle()], [Idle()], [Idle()]))
-    assert report.result == "failed"
-    assert report.reason == "2 helpers are needed; C offered to help; B runs a program"
-    assert time.monotonic() - begun > LEADING.agreement_timeout_s
+    for helpers, reason in (
+        (2, "2 helpers are needed; C offered to help; B runs a program"),
+        (3, "3 helpers are needed; C offered to help; B runs a program"),
+    ):
+        begun = time.monotonic()
+        report = crew.leader("A").lead("test", lambda helpers=helpers: Given(*[[Idle()]] * (1 + helpers)))
+        assert (report.result, report.reason) == ("failed", reason)
+        assert (time.monotonic() - begun > LEADING.agreement_timeout_s) is (helpers == 2)
     crew.agents["B"].abort()
     assert crew.agents["A"].place == pytest.approx(ROBOTS["A"])
-
-
-def test_the_leader_does_not_wait_for_robots_that_do_not_exist(crew: Crew) -> None:
-    begun = time.monotonic()
-    report = crew.leader("A").lead("test", lambda: Given([Idle()], [Idle()], [Idle()], [Idle()]))
-    assert report.reason == "3 helpers are needed; B, C offered to help"
-    assert time.monotonic() - begun < LEADING.agreement_timeout_s
 
 
 def test_the_nearest_robots_are_the_candidates(crew: Crew) -> None:
@@ -191,45 +236,6 @@ def test_a_mission_that_waits_for_its_areas_can_be_aborted(crew: Crew) -> None:
     blocking.release()
 
 
-def test_a_failed_step_ends_the_mission_for_all(crew: Crew) -> None:
-    blocked = Approach(x=5.0, y=4.6, heading=0.0)  # through the elevator's wall
-    report = crew.leader("A").lead("test", lambda: Given([near("A", 0.3), Idle()], [blocked, Idle()]))
-    assert report.result == "failed"
-    assert report.reason.startswith("phase 0: B at L1 (6.")
-    eventually(lambda: free(crew), "all are free again")
-
-
-def test_an_emergency_stop_of_a_member_ends_the_mission(crew: Crew) -> None:
-    thread, reports = leading(crew, Given([Idle(), Idle()], [near("B", 1.5), Idle()]))
-    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    crew.agents["B"].stop()
-    thread.join(60.0)
-    assert reports[0].result == "failed"
-    assert reports[0].reason.startswith("phase 0: B at L1 (")
-    assert reports[0].reason.endswith("emergency stop")
-    eventually(lambda: crew.agents["A"].is_free, "the others are free")
-
-
-def test_a_disconnected_helper_ends_the_mission_for_all(crew: Crew) -> None:
-    thread, reports = leading(crew, Given([FAR, Idle()], [near("B", 1.5, 60.0), Idle()]))
-    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    crew.bus.disconnected = {"B"}
-    thread.join(60.0)
-    assert reports[0].reason == "phase 0: B is silent"
-    eventually(lambda: free(crew), "all have ended, each for itself")
-    assert crew.agents["B"].state.program.reason in ("the leader A is silent", "it was aborted")
-    assert all(abs(math.hypot(*agent.state.actor.velocity)) < 0.01 for agent in crew.agents.values())
-
-
-def test_members_stop_without_their_leader(crew: Crew) -> None:
-    thread, _ = leading(crew, Given([Idle(), Idle()], [near("B", 1.5, 60.0), Idle()]))
-    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    crew.bus.disconnected = {"A"}
-    eventually(lambda: crew.agents["B"].is_free, "B has ended")
-    assert crew.agents["B"].state.program.reason == "the leader A is silent"
-    thread.join(60.0)
-
-
 def test_a_step_that_exceeds_its_limit_ends_the_mission(crew: Crew) -> None:
     begun = time.monotonic()
     report = crew.leader("A").lead(
@@ -240,41 +246,21 @@ def test_a_step_that_exceeds_its_limit_ends_the_mission(crew: Crew) -> None:
     eventually(lambda: free(crew), "all are free again")
 
 
-def test_an_interrupted_leader_ends_the_mission(crew: Crew) -> None:
-    thread, reports = leading(crew, Given([Idle(), Idle()], [near("B", 1.5, 60.0), Idle()]))
-    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    crew.agents["A"].robot.execution.abort("enough")
+@pytest.mark.parametrize("crew", [PATIENT_PART], indirect=True)
+def test_a_member_stops_while_its_leader_is_silent(crew: Crew) -> None:
+    thread, reports = leading(crew, Given([Idle()], [near("B", 1.5, 60.0)]), policy=PATIENT)
+    robot = crew.agents["B"]
+    eventually(lambda: robot.state.actor.velocity[0] > 0.1, "moving")
+    crew.bus.disconnected = {"A"}
+    eventually(lambda: robot.state.condition is AgentCondition.PAUSED, "it waits for its leader")
+    eventually(lambda: abs(math.hypot(*robot.state.actor.velocity[:2])) < 0.01, "and stands")
+    crew.bus.disconnected = set()
     thread.join(60.0)
-    assert "enough" in reports[0].reason
-    eventually(lambda: free(crew), "all are free again")
+    assert (reports[0].result, reports[0].reason) == ("done", "")
+    assert robot.place.x == pytest.approx(ROBOTS["B"].x + 1.5, abs=0.02)
 
 
 # ---- after a fault ----
-
-
-def test_a_silent_helper_is_replaced(crew: Crew) -> None:
-    planners = (
-        Given([Idle(), Idle()], [near("B", 1.5, 60.0), Idle()]),
-        Given([Idle(), Idle()], [near("C", 0.1), Idle()]),
-    )
-    thread, reports = leading(crew, *planners, policy=RECOVERING)
-    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    crew.bus.disconnected = {"B"}
-    thread.join(120.0)
-    (report,) = reports
-    assert (report.result, report.reason) == ("done", "")
-    assert report.faults == ("phase 0: B is silent",)
-    assert report.plan and {subplan.robot for subplan in report.plan.subplans} == {"A", "C"}
-    assert [phase.name for phase in report.phases] == ["phase 0", "recovering", "phase 0", "phase 1"]
-    assert report.as_json()["faults"] == ["phase 0: B is silent"]
-
-
-def test_a_failed_step_is_tried_again_from_where_all_are(crew: Crew) -> None:
-    planners = [Given([Idle()], [near("B", 0.6, limit_s=0.01)]), Given([Idle()], [near("B", 0.1)])]
-    made = iter(planners)
-    report = crew.leader("A", RECOVERING).lead("test", lambda: next(made))
-    assert report.result == "done"
-    assert len(report.faults) == 1
 
 
 def test_attempts_are_bounded(crew: Crew) -> None:
@@ -292,7 +278,9 @@ def test_it_is_not_tried_again_after_an_emergency_stop(crew: Crew) -> None:
     crew.agents["B"].stop()
     thread.join(60.0)
     assert reports[0].faults == ()
+    assert reports[0].reason.startswith("phase 0: B at L1 (")
     assert reports[0].reason.endswith("emergency stop")
+    eventually(lambda: crew.agents["A"].is_free, "the others are free")
 
 
 def test_a_leader_waits_for_servers_that_are_away_after_a_fault(crew: Crew) -> None:
@@ -308,15 +296,150 @@ def test_a_leader_waits_for_servers_that_are_away_after_a_fault(crew: Crew) -> N
     assert crew.leader("A", RECOVERING).lead("test", make).result == "done"
 
 
-def test_what_has_reached_its_goal_before_a_fault_needs_no_further_attempt(crew: Crew) -> None:
-    planners = iter([Given([Idle()], [near("B", 0.6, limit_s=0.01)])])
+def test_a_leader_of_which_another_has_taken_over_gives_up(crew: Crew) -> None:
+    begun = []
 
-    def make() -> Given:
-        for planner in planners:
-            return planner
-        raise GoalReached("the desk is at its goal")
+    def begin(attempt: int) -> None:
+        begun.append(attempt)
+        if len(begun) == 2:
+            raise MissionTakenOver("B", 2)
 
-    report = crew.leader("A", RECOVERING).lead("test", make)
-    assert (report.result, report.reason) == ("done", "")
-    assert [phase.name for phase in report.phases] == ["phase 0", "recovering"]
+    failing = Given([Idle()], [near("B", 0.6, limit_s=0.01)])
+    report = crew.leader("A", RECOVERING, begin_attempt=begin, attempts=4).lead("test", lambda: failing)
+    assert report.reason.startswith("B has taken the mission over, in term 2; before: ")
+    assert begun == [5, 6]
     eventually(lambda: free(crew), "all are free again")
+
+
+# ---- the way is cleared ----
+
+
+class InTheirWay(Given):
+    """Needs the place of C first."""
+
+    def __init__(self, aside: tuple[str, float, float] | None) -> None:
+        super().__init__([near("A", 0.2)], [near("B", 0.2)])
+        self._aside, self.staying = aside, list[set[str]]()
+
+    def plan(
+        self, mission: str, leader: str, robots: dict[str, Spot], staying: Collection[str] = ()
+    ) -> CooperativePlan:
+        self.staying.append(set(staying))
+        if len(self.staying) == 1:
+            raise InTheWay({"C": self._aside})
+        return super().plan(mission, leader, {name: at for name, at in robots.items() if name != "C"}, staying)
+
+
+def test_a_free_robot_steps_aside(crew: Crew) -> None:
+    planner = InTheirWay(("L1", 1.6, 7.5))
+    report = crew.leader("A").lead("test", lambda: planner)
+    assert (report.result, report.reason) == ("done", "")
+    assert planner.staying == [set(), set()]
+    at = crew.agents["C"].place
+    assert (at.x, at.y) == pytest.approx((1.6, 7.5), abs=0.02)
+    assert report.phases[0].name == "clearing the way: C"
+    assert crew.agents["C"].state.program.name.startswith("way for mission")
+    eventually(lambda: free(crew), "all are free again")
+
+
+@pytest.mark.parametrize("is_busy", [False, True])
+def test_the_mission_is_planned_around_a_robot_that_is_busy_or_has_no_room(crew: Crew, is_busy: bool) -> None:
+    if is_busy:
+        crew.agents["C"].load(ProgramBuilder("long").wait(60.0).program())
+        crew.agents["C"].run()
+    planner = InTheirWay(("L1", 1.6, 7.5) if is_busy else None)
+    report = crew.leader("A").lead("test", lambda: planner)
+    assert (report.result, report.reason) == ("done", "")
+    assert planner.staying == [set(), {"C"}]
+    crew.agents["C"].abort()
+    eventually(lambda: free(crew), "all are free again")
+
+
+class Carried(Given):
+    """Two robots carry something 0.8 m wide eastwards; C steps aside to a place beside it."""
+
+    def __init__(self) -> None:
+        rows = Trajectory([(7.0, 3.0, 0.0), (8.6, 3.0, 0.0)]).to_rows()
+        super().__init__([Carry(rows=rows, place=(0.0, -1.0, 0.0))], [Carry(rows=rows, place=(0.0, 1.0, 0.0))])
+
+    @property
+    def footprint(self) -> BaseGeometry:
+        return shapely.box(-0.4, -1.3, 0.4, 1.3)
+
+    def plan(
+        self, mission: str, leader: str, robots: dict[str, Spot], staying: Collection[str] = ()
+    ) -> CooperativePlan:
+        return super().plan(mission, leader, {name: at for name, at in robots.items() if name != "C"}, staying)
+
+    def aside(self, robot: str) -> Spot | None:
+        return Spot("L1", 1.6, 7.5)
+
+
+def test_a_carry_waits_for_what_is_in_its_way(crew: Crew) -> None:
+    there = [Seen("C", True, Point(8.4, 3.0).buffer(0.3), 0.0, 0.0)]
+
+    def look() -> list[Seen]:
+        at = crew.agents["C"].place
+        return there if math.dist((at.x, at.y), (1.6, 7.5)) > 0.05 else []
+
+    report = crew.leader("A", look=look).lead("test", Carried)
+    assert (report.result, report.reason) == ("done", "")
+    assert [phase.name for phase in report.phases] == ["phase 0", "waiting: C is in the way", "phase 0"]
+    for name, y in (("A", 2.0), ("B", 4.0)):
+        at = crew.agents[name].place
+        assert (at.x, at.y) == pytest.approx((8.6, y), abs=0.02)
+    before, waiting, after = report.phases
+    assert before.began < waiting.began < after.began
+    assert set(before.done) == set(waiting.done) == set(after.done) == {"A", "B"}
+
+
+def test_a_carry_that_can_not_see_its_way_says_so_in_one_phase(crew: Crew) -> None:
+    lags = iter(f"the data pool lags by {lag:.2f} s" for lag in (0.4, 0.5, 0.6, 0.7))
+
+    def look() -> list[Seen]:
+        for lag in lags:
+            raise NotReachable(lag)
+        return []
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(way_ahead, "UNKNOWN_S", 0.0)
+        report = crew.leader("A", look=look).lead("test", Carried)
+    assert (report.result, report.reason) == ("done", "")
+    names = [phase.name for phase in report.phases]
+    assert [name for name in names if name != "phase 0"] == ["waiting: what is in the way is unknown"]
+
+
+def test_what_stays_in_the_way_ends_the_attempt(crew: Crew) -> None:
+    chair = [Seen("chair", False, Point(8.4, 3.0).buffer(0.3), 0.0, 0.0)]
+    policy = replace(LEADING, way_timeout_s=1.0)
+    report = crew.leader("A", policy, look=lambda: chair).lead("test", Carried)
+    assert report.result == "failed"
+    assert report.reason == "carrying: chair is in the way at (8.40, 3.00)"
+    assert crew.agents["A"].place.x < 8.1 - 0.4
+    eventually(lambda: free(crew), "all are free again")
+
+
+@pytest.mark.parametrize("crew", [PATIENT_PART], indirect=True)
+@pytest.mark.parametrize("is_cut_off", [False, True])
+def test_a_carry_goes_on_from_where_it_stood_while_its_leader_was_silent(crew: Crew, is_cut_off: bool) -> None:
+    """Its process stands still for 2 s, or its messages are lost for that time; no setpoint jumps."""
+    is_over = threading.Event()
+
+    def look() -> list[Seen]:
+        if crew.agents["A"].place.x > 7.3 and not is_over.is_set():
+            is_over.set()
+            if is_cut_off:
+                crew.bus.disconnected = {"A"}
+                threading.Timer(2.0, lambda: setattr(crew.bus, "disconnected", set())).start()
+            else:
+                work_for(2.0)
+        return []
+
+    report = crew.leader("A", PATIENT, look=look).lead("test", Carried)
+    assert (report.result, report.reason) == ("done", "")
+    for name in "AB":
+        ticks = report.measurements[name].ticks
+        steps = [(later[0] - former[0], later[1] - former[1]) for former, later in pairwise(ticks)]
+        assert max(moved_s - CATCH_UP_RATE * passed_s for passed_s, moved_s in steps) < 0.01
+        stood_s = sum(passed_s for passed_s, moved_s in steps if moved_s < 0.1 * passed_s)
+        assert stood_s > 1.0

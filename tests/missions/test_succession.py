@@ -1,8 +1,8 @@
-"""Which robot leads a mission when its leader is gone."""
+"""Which robot leads a mission when its leader is gone, and when."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -11,27 +11,37 @@ from msgspec.structs import replace
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
-from robocorba.missions.succession import DEFAULT_POLICY, Succession, SuccessionPolicy
+from robocorba.missions import succession
+from robocorba.missions.succession import DEFAULT_POLICY, Succession
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult
 from robocorba.simulation.store import Mission
-from tests.control.places import eventually
+from tests.missions.virtual_time import VirtualTime
 
-POLICY = SuccessionPolicy(turn_s=0.2, interval_s=0.01, limit_s=5.0)
 MEMBERS = tuple(MemberRecord(robot, "helper") for robot in "BAC")
 ICON: dict[str, Any] = {"icon": "move_table", "table": "desk"}
 RECORD = MissionContent(kind="move_table", about="desk", leader="A", begun=1.0, icon=ICON, members=MEMBERS)
 
 
-class Database:
-    """One mission. is_away: it does not answer."""
+class Scene:
+    """Robots B and C, whose leader A is silent, and the database with their mission."""
 
-    def __init__(self) -> None:
+    def __init__(self, time: VirtualTime) -> None:
+        self.time = time
         self.content: MissionContent | None = RECORD
-        self.is_away = False
-        self.calls = 0
+        #: Whether the database does not answer, leaders that do, robots that are busy, and how often one can't lead.
+        self.is_away, self.living, self.busy, self.refusals = False, "", "", 0
+        #: Who has taken the mission over, and when [s].
+        self.led: list[tuple[str, float]] = []
+        self.successions = {name: Succession(name, self, self.leads, Robot(name, self)) for name in "BC"}
+
+    def begin(self, *robots: str) -> None:
+        for name in robots:
+            self.successions[name].begin("m", 1)
+
+    def leads(self, leader: str, mission: str) -> bool:
+        return leader in self.living
 
     def mission(self, name: str) -> Mission:
-        self.calls += 1
         if self.is_away:
             raise NotReachable("the Omni database does not answer")
         if self.content is None:
@@ -43,102 +53,58 @@ class Database:
 
 
 class Robot:
-    """A robot that takes over; the database then names it. refusals: how often it can't."""
+    """A robot that takes over; the database then names it."""
 
-    def __init__(self, name: str, database: Database) -> None:
-        self.name, self._database = name, database
-        self.is_busy, self.refusals = False, 0
-        self.led: list[tuple[str, dict[str, Any]]] = []
+    def __init__(self, name: str, scene: Scene) -> None:
+        self._name, self._scene = name, scene
 
     def can_lead(self, mission: str) -> bool:
-        return not self.is_busy
+        return self._name not in self._scene.busy
 
     def lead(self, mission: str, icon: dict[str, Any], term: int) -> None:
-        assert self._database.content and term == self._database.content.term
-        if self.refusals:
-            self.refusals -= 1
+        scene = self._scene
+        assert scene.content and (mission, icon, term) == ("m", ICON, scene.content.term)
+        if scene.refusals:
+            scene.refusals -= 1
             raise IllegalOrder("lead a mission", "is stopped")
-        self.led.append((mission, icon))
-        assert self._database.content
-        self._database.content = self._database.content.taken_over(self.name, "A was silent", 2.0)
+        scene.led.append((self._name, scene.time.now))
+        scene.content = scene.content.taken_over(self._name, "A was silent", 2.0)
 
 
-class Scene:
-    """Robots B and C, whose leader A is silent. living: leaders that answer."""
-
-    def __init__(self, policy: SuccessionPolicy = POLICY) -> None:
-        self.database = Database()
-        self.robots = {name: Robot(name, self.database) for name in "BC"}
-        self.living: set[str] = set()
-        self._successions = {
-            name: Succession(name, self.database, lambda leader, mission: leader in self.living, robot, policy)
-            for name, robot in self.robots.items()
-        }
-
-    def begin(self, *robots: str) -> None:
-        for name in robots:
-            self._successions[name].begin("m", 1)
-
-    def wait(self) -> None:
-        for each in self._successions.values():
-            eventually(lambda each=each: not each._waiting, "it is over")
-
-    def leaders(self) -> list[str]:
-        return [name for name, robot in self.robots.items() for _ in robot.led]
+@pytest.fixture
+def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
+    time = VirtualTime()
+    time.install(monkeypatch, succession)
+    yield Scene(time)
+    time.close()
 
 
-def test_the_first_member_leads_also_where_another_looked_before_it() -> None:
-    scene = Scene(DEFAULT_POLICY)
-    scene.begin("C")
-    eventually(lambda: scene.database.calls >= 2, "C has looked twice: it is not its turn")
+@pytest.mark.parametrize(
+    ("robots", "busy", "refusals", "led"),
+    [
+        ("CB", "", 0, ("B", 0.0)),  # in the order of the record
+        ("C", "", 0, ("C", DEFAULT_POLICY.turn_s)),
+        ("BC", "B", 0, ("C", DEFAULT_POLICY.turn_s)),
+        ("B", "", 3, ("B", 3 * DEFAULT_POLICY.interval_s)),
+    ],
+)
+def test_members_lead_in_turn(scene: Scene, robots: str, busy: str, refusals: int, led: tuple[str, float]) -> None:
+    scene.busy, scene.refusals = busy, refusals
+    scene.begin(*robots)
+    scene.time.run_for(30.0)
+    assert scene.led == [led]
+
+
+def test_they_wait_for_a_leader_that_answers_and_for_the_database(scene: Scene) -> None:
+    scene.living = "A"
     scene.begin("B")
-    scene.wait()
-    assert scene.leaders() == ["B"]
-    assert scene.robots["B"].led == [("m", ICON)]
-
-
-def test_the_next_one_leads_if_the_first_is_gone() -> None:
-    scene = Scene()
-    scene.begin("C")
-    scene.wait()
-    assert scene.leaders() == ["C"]
-
-
-def test_the_next_one_leads_if_the_first_is_busy() -> None:
-    scene = Scene()
-    scene.robots["B"].is_busy = True
-    scene.begin("B", "C")
-    scene.wait()
-    assert scene.leaders() == ["C"]
-
-
-def test_a_robot_that_can_t_lead_tries_again() -> None:
-    scene = Scene()
-    scene.robots["B"].refusals = 3
-    scene.begin("B")
-    scene.wait()
-    assert scene.leaders() == ["B"]
-
-
-def test_a_leader_that_answers_goes_on_leading() -> None:
-    scene = Scene()
-    scene.living = {"A"}
-    scene.begin("B")
-    eventually(lambda: scene.database.calls > 5, "it looks again and again")
-    assert scene.leaders() == []
-    scene.living = set()
-    scene.wait()
-    assert scene.leaders() == ["B"]
-
-
-def test_it_waits_for_the_database() -> None:
-    scene = Scene()
-    scene.database.is_away = True
-    scene.begin("B")
-    eventually(lambda: scene.database.calls > 5, "it asks again and again")
-    scene.database.is_away = False
-    scene.wait()
-    assert scene.leaders() == ["B"]
+    scene.time.run_for(10.0)
+    scene.living, scene.is_away = "", True
+    scene.time.run_for(10.0)
+    assert scene.led == []
+    scene.is_away = False
+    scene.time.run_for(10.0)
+    assert [name for name, _ in scene.led] == ["B"]
 
 
 @pytest.mark.parametrize(
@@ -151,22 +117,25 @@ def test_it_waits_for_the_database() -> None:
         lambda content: content.ended_as(MissionResult.ABORTED, "it was aborted", 2.0),
     ],
 )
-def test_nobody_leads_what_needs_no_leader(change: Callable[[MissionContent], MissionContent | None]) -> None:
-    scene = Scene()
-    scene.database.content = change(RECORD)
+def test_nobody_leads_what_needs_no_leader(
+    scene: Scene, change: Callable[[MissionContent], MissionContent | None]
+) -> None:
+    scene.content = change(RECORD)
     scene.begin("B")
-    scene.wait()
-    assert scene.leaders() == []
+    scene.time.run_for(1.0)
+    scene.content = RECORD
+    scene.time.run_for(100.0)
+    assert scene.led == []
 
 
-def test_it_gives_up() -> None:
-    scene = Scene()
-    scene.database.is_away = True
-    succession = Succession(
-        "B", scene.database, lambda leader, mission: False, scene.robots["B"], SuccessionPolicy(0.1, 0.01, 0.1)
-    )
-    succession.begin("m", 1)
-    eventually(lambda: not succession._waiting, "it gives up")
-    succession.close()
-    succession.begin("m", 1)
-    assert not succession._waiting
+def test_they_give_up(scene: Scene) -> None:
+    scene.is_away = True
+    scene.begin("B")
+    scene.time.run_for(DEFAULT_POLICY.limit_s + 1.0)
+    scene.is_away = False
+    scene.time.run_for(10.0)
+    assert scene.led == []
+    scene.successions["B"].close()
+    scene.begin("B")
+    scene.time.run_for(10.0)
+    assert scene.led == []
