@@ -91,10 +91,11 @@ def leading(
     name: str = "A",
     policy: LeaderPolicy = LEADING,
     on_progress: OnProgress = lambda plan, phases, is_ending: None,
+    mission: str = "",
 ) -> tuple[threading.Thread, list[MissionReport]]:
     """A mission in a thread of its own. planners: of its attempts, in turn."""
     reports: list[MissionReport] = []
-    leader, left = crew.leader(name, policy, on_progress), iter(planners)
+    leader, left = crew.leader(name, policy, on_progress, mission), iter(planners)
     thread = threading.Thread(target=lambda: reports.append(leader.lead("test", lambda: next(left))))
     thread.start()
     return thread, reports
@@ -244,6 +245,20 @@ def test_a_step_that_exceeds_its_limit_ends_the_mission(crew: Crew) -> None:
     assert "phase 0 took longer than 1 s" in report.reason
     assert time.monotonic() - begun < 30.0
     eventually(lambda: free(crew), "all are free again")
+
+
+def test_members_obey_the_leader_of_the_latest_term_only(crew: Crew) -> None:
+    """C leads the same mission in a later term: B leaves A, and A finds nobody any more."""
+    thread, reports = leading(crew, Given([Idle()], [near("B", 1.5, 60.0)]), mission="same")
+    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
+    later = Given([Idle()], [Idle()])
+    later.required = frozenset({"B"})
+    report = crew.leader("C", LEADING, mission="same", term=2, attempts=7).lead("test", lambda: later)
+    assert (report.result, report.reason) == ("done", "")
+    thread.join(60.0)
+    assert reports[0].result == "failed"
+    again = crew.leader("A", LEADING, mission="same").lead("test", lambda: Given([Idle()], [Idle()]))
+    assert again.reason == "1 helpers are needed; no robot offered to help"
 
 
 @pytest.mark.parametrize("crew", [PATIENT_PART], indirect=True)
