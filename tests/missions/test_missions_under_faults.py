@@ -128,6 +128,7 @@ class Executor:
             process.failure = ""
         if isinstance(step, TakeHold):
             self.held = "desk"
+            process.world.held.append(process.name)
         elif isinstance(step, PutDown):
             self.held, process.world.is_carried = "", True
 
@@ -379,6 +380,8 @@ class World:
         #: When robots or the server had a trouble last; inf while they have one.
         self.trouble_at: dict[str, float] = {}
         self.is_carried = False
+        #: Who gripped the desk, in turn.
+        self.held: list[str] = []
         #: The leaders of each mission and term, by their messages; the attempts of each.
         self.led_in: defaultdict[tuple[str, int], set[str]] = defaultdict(set)
         self.writes = 0
@@ -713,6 +716,27 @@ def test_a_leader_goes_on_late(begins_s: float, how: str, for_s: float) -> None:
     try:
         missions.a_mission_is_started(0, "A", begins_s)
         missions.the_leader_has_a_trouble(how, for_s, True, 12.0)
+    finally:
+        missions.teardown()
+
+
+@pytest.mark.parametrize(
+    ("robot", "leader", "phases"),
+    [
+        (1, "A", ["phase 2", "phase 2 without B", "phase 3 without B"]),
+        (0, "B", ["recovering", "phase 2 without A", "phase 3 without A"]),
+    ],
+)
+def test_carriers_go_on_without_one_that_dies(robot: int, leader: str, phases: list[str]) -> None:
+    """It is not needed. They do not put the desk down, also under another leader."""
+    missions = Missions()
+    try:
+        missions.a_mission_is_started(0, "A", 14.0)
+        missions.hurt([(robot, "dies")], 60.0, False, 0.0)
+        (content,) = missions.world.contents().values()
+        assert (content.result, content.leader, content.faults) == (MissionResult.DONE, leader, ())
+        assert [phase.name for phase in content.phases][-3:] == phases
+        assert sorted(missions.world.held) == ["A", "B", "C"], "each has gripped it once"
     finally:
         missions.teardown()
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import pytest
+from msgspec import structs
 from shapely import Point, Polygon
 from shapely.affinity import rotate, translate
 
@@ -26,10 +27,12 @@ from robocorba.missions.subplan import (
     CooperativePlan,
     Gather,
     Idle,
+    PutDown,
     Reserve,
     Ride,
     Step,
     TakeHold,
+    holding_steps,
 )
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import StandingRobot
@@ -116,6 +119,13 @@ def test_each_carry_starts_where_the_one_before_ended(up: CooperativePlan) -> No
     assert carries[-1].goal == pytest.approx((GOAL.x, GOAL.y, GOAL.heading))
     for before, after in pairwise(carries):
         assert after.start == pytest.approx(before.goal)
+
+
+def test_robots_hold_from_gripping_to_putting_down(up: CooperativePlan) -> None:
+    kinds = [type(step) for step in steps_of(up, "A")]
+    assert holding_steps(up) == range(kinds.index(TakeHold) + 1, kinds.index(PutDown) + 1)
+    idle = [structs.replace(subplan, steps=(Idle(),) * len(kinds)) for subplan in up.subplans]
+    assert not holding_steps(structs.replace(up, subplans=tuple(idle)))
 
 
 def test_carriers_wait_clear_of_the_doors_and_pass_them_in_time(world: MapWorld, up: CooperativePlan) -> None:
