@@ -91,26 +91,17 @@ class Crew:
     ) -> None:
         self.bus, self.place, self._leading = Bus(), place, leading
         self.agents: dict[str, ControlAgent] = {}
-        #: Robots whose leaders fell silent, with the mission and its term.
-        self.orphaned: list[tuple[str, str, int]] = []
         self._missions = []
         self._followers = []
-        self.pools: dict[str, DataPool] = {}
         for name, at in robots.items():
             pool = DataPool(place.agent.database, lambda floor: place.building, at.floor, name)
-            self.pools[name] = pool
             self._followers.append(Repeating(f"pool of {name}", pool.follow, FOLLOW_S).start())
             surroundings = AdaptorContext(name, place.session(name, at), None)
             agent = ControlAgent(surroundings, place.planner, Channel(), nearby=PoolNearby(pool, name, giving_way))
             agent.start("simulated")
             self.agents[name] = agent
             transport = Transport(BusEnd(self.bus, name), name)
-            self._missions.append(
-                MissionAgent(transport, agent, lambda thing: None, taking_part, self._note_orphan(name)).start()
-            )
-
-    def _note_orphan(self, robot: str) -> Callable[[str, int], None]:
-        return lambda mission, term: self.orphaned.append((robot, mission, term))
+            self._missions.append(MissionAgent(transport, agent, lambda thing: None, taking_part).start())
 
     def leader(
         self,

@@ -85,12 +85,9 @@ def test_carriers_of_a_body_that_turns_on_the_spot() -> None:
     (x, y, heading), velocity = trajectory.carrier(trajectory.duration, PLACES[0])
     assert (x, y, heading) == pytest.approx((1.0, 0.58, math.pi / 2))
     assert velocity == (0.0, 0.0, 0.0)
-
-
-def test_equal_poses_take_no_time() -> None:
-    trajectory = Trajectory([(1, 2, 3), (1, 2, 3)], PLACES)
-    assert trajectory.duration == 0.0
-    assert trajectory.at(5.0) == ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0))
+    standing = Trajectory([(1, 2, 3), (1, 2, 3)], PLACES)
+    assert standing.duration == 0.0
+    assert standing.at(5.0) == ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
