@@ -386,7 +386,8 @@ class World:
         self.led_in: defaultdict[tuple[str, int], set[str]] = defaultdict(set)
         self.writes = 0
         self.wrong: list[str] = []
-        self.aborted: set[str] = set()
+        #: When leaders accepted the abort of their missions.
+        self.aborted: dict[str, float] = {}
         self.server: MissionDirectory | None = None
         self.control: MissionControl
         self.start_server()
@@ -425,7 +426,7 @@ class World:
         def abort() -> None:
             with contextlib.suppress(NoLeader, UnknownMission):
                 self.control.abort(mission)
-                self.aborted.add(mission)
+                self.aborted.setdefault(mission, self.time.now)
 
         self.time.begin(SERVER, abort)
 
@@ -687,13 +688,16 @@ class Missions(RuleBasedStateMachine):
             assert content.reason or content.result is MissionResult.DONE, f"{name} has failed without a reason"
         busy = [name for name, robot in world.robots.items() if not robot.agent.is_free]
         assert not busy, f"{busy} are not free"
+        name, last = max(world.contents().items(), key=lambda found: found[1].begun, default=("", None))
+        if last and last.result is MissionResult.DONE and not self.troubled:
+            assert last.ended - 1e9 <= world.aborted.get(name, math.inf) + 2.0, f"{name} goes on after its abort"
         self.run_for(10.0)
         before = world.writes
         self.run_for(10.0)
         assert world.writes == before, "records are written again and again"
         # Mission control gives a mission away whose leader it does not reach, though the members still do.
         if not self.is_split and len(self.troubled) <= 1 and SERVER not in self.troubled and self.failures <= 2:
-            last = max(world.contents().values(), key=lambda content: content.begun)
+            assert last
             if not world.aborted:
                 assert last.result is MissionResult.DONE, f"{self.troubled} had troubles: {last.reason}"
             elif not self.troubled:
@@ -737,6 +741,17 @@ def test_carriers_go_on_without_one_that_dies(robot: int, leader: str, phases: l
         assert (content.result, content.leader, content.faults) == (MissionResult.DONE, leader, ())
         assert [phase.name for phase in content.phases][-3:] == phases
         assert sorted(missions.world.held) == ["A", "B", "C"], "each has gripped it once"
+    finally:
+        missions.teardown()
+
+
+def test_an_aborted_mission_ends_as_aborted() -> None:
+    missions = Missions()
+    try:
+        missions.a_mission_is_started(0, "A", 10.0)
+        missions.happens("it is aborted", 0, 12.0)
+        (content,) = missions.world.contents().values()
+        assert (content.result, content.reason) == (MissionResult.ABORTED, "phase 1: A: it was aborted")
     finally:
         missions.teardown()
 
