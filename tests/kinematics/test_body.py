@@ -1,10 +1,9 @@
-"""Where the links are: by hand from the figures, by mirrors, and against a product of matrices of its own."""
+"""Where the links are, from the figures and against a product of matrices of its own, and what collides."""
 
 from __future__ import annotations
 
 import math
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -14,33 +13,6 @@ from robocorba.kinematics.smartpal import ARM, GRIP, HEIGHT_M, LUMBAR, Side
 from robocorba.spatial.arrays import Floats
 
 from .postures import HOME, anywhere, at
-
-DOWN = math.pi / 2
-
-
-@pytest.mark.parametrize(
-    ("degrees", "expected"),
-    [
-        ({}, (-0.025, 0.2, 1.1265 - 0.250 - 0.280 - 0.056 - 0.110, 0, DOWN, 0)),
-        ({"left_1": 90}, (-0.025 + 0.696, 0.2, 1.1265, 0, 0, 0)),
-        ({"left_1": 180}, (-0.025, 0.2, 1.1265 + 0.696, 0, -DOWN, 0)),
-        ({"left_2": -90}, (-0.025, 0.2 + 0.696, 1.1265, DOWN, 0, DOWN)),
-        ({"left_4": 90}, (-0.025 - 0.02 + 0.446, 0.2, 1.1265 - 0.25 + 0.02, 0, 0, 0)),
-        ({"left_4": 90, "left_5": 90}, (-0.025 - 0.02 + 0.446, 0.2, 1.1265 - 0.25 + 0.02, DOWN, 0, 0)),
-        ({"left_3": 90, "left_4": 90}, (-0.025, 0.2 + 0.02 - 0.446, 1.1265 - 0.25 + 0.02, 0, 0, -DOWN)),
-        ({"left_7": -60}, (-0.025, 0.2 - 0.166 * math.sin(math.pi / 3), 0.5965 - 0.083, None, None, None)),
-        ({"left_6": 30}, (-0.025 + 0.083, 0.2, 0.5965 - 0.166 * math.cos(math.pi / 6), 0, math.radians(60), 0)),
-        ({"lumbar_upper": 90}, (1.1265 - 0.75 - 0.696, 0.2, 0.75 + 0.025, None, None, None)),
-        ({"right_1": 90, "left_grip": -58}, (-0.025, 0.2, 0.4305, 0, DOWN, 0)),
-    ],
-)
-def test_the_left_hand_by_hand(
-    body: SmartPalBody, degrees: dict[str, float], expected: tuple[float | None, ...]
-) -> None:
-    found = body.hand(Side.LEFT, at(**degrees))
-    for value, wanted in zip(found, expected, strict=True):
-        if wanted is not None:
-            assert value == pytest.approx(wanted, abs=1e-9)
 
 
 def test_the_longest_reach_is_that_of_the_robot(body: SmartPalBody) -> None:
@@ -62,10 +34,10 @@ def test_equal_angles_give_mirror_images(body: SmartPalBody) -> None:
                 assert links[name.replace("left_", "right_")][0] == pytest.approx(position * (1, -1, 1), abs=1e-9)
 
 
-@pytest.mark.parametrize("side", list(Side))
-def test_hands_against_a_product_of_matrices(body: SmartPalBody, side: Side) -> None:
-    for joints in anywhere(300, 3):
-        assert body.hand(side, joints).distance(by_matrices(side, joints)) == pytest.approx((0, 0), abs=1e-9)
+def test_hands_against_a_product_of_matrices(body: SmartPalBody) -> None:
+    for joints in [HOME, *anywhere(300, 3)]:
+        for side in Side:
+            assert body.hand(side, joints).distance(by_matrices(side, joints)) == pytest.approx((0, 0), abs=1e-9)
 
 
 def test_links_stand_where_the_figures_say(body: SmartPalBody) -> None:
@@ -85,16 +57,13 @@ def test_links_stand_where_the_figures_say(body: SmartPalBody) -> None:
 
 
 @pytest.mark.parametrize(
-    "degrees",
-    [{}, {"left_4": 90}, {"left_2": -90, "right_2": -90}, {"left_1": 180, "right_1": 180}, {"left_grip": -58}],
-)
-def test_what_runs_into_nothing(body: SmartPalBody, degrees: dict[str, float]) -> None:
-    assert body.collisions(at(**degrees)) == []
-
-
-@pytest.mark.parametrize(
     ("degrees", "pair"),
     [
+        ({}, None),
+        ({"left_4": 90}, None),
+        ({"left_2": -90, "right_2": -90}, None),
+        ({"left_1": 180, "right_1": 180}, None),
+        ({"left_grip": -58}, None),
         ({"left_2": 14.5}, {"left_forearm", "trunk"}),
         ({"right_3": 90, "right_4": 90}, {"right_forearm", "trunk"}),
         (
@@ -105,8 +74,9 @@ def test_what_runs_into_nothing(body: SmartPalBody, degrees: dict[str, float]) -
         ({"left_1": 180, "left_3": 90, "left_4": 120}, {"left_forearm", "head"}),
     ],
 )
-def test_what_runs_into_what(body: SmartPalBody, degrees: dict[str, float], pair: set[str]) -> None:
-    assert pair in [set(found) for found in body.collisions(at(**degrees))]
+def test_what_runs_into_what(body: SmartPalBody, degrees: dict[str, float], pair: set[str] | None) -> None:
+    found = [set(each) for each in body.collisions(at(**degrees))]
+    assert pair in found if pair else found == []
 
 
 def test_poses_there_and_back(body: SmartPalBody) -> None:
@@ -151,8 +121,3 @@ def shift(x: float, y: float, z: float) -> Floats:
     matrix = np.eye(4)
     matrix[:3, 3] = x, y, z
     return matrix
-
-
-def test_a_body_is_a_model_without_actuators(body: SmartPalBody) -> None:
-    assert isinstance(body.model, mujoco.MjModel)
-    assert body.model.nu == 0

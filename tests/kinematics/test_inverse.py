@@ -127,16 +127,13 @@ def test_the_hand_that_can_not_is_the_one_that_is_named(inverse: InverseKinemati
 
 
 @pytest.mark.parametrize("field", HandPose._fields)
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_pose_that_is_none(inverse: InverseKinematics, field: str, value: float) -> None:
-    with pytest.raises(Unreachable, match="is no pose"):
-        inverse.solve({Side.RIGHT: HandPose(0.4, -0.2, 0.9)._replace(**{field: value})}, HOME)
-
-
-@pytest.mark.parametrize("far", [1e3, 1e200, -1e308])
-def test_the_farthest_of_places_is_refused_too(inverse: InverseKinematics, far: float) -> None:
-    with pytest.raises(Unreachable, match="misses the target"):
-        inverse.solve({Side.LEFT: HandPose(far, far, far)}, HOME)
+def test_poses_that_are_none_or_far_beyond(inverse: InverseKinematics, field: str) -> None:
+    for value in (math.nan, math.inf, -math.inf):
+        with pytest.raises(Unreachable, match="is no pose"):
+            inverse.solve({Side.RIGHT: HandPose(0.4, -0.2, 0.9)._replace(**{field: value})}, HOME)
+    for far in (1e3, 1e200, -1e308) if field == "x" else ():
+        with pytest.raises(Unreachable, match="misses the target"):
+            inverse.solve({Side.LEFT: HandPose(far, far, far)}, HOME)
 
 
 def test_a_hand_that_has_to_turn_half_round(inverse: InverseKinematics) -> None:
@@ -175,11 +172,10 @@ def test_a_hand_led_along_a_line_goes_in_small_steps(inverse: InverseKinematics)
 
 
 def test_without_restarts_only_the_seed_is_tried(inverse: InverseKinematics) -> None:
+    goals = [BODY.hand(Side.LEFT, joints) for joints in anywhere(30, 6)]
     with pytest.raises(Unreachable):
-        for joints in anywhere(30, 6):
-            inverse.solve(
-                {Side.LEFT: BODY.hand(Side.LEFT, joints)}, joints * 0, allow_restarts=False, avoid_collisions=False
-            )
+        for goal in goals:
+            inverse.solve({Side.LEFT: goal}, HOME, allow_restarts=False, avoid_collisions=False)
 
 
 def test_an_arm_left_free_bends_at_ease(inverse: InverseKinematics) -> None:

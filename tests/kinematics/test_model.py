@@ -1,20 +1,34 @@
-"""The model against the robot's public figures."""
+"""The model against the robot's public figures, and the URDF against the model."""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from robocorba.commands import command
+from robocorba.kinematics.appearance import PAINTS
+from robocorba.kinematics.body import SmartPalBody
 from robocorba.kinematics.model import specification
 from robocorba.kinematics.smartpal import JOINT_LOWER, JOINT_UPPER, JOINTS, MASS_KG
+from robocorba.kinematics.urdf import urdf
+
+from .postures import anywhere
 
 
 @pytest.fixture(scope="module")
 def model() -> mujoco.MjModel:
     return specification().compile()
+
+
+@pytest.fixture(scope="module")
+def of_urdf() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(urdf())
 
 
 @pytest.fixture(scope="module")
@@ -24,11 +38,12 @@ def standing(model: mujoco.MjModel) -> mujoco.MjData:
     return data
 
 
-def test_its_joints_are_the_robots_with_their_limits(model: mujoco.MjModel) -> None:
-    assert sorted(model.joint(row).name for row in range(model.njnt)) == sorted(JOINTS)
-    for name, lower, upper in zip(JOINTS, JOINT_LOWER, JOINT_UPPER, strict=True):
-        assert model.joint(name).range == pytest.approx([lower, upper])
-        assert model.joint(name).type == mujoco.mjtJoint.mjJNT_HINGE
+def test_its_joints_are_the_robots_with_their_limits(model: mujoco.MjModel, of_urdf: mujoco.MjModel) -> None:
+    for each in (model, of_urdf):
+        assert sorted(each.joint(row).name for row in range(each.njnt)) == sorted(JOINTS)
+        for name, lower, upper in zip(JOINTS, JOINT_LOWER, JOINT_UPPER, strict=True):
+            assert each.joint(name).range == pytest.approx([lower, upper])
+            assert each.joint(name).type == mujoco.mjtJoint.mjJNT_HINGE
 
 
 def test_mass_height_and_footprint(model: mujoco.MjModel, standing: mujoco.MjData) -> None:
@@ -74,6 +89,40 @@ def test_it_moves_by_its_dynamics_without_a_warning(model: mujoco.MjModel) -> No
     for _ in range(900):
         mujoco.mj_step(model, data)
     assert not any(warning.number for warning in data.warning)
+
+
+# ---- the URDF ----
+
+
+def test_links_are_where_the_model_has_them(body: SmartPalBody, of_urdf: mujoco.MjModel) -> None:
+    data = mujoco.MjData(of_urdf)
+    rows = [of_urdf.joint(name).qposadr[0] for name in JOINTS]
+    for joints in anywhere(100, 7):
+        data.qpos[rows] = joints
+        mujoco.mj_kinematics(of_urdf, data)
+        for name, (position, attitude) in body.links(joints).items():
+            if name == "base":  # the root of a URDF is MuJoCo's world
+                continue
+            found = data.body(name)
+            assert found.xpos == pytest.approx(position, abs=1e-9), name
+            assert abs(found.xquat @ attitude) == pytest.approx(1.0, abs=1e-9), name
+            assert found.xquat * np.sign(found.xquat @ attitude) == pytest.approx(attitude, abs=1e-9), name
+
+
+def test_its_mass_and_its_looks_are_the_robots() -> None:
+    robot = ElementTree.fromstring(urdf())
+    masses = [float(mass.get("value", "")) for mass in robot.iter("mass")]
+    assert sum(masses) == pytest.approx(MASS_KG) and min(masses) > 0
+    assert {material.get("name") for material in robot.findall("link/visual/material")} == set(PAINTS)
+
+
+def test_the_command_writes_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "smartpal.urdf"
+    assert CliRunner().invoke(command(), ["robot-model", "urdf", str(file)]).exit_code == 0
+    assert file.read_text() == urdf()
+    failed = CliRunner().invoke(command(), ["robot-model", "urdf", str(tmp_path)])
+    assert failed.exit_code == 1
+    assert "Is a directory" in failed.output
 
 
 def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> list[np.ndarray]:

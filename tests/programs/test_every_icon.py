@@ -17,7 +17,6 @@ from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import JOINTS
 from robocorba.programs import icons
 from robocorba.programs.checker import check
-from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.icons import ICONS, CooperativeIcon, Icon, bodies
 from robocorba.programs.program import Program, of_icon
 from robocorba.testing.fuzzing import examples
@@ -45,45 +44,34 @@ def block(name: str) -> str:
 
 
 @pytest.mark.parametrize("name", OWN)
-class TestEveryIcon:
-    def test_has_an_example(self, name: str) -> None:
-        assert name in EXAMPLES, "testing/fuzzing/examples.py lacks it"
+def test_every_icon_is_known_everywhere(name: str) -> None:
+    assert name in EXAMPLES, "testing/fuzzing/examples.py lacks it"
+    icon = example(name)
+    report = check(Program(name="a", icons=(icon,)))
+    assert not [finding for finding in report.findings if UNSUPPORTED in finding.reason]
+    lists = [key for key, value in EXAMPLES[name].items() if isinstance(value, list) and _are_icons(value)]
+    assert [parameter for parameter, _ in bodies(icon)] == lists
+    assert re.search(rf'^  {name}: \["\w+", "[^"]+"\],$', block("LOOKS"), re.MULTILINE)
+    assert f'"{name}"' in block("GROUPS")
+    assert re.search(rf"^  {name}: \(v\) =>", block("SUMMARIES"), re.MULTILINE)
+    assert re.search(rf"^\| `{name}` \|.*\| \S.* \|$", MANUAL, re.MULTILINE)
+    if issubclass(ICONS[name], CooperativeIcon):
+        assert of_icon(msgspec.json.encode(icon).decode()).icons == (icon,)
+    else:
+        assert name in {each["icon"] for each in examples.ICONS}
 
-    def test_is_run(self, name: str) -> None:
-        robot = MagicMock(spec=Robot)
-        robot.joints, robot.kinematics = [0.0] * len(JOINTS), InverseKinematics()
-        robot.sensors, robot.execution, robot.holds = MagicMock(), MagicMock(), MagicMock(return_value=True)
-        robot.sensors.nearest_m.return_value = 1.0
-        others = MagicMock()
-        report = Runner(Program(name="a", icons=(example(name),)), robot, others).run()
-        assert (report.result.name, report.reason) == ("DONE", "")
-        calls = robot.mock_calls + robot.sensors.mock_calls + others.mock_calls
-        assert [each for each in calls if "subscribe" not in each[0]], "it does nothing"
 
-    def test_is_checked(self, name: str) -> None:
-        report = check(Program(name="a", icons=(example(name),)))
-        assert not [finding for finding in report.findings if UNSUPPORTED in finding.reason]
-
-    def test_the_icons_inside_of_it_are_found(self, name: str) -> None:
-        lists = [key for key, value in EXAMPLES[name].items() if isinstance(value, list) and _are_icons(value)]
-        assert [parameter for parameter, _ in bodies(example(name))] == lists
-
-    def test_is_built_in_python(self, name: str) -> None:
-        assert callable(getattr(ProgramBuilder, name, None))
-
-    def test_has_a_picture_a_title_a_group_and_a_summary(self, name: str) -> None:
-        assert re.search(rf'^  {name}: \["\w+", "[^"]+"\],$', block("LOOKS"), re.MULTILINE)
-        assert f'"{name}"' in block("GROUPS")
-        assert re.search(rf"^  {name}: \(v\) =>", block("SUMMARIES"), re.MULTILINE)
-
-    def test_is_in_the_manual(self, name: str) -> None:
-        assert re.search(rf"^\| `{name}` \|.*\| \S.* \|$", MANUAL, re.MULTILINE)
-
-    def test_is_a_mission_if_and_only_if_it_is_cooperative(self, name: str) -> None:
-        if issubclass(ICONS[name], CooperativeIcon):
-            assert of_icon(msgspec.json.encode(example(name)).decode()).icons == (example(name),)
-        else:
-            assert name in {each["icon"] for each in examples.ICONS}
+@pytest.mark.parametrize("name", OWN)
+def test_every_icon_is_run(name: str) -> None:
+    robot = MagicMock(spec=Robot)
+    robot.joints, robot.kinematics = [0.0] * len(JOINTS), InverseKinematics()
+    robot.sensors, robot.execution, robot.holds = MagicMock(), MagicMock(), MagicMock(return_value=True)
+    robot.sensors.nearest_m.return_value = 1.0
+    others = MagicMock()
+    report = Runner(Program(name="a", icons=(example(name),)), robot, others).run()
+    assert (report.result.name, report.reason) == ("DONE", "")
+    calls = robot.mock_calls + robot.sensors.mock_calls + others.mock_calls
+    assert [each for each in calls if "subscribe" not in each[0]], "it does nothing"
 
 
 @pytest.mark.parametrize("name", sorted(icons.CONDITIONS))

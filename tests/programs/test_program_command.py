@@ -34,23 +34,17 @@ def robocorba_program(*arguments: str, input: str | None = None) -> Result:
     return result
 
 
-def test_a_valid_program_with_what_was_not_checked() -> None:
+def test_check_says_what_is_wrong_and_what_was_not_checked() -> None:
     result = robocorba_program("check", "fetch.json")
     assert result.exit_code == 0
     assert "note: no map: the base is not checked" in result.output
     assert result.output.splitlines()[-1] == "fetch.json is valid: 5 icons"
-
-
-def test_drives_are_checked_on_a_map() -> None:
     result = robocorba_program("check", "fetch.json", "--building", "five-floors", "--at", "L1:17,4")
     assert result.exit_code == 0
     assert "no map" not in result.output
     result = robocorba_program("check", "fetch.json", "--building", "paper-scene", "--at", "L1:1.1,3.3")
     assert result.exit_code == 1
     assert "fetch.json: icons[1].floor: goal: there is no floor 'L3'" in result.output
-
-
-def test_every_finding_is_told_with_icon_and_parameter() -> None:
     result = robocorba_program("check", "far.json", "--building", "five-floors", "--at", "L1:17,4")
     assert result.exit_code == 1
     told = [line for line in result.output.splitlines() if line.startswith("far.json: ")]
