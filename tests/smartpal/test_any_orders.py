@@ -98,13 +98,7 @@ class AnyOrders(RuleBasedStateMachine):
             state = unit.state
             assert isinstance(state, AxesState)
             if not unit.is_servo_on:
-                assert state in (
-                    AxesState.UNPOWERED,
-                    AxesState.POWERED,
-                    AxesState.ALARM,
-                    AxesState.STUCK,
-                    AxesState.LOCKED,
-                )
+                assert state.name in ("UNPOWERED", "POWERED", "ALARM", "STUCK", "LOCKED")
                 assert not unit.is_jogging
                 assert unit.may_move() is not ReturnCode.OK
 
