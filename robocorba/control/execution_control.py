@@ -115,8 +115,9 @@ class ExecutionControl:
             with self._lock:
                 if self._interruptions:
                     raise self._interruptions[0]
-            if self._is_released.wait(self._check_interval_s):
+            if self._is_released.is_set():
                 return
+            self._is_released.wait(self._check_interval_s)  # an abort sets it, too
 
     def before_icon(self) -> None:
         """Pause in stepping mode, and check."""
