@@ -235,8 +235,8 @@ class Channel:
         raise MotionFailed("nobody else is here")
 
 
-def controller(adaptor: RobotAdaptor) -> HighController:
-    return HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED)
+def controller(adaptor: RobotAdaptor, **how: Any) -> HighController:
+    return HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, **how)
 
 
 def robot(place: Place, session: InProcessSession) -> Robot:

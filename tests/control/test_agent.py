@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import pytest
@@ -16,11 +16,9 @@ from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram,
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.motion.robot_state import Velocity
 from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.icons import Destination
 from robocorba.programs.program import Program
 from robocorba.programs.report import CheckReport
 from robocorba.simulation.emergency_stops import StopHold
-from robocorba.simulation.registry import Pose
 from tests.control.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
 pytestmark = pytest.mark.slow
@@ -28,7 +26,6 @@ pytestmark = pytest.mark.slow
 SHORT = ProgramBuilder("short").mbase_by(ahead=0.05).program()
 LONG = ProgramBuilder("long").mbase_velocity(0.1, 0.0, 0.0, 60.0).program()
 WRONG = ProgramBuilder("wrong").wait(1).program()
-CARRY = ProgramBuilder("carry").move_table("table", Destination("L1", 3.0, 2.0)).program()
 
 
 @pytest.fixture(scope="module")
@@ -52,65 +49,50 @@ def check(program: Program, state: AgentState) -> CheckReport:
 
 
 @pytest.fixture
-def channel() -> Channel:
-    return Channel()
-
-
-@pytest.fixture
-def agent(place: Place, session: InProcessSession, channel: Channel) -> Iterator[ControlAgent]:
-    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, channel, check)
+def agent(place: Place, session: InProcessSession) -> Iterator[ControlAgent]:
+    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel(), check)
     agent.start("simulated")
     yield agent
     session.is_away = False
     agent.close()
 
 
-def ended(agent: ControlAgent) -> bool:
-    return agent.state.program.result is not ProgramResult.NO_RESULT
-
-
-def test_a_program_runs_to_its_end_and_again(agent: ControlAgent) -> None:
-    assert agent.state.condition is AgentCondition.IDLE
-    agent.load(SHORT)
-    for _ in range(2):
-        agent.run()
-        eventually(lambda: ended(agent), "done")
-        assert agent.state.program.result is ProgramResult.DONE
-
-
-def test_what_makes_no_sense_is_refused(agent: ControlAgent) -> None:
-    for order in (agent.pause, agent.resume, agent.step):
-        with pytest.raises(IllegalOrder, match="runs no program"):
-            order()
-    with pytest.raises(IllegalOrder, match="has none loaded"):
-        agent.run()
-    with pytest.raises(IllegalOrder, match="was not stopped"):
-        agent.reset_stop()
-    with pytest.raises(InvalidProgram, match=r"icons\[0\]\.ahead: is wrong"):
-        agent.load(WRONG)
-    with pytest.raises(InvalidChoice, match="speed"):
-        agent.cap_speed(float("nan"))
-    with pytest.raises(UnknownAdaptor, match="known are corba, simulated, smartpal"):
-        agent.switch("hovering", ())
-    agent.abort()
-    agent.load(LONG)
+def run(agent: ControlAgent, program: Program, wanted: ProgramResult = ProgramResult.DONE) -> str:
+    """Run a program to its end; returns the reason."""
+    agent.load(program)
     agent.run()
-    for order in (agent.run, lambda: agent.load(SHORT), lambda: agent.switch("simulated", ())):
-        with pytest.raises(IllegalOrder, match="runs a program"):
+    eventually(lambda: agent.state.program.result is not ProgramResult.NO_RESULT, "its end")
+    assert agent.state.program.result is wanted, agent.state.program.reason
+    return agent.state.program.reason
+
+
+def drive(**way: float) -> Program:
+    return ProgramBuilder("drive").mbase_by(**way).program()
+
+
+def test_what_is_refused_says_why(agent: ControlAgent, place: Place) -> None:
+    never_started = ControlAgent(AdaptorContext("B", place.session("B"), None), place.planner, Channel())
+    never_started.stop()
+    never_started.abort()
+    refusals: list[tuple[Callable[[], object], type[Exception], str]] = [
+        (agent.step, IllegalOrder, "runs no program"),
+        (agent.run, IllegalOrder, "has none loaded"),
+        (agent.reset_stop, IllegalOrder, "was not stopped"),
+        (lambda: agent.load(WRONG), InvalidProgram, r"icons\[0\]\.ahead: is wrong"),
+        (lambda: agent.cap_speed(float("nan")), InvalidChoice, "speed"),
+        (lambda: agent.switch("hovering", ()), UnknownAdaptor, "known are corba, simulated, smartpal"),
+        (lambda: agent.switch("simulated", ("--x", "1")), AdaptorFailed, "takes no arguments, such as '--x'"),
+        (never_started.run, IllegalOrder, "was never started"),
+        (lambda: never_started.switch("simulated", ()), IllegalOrder, "was never started"),
+        (lambda: never_started.state, RobotLost, "was not started"),
+    ]
+    for order, kind, reason in refusals:
+        with pytest.raises(kind, match=reason):
             order()
-    agent.abort()
-    eventually(lambda: ended(agent), "aborted")
-    assert agent.state.program.result is ProgramResult.ABORTED
-
-
-def test_pauses_are_seen(agent: ControlAgent) -> None:
-    agent.load(LONG)
-    agent.run(is_stepping=True)
-    eventually(lambda: agent.state.condition is AgentCondition.PAUSED, "paused")
-    agent.resume()
-    eventually(lambda: agent.state.condition is AgentCondition.RUNNING, "running")
-    agent.abort()
-    eventually(lambda: ended(agent), "aborted")
+    never_started.close()
+    agent.switch("simulated", ())
+    eventually(lambda: agent.is_free, "it is as before")
+    run(agent, SHORT)
 
 
 def test_a_program_is_checked_while_another_one_runs(agent: ControlAgent) -> None:
@@ -119,19 +101,23 @@ def test_a_program_is_checked_while_another_one_runs(agent: ControlAgent) -> Non
     report = agent.check(WRONG)
     assert [str(finding) for finding in report.findings] == ["icons[0].ahead: is wrong"]
     assert [note.what for note in report.notes] == ["checked from L1"]
-    assert agent.check(SHORT).is_valid
-    assert agent.program is LONG
-    assert agent.state.condition is AgentCondition.RUNNING
-    agent.abort()
-    eventually(lambda: ended(agent), "aborted")
+    assert agent.program is LONG and agent.state.condition is AgentCondition.RUNNING
+    for order in (agent.run, lambda: agent.load(SHORT), lambda: agent.switch("simulated", ())):
+        with pytest.raises(IllegalOrder, match="runs a program"):
+            order()
 
 
-def test_only_a_valid_program_is_kept(agent: ControlAgent) -> None:
-    assert agent.program is None
+def test_a_stop_outlives_a_switch_of_the_adaptor(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch) -> None:
+    agent.stop("fire")
+    for switch in (lambda: agent.switch("simulated", ()), lambda: switch_to_disc(agent, monkeypatch)):
+        switch()
+        assert (agent.state.condition, agent.state.reason) == (AgentCondition.STOPPED, "fire")
+        assert agent.stop_answer == (True, True, "fire")
     agent.load(SHORT)
-    with pytest.raises(InvalidProgram):
-        agent.load(WRONG)
-    assert agent.program is SHORT
+    with pytest.raises(IllegalOrder, match="is stopped: fire"):
+        agent.run()
+    agent.reset_stop()
+    run(agent, SHORT)
 
 
 def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, session: InProcessSession) -> None:
@@ -145,105 +131,8 @@ def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, sessio
     assert (path[0].x, path[0].y) == pytest.approx((start.x, start.y), abs=1e-3)
     assert (path[-1].x, path[-1].y) == pytest.approx(goal, abs=1e-3)
     agent.abort()
-    eventually(lambda: ended(agent), "aborted")
+    eventually(lambda: agent.is_free, "aborted")
     assert not agent.path
-
-
-def test_a_mission_is_started_by_its_name(agent: ControlAgent, channel: Channel) -> None:
-    agent.start_mission("carry-1", CARRY)
-    eventually(lambda: ended(agent), "led")
-    assert channel.missions == ["carry-1"]
-    agent.run()  # the same program as a new mission
-    eventually(lambda: ended(agent), "led")
-    assert channel.missions == ["carry-1", ""]
-
-
-def test_a_mission_does_not_start_while_a_program_runs(agent: ControlAgent, channel: Channel) -> None:
-    agent.load(LONG)
-    agent.run()
-    with pytest.raises(IllegalOrder, match="runs a program"):
-        agent.start_mission("carry-1", CARRY)
-    agent.abort()
-    eventually(lambda: ended(agent), "aborted")
-    assert channel.missions == []
-
-
-def test_a_wait_ends_where_the_robot_is_lost(agent: ControlAgent, session: InProcessSession) -> None:
-    agent.load(ProgramBuilder("waiting").wait(600.0).program())
-    agent.run()
-    session.is_away = True
-    eventually(lambda: ended(agent), "failed")
-    assert agent.state.program.result is ProgramResult.FAILED
-    assert agent.state.program.reason == "nobody answers"
-    session.is_away = False
-    eventually(lambda: agent.state.condition is AgentCondition.IDLE, "back")
-
-
-def test_an_emergency_stop_ends_the_program_until_it_is_reset(agent: ControlAgent) -> None:
-    agent.load(LONG)
-    agent.run()
-    eventually(lambda: agent.state.actor.velocity[0] > 0.05, "moving")
-    agent.stop()
-    eventually(lambda: ended(agent), "ended")
-    state = agent.state
-    assert (state.condition, state.reason) == (AgentCondition.STOPPED, "emergency stop")
-    assert (state.program.result, state.program.reason) == (ProgramResult.ABORTED, "emergency stop")
-    with pytest.raises(IllegalOrder, match="is stopped: emergency stop"):
-        agent.run()
-    agent.reset_stop()
-    agent.load(SHORT)
-    agent.run()
-    eventually(lambda: ended(agent), "done")
-    assert agent.state.program.result is ProgramResult.DONE
-
-
-def test_a_stop_outlives_a_switch_of_the_adaptor(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch) -> None:
-    agent.stop("fire")
-    for switch in (lambda: agent.switch("simulated", ()), lambda: switch_to_disc(agent, monkeypatch)):
-        switch()
-        state = agent.state
-        assert (state.condition, state.reason) == (AgentCondition.STOPPED, "fire")
-        assert agent.stop_answer == (True, True, "fire")
-    agent.load(SHORT)
-    with pytest.raises(IllegalOrder, match="is stopped: fire"):
-        agent.run()
-    agent.reset_stop()
-    agent.run()
-    eventually(lambda: ended(agent), "done")
-    assert agent.state.program.result is ProgramResult.DONE
-
-
-def test_a_stop_while_an_adaptor_starts_holds_the_robot(
-    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The agent has another controller already, or none yet."""
-    log_on = session.log_on
-
-    def stop_meanwhile(at: Pose | None = None) -> None:
-        agent.stop("fire")
-        log_on(at)
-
-    monkeypatch.setattr(session, "log_on", stop_meanwhile)
-    agent.switch("simulated", ())
-    assert agent.stop_answer == (True, True, "fire")
-    monkeypatch.undo()
-    agent.reset_stop()
-
-
-def test_a_stop_belongs_to_the_name(
-    agent: ControlAgent, place: Place, session: InProcessSession, channel: Channel
-) -> None:
-    """It outlives the robot's process, which has no time to log off; only its lease ends."""
-    agent.stop_durably("fire")
-    place.agent.evict("A")
-    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, channel, check)
-    later.start("simulated")
-    assert later.stop_answer == (True, True, "fire")
-    with pytest.raises(IllegalOrder, match="is stopped: fire"):
-        later.drive((0.1, 0.0, 0.0), 1.0)
-    later.reset_stop()
-    later.drive((0.0, 0.0, 0.1), 1.0)
-    later.close()
 
 
 def test_a_stop_of_the_server_is_reset_with_its_number_only(
@@ -281,32 +170,13 @@ def test_a_stop_is_reported_once_the_server_answers(
     assert not place.stops.hold(held).is_held
 
 
-def test_a_server_that_was_away_is_found_again(agent: ControlAgent, session: InProcessSession) -> None:
-    agent.load(LONG)
-    agent.run()
-    eventually(lambda: agent.state.actor.velocity[0] > 0.05, "moving")
-    session.is_away = True
-    eventually(lambda: ended(agent), "ended")
-    assert agent.state.program.result is ProgramResult.FAILED
-    assert "nobody answers" in agent.state.program.reason
-    session.is_away = False
-    eventually(lambda: agent.state.condition is AgentCondition.IDLE, "back")
-    agent.load(SHORT)
-    agent.run()
-    eventually(lambda: ended(agent), "done")
-    assert agent.state.program.result is ProgramResult.DONE
-
-
 def test_another_robot_behind_the_same_agent(
     agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The documented adaptor is no body in the building: that follows it."""
     switch_to_disc(agent, monkeypatch)
     began = session.latest.at
-    agent.load(ProgramBuilder("drive").mbase_by(ahead=0.5, left=0.3, turn=1.0).program())
-    agent.run()
-    eventually(lambda: ended(agent), "done")
-    assert agent.state.program.result is ProgramResult.DONE
+    run(agent, drive(ahead=0.5, left=0.3, turn=1.0))
     eventually(lambda: abs(session.state().at.x - began.x - 0.5) < 0.01, "the body has followed")
     at = session.state().at
     assert (at.y - began.y, at.heading - began.heading) == pytest.approx((0.3, 1.0), abs=0.01)
@@ -324,17 +194,12 @@ def test_what_holds_up_its_body_stands_in_the_way_of_an_actual_robot(
     ahead = began._replace(x=began.x + 1.2 * math.cos(began.heading), y=began.y + 1.2 * math.sin(began.heading))
     other = place.session("other", ahead)
     other.log_on()
-    agent.load(ProgramBuilder("through").mbase_by(ahead=3.0).program())
-    agent.run()
-    eventually(lambda: ended(agent), "ended")
-    assert "m away, as if an obstacle blocked it; it last touched other" in agent.state.program.reason
+    reason = run(agent, drive(ahead=3.0), ProgramResult.FAILED)
+    assert "m away, as if an obstacle blocked it; it last touched other" in reason
     assert agent.state.condition is AgentCondition.IDLE
     # Its body stands after 0.4 m; how soon that is noticed depends on the machine, but not how far it may get.
     assert math.dist((agent.state.actor.x, agent.state.actor.y), began[1:3]) < 0.4 + BODY_LOST_M
-    agent.load(ProgramBuilder("back").mbase_by(ahead=-0.4).program())
-    agent.run()
-    eventually(lambda: ended(agent), "back")
-    assert agent.state.program.result is ProgramResult.DONE
+    run(agent, drive(ahead=-0.4))
     actor = agent.state.actor
     eventually(lambda: math.dist(session.state().at[1:3], (actor.x, actor.y)) < 0.02, "the body is back, too")
     other.log_off()
@@ -346,11 +211,8 @@ def test_a_body_that_went_on_while_its_robot_stood_does_not_hold_it_up(
     switch_to_disc(agent, monkeypatch, away_m=BODY_BLOCKED_M + 0.03)
     for _ in range(3):  # a program may begin before the body has moved
         agent.stop()
-        agent.load(ProgramBuilder("on").mbase_by(ahead=0.2).program())
         agent.reset_stop()
-        agent.run()
-        eventually(lambda: ended(agent), "ended")
-        assert agent.state.program.result is ProgramResult.DONE, agent.state.program.reason
+        run(agent, drive(ahead=0.2))
 
 
 def test_a_body_that_was_only_late_does_not_end_a_program(
@@ -367,10 +229,7 @@ def test_a_body_that_was_only_late_does_not_end_a_program(
             command(velocity, valid_s)
 
     monkeypatch.setattr(session, "command", late)
-    agent.load(ProgramBuilder("on").mbase_by(ahead=1.0).program())
-    agent.run()
-    eventually(lambda: ended(agent), "ended")
-    assert agent.state.program.result is ProgramResult.DONE, agent.state.program.reason
+    run(agent, drive(ahead=1.0))
     assert max(behind_m) > BODY_BLOCKED_M
 
 
@@ -385,12 +244,6 @@ def test_a_body_that_is_lost_is_put_where_its_robot_is(
     assert session.state().at[1:3] == pytest.approx(at[1:3], abs=0.02)
 
 
-def test_arguments_without_effect_are_refused(agent: ControlAgent) -> None:
-    with pytest.raises(AdaptorFailed, match="the virtual robot takes no arguments, such as '--x'"):
-        agent.switch("simulated", ("--x", "1"))
-    eventually(lambda: agent.is_free, "it is as before")
-
-
 @pytest.mark.parametrize(("adaptor", "argv"), [("simulated", ()), ("smartpal", ("--naming", "127.0.0.1:9"))])
 def test_a_switch_while_the_server_is_away_leaves_a_robot_that_comes_back(
     agent: ControlAgent, session: InProcessSession, adaptor: str, argv: Sequence[str]
@@ -400,10 +253,7 @@ def test_a_switch_while_the_server_is_away_leaves_a_robot_that_comes_back(
         agent.switch(adaptor, argv)
     session.is_away = False
     eventually(lambda: agent.is_free, "the robot is back")
-    agent.load(SHORT)
-    agent.run()
-    eventually(lambda: ended(agent), "done")
-    assert agent.state.program.result is ProgramResult.DONE
+    run(agent, SHORT)
 
 
 def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m: float = 0.0) -> None:
@@ -426,16 +276,3 @@ def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m:
 
     monkeypatch.setattr(model_switcher, "make", with_disc)
     agent.switch("disc", ())
-
-
-def test_nothing_before_the_start(place: Place, session: InProcessSession) -> None:
-    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel())
-    agent.stop()
-    agent.abort()
-    with pytest.raises(IllegalOrder, match="was never started"):
-        agent.run()
-    with pytest.raises(IllegalOrder, match="was never started"):
-        agent.switch("simulated", ())
-    with pytest.raises(RobotLost, match="was not started"):
-        _ = agent.state
-    agent.close()

@@ -1,4 +1,4 @@
-"""Rides by every elevator of the sample buildings, from every landing to every other one, and rides that are lost."""
+"""Rides by every elevator of the sample buildings, rides that are lost, and where a robot waits for an elevator."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ import math
 from collections.abc import Iterator
 from itertools import pairwise
 
+import numpy as np
 import pytest
 import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from shapely import LineString, Point
 
-from robocorba.control.elevator_rides import RIDE_TRIALS
+from robocorba.control.elevator_rides import DOOR_GAP_M, ELEVATOR_CALL_DISTANCE_M, RIDE_TRIALS, split_at_doors
 from robocorba.errors.robots import MotionFailed, RideLost
 from robocorba.errors.simulation import SessionExpired
 from robocorba.kinematics.smartpal import RADIUS_M
@@ -23,6 +25,7 @@ from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import SMARTPAL_SPEED_M_S, PathRequest, Place, PointKind
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.registry import Pose
+from robocorba.spatial.pose import XY
 from tests.control.stepped_robot import ByElevator, Session, SteppedRobot, World
 
 #: How far a robot that has lost its ride may still get towards the cabin: its stopping distance [m].
@@ -47,7 +50,7 @@ class Storeys:
         (x, y), shaft = self.building.elevators[elevator].at, shaft_polygon(self.building.elevators[elevator])
         clear = shaft.buffer(RADIUS_M)
         nodes = self.building.floors[floor].topological.nodes.values()
-        outside = [node.at for node in nodes if not clear.contains(shapely.Point(node.at))]
+        outside = [node.at for node in nodes if not clear.contains(Point(node.at))]
         return min(outside, key=lambda place: math.dist(place, (x, y)))
 
     def rides(self) -> list[tuple[str, str, str]]:
@@ -114,7 +117,7 @@ class LosingRides:
             assert self.distance_m > self.lost_at_m - STOPS_WITHIN_M, "it drives on without a ride"
         elif ride is not None:
             self.lost_at_m = None
-        is_in_doors = self.shaft.buffer(RADIUS_M / 2).contains(shapely.Point(at.x, at.y))
+        is_in_doors = self.shaft.buffer(RADIUS_M / 2).contains(Point(at.x, at.y))
         if self.times and ride is not None and ride.phase is RidePhase.BOARDING and is_in_doors:
             self.times -= 1
             if self.is_late:
@@ -150,7 +153,7 @@ def test_a_robot_that_always_loses_its_ride_stands_before_the_doors(place: Store
     assert losing.session.calls == RIDE_TRIALS
     at = losing.session.latest.at
     assert at.floor == "L1"
-    assert losing.shaft.distance(shapely.Point(at.x, at.y)) > RADIUS_M
+    assert losing.shaft.distance(Point(at.x, at.y)) > RADIUS_M
 
 
 def test_a_robot_that_is_too_slow_to_board_does_not_call_the_cabin(place: Storeys) -> None:
@@ -202,7 +205,7 @@ def test_a_robot_that_loses_its_ride_while_it_leaves_blocks_nothing(
 
     def watch() -> None:
         at, ride = session.latest.at, session.latest.ride
-        is_there = shaft.buffer(RADIUS_M).contains(shapely.Point(at.x, at.y)) or not is_in_doors
+        is_there = shaft.buffer(RADIUS_M).contains(Point(at.x, at.y)) or not is_in_doors
         if not left and ride is not None and ride.phase is phase and is_there:
             session.cancel_elevator()
             left.append(cycles)
@@ -226,3 +229,50 @@ def test_a_robot_that_loses_its_ride_while_it_leaves_blocks_nothing(
     assert reservation is not None and reservation.granted
     next_one.log_off()
     place.ride(elevator, low, high)
+
+
+# ---- where a robot waits ----
+
+CLEAR_M = RADIUS_M + DOOR_GAP_M
+LARGE = shapely.box(-1.6, -1.6, 1.6, 1.6)
+
+
+def waits_at(start: XY, shaft: shapely.Polygon | None) -> XY:
+    """Where a robot waits that drives straight to the middle of a cabin."""
+    outside, inside = split_at_doors([start, (0.0, 0.0)], shaft)
+    assert inside == [(0.0, 0.0)]
+    (at,) = outside
+    return at
+
+
+def test_a_robot_waits_clear_of_the_doors_or_stays_where_it_is_nearer() -> None:
+    assert waits_at((-5.0, 0.0), None) == pytest.approx((-ELEVATOR_CALL_DISTANCE_M, 0.0))
+    assert waits_at((-5.0, 0.0), shapely.box(-1, -1, 1, 1)) == pytest.approx((-2.0, 0.0))
+    assert waits_at((-5.0, 0.0), LARGE) == pytest.approx((-1.6 - CLEAR_M, 0))
+    x, _ = waits_at((-3.2, 1.3), LARGE)  # once stuck at these doors
+    assert x == pytest.approx(-1.6 - CLEAR_M, abs=1e-3)
+    for near, shaft in (((-1.5, 0.0), None), ((-1.9, 0.0), LARGE), ((0.0, 0.0), LARGE)):
+        assert waits_at(near, shaft) == pytest.approx(near)
+    # The path around the post of a door passes the closed door more closely than its robot is wide.
+    path = [(4.0, -3.0), (4.0, -2.05), (0.66, -2.0), (0.6, -1.7), (0.0, 0.0)]
+    outside, inside = split_at_doors(path, LARGE)
+    assert outside == [path[1], pytest.approx((1.87, -2.02), abs=0.01)]
+    assert inside == path[2:]
+
+
+#: To the micrometre, beyond which lengths of almost nothing are not exact.
+coordinates = st.integers(-6_000_000, 6_000_000).map(lambda micrometres: micrometres / 1e6)
+points = st.tuples(coordinates, coordinates)
+
+
+@given(st.lists(points, min_size=1, max_size=5), st.floats(0.5, 3.0), st.floats(0.5, 3.0))
+@settings(deadline=None)
+def test_the_parts_are_the_path_and_the_first_is_clear(corners: list[XY], half_x: float, half_y: float) -> None:
+    path, shaft = [*corners, (0.0, 0.0)], shapely.box(-half_x, -half_y, half_x, half_y)
+    outside, inside = split_at_doors(path, shaft)
+    both = [path[0], *outside, *inside]
+    assert sum(np.hypot(*np.subtract(*ends)) for ends in pairwise(both)) == pytest.approx(LineString(path).length)
+    assert both[-1] == path[-1]
+    assert all(LineString(path).distance(Point(point)) < 1e-9 for point in both)
+    clear_m = min(CLEAR_M, shaft.distance(Point(path[0])))
+    assert shaft.distance(Point(outside[-1])) >= clear_m - 0.01  # corners of the buffer are polygons

@@ -22,6 +22,7 @@ from robocorba.control import agent as agent_module
 from robocorba.control import emergency_stop, high_controller, model_switcher, session
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.agent import ControlAgent
+from robocorba.control.emergency_stop import EmergencyStop
 from robocorba.control.high_controller import HighController
 from robocorba.control.model_switcher import AdaptorContext
 from robocorba.control.session import SessionState
@@ -47,23 +48,13 @@ LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.0, 600.0).program()
 TOWER = tower()
 NOBODY = StopRecord()
 ADAPTORS = ("simulated", "driver")
-#: What may happen at a point: the number of points before it, and what.
+#: What may happen at a point: a method of World.
 MEANWHILE = (
-    "stop",
-    "stop at the server",
-    "stop all",
-    "end the stop of all",
-    "deliver",
-    "report",
-    "reset",
-    "lose",
-    "come back",
-    "expire",
-    "evict",
-    "admit",
-    "restart server",
-    "damage",
+    *("stop", "stop_at_server", "stop_all", "end_stop_of_all", "deliver", "report", "reset"),
+    *("lose", "come_back", "expire", "evict", "admit", "start_server", "damage"),
 )
+#: The number of points before it, and what happens.
+Script = list[tuple[int, str]]
 meanwhile = st.lists(st.tuples(st.integers(0, 8), st.sampled_from(MEANWHILE)), max_size=3)
 
 
@@ -258,7 +249,7 @@ class World:
     def __init__(self, folder: Path) -> None:
         self.folder, self._now = folder, 0
         self.standing: list[Stop] = []
-        self.script: list[tuple[int, str]] = []
+        self.script: Script = []
         self.is_away = self.is_driving = self.body_moves = self.is_all_stopped = False
         self._calls_about_stops = self.reset_began = 0
         self._server = contextlib.ExitStack()
@@ -266,12 +257,16 @@ class World:
         self.start_robot()
 
     def close(self) -> None:
-        self.script, self.is_away = [], False
-        self.control.abort()
+        self.is_away = False
+        self.end_robot()
+        self._server.close()
+
+    def end_robot(self) -> None:
+        self.script = []
+        self.control.abort()  # ends the thread of its program
         assert Stepped.last
         Stepped.last.close()
         eventually(lambda: not self.is_running, "the program's end")
-        self._server.close()
 
     def moment(self) -> int:
         self._now += 1
@@ -301,40 +296,29 @@ class World:
             self._calls_about_stops -= 1
 
     def happen(self, what: str) -> None:
-        if what in ("report", "reset") and self._calls_about_stops:
-            return
-        if what == "stop":
-            self.stop()
-        elif what == "stop at the server":
-            self.stop_at_server()
-        elif what == "stop all":
-            self.stop_all()
-        elif what == "end the stop of all":
-            self.stops.end_stop_of_all(self.stops.stop_of_all.number)
-            self.is_all_stopped = False
-        elif what == "deliver":
-            self.deliver()
-        elif what == "report":
-            self.report()
-        elif what == "reset":
-            self.reset()
-        elif what == "lose":
-            self.is_away = True
-        elif what == "come back":
-            self.is_away = False
-        elif what == "expire":
-            with contextlib.suppress(UnknownRobot):
-                self.agent.evict(NAME)
-                self.body_moves = False
-        elif what == "evict":
-            if self.agent.keep_out(NAME):
-                self.body_moves = False
-        elif what == "admit":
-            self.agent.admit(NAME)
-        elif what == "damage":
-            self.start_server(is_damaged=True)
-        else:
-            self.start_server()
+        if what not in ("report", "reset") or not self._calls_about_stops:
+            getattr(self, what)()
+
+    def lose(self) -> None:
+        self.is_away = True
+
+    def come_back(self) -> None:
+        self.is_away = False
+
+    def expire(self) -> None:
+        with contextlib.suppress(UnknownRobot):
+            self.agent.evict(NAME)
+            self.body_moves = False
+
+    def evict(self) -> None:
+        if self.agent.keep_out(NAME):
+            self.body_moves = False
+
+    def admit(self) -> None:
+        self.agent.admit(NAME)
+
+    def damage(self) -> None:
+        self.start_server(is_damaged=True)
 
     # ---- the sides ----
 
@@ -407,6 +391,10 @@ class World:
         self.stops.stop([], "fire everywhere")
         self.body_moves = False
 
+    def end_stop_of_all(self) -> None:
+        self.stops.end_stop_of_all(self.stops.stop_of_all.number)
+        self.is_all_stopped = False
+
     def fail(self) -> None:
         """A defect ends the control loop."""
         assert Stepped.last
@@ -436,15 +424,10 @@ class World:
         self.standing = [stop for stop in self.standing if stop.began > began]
 
     def kill_robot(self) -> None:
-        assert Stepped.last
-        self.script = []
-        self.control.abort()  # ends the thread of its program
-        Stepped.last.close()
-        eventually(lambda: not self.is_running, "the program's end")
+        self.end_robot()
         self.is_driving = self.body_moves = self.is_away = False
-        with contextlib.suppress(UnknownRobot):
-            self.agent.evict(NAME)
-        self.agent.admit(NAME)
+        self.expire()
+        self.admit()
         self.standing = [stop for stop in self.standing if stop.is_durable]
         self.start_robot()
 
@@ -488,7 +471,7 @@ class Stops(RuleBasedStateMachine):
             self._closing.close()
 
     @rule(script=meanwhile, by_server=st.booleans(), is_reported=st.booleans())
-    def stop(self, script: list[tuple[int, str]], by_server: bool, is_reported: bool) -> None:
+    def stop(self, script: Script, by_server: bool, is_reported: bool) -> None:
         self.world.script = script
         if by_server:
             self.world.stop_at_server()
@@ -499,23 +482,23 @@ class Stops(RuleBasedStateMachine):
             self.world.happen("report")
 
     @rule(script=meanwhile)
-    def reset(self, script: list[tuple[int, str]]) -> None:
+    def reset(self, script: Script) -> None:
         self.world.script = script
         self.world.reset()
 
     @rule(script=meanwhile, by_server=st.booleans())
-    def stop_and_reset(self, script: list[tuple[int, str]], by_server: bool) -> None:
+    def stop_and_reset(self, script: Script, by_server: bool) -> None:
         self.stop([], by_server, True)
         self.reset(script)
 
     @rule(script=meanwhile, adaptor=st.sampled_from(ADAPTORS))
-    def switch(self, script: list[tuple[int, str]], adaptor: str) -> None:
+    def switch(self, script: Script, adaptor: str) -> None:
         self.world.script = script
         with contextlib.suppress(Exception):  # a server that is away at the wrong moment ends both attempts
             self.world.control.switch(adaptor, ())
 
     @rule(script=meanwhile, number=st.integers(1, 3))
-    def cycle(self, script: list[tuple[int, str]], number: int) -> None:
+    def cycle(self, script: Script, number: int) -> None:
         self.world.script = script
         for _ in range(number):
             assert Stepped.last
@@ -552,11 +535,11 @@ class Stops(RuleBasedStateMachine):
         self.world.kill_robot()
 
     @rule(script=meanwhile)
-    def fail(self, script: list[tuple[int, str]]) -> None:
+    def fail(self, script: Script) -> None:
         self.world.script = script
         self.world.fail()
 
-    @rule(way=st.sampled_from(["stop at the server", "stop all"]), is_killed=st.booleans())
+    @rule(way=st.sampled_from(["stop_at_server", "stop_all"]), is_killed=st.booleans())
     def evict_and_admit(self, way: str, is_killed: bool) -> None:
         """A robot that was stopped logs on again, perhaps as another process."""
         for what in (way, "evict", "admit"):
@@ -615,62 +598,60 @@ class ReportingSession:
         return hold
 
 
-def test_a_reset_that_is_refused_for_a_later_stop_has_reported_that_one() -> None:
-    session: Any = ReportingSession()
-    stop = emergency_stop.EmergencyStop(session)
+@pytest.fixture
+def server() -> Any:
+    return ReportingSession()
+
+
+@pytest.fixture
+def stop(server: Any) -> EmergencyStop:
+    return EmergencyStop(server)
+
+
+def test_a_reset_that_is_refused_for_a_later_stop_has_reported_that_one(server: Any, stop: EmergencyStop) -> None:
     stop.stop("button")
     seen = stop.latch.number
     stop.stop("another button")
     with pytest.raises(IllegalOrder, match="was stopped again: another button"):
         stop.end(seen)
-    assert session.latch.is_on and stop.wait_until_reported(0.0)
-    session.meanwhile = lambda: stop.stop("during the call")
+    assert server.latch.is_on and stop.wait_until_reported(0.0)
+    server.meanwhile = lambda: stop.stop("during the call")
     stop.end(stop.latch.number)
-    assert session.latch.reason == stop.latch.reason == "during the call"
+    assert server.latch.reason == stop.latch.reason == "during the call"
 
 
-def test_a_stop_whose_end_got_no_answer_is_reported_again() -> None:
-    session: Any = ReportingSession()
-    stop = emergency_stop.EmergencyStop(session)
+def test_a_stop_whose_end_got_no_answer_or_that_the_server_has_lost_is_reported_again(
+    server: Any, stop: EmergencyStop
+) -> None:
     stop.stop("button")
-    session.is_away = True
+    server.is_away = True
     with pytest.raises(RobotLost):
         stop.end(stop.latch.number)
-    assert stop.latch.is_on and not session.latch.is_on and not stop.wait_until_reported(0.0)
-    session.is_away = False
+    assert stop.latch.is_on and not server.latch.is_on and not stop.wait_until_reported(0.0)
+    server.is_away = False
     stop.end(stop.latch.number)
     assert not stop.latch.is_on
-
-
-def test_a_server_that_has_lost_a_stop_gets_it_again() -> None:
-    session: Any = ReportingSession()
-    stop = emergency_stop.EmergencyStop(session)
     stop.stop("fire", 3)
     stop.attend()
     assert not stop.wait_until_reported(0.0)
     stop.start()
-    assert stop.wait_until_reported(60.0) and session.latch.reason == "fire"
+    assert stop.wait_until_reported(60.0) and server.latch.reason == "fire"
     stop.close()
 
 
-def test_a_repeated_delivery_of_a_stop_that_was_reset_is_another_stop() -> None:
-    session: Any = ReportingSession()
-    stop = emergency_stop.EmergencyStop(session)
-    stop.stop("fire", 3)
-    stop.stop("fire", 3)
-    assert stop.latch.number == 1
-    stop.latch.end(1)
-    stop.stop("fire", 3)
-    assert stop.latch.is_on
-
-
-def test_a_stop_that_the_server_holds_again_is_learned_again() -> None:
+def test_a_repeated_delivery_is_another_stop_after_a_reset_and_the_server_s_is_learned_again(
+    server: Any, stop: EmergencyStop
+) -> None:
     """As after a restart of the server that could not write its end."""
-    session: Any = ReportingSession()
-    stop = emergency_stop.EmergencyStop(session)
-    session.latch.stop("fire")
-    stop.attend()
-    assert stop.latch.reason == "fire"
-    stop.latch.end(1)
-    stop.attend()
-    assert stop.latch.reason == "fire"
+    for _ in range(2):
+        stop.stop("fire", 3)
+        stop.stop("fire", 3)
+        number = stop.latch.number
+        assert stop.latch.is_on
+        stop.latch.end(number)
+    assert number == 2
+    server.latch.stop("smoke")
+    for _ in range(2):
+        stop.attend()
+        assert stop.latch.reason == "smoke"
+        stop.latch.end(stop.latch.number)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,7 +17,7 @@ from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.high_controller import IDLE_AFTER_S, IDLE_TICK_S, TICK_S, VALID_S, HighController
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
+from robocorba.kinematics.smartpal import BASE_LIMITS
 from robocorba.motion.driving import Drive, DriveAt
 from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import ActorCommand, RobotState
@@ -90,6 +89,16 @@ class Watched(RobotAdaptor):
                 raise self.failure
         return self.disc.write(command)
 
+    def hang(self) -> None:
+        """Returns once a call hangs."""
+        count = len(self.commands)
+        self.hangs.set()
+        eventually(lambda: len(self.commands) > count, "a write that hangs")
+
+    def go_on(self) -> None:
+        self.hangs.clear()
+        self.goes_on.set()
+
 
 @pytest.fixture
 def adaptor() -> Watched:
@@ -98,8 +107,7 @@ def adaptor() -> Watched:
 
 @pytest.fixture
 def high(adaptor: Watched) -> Iterator[HighController]:
-    high = controller(adaptor)
-    high.start(())
+    high = made(adaptor)
     yield high
     adaptor.failure = None
     high.close()
@@ -120,6 +128,24 @@ def in_background(call: Any, *arguments: Any) -> tuple[threading.Thread, list[Ex
     return thread, raised
 
 
+def driving(high: HighController) -> tuple[threading.Thread, list[Exception]]:
+    """A motion that is under way, and what it has raised."""
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    return thread, raised
+
+
+def works(high: HighController) -> None:
+    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+def made(adaptor: Watched, **how: Any) -> HighController:
+    """A controller that has started."""
+    high = controller(adaptor, **how)
+    high.start(())
+    return high
+
+
 def test_a_motion_ends_where_it_shall(high: HighController) -> None:
     high.move(Drive([(0.3, 0.1)], None, 1.0, BASE_LIMITS))
     assert (high.state.x, high.state.y) == pytest.approx((0.3, 0.1), abs=0.003)
@@ -137,7 +163,7 @@ def test_commands_keep_the_cap_and_the_acceleration(high: HighController, adapto
 
 def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor: Watched) -> None:
     adaptor.is_virtual = True
-    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+    works(high)
     outlast(IDLE_AFTER_S + 0.2)
     began, count = time.monotonic(), len(adaptor.commands)
     pause(1.0)
@@ -148,21 +174,11 @@ def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor
     assert len(adaptor.commands) - count > 2 * 1.0 / IDLE_TICK_S
 
 
-def test_a_control_loop_that_ends_by_a_defect_stops_the_robot(high: HighController, adaptor: Watched) -> None:
-    adaptor.defect = ValueError("a fault")
-    eventually(lambda: bool(high.stopped), "the stop")
-    assert "internal fault in 'high controller' (ValueError: a fault)" in high.stopped
-    eventually(lambda: adaptor.stops > 0, "the adaptor's stop")
-    with pytest.raises(IllegalOrder, match="is stopped: internal fault"):
-        high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
-
-
 def test_a_motion_ends_with_the_defect_of_the_control_loop_and_a_reset_starts_another_loop(
     high: HighController, adaptor: Watched
 ) -> None:
     for defect, text in ((ValueError("a fault"), "ValueError: a fault"), (SystemExit(3), "SystemExit: 3")):
-        thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
-        eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+        thread, raised = driving(high)
         adaptor.defect = defect
         thread.join(60.0)
         assert f"is stopped: internal fault in 'high controller' ({text})" in str(raised[0])
@@ -170,7 +186,7 @@ def test_a_motion_ends_with_the_defect_of_the_control_loop_and_a_reset_starts_an
         adaptor.defect = None
         stays(lambda: high.stopped, high_controller.HANG_LIMIT_S)  # a loop that has ended does not hang
         high.reset_stop()
-        high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+        works(high)
 
 
 def test_a_defect_of_the_loop_is_shown_also_if_the_robot_was_lost(high: HighController, adaptor: Watched) -> None:
@@ -183,36 +199,38 @@ def test_a_defect_of_the_loop_is_shown_also_if_the_robot_was_lost(high: HighCont
     eventually(lambda: "SystemExit: of a library" in high.stopped, "the defect")
     high._before_start, adaptor.failure = lambda: None, None
     high.reset_stop()
-    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+    works(high)
 
 
-@pytest.mark.parametrize("failure", [KeyError("joint"), SystemExit("joint")])
-def test_an_adaptor_may_raise_anything_in_a_cycle(
-    high: HighController, adaptor: Watched, failure: BaseException
+@pytest.mark.parametrize(
+    ("failure", "text"),
+    [
+        (KeyError("joint"), "KeyError: 'joint'"),
+        (SystemExit("joint"), "SystemExit: joint"),
+        (AdaptorFailed("the arm smokes"), "the arm smokes"),
+    ],
+)
+def test_an_adaptor_that_raises_anything_stops_the_robot_until_a_reset(
+    high: HighController, adaptor: Watched, failure: BaseException, text: str
 ) -> None:
     for where in ("read", "write"):
-        thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
-        eventually(lambda: high.state.velocity[0] > 0.1, "moving")
-        if where == "read":
-            adaptor.failure = failure
-        else:
+        thread, raised = driving(high)
+        if where == "write":
             adaptor.goes_on.set()
             adaptor.hangs.set()
-            adaptor.failure = failure
+        adaptor.failure = failure
         thread.join(60.0)
-        assert type(failure).__name__ in str(raised[0])
-        assert type(failure).__name__ in high.stopped
-        with pytest.raises(AdaptorFailed, match=f"{type(failure).__name__}: "):
+        assert text in str(raised[0]) and high.stopped == text and not high.is_lost
+        with pytest.raises(AdaptorFailed, match=text):
             high.reset_stop()  # its start fails
         adaptor.failure = None
         adaptor.hangs.clear()
         high.reset_stop()
-        high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+        works(high)
 
 
 def test_a_stop_ends_the_motion_even_if_the_adaptor_fails_to_stop(high: HighController, adaptor: Watched) -> None:
-    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
-    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    thread, raised = driving(high)
     adaptor.stop_failure = KeyError("a unit")
     high.emergency_stop("button")
     thread.join(60.0)
@@ -223,55 +241,34 @@ def test_a_stop_ends_the_motion_even_if_the_adaptor_fails_to_stop(high: HighCont
 
 def test_an_adaptor_that_was_stopped_after_a_reset_is_started_again(high: HighController, adaptor: Watched) -> None:
     """As by the thread of a stop that is so slow that a reset is quicker."""
-    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
-    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    thread, raised = driving(high)
     adaptor.stop()
     thread.join(60.0)
     assert str(raised[0]) == "its adaptor was stopped"
     eventually(lambda: high.stopped == "", "found again")
-    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+    works(high)
 
 
-def test_a_motion_that_fails_is_reported_and_the_robot_stops(high: HighController) -> None:
+def test_what_ends_a_motion(high: HighController) -> None:
     class Wrong:
         def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
             raise ZeroDivisionError("of its own")
 
     with pytest.raises(MotionFailed, match="ZeroDivisionError: of its own"):
         high.move(Wrong())
-    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
-
-
-def test_a_limit_of_time_ends_a_motion(high: HighController) -> None:
     with pytest.raises(MotionFailed, match=r"not done within 0\.2 s"):
         high.move(DriveAt((0.1, 0.0, 0.0), 60.0), 0.2)
-
-
-def test_one_motion_at_a_time(high: HighController) -> None:
-    thread, raised = in_background(high.move, DriveAt((0.1, 0.0, 0.0), 60.0))
-    eventually(lambda: high.state.velocity[0] > 0.05, "moving")
+    thread, raised = driving(high)
     with pytest.raises(IllegalOrder, match="is moving"):
-        high.move(DriveAt((0.1, 0.0, 0.0), 1.0))
+        works(high)
     high.cancel(MotionFailed("enough"))
     thread.join(60.0)
     assert [str(error) for error in raised] == ["enough"]
     eventually(lambda: high.state.velocity[0] == 0.0, "standing")
 
 
-def test_a_pause_takes_no_time_of_the_motion(high: HighController) -> None:
-    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 1.0))
-    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
-    high.is_paused = True
-    eventually(lambda: high.state.velocity[0] == 0.0, "standing")
-    stays(thread.is_alive, 1.2)
-    high.is_paused = False
-    thread.join(60.0)
-    assert not thread.is_alive() and raised == []
-
-
 def test_an_emergency_stop_works_while_the_adaptor_hangs(high: HighController, adaptor: Watched) -> None:
-    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
-    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    thread, raised = driving(high)
     adaptor.hangs.set()
     stops = adaptor.stops
     high.emergency_stop("button")
@@ -279,41 +276,16 @@ def test_an_emergency_stop_works_while_the_adaptor_hangs(high: HighController, a
     assert high.stopped == "button"
     thread.join(60.0)
     assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
-    adaptor.hangs.clear()
-    adaptor.goes_on.set()
+    adaptor.go_on()
     with pytest.raises(IllegalOrder, match="is stopped: button"):
         high.move(DriveAt((0.2, 0.0, 0.0), 1.0))
     high.reset_stop()
-    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+    works(high)
     with pytest.raises(IllegalOrder, match="was not stopped"):
         high.reset_stop()
 
 
-def test_a_robot_that_fails_is_stopped_until_somebody_lets_it_go(high: HighController, adaptor: Watched) -> None:
-    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
-    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
-    adaptor.failure = AdaptorFailed("the arm smokes")
-    thread.join(60.0)
-    assert "the arm smokes" in str(raised[0])
-    adaptor.failure = None
-    stays(lambda: high.stopped == "the arm smokes", 0.7)
-    high.reset_stop()
-    assert high.stopped == ""
-
-
-def test_a_robot_that_was_lost_is_found_again(high: HighController, adaptor: Watched) -> None:
-    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
-    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
-    adaptor.failure = RobotLost("nobody answers")
-    thread.join(60.0)
-    assert isinstance(raised[0], RobotLost)
-    assert high.stopped == "nobody answers"
-    adaptor.failure = None
-    eventually(lambda: high.stopped == "", "found again")
-    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
-
-
-def test_a_lost_robot_shows_why_it_stays_lost(
+def test_a_lost_robot_shows_why_it_stays_lost_and_obeys_a_stop(
     high: HighController, adaptor: Watched, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
@@ -326,9 +298,6 @@ def test_a_lost_robot_shows_why_it_stays_lost(
     assert sum("the name is taken" in record.getMessage() for record in caplog.records) == 1
     adaptor.failure = None
     eventually(lambda: high.stopped == "", "found again")
-
-
-def test_a_lost_robot_that_was_stopped_by_hand_stays_so(high: HighController, adaptor: Watched) -> None:
     adaptor.failure = RobotLost("nobody answers")
     eventually(lambda: high.stopped == "nobody answers", "lost")
     high.emergency_stop("button")
@@ -351,35 +320,6 @@ def once(call: Callable[[], None]) -> tuple[Callable[[], None], list[bool]]:
     return first, done
 
 
-def test_a_stop_while_a_lost_robot_reconnects_stays(high: HighController, adaptor: Watched) -> None:
-    adaptor.failure = RobotLost("nobody answers")
-    eventually(lambda: high.stopped == "nobody answers", "lost")
-    adaptor.before_start, done = once(lambda: high.emergency_stop("button"))
-    adaptor.failure = None
-    eventually(lambda: done, "a reconnection")
-    eventually(lambda: high.is_stop_confirmed, "that it stands")  # it has started, and is stopped at once
-    assert (high.stopped, high.is_lost) == ("button", False)
-    state = RobotState()
-    assert not adaptor.disc.read(state)
-    with pytest.raises(IllegalOrder, match="is stopped: button"):
-        high.move(DriveAt((0.2, 0.0, 0.0), 1.0))
-    high.reset_stop()
-    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
-
-
-@pytest.mark.parametrize("where", ["before_start", "before_read"])
-def test_a_stop_during_a_reset_is_not_reset_by_it(high: HighController, adaptor: Watched, where: str) -> None:
-    high.emergency_stop("first")
-    call, _ = once(lambda: high.emergency_stop("second"))
-    setattr(adaptor, where, call)
-    with pytest.raises(IllegalOrder, match="was stopped again: second"):
-        high.reset_stop()
-    assert high.stopped == "second"
-    assert not adaptor.disc.read(RobotState())
-    high.reset_stop()
-    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
-
-
 def test_a_loss_during_a_reset_is_no_end_of_it(high: HighController, adaptor: Watched) -> None:
     high.emergency_stop("button")
     adaptor.before_start, _ = once(lambda: high.lose("nobody answers"))
@@ -400,45 +340,20 @@ def test_a_reset_that_is_refused_elsewhere_leaves_the_robot_stopped(high: HighCo
     assert not adaptor.disc.read(RobotState())
 
 
-def test_a_stop_of_the_latch_reaches_the_adaptor(adaptor: Watched) -> None:
+@pytest.mark.parametrize("hangs", [False, True])
+def test_a_stop_of_the_latch_reaches_the_adaptor(adaptor: Watched, hangs: bool) -> None:
     """Whoever has set it, such as while this controller was about to replace another one."""
     latch = StopLatch()
-    high = HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, stops=latch)
-    high.start(())
-    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
-    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    high = made(adaptor, stops=latch, hang_limit_s=600.0)
+    thread, raised = driving(high)
+    if hangs:
+        adaptor.hang()
     latch.stop("button")
     thread.join(60.0)
     assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
     eventually(lambda: high.is_stop_confirmed, "that it stands")
-    high.close()
-
-
-def test_a_stop_of_the_latch_reaches_an_adaptor_that_hangs(adaptor: Watched) -> None:
-    latch = StopLatch()
-    high = HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, stops=latch, hang_limit_s=600.0)
-    high.start(())
-    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
-    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
-    count = len(adaptor.commands)
-    adaptor.hangs.set()
-    eventually(lambda: len(adaptor.commands) > count, "a write that hangs")
-    latch.stop("button")
-    thread.join(30.0)
-    assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
     assert adaptor.stops == 1
-    adaptor.hangs.clear()
-    adaptor.goes_on.set()
-    high.close()
-
-
-def test_a_controller_of_a_stopped_robot_starts_and_stops_its_adaptor(adaptor: Watched) -> None:
-    latch = StopLatch()
-    latch.stop("button")
-    high = HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, stops=latch)
-    high.start(())
-    assert high.stopped == "button" and high.is_stop_confirmed
-    assert not adaptor.disc.read(RobotState())
+    adaptor.go_on()
     high.close()
 
 
@@ -451,14 +366,8 @@ def test_an_adaptor_that_starts_after_the_end_is_stopped(high: HighController, a
     eventually(lambda: not adaptor.disc.read(RobotState()), "that it is stopped")
 
 
-def test_a_fault_of_an_adaptor_stops_the_robot(high: HighController, adaptor: Watched) -> None:
-    adaptor.failure = KeyError("joint")
-    eventually(lambda: high.stopped == "KeyError: 'joint'", "stopped")
-
-
 def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, adaptor: Watched) -> None:
-    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
-    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    thread, raised = driving(high)
     adaptor.hangs.set()
     eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
     thread.join(60.0)
@@ -468,13 +377,12 @@ def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, a
     high.emergency_stop("button")
     with pytest.raises(AdaptorFailed, match="still hangs"):
         high.reset_stop()
-    adaptor.hangs.clear()
-    adaptor.goes_on.set()
+    adaptor.go_on()
     ticks = len(high.late_s)
     eventually(lambda: len(high.late_s) > ticks, "ticks again")
     high.reset_stop()
     high.check()
-    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+    works(high)
 
 
 def test_a_call_to_the_simulation_server_that_is_held_up_is_no_fault_of_the_adaptor(
@@ -498,9 +406,7 @@ class Paused:
         self.adaptor, self.pause_s = adaptor, 0.0
         self._sleep = time.sleep
         monkeypatch.setattr(high_controller.time, "sleep", self.sleep)
-        limits = BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED
-        self.high = HighController(adaptor, *limits, hang_limit_s=1.0)
-        self.high.start(())
+        self.high = made(adaptor, hang_limit_s=1.0)
         self.thread, self.raised = in_background(self.high.move, DriveAt((0.2, 0.0, 0.0), 2.0))
         eventually(lambda: self.high.state.velocity[0] > 0.1, "moving")
 
@@ -556,20 +462,16 @@ def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, a
     eventually(lambda: len(watching.elapsed) > 5, "running")
     adaptor.hangs.set()
     pause(0.5)
-    adaptor.hangs.clear()
-    adaptor.goes_on.set()
+    adaptor.go_on()
     thread.join(60.0)
     assert max(np.diff(watching.elapsed)) <= VALID_S + 1e-6
 
 
 def test_what_fails_because_the_robot_is_stopped_is_no_other_reason(high: HighController, adaptor: Watched) -> None:
-    adaptor.hangs.set()
-    count = len(adaptor.commands)
-    eventually(lambda: len(adaptor.commands) > count, "a write that hangs")
+    adaptor.hang()
     adaptor.failure = AdaptorFailed("it was stopped")
     high.emergency_stop("button")
-    adaptor.hangs.clear()
-    adaptor.goes_on.set()
+    adaptor.go_on()
     stays(lambda: high.stopped == "button", 0.2)
 
 
@@ -579,25 +481,9 @@ def test_a_bug_in_the_start_of_an_adaptor_has_a_name(adaptor: Watched) -> None:
         controller(adaptor).start(())
 
 
-def test_each_start_is_prepared(adaptor: Watched) -> None:
-    prepared: list[bool] = []
-    high = HighController(
-        adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, before_start=lambda: prepared.append(True)
-    )
-    high.start(())
-    adaptor.failure = RobotLost("nobody answers")
-    eventually(lambda: high.stopped == "nobody answers", "lost")
-    adaptor.failure = None
-    eventually(lambda: high.stopped == "", "found again")
-    high.close()
-    assert len(prepared) >= 2
-
-
 def test_the_end_ends_a_motion(adaptor: Watched) -> None:
-    high = HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, hang_limit_s=1.0)
-    high.start(())
-    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), math.inf))
-    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    high = made(adaptor, hang_limit_s=1.0)
+    thread, raised = driving(high)
     high.close()
     thread.join(60.0)
     assert [str(error) for error in raised] == ["can't continue: the robot is switched off"]
@@ -606,48 +492,34 @@ def test_the_end_ends_a_motion(adaptor: Watched) -> None:
     assert high.stopped == ""
 
 
-@pytest.fixture
-def resting(adaptor: Watched) -> Iterator[HighController]:
-    """A controller that rests."""
-    adaptor.is_virtual = True
-    limits = BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED
-    high = HighController(adaptor, *limits, rests=lambda: True)
-    high.start(())
-    eventually(lambda: high.is_idle, "idle")
-    yield high
-    high.close()
-
-
-def test_a_robot_at_rest_is_read_when_somebody_asks(
-    resting: HighController, adaptor: Watched, monkeypatch: pytest.MonkeyPatch
+def test_a_robot_at_rest_is_read_when_somebody_asks_and_wakes_for_a_motion(
+    adaptor: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    adaptor.is_virtual = True
+    high = made(adaptor, rests=lambda: True)
+    eventually(lambda: high.is_idle, "idle")
     monkeypatch.setattr(high_controller, "REST_TICK_S", 600.0)
     monkeypatch.setattr(high_controller, "REFRESH_LIMIT_S", 60.0)
-    resting.wake()
-    eventually(lambda: resting._ticked_at > time.monotonic() + 500.0, "a long rest")
-    state = resting.state
-    outlast(2 * high_controller.IDLE_TICK_S)  # older than that of an idle robot
-    resting.refresh()
-    assert resting.state is not state
-    resting.check_alive()  # it rests, and does not hang
-    assert resting.stopped == ""
-
-
-def test_a_motion_ends_the_rest(resting: HighController, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(high_controller, "REST_TICK_S", 600.0)
-    resting.wake()
-    eventually(lambda: resting._ticked_at > time.monotonic() + 500.0, "a long rest")
-    resting.move(DriveAt((0.1, 0.0, 0.0), 0.1))
-    resting.close()  # as does the end
+    for _ in range(2):  # a motion ends a rest, and so does the end
+        high.wake()
+        eventually(lambda: high._ticked_at > time.monotonic() + 500.0, "a long rest")
+        state = high.state
+        outlast(2 * high_controller.IDLE_TICK_S)  # older than that of an idle robot
+        high.refresh()
+        assert high.state is not state
+        high.check_alive()  # it rests, and does not hang
+        assert high.stopped == ""
+        eventually(lambda: high._ticked_at > time.monotonic() + 500.0, "a long rest")
+        works(high)
+    high.close()
 
 
 def test_a_stop_at_rest_and_its_end_are_told(adaptor: Watched) -> None:
     seen: list[str] = []
-    limits = BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED
-    stopped_one = HighController(adaptor, *limits, rests=lambda: True, on_stop=lambda: seen.append(stopped_one.stopped))
-    stopped_one.start(())
-    stopped_one.emergency_stop("button")
-    stopped_one.refresh()  # at once: it is not read
-    stopped_one.reset_stop()
-    stopped_one.close()
+    high = controller(adaptor, rests=lambda: True, on_stop=lambda: seen.append(high.stopped))
+    high.start(())
+    high.emergency_stop("button")
+    high.refresh()  # at once: it is not read
+    high.reset_stop()
+    high.close()
     assert seen == ["", "button", ""]

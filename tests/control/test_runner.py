@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import math
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from robocorba.control.agent_state import ProgramReport, ProgramResult
 from robocorba.control.robot import Robot
-from robocorba.control.runner import ReceivedEvent, Runner
+from robocorba.control.runner import Runner
 from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs import icons
@@ -56,13 +54,6 @@ def run(smartpal: Robot, builder: ProgramBuilder, channel: Channel | None = None
     runner = Runner(builder.program(), smartpal, channel or Channel())
     report = runner.run()
     return report, [icon.kind for icon in runner.begun(0)]
-
-
-def begin(smartpal: Robot, builder: ProgramBuilder) -> tuple[Runner, threading.Thread]:
-    runner = Runner(builder.program(), smartpal, Channel())
-    thread = threading.Thread(target=runner.run)
-    thread.start()
-    return runner, thread
 
 
 def test_hands_and_body_go_where_icons_say(smartpal: Robot) -> None:
@@ -133,42 +124,6 @@ def test_a_watch_that_ends_by_a_defect_ends_the_program(smartpal: Robot, monkeyp
     assert "internal fault in 'sensor stop' (ValueError: a fault)" in report.reason
 
 
-def test_conditions_of_sensors_and_results(smartpal: Robot) -> None:
-    builder = ProgramBuilder("conditions")
-    builder.wait_until(icons.FartherThan("front", 0.5), 2.0)
-    with builder.branch(icons.Result("done")):
-        builder.say("free", None)
-    builder.wait_until(icons.CloserThan("front", 0.01), 0.1)
-    with builder.branch(icons.Result("timed_out")):
-        builder.say("still", {"free": True})
-    with builder.branch(icons.Holding("left")):
-        builder.say("never", None)
-    with builder.otherwise():
-        builder.say("empty", None)
-    with builder.repeat(3):
-        builder.say("again", 1)
-    channel = Channel()
-    report, _ = run(smartpal, builder, channel)
-    assert report.result is ProgramResult.DONE
-    assert channel.said == [("free", None), ("still", {"free": True}), ("empty", None), *[("again", 1)] * 3]
-
-
-def test_events_are_used_up_one_by_one(smartpal: Robot) -> None:
-    builder = ProgramBuilder("events")
-    builder.wait_until(icons.Event("table.*", "B"), 10.0).wait_until(icons.Event("table.*", "B"), 0.2)
-    with builder.branch(icons.Result("timed_out")):
-        builder.say("once", None)
-    channel = Channel()
-    runner = Runner(builder.program(), smartpal, channel)
-    thread = threading.Thread(target=runner.run)
-    thread.start()
-    eventually(lambda: channel.patterns == [("table.*", "B")], "listening")
-    channel.receive(ReceivedEvent("table.up", "C", None))
-    channel.receive(ReceivedEvent("table.up", "B", None))
-    thread.join(60.0)
-    assert channel.said == [("once", None)]
-
-
 def test_what_fails_is_told_with_its_icon(smartpal: Robot) -> None:
     builder = ProgramBuilder("far").wait(0.01)
     with builder.repeat(2):
@@ -176,28 +131,6 @@ def test_what_fails_is_told_with_its_icon(smartpal: Robot) -> None:
     report, _ = run(smartpal, builder)
     assert (report.result, report.icon, report.kind) == (ProgramResult.FAILED, "icons[1].icons[0]", "mhand_pose")
     assert report.reason.startswith("the left hand: ")
-
-
-def test_pause_step_resume_and_abort(smartpal: Robot) -> None:
-    builder = ProgramBuilder("slow").mbase_velocity(0.2, 0.0, 0.0, 1.0).wait(0.1).mbase_velocity(0.0, 0.2, 0.0, 60.0)
-    execution = smartpal.execution
-    execution.reset(True)
-    runner, thread = begin(smartpal, builder)
-    eventually(lambda: execution.is_paused, "before the first icon")
-    assert (runner.report.icon, runner.report.icons_done) == ("icons[0]", 0)
-    execution.step()
-    eventually(lambda: runner.report.icon == "icons[1]" and execution.is_paused, "before the second")
-    execution.resume()
-    eventually(lambda: smartpal.controller.state.velocity[1] > 0.1, "moving")
-    execution.pause()
-    eventually(lambda: np.hypot(*smartpal.controller.state.velocity[:2]) < 0.01, "standing")
-    execution.resume()
-    eventually(lambda: smartpal.controller.state.velocity[1] > 0.1, "moving again")
-    execution.abort()
-    thread.join(60.0)
-    assert (runner.report.result, runner.report.reason) == (ProgramResult.ABORTED, "it was aborted")
-    eventually(lambda: np.hypot(*smartpal.controller.state.velocity[:2]) < 0.01, "standing")
-    execution.reset(False)
 
 
 @at(2.0, 2.95, -math.pi / 2)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
 from robocorba.programs.graphic_programming import ProgramBuilder
+from tests.clock import Clock
 from tests.control.places import Channel, Place, eventually
 
 WAITING = ProgramBuilder("waiting").wait(60.0).program()
@@ -27,32 +27,20 @@ def state(velocity: Velocity = ZERO_VELOCITY) -> RobotState:
     return RobotState(0.0, 0.0, 0.0, 0.0, velocity, np.zeros(18), np.zeros(18))
 
 
-def test_an_order_holds_until_it_expires_or_the_next_one() -> None:
-    clock = SimpleNamespace(now=100.0)
-    motion = OrderedVelocity(lambda: clock.now)
+def test_an_order_holds_until_it_expires_or_the_next_one_and_the_last_ends_once_the_base_stands() -> None:
+    clock = Clock()
+    motion = OrderedVelocity(clock)
     wanted = []
-    for velocity, valid_for_s, passed_s in (
-        ((0.1, 0.0, 0.0), 0.5, 0.4),
-        ((0.0, 0.2, 0.3), 0.5, 0.4),
-        (None, 0.0, 0.2),
-    ):
-        if velocity:
-            assert motion.order(velocity, valid_for_s)
+    for velocity, passed_s in (((0.1, 0.0, 0.0), 0.4), ((0.0, 0.2, 0.3), 0.4), (None, 0.2)):
+        assert velocity is None or motion.order(velocity, 0.5)
         clock.now += passed_s
         command = motion.command(state(), 0.0)
         assert command
         wanted.append(command.velocity)
     assert wanted == [(0.1, 0.0, 0.0), (0.0, 0.2, 0.3), ZERO_VELOCITY]
-
-
-def test_it_ends_once_the_base_stands_and_no_more_orders_come() -> None:
-    clock = SimpleNamespace(now=100.0)
-    motion = OrderedVelocity(lambda: clock.now)
-    motion.order((0.1, 0.0, 0.0), 0.5)
-    clock.now += 0.5 + LINGER_S
+    clock.now += LINGER_S
     braking = motion.command(state((0.05, 0.0, 0.0)), 0.0)
-    assert braking
-    assert braking.velocity == ZERO_VELOCITY
+    assert braking and braking.velocity == ZERO_VELOCITY
     assert motion.command(state(), 0.0) is None
     assert not motion.order((0.1, 0.0, 0.0), 0.5)
 
@@ -92,35 +80,28 @@ def test_the_robot_drives_while_orders_come(agent: ControlAgent) -> None:
     assert math.hypot(*after.actor.velocity) < 0.01
 
 
-def test_an_abort_ends_it_and_the_next_order_begins_anew(agent: ControlAgent) -> None:
-    agent.drive((0.0, 0.0, 0.1), 5.0)
-    agent.abort()
-    eventually(lambda: agent.state.condition is AgentCondition.IDLE, "aborted")
-    assert agent.state.program.result is ProgramResult.ABORTED
-    agent.drive((0.0, 0.0, -0.1), 5.0)
-    assert agent.state.condition is AgentCondition.RUNNING
-
-
-def test_a_stop_ends_it_for_good(agent: ControlAgent) -> None:
-    agent.drive((0.0, 0.0, 0.1), 5.0)
-    agent.stop()
-    with pytest.raises(IllegalOrder, match="is stopped"):
-        agent.drive((0.0, 0.0, 0.1), 5.0)
-    eventually(lambda: agent.state.program.result is ProgramResult.ABORTED, "ended")
-    agent.reset_stop()
-    assert agent.state.condition is AgentCondition.IDLE
-
-
-def test_a_program_is_not_interrupted_by_it_nor_it_by_a_program(agent: ControlAgent) -> None:
+def test_what_ends_it_and_what_does_not_run_beside_it(agent: ControlAgent) -> None:
+    turn = (0.0, 0.0, 0.1)
     agent.load(WAITING)
     agent.run()
     with pytest.raises(IllegalOrder, match="runs a program"):
-        agent.drive((0.1, 0.0, 0.0), 0.5)
+        agent.drive(turn, 5.0)
     agent.abort()
     eventually(lambda: agent.state.condition is AgentCondition.IDLE, "aborted")
-    agent.drive((0.0, 0.0, 0.1), 5.0)
+    agent.drive(turn, 5.0)
     with pytest.raises(IllegalOrder, match="runs a program"):
         agent.run()
+    agent.abort()
+    eventually(lambda: agent.state.condition is AgentCondition.IDLE, "aborted")
+    assert agent.state.program.result is ProgramResult.ABORTED
+    agent.drive(turn, 5.0)
+    assert agent.state.condition is AgentCondition.RUNNING
+    agent.stop()
+    with pytest.raises(IllegalOrder, match="is stopped"):
+        agent.drive(turn, 5.0)
+    eventually(lambda: agent.state.program.result is ProgramResult.ABORTED, "ended")
+    agent.reset_stop()
+    assert agent.state.condition is AgentCondition.IDLE
 
 
 @pytest.mark.parametrize(
