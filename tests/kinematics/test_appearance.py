@@ -44,13 +44,10 @@ def surface(body: SmartPalBody) -> dict[int, Floats]:
     return {number: outline(part) + found[part.link][0] for number, part in enumerate(parts())}
 
 
-def test_it_is_as_high_as_the_robot_and_stands_on_the_floor(surface: dict[int, Floats]) -> None:
+def test_it_has_the_robot_s_height_and_fills_its_footprint(surface: dict[int, Floats]) -> None:
     heights = np.concatenate([points[:, 2] for points in surface.values()])
     assert heights.max() == pytest.approx(HEIGHT_M, abs=0.01)
     assert -1e-9 <= heights.min() <= 0.01
-
-
-def test_the_base_fills_its_footprint_and_no_more(surface: dict[int, Floats]) -> None:
     base = np.vstack([surface[number] for number, part in enumerate(parts()) if part.link == "base"])
     assert base[:, 0].min() == pytest.approx(BASE_BACK_M, abs=0.01)
     assert base[:, 0].max() == pytest.approx(BASE_FRONT_M, abs=0.01)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocorba.errors.robots import MotionFailed
-from robocorba.motion.driving import ARRIVED_M, ARRIVED_RAD, CORNER_TOLERANCE_M, Drive, DriveAt, DriveBy
+from robocorba.motion.driving import ARRIVED_M, ARRIVED_RAD, CORNER_TOLERANCE_M, Drive, DriveBy
 from robocorba.motion.motion import Motion
 from robocorba.motion.robot_state import RobotState
 from robocorba.simulation.physics import Limits
@@ -95,13 +95,6 @@ def test_relative_drives_are_in_the_frame_of_the_robot() -> None:
     base.run(DriveBy(1.0, 0.5, -math.pi / 2, 0.5, LIMITS))
     assert (base.state.x, base.state.y) == pytest.approx((0.5, 3.0), abs=ARRIVED_M)
     assert base.state.heading == pytest.approx(0.0, abs=ARRIVED_RAD)
-
-
-def test_a_velocity_holds_for_its_time() -> None:
-    base = Base()
-    seconds = base.run(DriveAt((0.5, 0.0, 0.0), 2.0))
-    assert 2.0 <= seconds < 2.7
-    assert base.state.x == pytest.approx(1.0, abs=0.03)
 
 
 def test_a_stuck_robot_is_reported() -> None:

@@ -138,28 +138,22 @@ def test_what_stands_is_neither_told_so_again_nor_asked_for_each_time(units: Uni
     assert [order[1] for order in orders(units, "jog_arm")[2:]] == [Side.LEFT, Side.LEFT]
 
 
-def test_lumbar_and_grippers_are_told_when_their_target_moves(units: Units, adaptor: SmartPalAdaptor) -> None:
+def test_what_is_told_only_when_it_changes(units: Units, adaptor: SmartPalAdaptor) -> None:
+    """Targets of lumbar and grippers, and how long jogs hold; without joints only the base is told."""
     joints = np.zeros(len(JOINTS))
     for _ in range(3):
         adaptor.write(ActorCommand(joints=joints))
-    assert len(orders(units, "move_lumbar")) == 1
-    assert len(orders(units, "move_grip")) == 2
+    assert (len(orders(units, "move_lumbar")), len(orders(units, "move_grip"))) == (1, 2)
     joints[-1] = -0.5
     adaptor.write(ActorCommand(joints=joints))
     assert len(orders(units, "move_lumbar")) == 1
     assert [order[1:3] for order in orders(units, "move_grip")][2:] == [(Side.RIGHT, -0.5)]
-
-
-def test_without_joints_only_the_base_is_told(units: Units, adaptor: SmartPalAdaptor) -> None:
     units.calls.clear()
     adaptor.write(ActorCommand((0.1, 0.0, 0.2)))
     assert units.calls == [("jog", 0.1, 0.0, 0.2)]
-
-
-def test_jogs_hold_as_long_as_commands_are_valid(units: Units, adaptor: SmartPalAdaptor) -> None:
     for valid_s in (0.1, 0.2, 0.2, 60.0):
         adaptor.write(ActorCommand(valid_s=valid_s))
-    assert [order[1] for order in orders(units, "set_jog_timeout")] == [0.1, 0.2, smartpal_adaptor.MAX_JOG_S]
+    assert [order[1] for order in orders(units, "set_jog_timeout")] == [0.2, smartpal_adaptor.MAX_JOG_S]
 
 
 def test_stop_does_not_wait_for_a_write_that_hangs(units: Units, adaptor: SmartPalAdaptor) -> None:
