@@ -26,7 +26,6 @@ from robocorba.errors.simulation import InvalidCommand, SessionExpired
 from robocorba.kinematics.inverse import InverseKinematics
 from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.maps.model import MapObject
-from robocorba.maps.polygons import FloorArea
 from robocorba.maps.topology import topological_map
 from robocorba.motion.robot_state import Velocity
 from robocorba.planning.planner import PathPlanner
@@ -36,7 +35,6 @@ from robocorba.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation.emergency_stops import EmergencyStops, StopAnswer, StopHold
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.registry import Description, Pose
-from robocorba.simulation.reservations import Reservation
 from robocorba.simulation.simulated_robot import STOPPED
 from robocorba.simulation.store import SimulationStore
 from robocorba.spatial.arrays import Floats
@@ -129,9 +127,6 @@ class InProcessSession:
                 self._session.deregister()
         self._session = None
 
-    def heartbeat(self) -> None:
-        self._answer().heartbeat()
-
     def state(self) -> SessionState:
         session = self._answer()
         try:
@@ -149,9 +144,6 @@ class InProcessSession:
             self._answer().command(*velocity, valid_s)
         except InvalidCommand as error:
             raise RobotHeld(error.reason) if error.field == STOPPED else error from None
-
-    def brake(self) -> None:
-        self._answer().brake()
 
     def announce_body(self, is_robot: bool) -> None:
         self._answer().heartbeat()
@@ -172,40 +164,9 @@ class InProcessSession:
     def grip(self, what: str, x: float, y: float) -> None:
         self._answer().grip(what, (x, y))
 
-    def release(self) -> None:
-        self._answer().release()
-
-    def call_elevator(
-        self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
-    ) -> None:
-        self._answer().call_elevator(elevator, destination, party, size, boarding_s)
-
-    def longest_elevator_wait_s(self) -> float:
-        return float(self._answer().longest_elevator_wait_s())
-
-    def cancel_elevator(self) -> None:
-        self._answer().cancel_elevator()
-
-    def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
-        self._answer().reserve(areas, limit_s)
-
-    def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
-        return int(self._answer().reserve_one_of(alternatives, limit_s))
-
-    def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
-        return bool(self._answer().exchange_areas(areas, least_s))
-
-    def take_over_areas(self, former: str) -> None:
-        self._answer().take_over_areas(former)
-
-    def reservation(self) -> Reservation | None:
-        return self._answer().reservation()
-
-    def keep_areas(self, areas: Sequence[FloorArea]) -> None:
-        self._answer().keep_areas(areas)
-
-    def release_areas(self) -> None:
-        self._answer().release_areas()
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        """A call that the session gets as it is."""
+        return lambda *parts, **named: getattr(self._answer(), name)(*parts, **named)
 
     def _answer(self) -> Any:
         if self.is_away:

@@ -19,6 +19,7 @@ from robocorba.programs.graphic_programming import ProgramBuilder
 from robocorba.programs.program import Program
 from robocorba.programs.report import CheckReport
 from robocorba.simulation.emergency_stops import StopHold
+from robocorba.simulation.registry import Pose
 from tests.control.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
 pytestmark = pytest.mark.slow
@@ -133,6 +134,37 @@ def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, sessio
     agent.abort()
     eventually(lambda: agent.is_free, "aborted")
     assert not agent.path
+
+
+def test_a_stop_while_an_adaptor_starts_holds_the_robot(
+    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The agent has another controller already, or none yet."""
+    log_on = session.log_on
+
+    def stop_meanwhile(at: Pose | None = None) -> None:
+        agent.stop("fire")
+        log_on(at)
+
+    monkeypatch.setattr(session, "log_on", stop_meanwhile)
+    agent.switch("simulated", ())
+    assert agent.stop_answer == (True, True, "fire")
+    monkeypatch.undo()
+    agent.reset_stop()
+
+
+def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
+    """It outlives the robot's process, which has no time to log off; only its lease ends."""
+    agent.stop_durably("fire")
+    place.agent.evict("A")
+    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel(), check)
+    later.start("simulated")
+    assert later.stop_answer == (True, True, "fire")
+    with pytest.raises(IllegalOrder, match="is stopped: fire"):
+        later.drive((0.1, 0.0, 0.0), 1.0)
+    later.reset_stop()
+    later.drive((0.0, 0.0, 0.1), 1.0)
+    later.close()
 
 
 def test_a_stop_of_the_server_is_reset_with_its_number_only(

@@ -18,7 +18,7 @@ from robocorba.control.high_controller import IDLE_AFTER_S, IDLE_TICK_S, TICK_S,
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
 from robocorba.errors.services import NotReachable
 from robocorba.kinematics.smartpal import BASE_LIMITS
-from robocorba.motion.driving import Drive, DriveAt
+from robocorba.motion.driving import DriveAt
 from robocorba.motion.motion import MotionCommand
 from robocorba.motion.robot_state import ActorCommand, RobotState
 from robocorba.simulation.registry import Pose
@@ -146,11 +146,6 @@ def made(adaptor: Watched, **how: Any) -> HighController:
     return high
 
 
-def test_a_motion_ends_where_it_shall(high: HighController) -> None:
-    high.move(Drive([(0.3, 0.1)], None, 1.0, BASE_LIMITS))
-    assert (high.state.x, high.state.y) == pytest.approx((0.3, 0.1), abs=0.003)
-
-
 def test_commands_keep_the_cap_and_the_acceleration(high: HighController, adaptor: Watched) -> None:
     high.speed_cap = 0.2
     high.move(DriveAt((5.0, 5.0, 9.0), 0.5))
@@ -189,19 +184,6 @@ def test_a_motion_ends_with_the_defect_of_the_control_loop_and_a_reset_starts_an
         works(high)
 
 
-def test_a_defect_of_the_loop_is_shown_also_if_the_robot_was_lost(high: HighController, adaptor: Watched) -> None:
-    def fail() -> None:
-        raise SystemExit("of a library")
-
-    adaptor.failure = RobotLost("nobody answers")
-    eventually(lambda: high.stopped == "nobody answers", "lost")
-    high._before_start = fail
-    eventually(lambda: "SystemExit: of a library" in high.stopped, "the defect")
-    high._before_start, adaptor.failure = lambda: None, None
-    high.reset_stop()
-    works(high)
-
-
 @pytest.mark.parametrize(
     ("failure", "text"),
     [
@@ -227,16 +209,6 @@ def test_an_adaptor_that_raises_anything_stops_the_robot_until_a_reset(
         adaptor.hangs.clear()
         high.reset_stop()
         works(high)
-
-
-def test_a_stop_ends_the_motion_even_if_the_adaptor_fails_to_stop(high: HighController, adaptor: Watched) -> None:
-    thread, raised = driving(high)
-    adaptor.stop_failure = KeyError("a unit")
-    high.emergency_stop("button")
-    thread.join(60.0)
-    assert "is stopped: button" in str(raised[0])
-    assert not high.is_stop_confirmed
-    adaptor.stop_failure = None
 
 
 def test_an_adaptor_that_was_stopped_after_a_reset_is_started_again(high: HighController, adaptor: Watched) -> None:
@@ -267,24 +239,6 @@ def test_what_ends_a_motion(high: HighController) -> None:
     eventually(lambda: high.state.velocity[0] == 0.0, "standing")
 
 
-def test_an_emergency_stop_works_while_the_adaptor_hangs(high: HighController, adaptor: Watched) -> None:
-    thread, raised = driving(high)
-    adaptor.hangs.set()
-    stops = adaptor.stops
-    high.emergency_stop("button")
-    assert adaptor.stops == stops + 1
-    assert high.stopped == "button"
-    thread.join(60.0)
-    assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
-    adaptor.go_on()
-    with pytest.raises(IllegalOrder, match="is stopped: button"):
-        high.move(DriveAt((0.2, 0.0, 0.0), 1.0))
-    high.reset_stop()
-    works(high)
-    with pytest.raises(IllegalOrder, match="was not stopped"):
-        high.reset_stop()
-
-
 def test_a_lost_robot_shows_why_it_stays_lost_and_obeys_a_stop(
     high: HighController, adaptor: Watched, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -308,6 +262,27 @@ def test_a_lost_robot_shows_why_it_stays_lost_and_obeys_a_stop(
     stays(lambda: high.stopped == "button", 1.2)
 
 
+def test_the_loop_shows_a_defect_while_the_robot_is_lost_and_who_does_not_answer(
+    high: HighController, adaptor: Watched
+) -> None:
+    def fail() -> None:
+        raise SystemExit("of a library")
+
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    high._before_start = fail
+    eventually(lambda: "SystemExit: of a library" in high.stopped, "the defect")
+    high._before_start, adaptor.failure = lambda: None, None
+    high.reset_stop()
+    works(high)
+    goes_on = threading.Event()
+    high._on_state = lambda state: goes_on.wait(60.0)
+    eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
+    assert high.stopped.startswith("the simulation server did not answer for ")
+    goes_on.set()
+    eventually(lambda: high.stopped == "", "found again")
+
+
 def once(call: Callable[[], None]) -> tuple[Callable[[], None], list[bool]]:
     """A function that makes this call the first time, and then notes it."""
     done: list[bool] = []
@@ -320,23 +295,58 @@ def once(call: Callable[[], None]) -> tuple[Callable[[], None], list[bool]]:
     return first, done
 
 
-def test_a_loss_during_a_reset_is_no_end_of_it(high: HighController, adaptor: Watched) -> None:
+def test_a_stop_works_while_the_adaptor_hangs_or_fails_to_stop(high: HighController, adaptor: Watched) -> None:
+    thread, raised = driving(high)
+    adaptor.hang()
+    adaptor.failure, stops = AdaptorFailed("it was stopped"), adaptor.stops
+    adaptor.stop_failure = KeyError("a unit")
     high.emergency_stop("button")
+    assert (adaptor.stops, high.stopped, high.is_stop_confirmed) == (stops + 1, "button", False)
+    thread.join(60.0)
+    assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
+    adaptor.go_on()
+    stays(lambda: high.stopped == "button", 0.2)  # what fails now is no other reason
+    with pytest.raises(IllegalOrder, match="is stopped: button"):
+        works(high)
+    adaptor.failure = adaptor.stop_failure = None
+    high.reset_stop()
+    works(high)
+    with pytest.raises(IllegalOrder, match="was not stopped"):
+        high.reset_stop()
+
+
+def test_what_comes_between_leaves_a_robot_stopped(high: HighController, adaptor: Watched) -> None:
+    def refuse(number: int) -> None:
+        raise RobotLost("the server does not answer")
+
+    high.emergency_stop("button")
+    with pytest.raises(RobotLost):
+        high.reset_stop(end=refuse)
+    assert high.stopped == "button" and high.is_stop_confirmed
+    assert not adaptor.disc.read(RobotState())
     adaptor.before_start, _ = once(lambda: high.lose("nobody answers"))
     with pytest.raises(IllegalOrder, match="was stopped again: nobody answers"):
         high.reset_stop()
     eventually(lambda: high.stopped == "", "found again")
 
 
-def test_a_reset_that_is_refused_elsewhere_leaves_the_robot_stopped(high: HighController, adaptor: Watched) -> None:
-    high.emergency_stop("button")
-
-    def refuse(number: int) -> None:
-        raise RobotLost("the server does not answer")
-
-    with pytest.raises(RobotLost):
-        high.reset_stop(end=refuse)
-    assert high.stopped == "button" and high.is_stop_confirmed
+def test_a_stop_during_a_reset_or_a_reconnection_stays(high: HighController, adaptor: Watched) -> None:
+    for where in ("before_start", "before_read"):
+        high.emergency_stop("first")
+        setattr(adaptor, where, once(lambda: high.emergency_stop("second"))[0])
+        with pytest.raises(IllegalOrder, match="was stopped again: second"):
+            high.reset_stop()
+        assert high.stopped == "second"
+        assert not adaptor.disc.read(RobotState())
+        high.reset_stop()
+        works(high)
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    adaptor.before_start, done = once(lambda: high.emergency_stop("button"))
+    adaptor.failure = None
+    eventually(lambda: done, "a reconnection")
+    eventually(lambda: high.is_stop_confirmed, "that it stands")  # it has started, and is stopped at once
+    assert (high.stopped, high.is_lost) == ("button", False)
     assert not adaptor.disc.read(RobotState())
 
 
@@ -383,17 +393,6 @@ def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, a
     high.reset_stop()
     high.check()
     works(high)
-
-
-def test_a_call_to_the_simulation_server_that_is_held_up_is_no_fault_of_the_adaptor(
-    high: HighController, adaptor: Watched
-) -> None:
-    goes_on = threading.Event()
-    high._on_state = lambda state: goes_on.wait(60.0)
-    eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
-    assert high.stopped.startswith("the simulation server did not answer for ")
-    goes_on.set()
-    eventually(lambda: high.stopped == "", "found again")
 
 
 class Paused:
@@ -465,20 +464,6 @@ def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, a
     adaptor.go_on()
     thread.join(60.0)
     assert max(np.diff(watching.elapsed)) <= VALID_S + 1e-6
-
-
-def test_what_fails_because_the_robot_is_stopped_is_no_other_reason(high: HighController, adaptor: Watched) -> None:
-    adaptor.hang()
-    adaptor.failure = AdaptorFailed("it was stopped")
-    high.emergency_stop("button")
-    adaptor.go_on()
-    stays(lambda: high.stopped == "button", 0.2)
-
-
-def test_a_bug_in_the_start_of_an_adaptor_has_a_name(adaptor: Watched) -> None:
-    adaptor.failure = ZeroDivisionError("a bug")
-    with pytest.raises(AdaptorFailed, match="ZeroDivisionError: a bug"):
-        controller(adaptor).start(())
 
 
 def test_the_end_ends_a_motion(adaptor: Watched) -> None:

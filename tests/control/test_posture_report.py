@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from robocorba.control.posture_report import MIN_CHANGE_RAD, REFRESH_S, PostureReport
 from robocorba.errors.robots import RobotLost
@@ -37,44 +36,30 @@ class Robot:
         return len(self.reported) - before
 
 
-@pytest.fixture
-def robot() -> Robot:
-    return Robot()
-
-
-def test_only_changed_angles_are_reported(robot: Robot) -> None:
+def test_only_changed_angles_are_reported_slow_changes_too() -> None:
+    robot = Robot()
     assert [robot.update() for _ in range(3)] == [1, 0, 0]
     robot.joints = np.array([0.0, 2 * MIN_CHANGE_RAD, 0.0])
     assert [robot.update() for _ in range(2)] == [1, 0]
     robot.joints = robot.joints + MIN_CHANGE_RAD / 2
     assert robot.update() == 0
     assert robot.reported[-1] == [0.0, 2 * MIN_CHANGE_RAD, 0.0]
-
-
-def test_a_slow_movement_is_reported_as_well(robot: Robot) -> None:
-    robot.update()
     for _ in range(10):
         robot.joints = robot.joints + MIN_CHANGE_RAD / 4
         robot.update()
-    assert len(robot.reported) == 3
+    assert len(robot.reported) == 5
+    for joints in ([], [0.0, float("nan"), 0.0]):
+        robot.joints = np.array(joints)
+        assert robot.update() == 0
 
 
-def test_angles_are_repeated_for_a_server_that_restarted(robot: Robot) -> None:
+def test_angles_are_repeated_for_a_server_that_restarted_or_was_away() -> None:
+    robot = Robot()
     robot.update()
     robot.clock.now += REFRESH_S
     assert robot.update() == 1
-
-
-def test_a_failed_report_disturbs_nobody_and_is_repeated(robot: Robot) -> None:
-    robot.update()
     robot.joints = np.ones(3)
     robot.is_away = True
-    assert robot.update() == 0
+    assert robot.update() == 0  # it disturbs nobody
     robot.is_away, robot.joints = False, np.zeros(3)  # as before the failure
     assert [robot.update() for _ in range(2)] == [1, 0]
-
-
-@pytest.mark.parametrize("joints", [[], [0.0, float("nan"), 0.0]])
-def test_a_robot_without_readable_joints_reports_nothing(robot: Robot, joints: list[float]) -> None:
-    robot.joints = np.array(joints)
-    assert robot.update() == 0

@@ -9,6 +9,7 @@ import contextlib
 import json
 import threading
 from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
 from typing import Any
 from unittest.mock import MagicMock
 
@@ -90,7 +91,18 @@ def bodies(icons: st.SearchStrategy[Plain]) -> st.SearchStrategy[Plain]:
     )
 
 
-icon_lists = st.lists(st.recursive(leaves, bodies, max_leaves=5), min_size=1, max_size=4)
+#: Pieces that random programs seldom have: sensor stops within each other, and questions for a result.
+NESTED: Plain = {"icon": "stop_if_closer", **BY_LASER, "icons": [DRIVE]}
+NESTED = {"icon": "stop_if_closer", **BY_LASER, "icons": [NESTED, DRIVE]}
+asking = plain(icon="branch", condition=CONDITIONS[-3:], then=[[DRIVE]], otherwise=[[]])
+icon_lists = st.tuples(
+    st.lists(st.recursive(leaves, bodies, max_leaves=5), max_size=2),
+    st.lists(
+        st.sampled_from([NESTED, {"icon": "wait_until", "seconds": LASTS_S, "condition": CONDITIONS[0]}]), max_size=1
+    ),
+    st.lists(asking, max_size=1),
+    st.lists(st.recursive(leaves, bodies, max_leaves=5), min_size=1, max_size=2),
+).map(lambda parts: [icon for part in parts for icon in part])
 programs = plain(name=["fetch", "carry", "haul", "wrong"], icons=icon_lists)
 
 
@@ -108,12 +120,15 @@ class Failed(Exception):
     pass
 
 
+@dataclass
 class Lasting:
     """A drive or a wait that takes its time [s]."""
 
-    def __init__(self, is_drive: bool, lasts_s: float) -> None:
-        self.is_drive, self.lasts_s, self.late_s = is_drive, lasts_s, LATE_S
-        self.passed_s, self.is_over = 0.0, False
+    is_drive: bool
+    lasts_s: float
+    late_s: float = LATE_S
+    passed_s: float = 0.0
+    is_over: bool = False
 
 
 class Model:
@@ -144,25 +159,21 @@ class Model:
         self.report = self.report._replace(**changes)
 
     @property
-    def is_running(self) -> bool:
-        return self.course is not None
-
-    @property
     def condition(self) -> str:
         if self.stops or self.is_lost:
             return "STOPPED"
-        return ("PAUSED" if self.is_paused else "RUNNING") if self.is_running else "IDLE"
+        return ("PAUSED" if self.is_paused else "RUNNING") if self.course else "IDLE"
 
     # ---- what is ordered and what happens; whether it is accepted ----
 
     def load(self, program: Plain) -> bool:
-        if self.is_running or program["name"] == "wrong":
+        if self.course or program["name"] == "wrong":
             return False
         self.program = program
         return True
 
     def run(self, is_stepping: bool = False, mission: str = "", is_stopped: bool = False) -> bool:
-        if self.is_running or self.stops or self.is_lost or self.program is None:
+        if self.course or self.stops or self.is_lost or self.program is None:
             return False
         self._clear()
         self.is_stepping, self.mission = is_stepping, mission
@@ -174,7 +185,7 @@ class Model:
 
     def order(self, what: str) -> bool:
         if what in ("pause", "resume", "step"):
-            if not (self.is_running or self.lingers):
+            if not (self.course or self.lingers):
                 return False
             self.is_paused = what == "pause"
             self.is_stepping = what == "step" or (what == "pause" and self.is_stepping)
@@ -182,11 +193,11 @@ class Model:
                 self.lasting.late_s += LATE_BY_PAUSE_S
         elif what in ("abort", "stop", "stop again"):
             self.stops += [what] * (what != "abort" and what not in self.stops)
-            if self.is_running:
+            if self.course:
                 self.interruptions.append(Interrupted(ABORTED if what == "abort" else what))
                 self.is_paused = False
         elif what == "reset":
-            if self.is_running or self.is_away or not (self.stops or self.is_lost):
+            if self.course or self.is_away or not (self.stops or self.is_lost):
                 return False
             self.stops, self.is_lost = [], False
         elif what == "load":
@@ -194,7 +205,7 @@ class Model:
         elif what == "run":
             return self.run()
         elif what == "switch":
-            return not self.is_running
+            return self.course is None
         elif what in ("near", "far"):
             self.is_near = what == "near"
         elif what == "event":
@@ -242,10 +253,13 @@ class Model:
             self.outcome = (yield from getattr(self, f"_{kind}")(icon, path)) or "done"
             self.set(icons_done=self.report.icons_done + 1)
 
-    def _held(self) -> Course:
+    def _held(self, is_driving: bool = False) -> Course:
+        """A loss ends a drive though it is paused, and a wait only when that goes on."""
         while self.is_paused or self.interruptions:
             if self.interruptions:
                 raise self.interruptions[0]
+            if is_driving and self.is_lost:
+                return
             yield
 
     def _lasts(self, lasts_s: float, is_drive: bool, is_met: Callable[[], bool] = lambda: False) -> Course:
@@ -258,8 +272,7 @@ class Model:
                 if lasting.is_over:
                     return "timed_out"
                 yield
-                if not (is_drive and self.is_lost):
-                    yield from self._held()
+                yield from self._held(is_drive)
             raise Failed(AWAY)
         finally:
             self.lasting = None
@@ -522,11 +535,22 @@ class Runs(RuleBasedStateMachine):
         assert self.place.order(what) == self.model.order(what)
         self._settle(lingers)
 
-    @rule(ticks=st.integers(1, 30), lingers=st.booleans())
-    def pass_time(self, ticks: int, lingers: bool) -> None:
+    @rule(steps=st.lists(st.sampled_from(["pause", "resume", "step", "step", "near", "far"]), min_size=1, max_size=4))
+    def control(self, steps: list[str]) -> None:
+        for what in steps:
+            self.order(what, False)
+            self.agrees()
+
+    @rule(ticks=st.integers(1, 30), lingers=st.booleans(), is_held=st.booleans())
+    def pass_time(self, ticks: int, lingers: bool, is_held: bool) -> None:
+        """is_held: the program is paused meanwhile."""
+        if is_held:
+            self.order("pause", False)
         for _ in range(ticks):
             self._tick(lingers)
             self.agrees()
+        if is_held:
+            self.order("resume", False)
 
     def _tick(self, lingers: bool = False) -> None:
         self.place.tick()

@@ -71,15 +71,6 @@ def test_hands_and_body_go_where_icons_say(smartpal: Robot) -> None:
     assert began == ["mhand_posture", "gripper", "mhand_pose", "mhand_offset", "lumbar"]
 
 
-@at(5.0, 3.2, math.pi / 2)
-def test_a_drive_over_two_floors(smartpal: Robot, session: InProcessSession) -> None:
-    report, _ = run(smartpal, ProgramBuilder("ride").mbase_path("L2", 5.0, 3.2, heading=1.0))
-    assert (report.result, report.reason) == (ProgramResult.DONE, "")
-    there = session.latest.at
-    assert there.floor == "L2"
-    assert (there.x, there.y, there.heading) == pytest.approx((5.0, 3.2, 1.0), abs=0.004)
-
-
 def test_who_calls_from_within_the_cabin_need_not_see_the_doors_open_for_it(tmp_path: Path) -> None:
     with contextlib.closing(Place(tmp_path)) as place:
         session = place.session("A", Pose("L1", 5.0, 5.0))
@@ -122,15 +113,6 @@ def test_a_watch_that_ends_by_a_defect_ends_the_program(smartpal: Robot, monkeyp
     report, _ = run(smartpal, builder)
     assert report.result is ProgramResult.FAILED
     assert "internal fault in 'sensor stop' (ValueError: a fault)" in report.reason
-
-
-def test_what_fails_is_told_with_its_icon(smartpal: Robot) -> None:
-    builder = ProgramBuilder("far").wait(0.01)
-    with builder.repeat(2):
-        builder.mhand_pose("left", 2.0, 0.0, 0.0)
-    report, _ = run(smartpal, builder)
-    assert (report.result, report.icon, report.kind) == (ProgramResult.FAILED, "icons[1].icons[0]", "mhand_pose")
-    assert report.reason.startswith("the left hand: ")
 
 
 @at(2.0, 2.95, -math.pi / 2)

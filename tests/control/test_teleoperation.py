@@ -104,18 +104,15 @@ def test_what_ends_it_and_what_does_not_run_beside_it(agent: ControlAgent) -> No
     assert agent.state.condition is AgentCondition.IDLE
 
 
-@pytest.mark.parametrize(
-    ("velocity", "valid_for_s", "field"),
-    [
+def test_impossible_orders_are_refused(agent: ControlAgent) -> None:
+    for velocity, valid_for_s, field in (
         ((math.nan, 0.0, 0.0), 0.5, "wanted.ahead"),
         ((0.0, math.inf, 0.0), 0.5, "wanted.left"),
         ((0.0, 0.0, -math.inf), 0.5, "wanted.turn"),
         ((0.0, 0.0, 0.0), 0.0, "validFor"),
         ((0.0, 0.0, 0.0), 5.1, "validFor"),
         ((0.0, 0.0, 0.0), math.nan, "validFor"),
-    ],
-)
-def test_impossible_orders_are_refused(agent: ControlAgent, velocity: Velocity, valid_for_s: float, field: str) -> None:
-    with pytest.raises(InvalidChoice, match=field):
-        agent.drive(velocity, valid_for_s)
-    assert agent.state.condition is AgentCondition.IDLE
+    ):
+        with pytest.raises(InvalidChoice, match=field):
+            agent.drive(velocity, valid_for_s)
+        assert agent.state.condition is AgentCondition.IDLE

@@ -46,22 +46,6 @@ def test_every_tick_is_written(tmp_path: Path) -> None:
     assert [float(row[f"told_{name}"]) for name in JOINTS] == pytest.approx(JOINTS_RAD + 1.0)
 
 
-def test_a_robot_without_joints(tmp_path: Path) -> None:
-    with TickFile(tmp_path / "ticks.csv") as ticks:
-        ticks.add(tick(0)._replace(state=RobotState(), command=ActorCommand()))
-    (row,) = rows(tmp_path / "ticks.csv")
-    assert {row[name] for name in JOINTS} == {""}
-    assert row["told_turn"] == "0.000000"
-
-
-def test_a_file_has_a_bound(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    with TickFile(tmp_path / "ticks.csv", max_ticks=10) as ticks:
-        for number in range(15):
-            ticks.add(tick(number))
-    assert len(rows(tmp_path / "ticks.csv")) == 10
-    assert "lacks 5 ticks" in caplog.text
-
-
 def test_a_slow_disk_delays_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     disk, made = threading.Event(), tick_file._row
 
@@ -78,20 +62,26 @@ def test_a_slow_disk_delays_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert len(rows(tmp_path / "ticks.csv")) == tick_file.MAX_QUEUED + 50 - ticks.dropped
 
 
-def test_a_file_that_can_t_be_made(tmp_path: Path) -> None:
+def test_a_robot_without_joints_and_a_file_that_has_a_bound(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    file = tmp_path / "ticks.csv"
+    with TickFile(file, max_ticks=10) as ticks:
+        for _ in range(15):
+            ticks.add(tick(0)._replace(state=RobotState(), command=ActorCommand()))
+    assert len(rows(file)) == 10
+    assert {row[name] for row in rows(file) for name in JOINTS} == {""}
+    assert {row["told_turn"] for row in rows(file)} == {"0.000000"}
+    assert "lacks 5 ticks" in caplog.text
+
+
+def test_files_that_can_t_be_written(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A record replaces an earlier one, and no other file."""
     with pytest.raises(RoboCorbaError, match=r"can't create .*nowhere/ticks\.csv: No such file"):
         TickFile(tmp_path / "nowhere" / "ticks.csv")
-
-
-def test_the_disk_is_full(caplog: pytest.LogCaptureFixture) -> None:
     with TickFile(Path("/dev/full")) as ticks:
         ticks.add(tick(0))
         ticks._thread.join(60.0)
         ticks.add(tick(1))
     assert "stopped recording to /dev/full: " in caplog.text
-
-
-def test_a_record_replaces_an_earlier_one_and_no_other_file(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     for _ in range(2):
         TickFile(file).close()
