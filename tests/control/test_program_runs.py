@@ -103,7 +103,7 @@ icon_lists = st.tuples(
     st.lists(asking, max_size=1),
     st.lists(st.recursive(leaves, bodies, max_leaves=5), min_size=1, max_size=2),
 ).map(lambda parts: [icon for part in parts for icon in part])
-programs = plain(name=["fetch", "carry", "haul", "wrong"], icons=icon_lists)
+programs = plain(name=[*["fetch", "carry"] * 4, "wrong"], icons=icon_lists)
 
 
 # ---- the model ----
@@ -519,14 +519,23 @@ class Runs(RuleBasedStateMachine):
         assert is_accepted == (self.model.load(program) and self.model.run(mission=mission))
         self._settle(lingers)
 
-    @rule(program=programs, is_stepping=st.booleans(), lingers=st.booleans())
-    def begin_anew(self, program: Plain, is_stepping: bool, lingers: bool) -> None:
-        """Whatever went on before."""
-        self.find()
-        for what in ("abort", "reset"):
+    @rule(
+        program=programs,
+        is_stepping=st.sampled_from([False, False, True]),
+        ticks=st.integers(0, 20),
+        then=st.sampled_from(["near", "near", "hold", "hold", "step"]),
+    )
+    def begin_anew(self, program: Plain, is_stepping: bool, ticks: int, then: str) -> None:
+        """Whatever went on before. then: what happens after some ticks; `hold`: a pause of some ticks."""
+        self._find()
+        for what in ("abort", "reset", "far"):
             self.order(what, False)
         self.load(program)
-        self.run(is_stepping, "", lingers)
+        self.run(is_stepping, "", False)
+        self.pass_time(ticks, False, False)
+        self.order(then, False)
+        self.pass_time(25, False, then == "hold")
+        self.pass_time(12, False, False)
 
     @rule(what=st.sampled_from((*ORDERS, *HAPPENINGS)), lingers=st.booleans())
     def order(self, what: str, lingers: bool) -> None:
@@ -541,7 +550,7 @@ class Runs(RuleBasedStateMachine):
             self.order(what, False)
             self.agrees()
 
-    @rule(ticks=st.integers(1, 30), lingers=st.booleans(), is_held=st.booleans())
+    @rule(ticks=st.integers(1, 40), lingers=st.booleans(), is_held=st.booleans())
     def pass_time(self, ticks: int, lingers: bool, is_held: bool) -> None:
         """is_held: the program is paused meanwhile."""
         if is_held:
@@ -564,8 +573,8 @@ class Runs(RuleBasedStateMachine):
             lasting.is_over = has_ended
         self._settle(lingers)
 
-    @rule()
-    def lose(self) -> None:
+    @rule(is_found=st.booleans())
+    def lose(self, is_found: bool) -> None:
         """The robot does not answer for a while."""
         self.place.is_away = self.model.is_away = True
         for _ in range(3):
@@ -575,16 +584,16 @@ class Runs(RuleBasedStateMachine):
                 self._settle()
         assert self.place.agent.stopped
         self.agrees()
+        if is_found:
+            self._find()
 
-    @rule()
-    def find(self) -> None:
-        was_away, self.place.is_away = self.place.is_away, False
-        self.model.is_away = False
-        for _ in range(60 * was_away):
-            self._tick()
-            if not self.model.stops and not self.place.agent.stopped:
-                self.model.is_lost = False
-        assert bool(self.place.agent.stopped) == bool(self.model.stops)
+    def _find(self) -> None:
+        self.place.is_away = self.model.is_away = False
+        for _ in range(60):
+            if self.model.is_lost and not self.model.stops:
+                self._tick()
+                self.model.is_lost = bool(self.place.agent.stopped)
+        self.agrees()
 
     @invariant()
     def agrees(self) -> None:
@@ -610,4 +619,4 @@ class Runs(RuleBasedStateMachine):
 
 
 TestRuns = Runs.TestCase
-TestRuns.settings = settings(deadline=None, max_examples=60, stateful_step_count=30)
+TestRuns.settings = settings(deadline=None, max_examples=45, stateful_step_count=30)
