@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 
 from robocorba.control.agent_state import ProgramReport, ProgramResult
 from robocorba.control.robot import Robot
-from robocorba.control.runner import Runner
+from robocorba.control.runner import ReceivedEvent, Runner
 from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, Side
 from robocorba.kinematics.tasks import POSTURES
 from robocorba.programs import icons
@@ -113,6 +114,22 @@ def test_a_watch_that_ends_by_a_defect_ends_the_program(smartpal: Robot, monkeyp
     report, _ = run(smartpal, builder)
     assert report.result is ProgramResult.FAILED
     assert "internal fault in 'sensor stop' (ValueError: a fault)" in report.reason
+
+
+def test_events_are_used_up_one_by_one(smartpal: Robot) -> None:
+    builder = ProgramBuilder("events")
+    builder.wait_until(icons.Event("table.*", "B"), 10.0).wait_until(icons.Event("table.*", "B"), 0.2)
+    with builder.branch(icons.Result("timed_out")):
+        builder.say("once", None)
+    channel = Channel()
+    runner = Runner(builder.program(), smartpal, channel)
+    thread = threading.Thread(target=runner.run)
+    thread.start()
+    eventually(lambda: channel.patterns == [("table.*", "B")], "listening")
+    channel.receive(ReceivedEvent("table.up", "C", None))
+    channel.receive(ReceivedEvent("table.up", "B", None))
+    thread.join(60.0)
+    assert channel.said == [("once", None)]
 
 
 @at(2.0, 2.95, -math.pi / 2)
