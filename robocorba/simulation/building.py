@@ -220,9 +220,10 @@ class SimulatedBuilding:
             self.occupants.restore_object(name, record)
         for description in robots:
             self.occupants.restore_robot(description, world.robots.get(description.name))
-        present = self.occupants.robots.keys()
-        self.elevators.restore(world.cabins, self.time, present)
-        self.reservations.restore(world.reservations, self.time, world.robots.keys() & present)
+        # A robot that is not in the record may have the name of an earlier one, which has left.
+        same = world.robots.keys() & self.occupants.robots.keys()
+        self.elevators.restore(world.cabins, self.time, same)
+        self.reservations.restore(world.reservations, self.time, same)
         self._look_into_cabins()
 
 

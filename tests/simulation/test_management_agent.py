@@ -1,42 +1,56 @@
-"""The communication management agent: log-on, leases, restart after a kill."""
+"""The communication management agent beside what test_log_on.py tries: its thread, records, scans, and what it refuses;
+the time of leases; sensor servers."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.services import ServiceError
+from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.errors.simulation import (
     InvalidChoice,
+    InvalidDescription,
     InvalidReservation,
-    NameTaken,
-    PlaceTaken,
-    ServerFull,
+    SensorRefused,
     SessionExpired,
     UnknownRobot,
 )
 from robocorba.maps.model import ElementKind
-from robocorba.simulation.elevator import RidePhase
+from robocorba.simulation import management_agent
+from robocorba.simulation.attended_time import LONGEST_PAUSE_S, AttendedTime
+from robocorba.simulation.load_balance import SENSOR_LEASE_S, Load, LoadBalance
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
+from robocorba.simulation.registry import Description, Registry
 from robocorba.simulation.robot_scans import LastScan
+from robocorba.simulation.sensor_admission import SensorAdmission, proof_of, read_token, system_token
 from robocorba.simulation.session import Session
 from robocorba.simulation.simulation_event import SimulationEvent
-from robocorba.simulation.store import ClientRecord, SimulationStore
-from robocorba.spatial.pose import Pose
+from robocorba.simulation.store import AdministratorSettings, ClientRecord, Mission, SimulationStore
+from robocorba.simulation.world_record import (
+    CabinRecord,
+    ObjectRecord,
+    ReservationRecord,
+    RideRecord,
+    RobotRecord,
+    WorldRecord,
+)
+from robocorba.spatial.pose import Limits, Pose
 from robocorba.testing.processes import eventually
+from tests.clock import Clock
 from tests.simulation.places import robot, scan, tower
-from tests.waits import stays
 
-PASSAGE = ("L1", ((4.0, 0.0), (6.0, 0.0), (6.0, 1.0), (4.0, 1.0)))
-
-ROOM, FAR, HALL = (("L1", ((x, 2.0), (x + 1.0, 2.0), (x + 1.0, 3.0), (x, 3.0))) for x in (1.0, 3.0, 5.0))
+PASSAGE, ROOM = (("L1", ((x, 0.0), (x + 2.0, 0.0), (x + 2.0, 1.0), (x, 1.0))) for x in (4.0, 7.0))
+GROUND = tower().without(ElementKind.ELEVATOR, "", "E1").without(ElementKind.FLOOR, "", "L2")
 
 
 @pytest.fixture
@@ -56,135 +70,49 @@ def run(agent: ManagementAgent, seconds: float) -> None:
         agent.step()
 
 
-def test_a_robot_logs_on_drives_and_logs_off(agent: ManagementAgent) -> None:
-    session = agent.register(robot("A"))
-    assert session.state().pose == ("L1", 7.0, 2.0, 0.0)
-    session.command(0.5, 0.0, 0.0, 1.0)
+def test_a_robot_drives_and_its_events_are_published(store: SimulationStore) -> None:
+    events: list[SimulationEvent] = []
+    agent = ManagementAgent(tower(), 7, store, events.append)
+    session = agent.register(robot("A", x=7.5))
+    assert session.state().pose == ("L1", 7.5, 2.0, 0.0)
+    session.command(0.5, 0.0, 0.0, 5.0)
     run(agent, 1.0)
     assert session.state().velocity == pytest.approx((0.5, 0.0, 0.0), abs=0.05)
-    assert session.state().pose.x > 7.2
-    assert (agent.state.robots, agent.state.map_version) == (1, 7)
-    session.deregister()
-    for call in (session.state, session.heartbeat, session.deregister, session.release):
-        with pytest.raises(SessionExpired):
-            call()
-    assert agent.state.robots == 0
-    agent.register(robot("A"))
+    assert session.state().pose.x > 7.7
+    run(agent, 5.0)
+    assert [(event.kind, event.who) for event in events] == [("collision", ("A",))]
+    assert (session.robot.collisions, session.robot.touched) == (1, "")
+    assert (agent.state.collisions, agent.state.robots, agent.state.map_version) == (1, 1, 7)
 
 
-@pytest.mark.parametrize(
-    "call",
-    [Session.release, Session.release_areas, Session.cancel_elevator, lambda session: session.keep_areas([])],
-    ids=["release", "release areas", "cancel the ride", "keep areas"],
-)
-def test_a_call_that_waits_while_its_robot_is_logged_off_changes_nothing(
-    agent: ManagementAgent, call: Callable[[Session], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also if another robot of the same name has logged on meanwhile."""
-    session, do = agent.register(robot("A")), agent.loop.do
-    second = []
-
-    def wait_for_the_thread(change: Callable[[], None]) -> object:
-        monkeypatch.setattr(agent.loop, "do", do)
-        agent.evict("A")
-        second.append(agent.register(robot("A")))
-        second[0].reserve([PASSAGE], 60.0)
-        return do(change)
-
-    monkeypatch.setattr(agent.loop, "do", wait_for_the_thread)
-    with pytest.raises(SessionExpired):
-        call(session)
-    assert second[0].reservation() == (True, 0, 0.0, 60.0)
-
-
-def test_areas_are_reserved_and_released(agent: ManagementAgent) -> None:
-    first, second = agent.register(robot("A")), agent.register(robot("B", x=4.0))
-    assert first.reservation() is None
-    first.release_areas()
+def test_invalid_requests_of_a_robot_are_refused(agent: ManagementAgent) -> None:
+    session = agent.register(robot("A"))
+    session.release_areas()
     for field, areas, limit_s in (("areas", [], 1.0), ("limit", [PASSAGE], -1.0)):
         with pytest.raises(InvalidReservation) as refused:
-            first.reserve(areas, limit_s)
+            session.reserve(areas, limit_s)
         assert refused.value.field == field
     with pytest.raises(UnknownFloor):
-        first.reserve([("roof", PASSAGE[1])], 1.0)
-    first.reserve([PASSAGE, ("L2", PASSAGE[1])], 60.0)
-    second.reserve([PASSAGE], 60.0)
-    assert (first.reservation(), second.reservation()) == ((True, 0, 0.0, 60.0), (False, 1, 60.0, 60.0))
-    first.keep_areas([("L2", PASSAGE[1])])
-    assert second.reservation() == (True, 0, 0.0, 60.0)
-    second.deregister()
-    for call in (second.reservation, second.release_areas, lambda: second.reserve([PASSAGE], 1.0)):
-        with pytest.raises(SessionExpired):
-            call()
+        session.reserve([("roof", PASSAGE[1])], 1.0)
+    session.reserve([PASSAGE, ROOM], 60.0)
+    session.keep_areas([ROOM])
     with pytest.raises(InvalidReservation):
-        first.keep_areas([PASSAGE])
-    first.release_areas()
-    assert agent.simulated.reservations.requests == {}
+        session.keep_areas([PASSAGE])
+    assert agent.simulated.reservations.requests["A"].areas == (ROOM,)
 
 
-def test_a_refused_log_on_leaves_no_record(agent: ManagementAgent, store: SimulationStore) -> None:
-    agent.configure(limit=2)
-    agent.register(robot("A"))
-    refused: list[tuple[type, Callable[[], object]]] = [
-        (NameTaken, lambda: agent.register(robot("A", x=4.0))),
-        (PlaceTaken, lambda: agent.register(robot("B"))),
-        (UnknownFloor, lambda: agent.register(robot("B", "roof"))),
-    ]
-    for error, call in refused:
-        with pytest.raises(error):
-            call()
-    agent.register(robot("B", x=4.0))
-    with pytest.raises(ServerFull):
-        agent.register(robot("C", x=5.0))
-    assert set(agent.simulated.occupants.robots) == {"A", "B"} == {record.name for record in store.clients()}
-
-
-def test_a_log_on_that_cannot_be_stored_is_refused(agent: ManagementAgent, store: SimulationStore) -> None:
+def test_an_exchange_of_areas_that_cannot_be_stored_is_undone(agent: ManagementAgent, store: SimulationStore) -> None:
+    agent.register(robot("A")).reserve([PASSAGE], 60.0)
+    other = agent.register(robot("B", x=4.0))
+    other.reserve([ROOM], 60.0)
     store.__exit__(None, None, None)
-    with pytest.raises(ServiceError):
-        agent.register(robot("A"))
-    assert agent.simulated.occupants.robots == {}
-    assert agent.state.robots == 0
-
-
-def test_what_cannot_be_stored_is_undone(agent: ManagementAgent, store: SimulationStore) -> None:
-    driver = agent.register(robot("A", x=1.0))
-    store.__exit__(None, None, None)
-    for change in (
-        lambda: driver.grip("T1", (1.6, 2.0)),
-        lambda: driver.call_elevator("E1", "L2"),
-        lambda: driver.reserve([PASSAGE], 100.0),
-        lambda: agent.configure(limit=5, pace=2.0, is_paused=True),
-    ):
+    for areas in ([("L2", ROOM[1])], [PASSAGE]):  # what A has is refused, and nothing to be undone
         with pytest.raises(ServiceError):
-            change()
-    run(agent, 0.1)
-    assert (driver.robot.holding, driver.ride, driver.reservation()) == ("", None, None)
-    assert (agent.registry.limit, agent.loop.pace, agent.loop.is_paused) == (300, 1.0, False)
+            other.exchange_areas(areas, 0.0)
+        assert agent.simulated.reservations.requests["B"].areas == (ROOM,)
 
 
-def test_changes_of_areas_that_cannot_be_stored_are_undone(agent: ManagementAgent, store: SimulationStore) -> None:
-    leader, successor, other = agent.register(robot("A", x=1.0)), agent.register(robot("B")), robot("C", x=4.0)
-    agent.register(other).reserve([PASSAGE], 60.0)
-    leader.reserve([ROOM], 60.0)
-    successor.reserve([FAR], 60.0)
-    agent.simulated.reservations.fall_silent("A")
-    store.__exit__(None, None, None)
-    with pytest.raises(ServiceError):
-        successor.exchange_areas([HALL], 0.0)
-    reserved = agent.simulated.reservations.requests
-    assert reserved["B"].areas == (FAR,)
-    with pytest.raises(ServiceError):  # what C has; it is refused, and nothing to be undone
-        successor.exchange_areas([PASSAGE], 0.0)
-    assert reserved["B"].areas == (FAR,)
-    agent.simulated.reservations.release("B")
-    with pytest.raises(ServiceError):
-        successor.take_over_areas("A")
-    agent.simulated.reservations.take_over("B", "A")  # it is kept of A again
-    assert reserved["B"].areas == (ROOM,)
-
-
-def test_a_robot_whose_lease_expires_is_logged_off(store: SimulationStore) -> None:
+def test_a_silent_robot_is_logged_off_by_the_thread(store: SimulationStore) -> None:
     gone: list[Session] = []
     agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)
     with contextlib.closing(agent):
@@ -202,87 +130,33 @@ def test_a_robot_whose_lease_expires_is_logged_off(store: SimulationStore) -> No
         agent.register(robot("A"))
         with pytest.raises(UnknownRobot):
             agent.evict("C")
-        agent.evict("A")
-    assert [session.name for session in gone] == ["A", "A"]
 
 
-def test_accepted_changes_survive_a_kill(store: SimulationStore) -> None:
-    killed = ManagementAgent(tower(), 7, store)
-    killed.configure(limit=5, pace=2.0)
-    killed.start()
-    driver, waiter = killed.register(robot("A", x=1.0)), killed.register(robot("B", x=5.0, y=3.0))
-    driver.grip("T1", (1.6, 2.0))
-    waiter.call_elevator("E1", "L2", "table", 2)
-    driver.reserve([PASSAGE], 100.0)
-    waiter.reserve([PASSAGE], 200.0)
-    # Nothing is closed: its thread goes on, but what it keeps from now on goes into a file of its own.
-    kept = store.world()
-    clients, settings = store.clients(), store.settings()
-    killed.close()
-    store.clear()
-    for client in clients:
-        store.save_client(client)
-    assert kept is not None and settings is not None
-    store.save_world(kept)
-    store.save_settings(settings)
-
-    again = ManagementAgent(tower(), 7, store)
-    assert (again.state.limit, again.state.pace) == (5, 2.0)
-    assert set(again.sessions) == {driver.client.key, waiter.client.key}
-    session = again.sessions[driver.client.key]
-    assert session.robot.holding == "T1"
-    assert session.state().pose[1:] == pytest.approx((1.0, 2.0, 0.0), abs=0.01)
-    ride = again.sessions[waiter.client.key].ride
-    assert ride is not None and ride.phase is RidePhase.WAITING
-    assert again.simulated.elevators.cabins["E1"].sessions["B"].party == "table"
-    first, second = session.reservation(), again.sessions[waiter.client.key].reservation()
-    assert first is not None and first.granted and 99.0 < first.left_s <= 100.0
-    assert second == (False, 1, pytest.approx(first.left_s), 200.0)
-    with pytest.raises(NameTaken):
-        again.register(robot("A", x=4.0))
-
-
-def test_a_robot_on_a_floor_that_the_map_lost_is_not_restored(store: SimulationStore) -> None:
-    before = ManagementAgent(tower(), 7, store)
-    before.register(robot("A", "L2"))
-    before.register(robot("B", "L1"))
-    ground = tower().without(ElementKind.ELEVATOR, "", "E1").without(ElementKind.FLOOR, "", "L2")
-    after = ManagementAgent(ground, 8, store)
-    assert [session.name for session in after.sessions.values()] == ["B"]
+def test_robots_on_a_floor_that_the_map_lost_are_logged_off(store: SimulationStore) -> None:
+    gone: list[Session] = []
+    agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)
+    upstairs = agent.register(robot("A", "L2"))
+    agent.register(robot("B", "L1"))
+    # As if it was killed before it followed.
+    later = ManagementAgent(GROUND, 8, store)
+    assert [session.name for session in later.sessions.values()] == ["B"]
     assert [record.name for record in store.clients()] == ["B"]
+    store.save_client(ClientRecord.of(upstairs.client.key, 1.0, robot("A", "L2")))
+    agent.follow_map(GROUND, 8)
+    assert gone == [upstairs]
+    agent.close()
+    assert [record.name for record in store.clients()] == ["B"]
+    assert (agent.state.robots, agent.state.map_version) == (1, 8)
 
 
-def test_a_robot_does_not_inherit_the_pose_of_an_earlier_robot_of_its_name(store: SimulationStore) -> None:
-    before = ManagementAgent(tower(), 7, store)
-    before.register(robot("A", x=4.0)).deregister()
-    before.close()
-    store.save_client(ClientRecord.of("another", 1.0, robot("A", "L2")))
-    (session,) = ManagementAgent(tower(), 7, store).sessions.values()
-    assert session.state().pose == ("L2", 7.0, 2.0, 0.0)
-
-
-def test_late_scans_of_an_earlier_robot_of_the_same_name_are_ignored(store: SimulationStore) -> None:
+def test_a_robot_does_not_inherit_the_ride_of_an_earlier_robot_of_its_name(store: SimulationStore) -> None:
+    """As after a kill before the state was written again."""
     agent = ManagementAgent(tower(), 7, store)
-    began = agent.register(robot("A")).began
-
-    def last_scan(time_s: float) -> LastScan:
-        return LastScan("A", time_s, Pose("L1", 1.0, 2.0, 0.0), 0.0, 0.1, np.ones(3))
-
-    agent.record_scans([last_scan(began - 0.1)])
-    assert agent.database.last_scans("L1") == []
-    agent.record_scans([last_scan(began + 0.1)])
-    assert [found.time for found in agent.database.last_scans("L1")] == [began + 0.1]
-
-
-def test_leases_begin_when_calls_are_accepted(store: SimulationStore) -> None:
-    agent = ManagementAgent(tower(), 7, store)
-    agent.registry.lease_s = 0.2
-    with contextlib.closing(agent):
-        agent.start()
-        agent.register(robot("A"))
-        stays(lambda: agent.state.robots == 1, 0.5)
-        agent.begin_leases()
-        eventually(lambda: agent.state.robots == 0)
+    session = agent.register(robot("A"))
+    session.call_elevator("E1", "L2")
+    session.deregister()
+    agent.register(robot("A"))
+    assert ManagementAgent(tower(), 7, store).simulated.elevators.rides == {}
 
 
 def test_of_two_records_of_a_name_the_later_one_counts(store: SimulationStore) -> None:
@@ -292,47 +166,20 @@ def test_of_two_records_of_a_name_the_later_one_counts(store: SimulationStore) -
     assert [record.key for record in store.clients()] == ["new"]
 
 
-def test_robots_on_a_removed_floor_are_logged_off(store: SimulationStore) -> None:
-    gone: list[Session] = []
-    agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)
-    upstairs = agent.register(robot("A", "L2"))
-    agent.register(robot("B", "L1"))
-    agent.follow_map(tower().without(ElementKind.ELEVATOR, "", "E1").without(ElementKind.FLOOR, "", "L2"), 8)
-    assert gone == [upstairs]
-    agent.close()
-    assert [record.name for record in store.clients()] == ["B"]
-    assert (agent.state.robots, agent.state.map_version) == (1, 8)
-
-
-def test_events_are_published(store: SimulationStore) -> None:
-    events: list[SimulationEvent] = []
-    agent = ManagementAgent(tower(), 7, store, events.append)
-    session = agent.register(robot("A", x=8.5, heading=0.0))
-    session.command(0.5, 0.0, 0.0, 5.0)
-    run(agent, 4.0)
-    assert [(event.kind, event.who) for event in events] == [("collision", ("A",))]
-    assert (agent.state.collisions, session.robot.collisions, session.robot.touched) == (1, 1, "")
-
-
-@pytest.mark.parametrize("choice", [{"limit": -1}, {"limit": 10_001}, {"pace": -1.0}, {"pace": math.inf}])
-def test_invalid_settings_are_refused(agent: ManagementAgent, choice: dict) -> None:
-    with pytest.raises(InvalidChoice):
-        agent.configure(**choice)
+def test_invalid_settings_are_refused(agent: ManagementAgent, monkeypatch: pytest.MonkeyPatch) -> None:
+    for choice in ({"limit": -1}, {"limit": 10_001}, {"pace": -1.0}, {"pace": math.inf}):
+        with pytest.raises(InvalidChoice):
+            agent.configure(**choice)  # type: ignore[arg-type]
     assert (agent.state.limit, agent.state.pace) == (300, 1.0)
-
-
-def test_a_placed_body_is_there_after_a_kill(store: SimulationStore) -> None:
-    events: list[SimulationEvent] = []
-    agent = ManagementAgent(tower(), 7, store, events.append)
-    agent.register(robot("A"))
-    agent.place("A", Pose("L2", 3.0, 3.0, 1.0))
-    agent.place("T1", Pose("L1", 6.0, 2.0, 1.0))
-    assert [(event.kind, event.who) for event in events] == [("placed", ("A",)), ("placed", ("T1",))]
-    with pytest.raises(PlaceTaken):
-        agent.place("A", Pose("L1", 6.0, 2.0, 0.0))
-    after = ManagementAgent(tower(), 7, store)  # the first one was not closed
-    assert after.simulated.occupants.pose("A") == pytest.approx(Pose("L2", 3.0, 3.0, 1.0))
-    assert after.simulated.occupants.object_pose("T1") == pytest.approx(Pose("L1", 6.0, 2.0, 1.0))
+    monkeypatch.setattr(management_agent, "MAX_KEPT_OUT", 1)
+    with pytest.raises(InvalidChoice, match="letters, digits"):
+        agent.keep_out("no name")
+    agent.keep_out("A")
+    agent.keep_out("A")
+    with pytest.raises(InvalidChoice, match="1 names are kept out already"):
+        agent.keep_out("B")
+    with pytest.raises(InvalidDescription, match="robocorba simulation admit A"):
+        agent.register(robot("A"))
 
 
 def test_postures_reservations_and_scans_of_a_robot_end_with_its_session(agent: ManagementAgent) -> None:
@@ -348,15 +195,212 @@ def test_postures_reservations_and_scans_of_a_robot_end_with_its_session(agent: 
     assert agent.record_robot_scans([scan("A"), scan("nobody")]) > 0.1
     assert [found.robot for found in database.scans_since("L1", 0.0)] == ["A"]
     assert agent.record_robot_scans([]) < 0.1  # somebody reads them
+    agent.record_scans([last_scan(0.5)])
     session.deregister()
-    assert database.postures("L1", 0.0) == []
-    assert database.reservations() == []
-    assert database.scans_since("L1", 0.0) == []
-    agent.register(robot("A"))
+    assert database.postures("L1", 0.0) == database.reservations() == []
+    assert database.scans_since("L1", 0.0) == database.last_scans("L1") == []
+    began = agent.register(robot("A")).began
     agent.record_robot_scans([scan("A", 0.9)])  # of the first A, on its way while that logged off
-    assert database.scans_since("L1", 0.0) == []
+    agent.record_scans([last_scan(began - 0.1)])
+    assert database.scans_since("L1", 0.0) == database.last_scans("L1") == []
+    agent.record_scans([last_scan(began + 0.1)])
+    assert [found.time for found in database.last_scans("L1")] == [began + 0.1]
     for read in (database.postures, database.scans_since):
         with pytest.raises(UnknownFloor):
             read("roof", 0.0)
     with pytest.raises(SessionExpired):
         session.report_posture([0.0])
+
+
+def last_scan(time_s: float) -> LastScan:
+    return LastScan("A", time_s, Pose("L1", 1.0, 2.0, 0.0), 0.0, 0.1, np.ones(3))
+
+
+# ---- clients and records ----
+
+
+def test_clients_have_secrets_and_call_rates() -> None:
+    clock = Clock()
+    registry = Registry(3, clock)
+    clients = [registry.register(robot(name)) for name in "ABC"]
+    assert len({client.secret for client in clients}) == len({client.key for client in clients}) == 3
+    assert all(len(client.secret) >= 32 and client.secret != client.key for client in clients)
+    for _ in range(5):
+        clock.now += 1.0
+        clients[0].renew_lease()
+        registry.expired()
+    assert [client.call_rate for client in clients] == pytest.approx([1.0, 0.0, 0.0])
+    assert [client.silent_s for client in clients] == [0.0, 5.0, 5.0]
+
+
+@pytest.mark.parametrize(
+    ("field", "changed"),
+    [
+        ("name", {"name": ""}),
+        ("name", {"name": "../x"}),
+        ("name", {"name": "x" * 61}),
+        ("x", {"pose": Pose("L1", math.nan, 0.0)}),
+        ("y", {"pose": Pose("L1", 0.0, math.inf)}),
+        ("heading", {"pose": Pose("L1", 0.0, 0.0, math.nan)}),
+        ("radius", {"radius_m": 0.0}),
+        ("radius", {"radius_m": math.nan}),
+        ("mass", {"mass_kg": -1.0}),
+        ("speed", {"limits": Limits(speed=math.inf)}),
+        ("acceleration", {"limits": Limits(acceleration=0.0)}),
+    ],
+)
+def test_an_invalid_description_names_the_field(field: str, changed: dict) -> None:
+    with pytest.raises(InvalidDescription) as refused:
+        Description(**{"name": "A", "pose": Pose("L1", 0.0, 0.0), **changed})
+    assert refused.value.field == field
+
+
+def test_all_records_are_restored(tmp_path: Path) -> None:
+    world = WorldRecord(
+        9,
+        {"A": RobotRecord("L1", 1.0, 2.0, 0.5, ("T1", 1.1, 2.2), 3)},
+        {"L1/T1": ObjectRecord("L1", 0.1, 0.2, 0.3, ("L1", 0.0, 0.0, 0.0))},
+        {"E1": CabinRecord("L1", [RideRecord("A", "L1", "L2", 0.4, 7.5, True, "table", 2)])},
+        reservations=[ReservationRecord("A", (("L1", ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0))),), 60.0, None)],
+    )
+    client = ClientRecord.of("key", 12.5, robot("A"))
+    with SimulationStore(tmp_path / "file") as store:
+        assert (store.world(), store.clients(), store.settings()) == (None, [], None)
+        store.save_administrator("digest")
+        store.save_client(client)
+        store.save_client(ClientRecord.of("other", 13.5, robot("B")))
+        store.forget_client("other")
+        store.save_world(world)
+        store.save_settings(AdministratorSettings(5, 0.0, True))
+        assert store.put_mission(Mission("M", 0, b"plan")) == 1
+    with SimulationStore(tmp_path / "file") as store:
+        assert (store.world(), store.clients(), client.description) == (world, [client], robot("A"))
+        assert store.settings() == AdministratorSettings(5, 0.0, True)
+        assert store.missions() == [Mission("M", 1, b"plan")]
+        assert store.administrator() == "digest"
+        with pytest.raises(AlreadyRunning):
+            SimulationStore(tmp_path / "file")
+
+
+# ---- the time of leases ----
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 10.0), st.booleans())))
+def test_time_in_which_the_server_is_held_up_does_not_count(pauses: list[tuple[float, bool]]) -> None:
+    clock = Clock()
+    attended, expected, pause_s = AttendedTime(clock), clock.now, 0.0
+    for seconds, works in pauses:
+        clock.now += seconds
+        pause_s += seconds
+        assert attended() == pytest.approx(expected + min(pause_s, LONGEST_PAUSE_S))
+        if works:
+            attended.attend()
+            expected, pause_s = expected + min(pause_s, LONGEST_PAUSE_S), 0.0
+            assert attended() == pytest.approx(expected)
+
+
+# ---- sensor servers ----
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def balance(clock: Clock) -> LoadBalance:
+    return LoadBalance(clock)
+
+
+def busy(share: float) -> Load:
+    return Load(share, 0.01, 10.0, 0)
+
+
+def handed(balance: LoadBalance, *robots: str) -> list[str]:
+    return [server.name if (server := balance.assign(robot)) else "" for robot in robots]
+
+
+def test_robots_get_the_least_busy_server_and_keep_it(balance: LoadBalance) -> None:
+    assert handed(balance, "early") == [""]
+    for name in ("S1", "S2"):
+        balance.report(name, f"reference {name}", busy(0.0))
+    assert Counter(handed(balance, *(f"R{number}" for number in range(20)))) == {"S1": 10, "S2": 10}
+    balance.report("S1", "", busy(0.18))
+    balance.report("S2", "", busy(0.05))  # as many robots, but they ask less
+    assert set(handed(balance, *(f"Q{number}" for number in range(5)))) == {"S2"}
+    balance.report("S3", "", busy(0.0))
+    assert handed(balance, "Q1") == [balance.name_for("Q1")] == ["S2"]
+    balance.release("Q1")
+    assert balance.name_for("Q1") == ""
+    assert handed(balance, "Q1") == ["S3"]
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_robots_of_a_dead_server_are_reassigned(balance: LoadBalance, clock: Clock, is_told: bool) -> None:
+    for name in ("S1", "S2", "S3"):
+        balance.report(name, "", busy(0.1))
+    robots = [f"R{number}" for number in range(30)]
+    before = dict(zip(robots, handed(balance, *robots), strict=True))
+    if is_told:
+        balance.remove("S2")
+    else:
+        for _ in range(2):
+            clock.now += 0.6 * SENSOR_LEASE_S
+            for name in ("S1", "S3"):
+                balance.report(name, "", busy(0.1))
+    after = dict(zip(robots, handed(balance, *robots), strict=True))
+    assert set(after.values()) == {"S1", "S3"}
+    assert all(after[robot] == name for robot, name in before.items() if name != "S2")
+    assert abs(Counter(after.values())["S1"] - 15) <= 1
+    assert [server.name for server in balance.servers] == ["S1", "S3"]
+
+
+def test_robots_move_to_a_less_busy_server(balance: LoadBalance) -> None:
+    balance.report("S1", "one", busy(0.8))
+    robots = [f"R{number}" for number in range(10)]
+    handed(balance, *robots)
+    balance.report("S1", "one", busy(0.8))
+    moving = balance.report("S2", "two", busy(0.0))
+    assert len(moving) == 5
+    assert {reference for _, reference in moving} == {"one"}
+    assert Counter(handed(balance, *robots)) == {"S1": 5, "S2": 5}
+    assert balance.report("S1", "one", busy(0.4)) == balance.report("S2", "two", busy(0.4)) == []
+    for moved in robots[:-1]:
+        balance.release(moved)
+    balance.report("S1", "one", busy(0.9))
+    assert balance.report("S2", "two", busy(0.0)) == [], "its only robot"
+
+
+@pytest.fixture
+def token(tmp_path: Path) -> str:
+    return system_token(tmp_path / "sensors.token")
+
+
+def test_the_token_is_made_once_and_for_this_user_only(tmp_path: Path, token: str) -> None:
+    file = tmp_path / "sensors.token"
+    assert system_token(file) == read_token(file) == token
+    assert file.stat().st_mode & 0o777 == 0o600
+    file.write_text("")
+    with pytest.raises(ServiceError, match="damaged"):
+        system_token(file)
+    assert read_token(tmp_path / "missing") == ""
+
+
+def test_a_sensor_server_proves_its_name_and_reference_or_is_at_its_own_port(tmp_path: Path, token: str) -> None:
+    (tmp_path / "ports.json").write_text('{"sensor_s1": 2812, "map_editor": 2810}')
+    admission = SensorAdmission(token, tmp_path / "ports.json", "127.0.0.1")
+    assert admission.endpoint_of("s1") == "127.0.0.1:2812"
+    for name in ("s2", "map_editor", "", "../s1"):
+        with pytest.raises(SensorRefused):
+            admission.endpoint_of(name)
+    good = proof_of(token, "s1", "IOR:1")
+    admission.check("s1", "IOR:1", good)
+    with pytest.raises(SensorRefused):  # it has a token
+        admission.endpoint_of("s1")
+    for name, uri, proof in (
+        *(("s2", "IOR:1", good), ("s1", "IOR:2", good), ("s1", "IOR:1", proof_of("", "s1", "IOR:1"))),
+        *(("s1", "IOR:1", token), ("s1", "IOR:1", ""), ("s1", "IOR:1", "ä\ud800")),
+        ("s 1", "IOR:1", proof_of(token, "s 1", "IOR:1")),
+    ):
+        with pytest.raises(SensorRefused):
+            admission.check(name, uri, proof)
