@@ -220,6 +220,7 @@ class Cabin:
         if robot not in self.sessions:
             raise NoRide(robot, self.elevator.name)
         del self.sessions[robot]
+        self.boarding = [session for session in self.boarding if session.robot != robot]
         if reason:
             self.ended.append((robot, reason))
 
