@@ -10,13 +10,12 @@ import msgspec
 import pytest
 
 from robocorba.errors.simulation import (
-    InvalidRide,
     PlaceTaken,
 )
 from robocorba.maps.model import BoxShape, ElementKind, Floor, MapObject
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.elevator import RidePhase
-from robocorba.simulation.physics import STEP_S, FloorPhysics
+from robocorba.simulation.physics import FloorPhysics
 from robocorba.spatial.elevator_state import Doors
 from robocorba.spatial.pose import Pose
 from tests.simulation.places import enter, run, tower
@@ -34,29 +33,6 @@ def test_closed_landing_doors_stop_a_robot(world: SimulatedBuilding) -> None:
     assert world.occupants.pose("A").y == pytest.approx(3.6, abs=0.02)
 
 
-def test_a_ride_to_another_floor(world: SimulatedBuilding) -> None:
-    enter(world, "A", "L2", 5.0, 3.0, math.pi / 2)
-    world.elevators.call("A", "E1", "L1")
-    ride = world.elevators.cabins["E1"].sessions["A"]
-    while ride.phase is RidePhase.WAITING:
-        world.step()
-    while ride.phase is RidePhase.BOARDING:
-        world.occupants.robots["A"].command(0.5, 0.0, 0.0, 0.2)
-        world.step()
-    while ride.phase is RidePhase.RIDING:
-        world.occupants.robots["A"].command(max(0.0, 5.0 - world.occupants.pose("A").y), 0.0, 0.0, 0.2)
-        world.step()
-    assert world.occupants.pose("A").floor == "L1"
-    while "A" in world.elevators.cabins["E1"].sessions:
-        world.occupants.robots["A"].command(-0.5, 0.0, 0.0, 0.2)
-        world.step()
-    assert world.occupants.pose("A")[:2] == ("L1", pytest.approx(5.0, abs=0.01))
-    assert world.occupants.pose("A").y < 3.61
-    assert "robot/A" not in world.occupants.floors["L2"].state()
-    with pytest.raises(InvalidRide):
-        world.elevators.call("A", "E9", "L2")
-
-
 def into_the_cabin(world: SimulatedBuilding, name: str, y: float) -> None:
     """Drive a robot that faces the doors of E1 straight in."""
     while world.elevators.rides[name].phase is RidePhase.WAITING:
@@ -65,104 +41,6 @@ def into_the_cabin(world: SimulatedBuilding, name: str, y: float) -> None:
         world.occupants.robots[name].command(max(0.1, min(0.5, y - world.occupants.pose(name).y)), 0.0, 0.0, 0.2)
         world.step()
     world.occupants.robots[name].brake()
-
-
-def test_a_party_rides_alone(world: SimulatedBuilding) -> None:
-    for name, y in (("A", 3.0), ("B", 2.0), ("X", 1.0)):
-        enter(world, name, "L1", 5.0, y, math.pi / 2)
-    for name in "AB":
-        world.elevators.call(name, "E1", "L2", "table", 2)
-    world.elevators.call("X", "E1", "L2")
-    into_the_cabin(world, "A", 5.55)
-    assert [world.elevators.rides[name].phase for name in "ABX"] == [
-        RidePhase.RIDING,
-        RidePhase.BOARDING,
-        RidePhase.WAITING,
-    ]
-    into_the_cabin(world, "B", 4.5)
-    while world.occupants.pose("A").floor == "L1":
-        world.step()
-    assert (world.occupants.pose("B").floor, world.occupants.pose("X").floor) == ("L2", "L1")
-
-
-def test_a_party_does_not_board_while_another_robot_is_in_the_cabin(world: SimulatedBuilding) -> None:
-    enter(world, "X", "L1", 5.0, 3.0, math.pi / 2)
-    world.elevators.call("X", "E1", "L2")
-    into_the_cabin(world, "X", 5.55)
-    world.elevators.cancel("X")  # and it stays where it is
-    enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
-    world.elevators.call("A", "E1", "L2", "table", 1)
-    into_the_cabin(world, "A", 4.5)
-    run(world, 1.0)
-    assert (world.elevators.rides["A"].phase, world.occupants.pose("A").y > 4.41) == (RidePhase.BOARDING, True)
-    world.remove("X")
-    world.step()
-    assert world.elevators.rides["A"].phase is RidePhase.RIDING
-
-
-def test_boarding_is_an_event_with_the_wait_that_was_announced(world: SimulatedBuilding) -> None:
-    enter(world, "A", "L1", 1.0, 9.0)
-    enter(world, "B", "L1", 3.0, 9.0)
-    world.elevators.call("A", "E1", "L2")
-    announced_s = world.elevators.longest_wait_s("A")
-    events = run(world, 0.5)
-    world.elevators.call("B", "E1", "L2")
-    found = [event for event in [*events, *run(world, 60.0)] if event.kind == "boarding"]
-    assert [(event.floor, event.who) for event in found] == [("L1", ("A",)), ("L1", ("B",))]
-    assert found[0].longest_wait_s == announced_s
-    for event in found:
-        assert event.waited_s is not None and event.longest_wait_s is not None
-        assert 0.0 < event.waited_s <= event.longest_wait_s
-
-
-def test_waits_are_bounded_again_after_a_restart(world: SimulatedBuilding) -> None:
-    enter(world, "A", "L1", 1.0, 9.0)
-    world.elevators.call("A", "E1", "L2")
-    run(world, 0.5)
-    again = SimulatedBuilding(tower())
-    again.restore(world.record(), [robot.description for robot in world.occupants.robots.values()])
-    (event,) = [event for event in run(again, 60.0) if event.kind == "boarding"]
-    assert event.waited_s is not None and event.longest_wait_s is not None
-    assert 0.5 < event.waited_s <= event.longest_wait_s
-
-
-def test_a_robot_that_was_removed_blocks_no_elevator(world: SimulatedBuilding) -> None:
-    enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
-    enter(world, "B", "L2", 5.0, 3.0, math.pi / 2)
-    world.elevators.call("A", "E1", "L2")
-    run(world, 2.0)
-    assert world.elevators.cabins["E1"].sessions["A"].phase is RidePhase.BOARDING
-    world.remove("A")
-    world.elevators.call("B", "E1", "L1")
-    for _ in range(round(30 / STEP_S)):
-        world.step()
-        if world.elevators.cabins["E1"].sessions["B"].phase is RidePhase.BOARDING:
-            break
-    else:
-        pytest.fail("B was never let in")
-
-
-def between_the_doors(world: SimulatedBuilding) -> None:
-    """Robot A stops where the doors of E1 on L1 close."""
-    enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
-    world.elevators.call("A", "E1", "L2")
-    into_the_cabin(world, "A", 4.05)
-    run(world, 1.0)
-    assert world.occupants.pose("A").y == pytest.approx(4.0, abs=0.2)
-
-
-def test_doors_never_close_on_a_robot(world: SimulatedBuilding) -> None:
-    between_the_doors(world)
-    enter(world, "B", "L2", 5.0, 3.0, math.pi / 2)
-    world.elevators.call("B", "E1", "L1")
-    events = run(world, 60.0)
-    assert [(event.kind, event.who) for event in events] == [("ride lost", ("A",))]
-    assert world.elevators.cabins["E1"].doors is Doors.OPEN
-    assert world.occupants.robots["A"].collisions == 0
-    while world.occupants.pose("A").y > 3.0:
-        world.occupants.robots["A"].command(-0.5, 0.0, 0.0, 0.2)
-        world.step()
-    assert "boarding" in [event.kind for event in run(world, 20.0)]
 
 
 def with_a_box(at: tuple[float, float]) -> SimulatedBuilding:
@@ -311,21 +189,6 @@ def test_an_object_in_the_cabin_on_the_map_begins_with_open_doors() -> None:
     world = with_a_box((5.0, 5.5))
     run(world, 5.0)
     assert (world.elevators.cabins["E1"].floor, world.elevators.cabins["E1"].doors) == ("L2", Doors.OPEN)
-
-
-def test_doors_that_a_restart_finds_a_robot_between_are_open(world: SimulatedBuilding) -> None:
-    between_the_doors(world)
-    again = SimulatedBuilding(tower())
-    again.restore(world.record(), [about.description for about in world.occupants.robots.values()])
-    before = again.occupants.pose("A")
-    assert again.elevators.cabins["E1"].doors is Doors.OPEN
-    assert [event.kind for event in run(again, 1.0)] == ["boarding"]
-    assert again.occupants.pose("A") == pytest.approx(before, abs=1e-9)
-    assert again.elevators.rides["A"].phase is RidePhase.BOARDING
-    into_the_cabin(again, "A", 5.0)
-    while again.occupants.pose("A").floor == "L1":
-        again.step()
-    assert again.occupants.robots["A"].collisions == 0
 
 
 def riding_with_a_table() -> SimulatedBuilding:

@@ -80,6 +80,9 @@ def test_a_stopped_robot_brakes_and_refuses_commands_until_it_is_reset(scene: Sc
     (state,) = scene.stops.stop(["A", "nobody"], "fire")
     assert (state.robot, state.is_held, state.stands) == ("A", True, False)
     assert state.waits_for.startswith("it brakes, 0.5")
+    scene.is_paused = True
+    assert scene.stops.state(session).stands
+    scene.is_paused = False
     with pytest.raises(InvalidCommand, match="fire") as refused:
         session.command(0.5, 0.0, 0.0, 5.0)
     assert refused.value.field == STOPPED
@@ -136,14 +139,6 @@ def test_why_a_robot_does_not_confirm_is_in_the_answer(scene: Scene, caplog: pyt
     eventually(lambda: scene.stops.states([]) and len(scene.calls) > calls + 6, PATIENCE_S)
     warnings = [record.getMessage() for record in caplog.records if "does not confirm" in record.getMessage()]
     assert len(warnings) == len(problems)
-
-
-def test_while_time_is_paused_nothing_moves(scene: Scene) -> None:
-    session = scene.agent.register(robot("A"))
-    session.command(0.5, 0.0, 0.0, 5.0)
-    scene.run(1.0)
-    scene.is_paused = True
-    assert [state.stands for state in scene.stops.stop(["A"], "")] == [True]
 
 
 def test_robots_are_held_over_a_restart(scene: Scene, tmp_path: Path) -> None:
@@ -216,30 +211,25 @@ def test_names_that_never_existed_fill_no_disk(scene: Scene, monkeypatch: pytest
     assert refuses(session)
 
 
-def test_an_end_ends_no_stop_that_it_has_not_seen(scene: Scene) -> None:
-    session = scene.agent.register(robot("A"))
-    scene.stops.stop(["A"], "fire")
-    seen = scene.stops.hold(session)
-    scene.stops.stop(["A"], "smoke")
-    assert scene.stops.end(session, seen.number) == (True, 2, "smoke")
-    assert refuses(session)
-    assert scene.stops.end(session, 3) == (True, 2, "smoke")  # no stop of this number yet
-    assert scene.stops.end(session, 2) == (False, 2, "")
-    assert not refuses(session)
-
-
 def test_a_robot_reports_a_stop_of_its_own(scene: Scene, tmp_path: Path) -> None:
     session = scene.agent.register(robot("A"))
     scene.stops.report_target(session, "unit", True)
     assert scene.stops.report_stop(session, "button") == (True, (True, 1, "button"))
     assert scene.stops.report_stop(session, "event") == (False, (True, 1, "button"))
+    assert scene.stops.end(session, 2) == (True, 1, "button")  # no stop of this number yet
     assert refuses(session)
     assert scene.calls == scene.published == []
     scene.close()
     with contextlib.closing(Scene(tmp_path)) as restarted:
         restarted.stops.start()
         (session,) = restarted.agent.sessions.values()
-        assert restarted.stops.hold(session) == (True, 1, "button")
+        seen = restarted.stops.hold(session)
+        assert seen == (True, 1, "button")
+        restarted.stops.stop(["A"], "smoke")
+        assert restarted.stops.end(session, seen.number) == (True, 2, "smoke")  # it has not seen that one
+        assert refuses(session)
+        assert restarted.stops.end(session, 2) == (False, 2, "")
+        assert not refuses(session)
         session.deregister()
         with pytest.raises(SessionExpired):
             restarted.stops.report_stop(session, "late")

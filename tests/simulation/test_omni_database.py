@@ -1,4 +1,4 @@
-"""The Omni database, and copies that follow it."""
+"""The Omni database, copies that follow it, and the last scans of robots."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from robocorba.errors.simulation import UpdateMismatch
 from robocorba.maps.model import BoxShape, MapObject
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
-from robocorba.simulation.physics import STEP_S
+from robocorba.simulation.robot_scans import (
+    IDLE_INTERVAL_S,
+    MAX_SENSORS,
+    READ_INTERVAL_S,
+    READ_WINDOW_S,
+    RobotScans,
+)
 from robocorba.spatial.elevator_state import Doors
 from robocorba.spatial.floor_update import WHOLE, BodyKind, FloorView
-from tests.simulation.places import robot, tower
-
-
-def run(world: SimulatedBuilding, seconds: float) -> None:
-    for _ in range(round(seconds / STEP_S)):
-        world.step()
+from tests.clock import Clock
+from tests.simulation.places import robot, run, scan, tower
 
 
 def same(view: FloorView, world: SimulatedBuilding) -> bool:
@@ -108,12 +110,6 @@ def test_an_unknown_version_gets_the_whole_floor() -> None:
         view.apply(update._replace(since=5))
 
 
-def test_a_later_process_has_later_versions() -> None:
-    world = SimulatedBuilding(tower())
-    before = OmniDatabase(world).floor("L1").version
-    assert OmniDatabase(world).changes("L1", before).since == WHOLE
-
-
 def test_updates_hold_changed_elevators() -> None:
     world = SimulatedBuilding(tower())
     world.add(robot("A", "L2", 5.0, 3.0))
@@ -167,3 +163,42 @@ def test_copies_that_follow_equal_the_building(acts: list[tuple[str, str, int]])
         view.apply(database.changes("L1", view.version))
         assert same(view, world)
         assert np.array_equal(view.motions["number"], list(view.bodies))
+
+
+# ---- the last scan of each sensor of a robot ----
+
+
+def test_each_sensor_has_its_last_scan() -> None:
+    clock = Clock()
+    scans = RobotScans(clock)
+    assert scans.interval_s == IDLE_INTERVAL_S
+    ring = {"distances": np.ones(8), "hits": np.ones(8, bool), "range_m": 1.0}
+    for at_s in (1.0, 2.0):
+        scans.record(scan(time=at_s))
+        scans.record(scan(time=at_s, **ring))
+        scans.record(scan(time=at_s, ahead=0.3))
+    scans.record(scan("B", 2.5))
+    assert [(one.robot, one.time, len(one.distances), one.mount[0]) for one in scans.since("L1", 0.0)] == [
+        *(("A", 2.0, 5, 0.0), ("A", 2.0, 8, 0.0), ("A", 2.0, 5, 0.3), ("B", 2.5, 5, 0.0)),
+    ]
+    assert scans.interval_s == READ_INTERVAL_S
+    assert [one.robot for one in scans.since("L1", 2.0)] == ["B"]
+    clock.now += READ_WINDOW_S + 0.1
+    assert scans.interval_s == IDLE_INTERVAL_S
+
+
+def test_scans_of_a_robot_are_of_its_floor_few_and_forgotten_when_it_leaves() -> None:
+    scans = RobotScans(Clock())
+    for number in range(3 * MAX_SENSORS):
+        scans.record(scan(ahead=number / 100))
+    kept = [one.mount[0] for one in scans.since("L1", 0.0)]
+    assert kept == [number / 100 for number in range(2 * MAX_SENSORS, 3 * MAX_SENSORS)]
+    scans = RobotScans(Clock())
+    for name in "ABCD":
+        scans.record(scan(name))
+    scans.record(scan("D", time=2.0, floor="L2"))
+    assert [one.robot for one in scans.since("L1", 0.0)] == ["A", "B", "C"]
+    assert [one.robot for one in scans.since("L2", 0.0)] == ["D"]
+    scans.forget("A")
+    scans.keep({"C", "D"})
+    assert [one.robot for one in scans.since("L1", 0.0)] == ["C"]
