@@ -333,15 +333,19 @@ class LogOn(RuleBasedStateMachine):
         self.note_written()
 
     @precondition(lambda self: self.here)
-    @rule(number=numbers, begins=st.booleans())
-    def call_in_progress(self, number: int, begins: bool) -> None:
+    @rule(number=numbers, ticks=st.integers(1, 20))
+    def make_long_calls(self, number: int, ticks: int) -> None:
+        """Two calls that end one after the other."""
         name = self.some(number)
-        if begins:
-            self.here[name].calls += 1
-            self.agent.registry.find(name).begin_call()
-        elif self.here[name].calls:
-            self.session(name).client.end_call()
-            self.here[name].calls -= 1
+        member, client = self.here[name], self.session(name).client
+        client.begin_call()
+        client.begin_call()
+        member.calls = 2
+        while member.calls:
+            self.pass_time(ticks, set())
+            client.end_call()
+            member.last_call = self.lease_now
+            member.calls -= 1
 
     @precondition(lambda self: self.here)
     @rule(number=numbers, call=st.sampled_from(CALLS))
@@ -502,7 +506,7 @@ class LogOn(RuleBasedStateMachine):
             for name, member in self.here.items()
         }
         for member in self.here.values():
-            member.last_call, member.calls = self.lease_now, 0
+            member.last_call = self.lease_now
         self.areas.queue = [one for one in self.areas.queue if one.is_kept or one.owner in same]
         self.areas.settle()
         self.note_written()

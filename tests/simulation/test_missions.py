@@ -129,12 +129,15 @@ def test_a_client_of_the_server_before_gets_all_missions(
 
 
 def test_a_writer_that_is_late_is_refused(missions: MissionDirectory) -> None:
-    put(missions, "one", RUNNING)
-    with pytest.raises(StaleMission):
-        put(missions, "one", RUNNING)
+    assert [put(missions, "one", RUNNING), put(missions, "one", RUNNING, 1)] == [1, 2]
+    for stale in (0, 1, 3):
+        with pytest.raises(StaleMission) as refused:
+            put(missions, "one", RUNNING, stale)
+        assert refused.value.current == 2
     missions.remove_mission("one")
-    with pytest.raises(UnknownMission):
-        missions.mission("one")
+    for use in (missions.mission, missions.report, missions.remove_mission):
+        with pytest.raises(UnknownMission):
+            use("one")
     assert missions.since(0) == []
 
 
@@ -171,22 +174,14 @@ def test_the_missions_that_ended_first_make_room(
     assert {mission.name for mission in store.missions()} == {"running", "new", "newer"}
 
 
-@pytest.mark.parametrize(
-    ("name", "version", "document"),
-    [("", 0, b""), ("x" * 201, 0, b""), ("new", 0, bytes(MAX_DOCUMENT + 1)), ("new", 3, b"")],
-)
 def test_a_refused_mission_removes_no_others(
-    store: SimulationStore,
-    missions: MissionDirectory,
-    monkeypatch: pytest.MonkeyPatch,
-    name: str,
-    version: int,
-    document: bytes,
+    store: SimulationStore, missions: MissionDirectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(store_module, "MAX_MISSIONS", 1)
     put(missions, "kept", ended(200.0))
-    with pytest.raises((InvalidMission, StaleMission)):
-        missions.put_mission(Mission(name, version, document))
+    for mission in (("", 0, b""), ("x" * 201, 0, b""), ("new", 0, bytes(MAX_DOCUMENT + 1)), ("new", 3, b"")):
+        with pytest.raises((InvalidMission, StaleMission)):
+            missions.put_mission(Mission(*mission))
     assert [mission.name for mission in store.missions()] == ["kept"]
 
 
@@ -230,13 +225,12 @@ def test_a_report_is_the_leaders_or_what_the_record_says(missions: MissionDirect
     put(missions, "done", ended(200.0, report={"mission": "done", "result": "done"}))
     put(missions, "lost", RUNNING)
     assert json.loads(missions.report("done")) == {"mission": "done", "result": "done"}
+    assert MissionContent.decode(ended(200.0, report={"long": "x" * MAX_DOCUMENT}).encode()).report is None
     missions.fail(missions.mission("lost"), "its leader was gone")
     report = json.loads(missions.report("lost"))
     assert (report["result"], report["reason"], report["seconds"]) == ("failed", "its leader was gone", 1.0)
     assert report["robots"] == {"A": "leader", "B": "helper"}
     assert [(phase["name"], phase["began_s"]) for phase in report["phases"]] == [("asking", 0.0), ("gathering", 1.0)]
-    with pytest.raises(UnknownMission):
-        missions.report("nothing")
 
 
 def test_a_report_is_of_the_listed_document(
@@ -258,30 +252,23 @@ def test_a_report_is_of_the_listed_document(
         missions.report("one")
 
 
-def test_a_report_that_is_too_long_is_left_out() -> None:
-    document = ended(200.0, report={"long": "x" * MAX_DOCUMENT}).encode()
-    assert MissionContent.decode(document).report is None
-
-
 # ---- mission control ----
 
 
 def test_a_mission_is_started_and_listed_at_once(missions: MissionDirectory) -> None:
+    class Quick(Robots):
+        """It stores a record before it answers."""
+
+        def start(self, leader: str, mission: str, icon: str, term: int) -> None:
+            put(missions, mission, RUNNING, missions.stored(mission).version)
+
     robots = Robots(A="")
     name = MissionControl(missions, robots).start("A", ICON)
     content = missions.mission(name).content
     assert robots.lead == {"A": name}
     assert (content.kind, content.about, content.leader) == ("move_table", "desk", "A")
     assert content.is_running
-
-
-def test_the_leaders_own_record_is_not_replaced(missions: MissionDirectory) -> None:
-    class Quick(Robots):
-        def start(self, leader: str, mission: str, icon: str, term: int) -> None:
-            put(missions, mission, RUNNING, missions.stored(mission).version)
-
-    name = MissionControl(missions, Quick()).start("A", ICON)
-    assert missions.mission(name).content == RUNNING
+    assert missions.mission(MissionControl(missions, Quick()).start("A", ICON)).content == RUNNING
 
 
 def test_a_refusal_leaves_no_record(missions: MissionDirectory) -> None:
@@ -323,25 +310,12 @@ def test_an_abort_hits_its_own_mission_only(missions: MissionDirectory, monkeypa
     assert robots.aborted == []
     control.abort("second")
     assert robots.aborted == ["second"]
-
-
-def test_an_abort_waits_for_a_leader_that_has_just_accepted(
-    missions: MissionDirectory, monkeypatch: pytest.MonkeyPatch
-) -> None:
     monkeypatch.setattr("robocorba.simulation.mission_control.ABORT_RETRY_S", 60.0)
     monkeypatch.setattr("robocorba.simulation.mission_control.ABORT_PAUSE_S", 0.0)
-
-    class Late(Robots):
-        asked = 0
-
-        def mission_of(self, leader: str) -> str:
-            self.asked += 1
-            return "one" if self.asked > 2 else ""
-
-    robots = Late()
-    put(missions, "one", RUNNING)
-    MissionControl(missions, robots).abort("one")
-    assert robots.aborted == ["one"]
+    leads = iter(["", "", "first"])
+    monkeypatch.setattr(robots, "mission_of", lambda leader: next(leads))
+    control.abort("first")  # its leader has just accepted it
+    assert robots.aborted == ["second", "first"]
 
 
 @pytest.mark.parametrize(
@@ -419,26 +393,40 @@ def test_a_mission_whose_leader_is_gone_is_given_to_another_robot(missions: Miss
     assert missions.mission("one").content.is_running
 
 
-def test_a_mission_that_nobody_can_lead_fails(missions: MissionDirectory) -> None:
-    now, robots = 0.0, Choosy("B", B="")
-    watch = LeaderWatch(missions, robots, lambda robot: False, lambda: now, lambda about: ["A", "B"])
+def test_a_mission_ends_once_nobody_can_lead_it_for_long(missions: MissionDirectory) -> None:
+    clock, robots = Clock(0.0), Choosy("B", A="one", B="")
+    watch = LeaderWatch(missions, robots, lambda robot: False, clock, lambda about: ["A", "B"])
     put(missions, "one", msgspec.structs.replace(RUNNING, icon={"icon": "move_table"}))
-    while now < GONE_LIMIT_S:
+    before = missions.mission("one").content
+    for clock.now in range(0, 100, 5):
+        robots.lead = {"B": ""} if clock.now % 10 else {"A": "one", "B": ""}
         watch.check()
+    assert missions.mission("one").content == before, "its leader answers again each time"
+    robots.lead, since = {"B": ""}, clock.now
+    while clock.now - since < GONE_LIMIT_S:
         assert missions.mission("one").content.is_running
-        now += 5.0
+        watch.check()
+        clock.now += 5.0
     watch.check()
     assert missions.mission("one").content.result is MissionResult.FAILED
 
 
-def test_a_leader_that_answers_again_keeps_its_mission(missions: MissionDirectory) -> None:
-    now, robots = 0.0, Robots(A="one")
-    watch = LeaderWatch(missions, robots, lambda robot: False, lambda: now)
-    put(missions, "one", RUNNING)
-    for now in range(0, 100, 5):
-        robots.lead = {} if now % 10 else {"A": "one"}
-        watch.check()
-    assert missions.mission("one").content == RUNNING
+def test_each_leader_is_asked_once_a_check_until_the_watch_is_closed(missions: MissionDirectory) -> None:
+    class Closing(Robots):
+        def mission_of(self, leader: str) -> str:
+            if "A" in self.called:
+                watch.close()
+            return super().mission_of(leader)
+
+    for name, leader in (("one", "A"), ("two", "A"), ("three", "B"), ("four", "B")):
+        put(missions, name, msgspec.structs.replace(RUNNING, leader=leader))
+    robots, closing = Robots(A="two"), Closing(A="two")
+    LeaderWatch(missions, robots, lambda robot: False).check()
+    assert sorted(robots.called) == ["A", "B"]
+    put(missions, "five", msgspec.structs.replace(RUNNING, leader="C"))
+    watch = LeaderWatch(missions, closing, lambda robot: False)
+    watch.check()
+    assert closing.called == ["A", "B"]
 
 
 def test_a_record_that_cannot_be_ended_stops_nothing(store: SimulationStore, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -465,29 +453,6 @@ def test_a_record_that_cannot_be_ended_stops_nothing(store: SimulationStore, mon
     now += GONE_LIMIT_S
     watch.check()
     assert not missions.mission("full").content.is_running
-
-
-def test_each_leader_is_asked_once_a_check(missions: MissionDirectory) -> None:
-    robots = Robots(A="two")
-    watch = LeaderWatch(missions, robots, lambda robot: False)
-    for name, leader in (("one", "A"), ("two", "A"), ("three", "B"), ("four", "B")):
-        put(missions, name, msgspec.structs.replace(RUNNING, leader=leader))
-    watch.check()
-    assert sorted(robots.called) == ["A", "B"]
-
-
-def test_a_watch_that_is_closed_asks_no_further_leaders(missions: MissionDirectory) -> None:
-    class Closing(Robots):
-        def mission_of(self, leader: str) -> str:
-            watch.close()
-            return super().mission_of(leader)
-
-    robots = Closing()
-    watch = LeaderWatch(missions, robots, lambda robot: False)
-    for leader in "AB":
-        put(missions, f"led by {leader}", msgspec.structs.replace(RUNNING, leader=leader))
-    watch.check()
-    assert robots.called == ["A"]
 
 
 def test_a_robot_may_store_what_it_leads_or_takes_over(missions: MissionDirectory) -> None:
