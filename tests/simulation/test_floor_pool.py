@@ -179,15 +179,6 @@ def test_the_first_error_of_a_floor_is_raised_after_all_have_stepped(threads: in
     assert [len(floor.threads) for floor in floors] == [3, 3, 3, 3]
 
 
-def test_empty_and_still_floors_need_no_other_thread(pool: FloorPool) -> None:
-    before = floor_threads()
-    floors = [FakeFloor("empty", 0), FakeFloor("busy"), FakeFloor("still")]
-    floors[2].is_still = True
-    assert len(pool.step(floors)) == 3
-    pool.step([])
-    assert floor_threads() <= before
-
-
 def test_an_interrupted_step_leaves_no_thread_on_a_floor(pool: FloorPool) -> None:
     meet, here = meeting(), threading.current_thread()
 
@@ -246,17 +237,19 @@ def test_nothing_is_shared_while_steps_take_little_of_the_time() -> None:
     assert not choice.shares
 
 
-def test_few_bodies_are_not_shared_though_it_would_pay() -> None:
-    clock = Clock()
-    before = floor_threads()
-    with contextlib.closing(FloorPool(clock=clock)) as pool:
-        floors = [FakeFloor("A", 900), FakeFloor("B", MIN_SHARED_BODIES - 1)]
+def test_empty_still_and_small_floors_need_no_other_thread(pool: FloorPool) -> None:
+    before, clock = floor_threads(), Clock()
+    floors = [FakeFloor("empty", 0), FakeFloor("busy"), FakeFloor("still")]
+    floors[2].is_still = True
+    assert len(pool.step(floors)) == 3
+    pool.step([])
 
-        def step() -> None:
-            clock.now += 1.0
+    def step() -> None:
+        clock.now += 1.0
 
-        floors[0].wait = step
+    small = [FakeFloor("A", 900, step), FakeFloor("B", MIN_SHARED_BODIES - 1)]
+    with contextlib.closing(FloorPool(clock=clock)) as choosing:
         for _ in range(3 * WINDOW_STEPS):
-            pool.step(floors)
+            choosing.step(small)  # though sharing would pay
     assert floor_threads() <= before
-    assert {thread for floor in floors for thread in floor.threads} == {threading.current_thread().name}
+    assert {thread for floor in small for thread in floor.threads} == {threading.current_thread().name}

@@ -158,26 +158,17 @@ def test_floors_are_chosen_and_followed(tmp_path: Path) -> None:
         next(found.updates(["L1", "L3"]))
 
 
-def test_an_existing_file_is_kept(tmp_path: Path) -> None:
+def test_a_file_that_can_not_be_written_is_reported(tmp_path: Path) -> None:
     written = record(tmp_path / "a.mcap", 3)
-    with pytest.raises(InvalidRecording, match="File exists"):
-        Recorder(tmp_path / "a.mcap", two_floors())
-    assert_prefix(tmp_path / "a.mcap", written)
-
-
-def test_unusable_paths_are_reported(tmp_path: Path) -> None:
-    with pytest.raises(InvalidRecording, match="No such file"):
-        Recorder(tmp_path / "no" / "a.mcap", two_floors())
-    with pytest.raises(InvalidRecording, match="Is a directory"):
-        Recorder(tmp_path, two_floors(), overwrite=True)
-
-
-def test_a_full_disk_is_reported() -> None:
-    with (
-        pytest.raises(InvalidRecording, match="No space left"),
-        Recorder(Path("/dev/full"), Building("b"), overwrite=True),
+    for path, overwrite, reason in (
+        (tmp_path / "a.mcap", False, "File exists"),
+        (tmp_path / "no" / "a.mcap", False, "No such file"),
+        (tmp_path, True, "Is a directory"),
+        (Path("/dev/full"), True, "No space left"),
     ):
-        pass
+        with pytest.raises(InvalidRecording, match=reason), Recorder(path, Building("b"), overwrite=overwrite):
+            pass
+    assert_prefix(tmp_path / "a.mcap", written)
 
 
 def test_it_can_be_read_while_it_is_recorded(tmp_path: Path) -> None:
@@ -281,7 +272,7 @@ def test_any_other_file_is_refused(tmp_path: Path, data: bytes) -> None:
             Recording(tmp_path / "a.mcap")
 
 
-def test_the_error_names_the_kind_of_file(tmp_path: Path) -> None:
+def test_the_error_names_what_is_wrong_with_a_file(tmp_path: Path) -> None:
     file = tmp_path / "a.mcap"
     with pytest.raises(InvalidRecording, match="No such file"):
         Recording(file)
@@ -293,21 +284,14 @@ def test_the_error_names_the_kind_of_file(tmp_path: Path) -> None:
     file.write_text("robocorba: 1")
     with pytest.raises(InvalidRecording, match="not an MCAP file"):
         Recording(file)
-    writer = Writer(str(file))
-    writer.start("ros2")
-    writer.finish()
-    with pytest.raises(InvalidRecording, match="not a recording"):
-        Recording(file)
-    writer = Writer(str(file))
-    writer.start(PROFILE)
-    writer.finish()
-    with pytest.raises(InvalidRecording, match="no map"):
-        Recording(file)
-
-
-def test_updates_that_do_not_fit_are_reported(tmp_path: Path) -> None:
+    for profile, reason in (("ros2", "not a recording"), (PROFILE, "no map")):
+        writer = Writer(str(file))
+        writer.start(profile)
+        writer.finish()
+        with pytest.raises(InvalidRecording, match=reason):
+            Recording(file)
     for strange in (moved("L1", 3, 1.0), moved("L1", 2, 1.0)._replace(since=0)):
-        with Recorder(tmp_path / "a.mcap", two_floors(), overwrite=True) as recorder:
+        with Recorder(file, two_floors(), overwrite=True) as recorder:
             recorder.write(strange, BEGAN)
         with pytest.raises(InvalidRecording, match="damaged"):
-            Recording(tmp_path / "a.mcap").at(0.0)
+            Recording(file).at(0.0)
