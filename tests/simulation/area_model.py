@@ -154,9 +154,9 @@ class AreaModel:
         """That these are all requests, with their status. floors: names by number."""
         wanted = [ReservedAreas(one.owner, areas(one.boxes, floors), self.status(one)) for one in self.queue]
         wanted.sort(key=_identity)
-        for each, other in zip(sorted(found, key=_identity), wanted, strict=True):
-            assert each[:2] == other[:2]
-            assert each.status == pytest.approx(other.status)
+        found = sorted(found, key=_identity)
+        assert [each[:2] for each in found] == [each[:2] for each in wanted]
+        assert [each.status for each in found] == [pytest.approx(each.status) for each in wanted]
 
 
 def _identity(reserved: ReservedAreas) -> tuple[object, ...]:

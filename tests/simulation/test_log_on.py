@@ -4,6 +4,7 @@ killed at any moment: against a model. No time passes but that of the test."""
 from __future__ import annotations
 
 import copy
+import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -289,7 +290,13 @@ class LogOn(RuleBasedStateMachine):
     # ---- leases ----
 
     @precondition(lambda self: not self.are_leases_running)
-    @rule()
+    @rule(ticks=st.integers(1, 20))
+    def begin_leases_later(self, ticks: int) -> None:
+        """Until then nobody is logged off, and then nobody at once."""
+        self.pass_time(ticks, set())
+        self.begin_leases()
+        self.pass_time(1, set())
+
     def begin_leases(self) -> None:
         self.agent.begin_leases()
         self.are_leases_running = True
@@ -302,6 +309,13 @@ class LogOn(RuleBasedStateMachine):
             for name in calling & self.here.keys():
                 self.session(name).heartbeat()
             self.cycle(TICK_S)
+
+    @precondition(lambda self: self.here and self.are_leases_running)
+    @rule(number=numbers)
+    def fall_silent(self, number: int) -> None:
+        name = self.some(number)
+        self.pass_time(math.ceil(LEASE_S / TICK_S) + 1, self.here.keys() - {name})
+        assert name not in self.here
 
     @rule(pause_s=st.sampled_from([0.0625, 1.0, 60.0]), name=names)
     def hold_up(self, pause_s: float, name: str) -> None:
@@ -485,7 +499,11 @@ class LogOn(RuleBasedStateMachine):
 
     # ---- restarts ----
 
-    @rule(is_killed=st.booleans(), being_kept_out=st.sets(names, max_size=1), are_leases_running=st.booleans())
+    @rule(
+        is_killed=st.booleans(),
+        being_kept_out=st.sets(names, max_size=1),
+        are_leases_running=st.sampled_from([True, True, False]),
+    )
     def restart(self, is_killed: bool, being_kept_out: set[str], are_leases_running: bool) -> None:
         """A kill loses what was not written; a robot that logged on since then is at its start, and has nothing. One
         that is just being kept out is so on disk, its log-off is not."""
