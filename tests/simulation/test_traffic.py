@@ -76,8 +76,11 @@ class Ride:
 
 @dataclass
 class Robot:
+    """is_lazy: it neither boards nor alights by itself."""
+
     floor: int
     at: XY
+    is_lazy: bool = False
     ride: Ride | None = None
 
     @property
@@ -114,16 +117,23 @@ class Traffic(RuleBasedStateMachine):
 
     # ---- robots ----
 
-    @initialize(where=st.lists(floors, min_size=2, max_size=len(NAMES)))
-    def begin(self, where: list[int]) -> None:
-        for name, floor in zip(NAMES, where, strict=False):
-            self.log_on(name, floor)
+    @initialize(
+        trips=st.lists(st.tuples(floors, floors, st.booleans()), min_size=3, max_size=len(NAMES)),
+        is_crowd=st.booleans(),
+        parties=st.sampled_from([("",), ("", "table"), ("table", "table", "", "sofa")]),
+    )
+    def begin(self, trips: list[tuple[int, int, bool]], is_crowd: bool, parties: tuple[str, ...]) -> None:
+        """Robots have called the elevator, perhaps all on one floor."""
+        for number, (name, (floor, destination, is_lazy)) in enumerate(zip(NAMES, trips, strict=False)):
+            self.log_on(name, 0 if is_crowd else floor, is_lazy and not is_crowd)
+            party = parties[number % len(parties)]
+            self.call(number, 2 if is_crowd else destination, party, parties.count(party), 0.0)
 
-    @rule(name=st.sampled_from(NAMES), floor=floors)
-    def log_on(self, name: str, floor: int) -> None:
+    @rule(name=st.sampled_from(NAMES), floor=floors, is_lazy=st.booleans())
+    def log_on(self, name: str, floor: int, is_lazy: bool) -> None:
         if name not in self.robots:
             enter(self.world, name, self.names[floor], *HALL[name])
-            self.robots[name] = Robot(floor, HALL[name])
+            self.robots[name] = Robot(floor, HALL[name], is_lazy)
 
     def some(self, number: int) -> tuple[str, Robot]:
         return list(self.robots.items())[number % len(self.robots)]
@@ -218,12 +228,12 @@ class Traffic(RuleBasedStateMachine):
     @precondition(lambda self: self.robots)
     @rule()
     def obey(self) -> None:
-        """All robots do what their rides ask for; who has none leaves the cabin."""
+        """Robots do what their rides ask for; who has none leaves the cabin."""
         for name, robot in self.robots.items():
-            if robot.ride and robot.ride.phase is BOARDING:
-                self.board(name, robot)
-            elif not robot.ride or robot.ride.phase is ALIGHTING:
+            if not robot.ride or (robot.ride.phase is ALIGHTING and not robot.is_lazy):
                 self.leave(name, robot)
+            elif robot.ride.phase is BOARDING and not robot.is_lazy:
+                self.board(name, robot)
 
     # ---- reservations ----
 
@@ -423,5 +433,5 @@ class Traffic(RuleBasedStateMachine):
         self.areas.check(world.reservations.all(world.time), self.names)
 
 
-Traffic.TestCase.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)
+Traffic.TestCase.settings = settings(max_examples=50, stateful_step_count=40, deadline=None)
 TestTraffic = Traffic.TestCase
