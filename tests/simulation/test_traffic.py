@@ -45,7 +45,7 @@ WAITING, BOARDING, RIDING, ALIGHTING = RidePhase
 who = st.integers(0, len(NAMES) - 1)
 floors = st.integers(0, 2)
 boxes = st.lists(
-    st.tuples(floors, st.integers(0, 3), st.integers(0, 2), st.integers(1, 3), st.integers(1, 2)),
+    st.tuples(st.integers(0, 1), st.integers(0, 3), st.integers(0, 1), st.integers(1, 3), st.integers(1, 2)),
     min_size=1,
     max_size=3,
 )
@@ -98,6 +98,8 @@ class Traffic(RuleBasedStateMachine):
         self.world = SimulatedBuilding(house(self.names))
         self.robots: dict[str, Robot] = {}
         self.areas = AreaModel()
+        #: Rules since all were served.
+        self.since_served = 0
 
     def teardown(self) -> None:
         self._patch.undo()
@@ -150,17 +152,25 @@ class Traffic(RuleBasedStateMachine):
         del self.robots[name]
 
     @precondition(lambda self: self.robots)
-    @rule(number=who, to=st.sampled_from(["hall", "cabin", "doorway"]))
-    def drive(self, number: int, to: str) -> None:
+    @rule(number=who, to_cabin=st.booleans())
+    def drive(self, number: int, to_cabin: bool) -> None:
         """Where a robot likes; robots that ride stay in the cabin."""
         name, robot = self.some(number)
         if not (robot.ride and robot.ride.phase is RIDING):
-            if to == "hall":
-                self.leave(name, robot)
-            elif to == "cabin":
+            if to_cabin:
                 self.board(name, robot)
-            elif robot.at != DOORWAY and self.can_pass(robot) and not self.is_blocked:
-                self.put(name, robot, DOORWAY)
+            else:
+                self.leave(name, robot)
+
+    @precondition(lambda self: not self.is_blocked and any(map(self.can_pass, self.robots.values())))
+    @rule(number=who, steps=st.sampled_from([1, 50, 300]))
+    def block(self, number: int, steps: int) -> None:
+        """A robot stops between the open doors."""
+        able = [(name, robot) for name, robot in self.robots.items() if self.can_pass(robot)]
+        name, robot = able[number % len(able)]
+        if not (robot.ride and robot.ride.phase is RIDING):
+            self.put(name, robot, DOORWAY)
+            self.pass_time(steps, False)
 
     def board(self, name: str, robot: Robot) -> None:
         taken = [other.at for other in self.robots.values()]
@@ -327,7 +337,7 @@ class Traffic(RuleBasedStateMachine):
                 self.obey()
             self.step()
 
-    @precondition(lambda self: self.riders or self.areas.queue)
+    @precondition(lambda self: self.since_served > 15 and (self.riders or self.areas.queue))
     @rule()
     def serve(self) -> None:
         """If nobody stands in the way, all are served in a bounded time, or get to know why not."""
@@ -339,6 +349,7 @@ class Traffic(RuleBasedStateMachine):
             self.obey()
             self.step()
             assert self.world.time < until, "somebody waits for ever"
+        self.since_served = 0
 
     def step(self) -> None:
         before, was_blocked = self.world.elevators.states["E1"], self.is_blocked
@@ -422,6 +433,7 @@ class Traffic(RuleBasedStateMachine):
 
     @invariant()
     def as_in_the_model(self) -> None:
+        self.since_served += 1
         world, cabin = self.world, self.world.elevators.states["E1"]
         assert world.occupants.robots.keys() == self.robots.keys()
         for name, robot in self.robots.items():
