@@ -123,13 +123,18 @@ class Traffic(RuleBasedStateMachine):
         trips=st.lists(st.tuples(floors, floors, st.booleans()), min_size=3, max_size=len(NAMES)),
         is_crowd=st.booleans(),
         parties=st.sampled_from([("",), ("", "table"), ("table", "table", "", "sofa")]),
+        requests=st.lists(boxes, max_size=len(NAMES)),
     )
-    def begin(self, trips: list[tuple[int, int, bool]], is_crowd: bool, parties: tuple[str, ...]) -> None:
-        """Robots have called the elevator, perhaps all on one floor."""
+    def begin(
+        self, trips: list[tuple[int, int, bool]], is_crowd: bool, parties: tuple[str, ...], requests: list[list[Box]]
+    ) -> None:
+        """Robots have called the elevator, perhaps all on one floor, and reserved areas."""
         for number, (name, (floor, destination, is_lazy)) in enumerate(zip(NAMES, trips, strict=False)):
             self.log_on(name, 0 if is_crowd else floor, is_lazy and not is_crowd)
             party = parties[number % len(parties)]
             self.call(number, 2 if is_crowd else destination, party, parties.count(party), 0.0)
+        for number, wanted in enumerate(requests[: len(trips)]):
+            self.reserve(number, [wanted], 60.0)
 
     @rule(name=st.sampled_from(NAMES), floor=floors, is_lazy=st.booleans())
     def log_on(self, name: str, floor: int, is_lazy: bool) -> None:
@@ -141,15 +146,23 @@ class Traffic(RuleBasedStateMachine):
         return list(self.robots.items())[number % len(self.robots)]
 
     @precondition(lambda self: self.robots)
-    @rule(number=who, is_silent=st.booleans())
-    def log_off(self, number: int, is_silent: bool) -> None:
-        name, _ = self.some(number)
-        if is_silent:  # with an object in its hands
-            self.world.reservations.fall_silent(name)
-            self.areas.fall_silent(name)
-        self.world.remove(name)
-        self.areas.keep(name, [])
-        del self.robots[name]
+    @rule(number=who, what=st.sampled_from(["the ride", "the areas", "both", "and falls silent"]))
+    def give_up(self, number: int, what: str) -> None:
+        """A robot gives up what it has, or is logged off."""
+        name, robot = self.some(number)
+        if what == "the areas":
+            self.world.reservations.release(name)
+            self.areas.keep(name, [])
+        elif what == "the ride":
+            self.world.elevators.cancel(name)
+            robot.ride = None
+        else:
+            if what == "and falls silent":  # with an object in its hands
+                self.world.reservations.fall_silent(name)
+                self.areas.fall_silent(name)
+            self.world.remove(name)
+            self.areas.keep(name, [])
+            del self.robots[name]
 
     @precondition(lambda self: self.robots)
     @rule(number=who, to_cabin=st.booleans())
@@ -229,13 +242,6 @@ class Traffic(RuleBasedStateMachine):
         return faults, any(other.phase in (RIDING, ALIGHTING) for other in others)
 
     @precondition(lambda self: self.robots)
-    @rule(number=who)
-    def cancel(self, number: int) -> None:
-        name, robot = self.some(number)
-        self.world.elevators.cancel(name)
-        robot.ride = None
-
-    @precondition(lambda self: self.robots)
     @rule()
     def obey(self) -> None:
         """Robots do what their rides ask for; who has none leaves the cabin."""
@@ -279,13 +285,6 @@ class Traffic(RuleBasedStateMachine):
                 self.world.reservations.keep(name, ())
 
     @precondition(lambda self: self.areas.queue)
-    @rule(number=who)
-    def release(self, number: int) -> None:
-        name = self.owner(number)
-        self.world.reservations.release(name)
-        self.areas.keep(name, [])
-
-    @precondition(lambda self: self.areas.queue)
     @rule(number=who, wanted=boxes, least_s=st.sampled_from([0.0, 5.0]))
     def exchange(self, number: int, wanted: list[Box], least_s: float) -> None:
         name = self.owner(number)
@@ -306,8 +305,9 @@ class Traffic(RuleBasedStateMachine):
     # ---- the building ----
 
     @rule(floor=floors, name=st.sampled_from(["L1", "L2", "lobby", "roof"]))
-    def rename_floor(self, floor: int, name: str) -> None:
+    def rename_floor_or_restart(self, floor: int, name: str) -> None:
         if name in self.names:
+            self.restart()
             return
         former = self.world.building.floors[self.names[floor]].floor
         self.names[floor] = name
@@ -317,7 +317,6 @@ class Traffic(RuleBasedStateMachine):
         ]
         self.world.update(house(self.names), Lineage(edit))
 
-    @rule()
     def restart(self) -> None:
         """The cabin stops at its last floor."""
         record = msgspec.msgpack.decode(msgspec.msgpack.encode(self.world.record()), type=WorldRecord)
@@ -445,5 +444,5 @@ class Traffic(RuleBasedStateMachine):
         self.areas.check(world.reservations.all(world.time), self.names)
 
 
-Traffic.TestCase.settings = settings(max_examples=50, stateful_step_count=40, deadline=None)
+Traffic.TestCase.settings = settings(max_examples=45, stateful_step_count=40, deadline=None)
 TestTraffic = Traffic.TestCase
