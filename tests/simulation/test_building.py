@@ -56,13 +56,6 @@ def test_a_command_that_is_not_renewed_ends(world: SimulatedBuilding) -> None:
             world.occupants.robots["A"].command(*wrong)
 
 
-def test_a_collision_is_reported(world: SimulatedBuilding) -> None:
-    enter(world, "A", "L1", 4.0, 1.0, math.pi)
-    world.occupants.robots["A"].command(0.5, 0.0, 0.0, 5.0)
-    collisions = [event for event in run(world, 3.0) if event.kind == "collision"]
-    assert [(event.floor, event.who) for event in collisions] == [("L1", ("A",))]
-
-
 def test_what_can_be_gripped(world: SimulatedBuilding) -> None:
     enter(world, "A", "L1", 1.0, 2.0)
     for name, at in (("T9", (1.5, 2.0)), ("T1", (2.5, 2.0)), ("T1", (1.1, 2.0)), ("T1", (math.nan, 2.0))):
@@ -94,20 +87,6 @@ def test_an_edit_of_the_map_is_followed(world: SimulatedBuilding) -> None:
     world.occupants.robots["A"].command(-0.5, 0.0, 0.0, 5.0)
     run(world, 1.0)
     assert world.occupants.pose("A").x < 6.0
-
-
-def test_an_object_that_was_moved_stays_there_until_the_map_moves_it(world: SimulatedBuilding) -> None:
-    enter(world, "A", "L1", 1.0, 2.0)
-    world.occupants.robots["A"].command(0.5, 0.0, 0.0, 3.0)
-    run(world, 3.0)
-    pushed = world.record().objects["L1/T1"]
-    assert pushed.x > 2.1
-    world.update(world.building.with_element("L1", Wall("W2", (9.0, 0.0), (9.0, 1.0))))
-    assert world.record().objects["L1/T1"] == pushed
-    moved = MapObject("T1", BoxShape((1.0, 0.6)), (2.0, 8.0), movable=True)
-    world.update(world.building.with_element("L1", moved))
-    assert world.record().objects == {}
-    assert world.occupants.object_pose("T1") == Pose("L1", 2.0, 8.0, 0.0)
 
 
 def test_a_prepared_edit_leaves_little_to_do(world: SimulatedBuilding) -> None:

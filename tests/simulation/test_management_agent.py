@@ -80,7 +80,7 @@ def test_a_robot_drives_and_its_events_are_published(store: SimulationStore) -> 
     assert session.state().velocity == pytest.approx((0.5, 0.0, 0.0), abs=0.05)
     assert session.state().pose.x > 7.7
     run(agent, 5.0)
-    assert [(event.kind, event.who) for event in events] == [("collision", ("A",))]
+    assert [(event.kind, event.floor, event.who) for event in events] == [("collision", "L1", ("A",))]
     assert (session.robot.collisions, session.robot.touched) == (1, "")
     assert (agent.state.collisions, agent.state.robots, agent.state.map_version) == (1, 1, 7)
 
