@@ -293,9 +293,10 @@ class Traffic(RuleBasedStateMachine):
         assert found is self.areas.exchange(name, wanted, least_s)
 
     @precondition(lambda self: self.robots and self.areas.kept)
-    @rule(number=who, former=st.sampled_from(NAMES))
-    def take_over(self, number: int, former: str) -> None:
+    @rule(number=who, which=who)
+    def take_over(self, number: int, which: int) -> None:
         name, _ = self.some(number)
+        former = [*(one.owner for one in self.areas.kept), "nobody"][which % (len(self.areas.kept) + 1)]
         if self.areas.take_over(name, former):
             self.world.reservations.take_over(name, former)
         else:
