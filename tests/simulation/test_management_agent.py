@@ -169,7 +169,7 @@ def test_of_two_records_of_a_name_the_later_one_counts(store: SimulationStore) -
 def test_invalid_settings_are_refused(agent: ManagementAgent, monkeypatch: pytest.MonkeyPatch) -> None:
     for choice in ({"limit": -1}, {"limit": 10_001}, {"pace": -1.0}, {"pace": math.inf}):
         with pytest.raises(InvalidChoice):
-            agent.configure(**choice)  # type: ignore[arg-type]
+            agent.configure(**choice)
     assert (agent.state.limit, agent.state.pace) == (300, 1.0)
     monkeypatch.setattr(management_agent, "MAX_KEPT_OUT", 1)
     with pytest.raises(InvalidChoice, match="letters, digits"):

@@ -146,10 +146,16 @@ class Traffic(RuleBasedStateMachine):
         return list(self.robots.items())[number % len(self.robots)]
 
     @precondition(lambda self: self.robots)
-    @rule(number=who, what=st.sampled_from(["the ride", "the areas", "both", "and falls silent"]))
-    def give_up(self, number: int, what: str) -> None:
-        """A robot gives up what it has, or is logged off."""
+    @rule(
+        number=who,
+        what=st.sampled_from(["the ride", "the areas", "both", "and falls silent"]),
+        is_restarted=st.booleans(),
+    )
+    def give_up(self, number: int, what: str, is_restarted: bool) -> None:
+        """A robot gives up what it has, or is logged off, perhaps as soon as the server has started again."""
         name, robot = self.some(number)
+        if is_restarted:
+            self.restart()
         if what == "the areas":
             self.world.reservations.release(name)
             self.areas.keep(name, [])
@@ -254,7 +260,7 @@ class Traffic(RuleBasedStateMachine):
     # ---- reservations ----
 
     @precondition(lambda self: self.robots)
-    @rule(number=who, alternatives=st.lists(boxes, min_size=1, max_size=3), limit_s=st.sampled_from([1.0, 7.5, 60.0]))
+    @rule(number=who, alternatives=st.lists(boxes, min_size=1, max_size=3), limit_s=st.sampled_from([1.0, 7.53, 60.0]))
     def reserve(self, number: int, alternatives: list[list[Box]], limit_s: float) -> None:
         name, _ = self.some(number)
         wanted = [area_request(areas(each, self.names), limit_s, self.names) for each in alternatives]
@@ -402,6 +408,7 @@ class Traffic(RuleBasedStateMachine):
                 *((WAITING, BOARDING), (WAITING, RIDING), (BOARDING, RIDING), (RIDING, ALIGHTING)),
             )
             ride.phase, ride.since = status.phase, now
+            assert ride.phase is not RIDING or not self.has_strangers(ride), "a party boards with others"
         assert (status.origin, status.destination) == (self.names[ride.origin], self.names[ride.destination])
         if ride.phase is WAITING:
             ride.bound = min(ride.bound, now + self.world.elevators.longest_wait_s(name))
@@ -416,12 +423,14 @@ class Traffic(RuleBasedStateMachine):
         assert (cabin.doors, cabin.floor) == (Doors.OPEN, self.names[stop])
         assert now - ride.since <= ride.limit_s + 2 * STEP_S
         if ride.phase is BOARDING and robot.is_in_cabin:
-            assert ride.party and any(
-                other.is_in_cabin and (not other.ride or other.ride.party != ride.party)
-                for other in self.robots.values()
-            ), "is inside and does not ride"
+            assert self.has_strangers(ride), "is inside and does not ride"
         elif ride.phase is ALIGHTING:
             assert robot.at != HALL[name], "is outside and still rides"
+
+    def has_strangers(self, ride: Ride) -> bool:
+        """Whether robots are in the cabin that are not of the ride's party, if it has one."""
+        inside = [robot.ride for robot in self.robots.values() if robot.is_in_cabin]
+        return bool(ride.party) and any(other is None or other.party != ride.party for other in inside)
 
     def check_load(self) -> None:
         aboard = [ride for _, ride in self.riders.values() if ride.phase is not WAITING]
@@ -445,5 +454,5 @@ class Traffic(RuleBasedStateMachine):
         self.areas.check(world.reservations.all(world.time), self.names)
 
 
-Traffic.TestCase.settings = settings(max_examples=45, stateful_step_count=40, deadline=None)
+Traffic.TestCase.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
 TestTraffic = Traffic.TestCase
