@@ -109,6 +109,10 @@ class Traffic(RuleBasedStateMachine):
         return {name: (robot, robot.ride) for name, robot in self.robots.items() if robot.ride}
 
     @property
+    def boarding(self) -> list[str]:
+        return [name for name, (_, ride) in self.riders.items() if ride.phase is BOARDING]
+
+    @property
     def is_blocked(self) -> bool:
         return any(robot.at == DOORWAY for robot in self.robots.values())
 
@@ -148,12 +152,15 @@ class Traffic(RuleBasedStateMachine):
     @precondition(lambda self: self.robots)
     @rule(
         number=who,
-        what=st.sampled_from(["the ride", "the areas", "both", "and falls silent"]),
+        what=st.sampled_from(["the ride", "the areas", "both", "and falls silent", "to a successor"]),
         is_restarted=st.booleans(),
     )
     def give_up(self, number: int, what: str, is_restarted: bool) -> None:
-        """A robot gives up what it has, or is logged off, perhaps as soon as the server has started again."""
-        name, robot = self.some(number)
+        """A robot gives up what it has, or is logged off, perhaps as soon as the server has started again: one that
+        boards, if there is any."""
+        able = self.boarding or list(self.robots)
+        name = able[number % len(able)]
+        robot = self.robots[name]
         if is_restarted:
             self.restart()
         if what == "the areas":
@@ -163,23 +170,26 @@ class Traffic(RuleBasedStateMachine):
             self.world.elevators.cancel(name)
             robot.ride = None
         else:
-            if what == "and falls silent":  # with an object in its hands
+            if what in ("and falls silent", "to a successor"):  # with an object in its hands
                 self.world.reservations.fall_silent(name)
                 self.areas.fall_silent(name)
             self.world.remove(name)
             self.areas.keep(name, [])
             del self.robots[name]
+            if what == "to a successor" and self.robots and self.areas.kept:
+                self.take_over(number, len(self.areas.kept) - 1)
 
     @precondition(lambda self: self.robots)
     @rule(number=who, to_cabin=st.booleans())
     def drive(self, number: int, to_cabin: bool) -> None:
-        """Where a robot likes; robots that ride stay in the cabin."""
+        """Where a robot likes, perhaps into the cabin before those that board; robots that ride stay there."""
         name, robot = self.some(number)
-        if not (robot.ride and robot.ride.phase is RIDING):
-            if to_cabin:
-                self.board(name, robot)
-            else:
-                self.leave(name, robot)
+        if to_cabin:
+            for each in (name, *self.boarding):
+                self.board(each, self.robots[each])
+            self.step()
+        elif not (robot.ride and robot.ride.phase is RIDING):
+            self.leave(name, robot)
 
     @precondition(lambda self: not self.is_blocked and any(map(self.can_pass, self.robots.values())))
     @rule(number=who, steps=st.sampled_from([1, 50, 300]))
@@ -454,5 +464,5 @@ class Traffic(RuleBasedStateMachine):
         self.areas.check(world.reservations.all(world.time), self.names)
 
 
-Traffic.TestCase.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+Traffic.TestCase.settings = settings(max_examples=55, stateful_step_count=40, deadline=None)
 TestTraffic = Traffic.TestCase
