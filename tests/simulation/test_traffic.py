@@ -180,24 +180,21 @@ class Traffic(RuleBasedStateMachine):
                 self.take_over(number, len(self.areas.kept) - 1)
 
     @precondition(lambda self: self.robots)
-    @rule(number=who, to_cabin=st.booleans())
-    def drive(self, number: int, to_cabin: bool) -> None:
-        """Where a robot likes, perhaps into the cabin before those that board; robots that ride stay there."""
-        name, robot = self.some(number)
-        if to_cabin:
+    @rule(number=who, to=st.sampled_from(["hall", "cabin", "doorway"]), steps=st.sampled_from([1, 50, 300]))
+    def drive(self, number: int, to: str, steps: int) -> None:
+        """Where a robot likes: into the cabin before those that board, or between the doors; who rides stays there."""
+        able = [name for name, robot in self.robots.items() if self.can_pass(robot)] or list(self.robots)
+        name = able[number % len(able)]
+        robot = self.robots[name]
+        if to == "cabin":
             for each in (name, *self.boarding):
                 self.board(each, self.robots[each])
             self.step()
-        elif not (robot.ride and robot.ride.phase is RIDING):
+        elif robot.ride and robot.ride.phase is RIDING:
+            return
+        elif to == "hall":
             self.leave(name, robot)
-
-    @precondition(lambda self: not self.is_blocked and any(map(self.can_pass, self.robots.values())))
-    @rule(number=who, steps=st.sampled_from([1, 50, 300]))
-    def block(self, number: int, steps: int) -> None:
-        """A robot stops between the open doors."""
-        able = [(name, robot) for name, robot in self.robots.items() if self.can_pass(robot)]
-        name, robot = able[number % len(able)]
-        if not (robot.ride and robot.ride.phase is RIDING):
+        elif self.can_pass(robot) and not self.is_blocked:
             self.put(name, robot, DOORWAY)
             self.pass_time(steps, False)
 
