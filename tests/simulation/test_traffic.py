@@ -180,9 +180,14 @@ class Traffic(RuleBasedStateMachine):
                 self.take_over(number, len(self.areas.kept) - 1)
 
     @precondition(lambda self: self.robots)
-    @rule(number=who, to=st.sampled_from(["hall", "cabin", "doorway"]), steps=st.sampled_from([1, 50, 300]))
+    @rule(number=who, to=st.sampled_from(["hall", "cabin", "doorway"]), steps=st.sampled_from([1, 200]))
     def drive(self, number: int, to: str, steps: int) -> None:
-        """Where a robot likes: into the cabin before those that board, or between the doors; who rides stays there."""
+        """Where a robot likes, once the doors open: into the cabin before those that board, or between the doors; who
+        rides stays there."""
+        for _ in range(100 if self.riders else 0):
+            if any(map(self.can_pass, self.robots.values())):
+                break
+            self.step()
         able = [name for name, robot in self.robots.items() if self.can_pass(robot)] or list(self.robots)
         name = able[number % len(able)]
         robot = self.robots[name]
@@ -429,7 +434,7 @@ class Traffic(RuleBasedStateMachine):
         stop = ride.origin if ride.phase is BOARDING else ride.destination
         assert (cabin.doors, cabin.floor) == (Doors.OPEN, self.names[stop])
         assert now - ride.since <= ride.limit_s + 2 * STEP_S
-        if ride.phase is BOARDING and robot.is_in_cabin:
+        if ride.phase is BOARDING and robot.is_in_cabin and ride.since < now:
             assert self.has_strangers(ride), "is inside and does not ride"
         elif ride.phase is ALIGHTING:
             assert robot.at != HALL[name], "is outside and still rides"
