@@ -21,6 +21,7 @@ from robocorba.errors.simulation import (
     InvalidDescription,
     InvalidReservation,
     SensorRefused,
+    ServerFull,
     SessionExpired,
     UnknownRobot,
 )
@@ -219,18 +220,25 @@ def last_scan(time_s: float) -> LastScan:
 # ---- clients and records ----
 
 
-def test_clients_have_secrets_and_call_rates() -> None:
+def test_clients_have_secrets_leases_and_call_rates() -> None:
     clock = Clock()
     registry = Registry(3, clock)
     clients = [registry.register(robot(name)) for name in "ABC"]
     assert len({client.secret for client in clients}) == len({client.key for client in clients}) == 3
     assert all(len(client.secret) >= 32 and client.secret != client.key for client in clients)
+    clock.now += 0.5
+    clients[0].renew_lease()
+    with pytest.raises(ServerFull) as full:
+        registry.register(robot("D"))
+    assert full.value.retry_s == pytest.approx(1.5)  # until the first lease would end
+    clock.now += 0.5
+    registry.expired()
     for _ in range(5):
         clock.now += 1.0
         clients[0].renew_lease()
         registry.expired()
     assert [client.call_rate for client in clients] == pytest.approx([1.0, 0.0, 0.0])
-    assert [client.silent_s for client in clients] == [0.0, 5.0, 5.0]
+    assert [client.silent_s for client in clients] == [0.0, 6.0, 6.0]
 
 
 @pytest.mark.parametrize(
