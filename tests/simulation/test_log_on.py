@@ -524,7 +524,7 @@ class LogOn(RuleBasedStateMachine):
             for name, member in self.here.items()
         }
         for member in self.here.values():
-            member.last_call = self.lease_now
+            member.last_call, member.calls = self.lease_now, 0
         self.areas.queue = [one for one in self.areas.queue if one.is_kept or one.owner in same]
         self.areas.settle()
         self.note_written()
