@@ -15,7 +15,6 @@ from typing import Any
 
 from omniORB import CORBA
 
-from robocorba.corba.callers import present_caller
 from robocorba.corba.texts import refuse_unreadable_texts
 
 #: Maximum number of waiting calls, unless CallLimit sets another one.
@@ -28,8 +27,8 @@ class CallLimit:
     """At most `at_once` calls run at the same time, and `waiting` more wait, each for `limit_s` [s] at most; the one
     that has waited longest goes first.
 
-    A call that can't wait, has waited in vain, or has waited while its client has gone, raises CORBA.TRANSIENT: it was
-    not executed."""
+    A call that can't wait, or has waited in vain, raises CORBA.TRANSIENT: it was not executed. Whether its client still
+    waits is not looked up: that takes as long as most calls do, and just when there are too many."""
 
     def __init__(self, at_once: int, waiting: int = MAX_WAITING, limit_s: float = WAITING_LIMIT_S) -> None:
         self._places = _Places(at_once, waiting)
@@ -54,14 +53,9 @@ class CallLimit:
 
     @contextmanager
     def place(self) -> Iterator[None]:
-        """A place for a part of a call. Raises CORBA.TRANSIENT, also if the client has gone while the call waited."""
-        if not self._places.take_free():
-            has_gone = present_caller()
-            if not self._places.take(self._limit_s):
-                raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
-            if has_gone():
-                self._places.give_back()
-                raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
+        """A place for a part of a call. Raises CORBA.TRANSIENT."""
+        if not (self._places.take_free() or self._places.take(self._limit_s)):
+            raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
         try:
             yield
         finally:

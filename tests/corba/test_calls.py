@@ -196,16 +196,6 @@ def test_a_client_whose_call_timed_out_has_gone(planner: HeldPlanner, call: Any)
     eventually(lambda: all(has_gone() for has_gone in planner.callers))
 
 
-def test_a_limited_call_is_not_executed_for_a_client_that_went_while_it_waited(planner: HeldPlanner, call: Any) -> None:
-    CallLimit(1, limit_s=60.0).apply(planner, "_get_mapVersion")
-    first = call(60.0)
-    eventually(lambda: len(planner.callers) == 1)
-    assert call(0.2).stdout.readline() == "timeout\n"
-    planner.go_on.set()
-    assert [each.communicate(timeout=60.0)[0] for each in (first, call(60.0))] == ["7\n", "7\n"]
-    assert len(planner.callers) == 2
-
-
 def test_readers_do_not_wait_for_robots_that_follow_a_floor() -> None:
     called, go_on, nobody = threading.Semaphore(0), threading.Event(), cast(Any, None)
 
