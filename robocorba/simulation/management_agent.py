@@ -258,9 +258,7 @@ class ManagementAgent:
         def change() -> None:
             # Before their floors go, so that nobody sees a robot without its floor.
             for name in self.simulated.robots_on_lost_floors(edited_map, lineage):
-                client = self.registry.find(name)
-                self._log_off(client)
-                self._writer.forget(client.key)
+                self._log_off(self.registry.find(name))
             self._report(self.simulated.update(edited_map, lineage).events)
             self.database.map_version = version
 
@@ -312,8 +310,7 @@ class ManagementAgent:
 
     def _log_off_durably(self, client: RobotClient) -> None:
         """Log a robot off and delete its record. Raises SessionExpired, SimulationBusy, ServiceError."""
-        self.loop.do(lambda: self._log_off(client))
-        self._store.forget_client(client.key)
+        self._writer.wait(self.loop.do(lambda: self._log_off(client)))
 
     def _do_durably(self, change: Callable[[], None], undo: Callable[[], object] | None = None) -> None:
         """Make a change in the simulation thread, and wait until it is written to disk; if that fails, undo it.
@@ -356,13 +353,15 @@ class ManagementAgent:
         self.sessions[client.key] = session
         return session
 
-    def _log_off(self, client: RobotClient) -> None:
-        """Remove a robot from the building and close its session. Raises SessionExpired."""
+    def _log_off(self, client: RobotClient) -> int:
+        """Remove a robot from the building, close its session, and queue the removal of its record, by the number that
+        it returns. Raises SessionExpired."""
         if client.is_logged_off:
             raise SessionExpired()
         self.simulated.remove(client.name)
         self.simulated.refresh()
         self._close_session(client)
+        return self._writer.forget(client.key)
 
     def _close_session(self, client: RobotClient) -> None:
         """Unregister a robot whose body is gone, and end its session."""
@@ -385,7 +384,6 @@ class ManagementAgent:
                 _log.info("%s logged off: its lease of %g s expired", client.name, self.registry.lease_s)
                 self.simulated.fall_silent(client.name)
                 self._log_off(client)
-                self._writer.forget(client.key)
         if now - self._written_at >= WRITE_INTERVAL_S:
             self._written_at = now
             self._writer.submit(self._record())

@@ -116,6 +116,11 @@ class Disk(SimulationStore):
             raise ServiceError("no space left")
         super().save(kind, key, record)
 
+    def delete(self, kind: str, key: str) -> None:
+        if self.is_full:
+            raise ServiceError("no space left")
+        super().delete(kind, key)
+
 
 @dataclass
 class Member:
@@ -236,16 +241,18 @@ class LogOn(RuleBasedStateMachine):
             assert self.ended.pop() is session
 
     @precondition(lambda self: self.here)
-    @rule(number=numbers, way=st.sampled_from(["deregister", "evict"]))
-    def log_off(self, number: int, way: str) -> None:
-        self.leave(self.some(number), way)
+    @rule(number=numbers, way=st.sampled_from(["deregister", "evict"]), is_full=st.booleans())
+    def log_off(self, number: int, way: str, is_full: bool) -> None:
+        """It is logged off also if that can't be stored; that is tried again."""
+        self.leave(self.some(number), way, is_full)
+        Writer.last.flush()
 
-    def leave(self, name: str, way: str) -> None:
+    def leave(self, name: str, way: str, is_full: bool = False) -> None:
         session = self.session(name)
         if way == "deregister":
-            session.deregister()
+            self.durably(session.deregister, is_full)
         elif way == "evict":
-            self.agent.evict(name)
+            self.durably(lambda: self.agent.evict(name), is_full)
         else:
             assert self.agent.keep_out(name)
             self.kept_out.add(name)
