@@ -141,8 +141,10 @@ class ControlAgent:
         self.session.log_off()
 
     def switch(self, adaptor: str, argv: Sequence[str]) -> None:
-        """Replace the adaptor. The previous one is stopped first, and restarted if the new one can't be started. Raises
-        UnknownAdaptor, AdaptorFailed; IllegalOrder while a program runs."""
+        """Replace the adaptor. The previous one is stopped first, and restarted if the new one can't be started. If it
+        can't be started either, the robot is stopped, and a reset starts it.
+
+        Raises UnknownAdaptor, AdaptorFailed; IllegalOrder while a program runs."""
         with self._lock:
             self._refuse_while_running("switch the adaptor")
             controller, before = self._controller, self._adaptor
@@ -158,8 +160,11 @@ class ControlAgent:
             try:
                 self._start_adaptor(adaptor, argv)
             except RoboCorbaError as error:
-                once_back(lambda: self._start_adaptor(before, argv_before))  # else nothing would drive the robot
-                raise error if isinstance(error, RobotError) else AdaptorFailed(str(error)) from None
+                try:
+                    once_back(lambda: self._start_adaptor(before, argv_before))
+                except RoboCorbaError as second:
+                    self.stop(f"the adaptor {adaptor} did not start ({error}), and {before} not again ({second})")
+                raise _as_robot_error(error) from None
 
     # ---- programs ----
 
@@ -309,6 +314,11 @@ class ControlAgent:
             self._refuse_while_running("restart")
             if self._controller is None:
                 raise IllegalOrder("restart", "was never started")
+            if self._controller.is_closed:  # after a switch to an adaptor that did not start
+                try:
+                    self._start_adaptor(self._adaptor, self._controller.argv)
+                except RoboCorbaError as error:
+                    raise _as_robot_error(error) from None
             self._controller.reset_stop(seen, self._emergency.end)
 
     @property
@@ -517,6 +527,10 @@ class ControlAgent:
         if self._ticks and report.icon and report.result is ProgramResult.NO_RESULT:
             floor = self.session.latest.at.floor
             self._ticks.add(Tick(self._adaptor, report.name, report.icon, report.icons_done, floor, state, command))
+
+
+def _as_robot_error(error: RoboCorbaError) -> RobotError:
+    return error if isinstance(error, RobotError) else AdaptorFailed(str(error))
 
 
 def _blocked_reason(body: SessionState, distance_m: float) -> str:

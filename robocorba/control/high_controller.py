@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from robocorba.background import Background
+from robocorba.backoff import Backoff
 from robocorba.control.adaptor import RobotAdaptor
 from robocorba.control.realtime import use_realtime_scheduling
 from robocorba.errors.base import RoboCorbaError
@@ -46,8 +47,8 @@ MOVED_SPEED = 0.001
 REFRESH_LIMIT_S = 0.2
 #: Validity of a command [s].
 VALID_S = 0.1
-#: Interval between attempts to reconnect to a lost robot [s].
-RETRY_S = 0.5
+#: Pauses between attempts to reconnect to a lost robot.
+RECONNECT = Backoff(0.5, 2.0, 1.5, jitter=0.2)
 #: Time without a tick after which what the control loop waits for counts as hanging [s]. The calls of one tick take
 #: less, unless the simulation server is held up for longer.
 HANG_LIMIT_S = 1.5
@@ -134,8 +135,8 @@ class HighController:
         self._is_looping = False
         #: Whose answer the control loop waits for; empty between calls.
         self._waits_for = ""
-        #: Why the last attempt to reconnect to a lost robot failed.
-        self._reconnect_problem = ""
+        #: Why the last attempt to reconnect to a lost robot failed, and how many did so in a row.
+        self._reconnect_problem, self._reconnect_failures = "", 0
         #: The last commanded velocity, in the building's frame.
         self._velocity: Velocity = ZERO_VELOCITY
         self._targets = np.zeros(len(lower))
@@ -169,6 +170,10 @@ class HighController:
         if self._loop:
             self._loop.join(END_LIMIT_S)
         self._stop_adaptor()
+
+    @property
+    def is_closed(self) -> bool:
+        return self._closing.is_set()
 
     # ---- motions ----
 
@@ -301,7 +306,7 @@ class HighController:
             if end:
                 end(seen)
             self._losses.end(losses)
-            self._reconnect_problem = ""
+            self._reconnect_problem, self._reconnect_failures = "", 0
         except BaseException:
             if not self._stop_adaptor():
                 self.is_stop_confirmed |= was_confirmed
@@ -487,7 +492,7 @@ class HighController:
         return True
 
     def _reconnect(self) -> None:
-        self._closing.wait(RETRY_S)
+        self._closing.wait(RECONNECT.pause_s(self._reconnect_failures + 1))
         if self._closing.is_set() or not self.is_lost:
             return
         try:
@@ -495,9 +500,10 @@ class HighController:
                 self._begin()
             _log.info("reconnected to the robot")
         except RoboCorbaError as error:
+            self._reconnect_failures += 1
             if str(error) != self._reconnect_problem:
                 self._reconnect_problem = str(error)
-                _log.info("can't reconnect to the robot, attempts every %g s: %s", RETRY_S, error)
+                _log.info("can't reconnect to the robot, attempts go on: %s", error)
                 self._on_stop()
 
     def _command(self, state: RobotState) -> ActorCommand:

@@ -288,6 +288,37 @@ def test_a_switch_while_the_server_is_away_leaves_a_robot_that_comes_back(
     run(agent, SHORT)
 
 
+def test_a_robot_without_an_adaptor_that_starts_is_stopped_until_a_reset_starts_one(
+    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robocorba.control.session.GIVING_BACK_S", 0.1)
+    make, is_refused = model_switcher.make, True
+
+    def refusing(name: str, context: AdaptorContext) -> Any:
+        made = make(name, context)
+        start = made.start
+
+        def try_to_start(argv: Sequence[str]) -> bool:
+            if is_refused:
+                raise AdaptorFailed("its motors have no power")
+            return start(argv)
+
+        monkeypatch.setattr(made, "start", try_to_start)
+        return made
+
+    monkeypatch.setattr(model_switcher, "make", refusing)
+    with pytest.raises(AdaptorFailed, match="no power"):
+        agent.switch("simulated", ())
+    assert agent.state.condition is AgentCondition.STOPPED and not agent.is_free
+    assert agent.stopped.count("its motors have no power") == 2
+    with pytest.raises(AdaptorFailed, match="no power"):
+        agent.reset_stop()
+    assert agent.state.condition is AgentCondition.STOPPED
+    is_refused = False
+    agent.reset_stop()
+    run(agent, SHORT)
+
+
 def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m: float = 0.0) -> None:
     """The robot of docs/adaptors.md; it begins somewhat away from its body."""
     make = model_switcher.make
