@@ -213,15 +213,21 @@ def test_a_foreign_channel_needs_its_address(linked: OmniEvents) -> None:
 
 def test_events_records_and_plays_back(foreign: OmniEvents) -> None:
     place, tape = foreign.place, foreign.place.folder / "tape"
-    desk, before = place.channel("desk"), len(place.balanced_states("desk"))
+    desk = place.channel("desk")
+
+    def is_connected() -> bool:
+        """`events` obtains a proxy first, which is WAITING and gets nothing until it connects."""
+        kinds = [(state.kind, state.condition) for state in place.balanced_states("desk")]
+        return (RoboCorba.PUSH_SUPPLIER, RoboCorba.CONNECTED) in kinds
+
     record = foreign.command("events", place.uri("desk"))
     with tape.open("wb") as file, subprocess.Popen(record, stdout=file) as recorder:
         try:
-            eventually(lambda: len(place.balanced_states("desk")) > before)
+            eventually(is_connected, what="the consumer")
             supplier = place.supplier(desk)
             for number in range(5):
                 supplier.push(text(f"said {number}"))
-            eventually(lambda: tape.read_bytes().count(b"said ") == 5)
+            eventually(lambda: tape.read_bytes().count(b"said ") == 5, what="five events on the tape")
             eventually(lambda: all(state.events.queued == 0 for state in place.balanced_states("desk")))
         finally:
             recorder.send_signal(signal.SIGINT)
