@@ -14,7 +14,7 @@ BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
     "events": ("network", "channel", "chaos"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos", "attacks"),
-    "robots": ("kinematics", "virtual_and_actual", "control", "stops", "kept_stops", "fleet"),
+    "robots": ("kinematics", "virtual_and_actual", "control", "stops", "kept_stops", "stop_all", "fleet"),
     "missions": ("carry", "network", "many", "elevators", "chaos", "ways", "survival", "partition"),
     "console": ("viewers", "returns", "foxglove", "ros2"),
     "starts": ("ready", "kills", "memory", "forks"),
