@@ -80,9 +80,10 @@ class RecordFile:
             raise ServiceError(sqlite_files.damage_text(self.file, damage))
 
     def _close(self) -> None:
-        with contextlib.suppress(OSError, sqlite3.Error):
-            self._keep_place()
-        self._db.close()
+        with self._lock:  # SQLite crashes if a connection is closed while another thread uses it
+            with contextlib.suppress(OSError, sqlite3.Error):
+                self._keep_place()
+            self._db.close()
 
     def _keep_place(self) -> None:
         """If somebody has removed the file, write it again: all of it is still here. Requires the lock."""

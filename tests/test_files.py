@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import random
 import shutil
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -225,6 +227,23 @@ def test_one_process_at_a_time_with_room_and_nothing_is_left_of_what_was_deleted
     monkeypatch.setattr(sqlite_files, "MIN_ROOM", 2**62)
     with pytest.raises(ServiceError, match="the disk is full"):
         opened(file)
+
+
+def test_a_store_can_be_closed_while_a_thread_writes(tmp_path: Path) -> None:
+    """What comes too late is an error, and not a crash of SQLite."""
+    for number in range(20):
+        begun = threading.Event()
+
+        def write(store: RecordFile, begun: threading.Event = begun) -> None:
+            while True:
+                store.replace("a", ((str(key), key) for key in range(100)))
+                begun.set()
+
+        with ThreadPoolExecutor(1) as threads, opened(tmp_path / f"{number}.sqlite") as store:
+            writing = threads.submit(write, store)
+            assert begun.wait(60.0)
+        with pytest.raises(ServiceError, match="closed"):
+            writing.result(60.0)
 
 
 def test_what_is_blocked_in_a_new_map_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
