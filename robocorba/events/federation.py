@@ -12,6 +12,7 @@ another channel of the same name: a conflict, during which the links of both are
 
 from __future__ import annotations
 
+import functools
 import heapq
 import re
 import time
@@ -90,6 +91,7 @@ def check_name(name: str, field: str = "name") -> str:
     return name
 
 
+@functools.lru_cache(maxsize=4 * MAX_CHANNELS)
 def is_name(text: str) -> bool:
     """Whether a channel can have this name."""
     return re.fullmatch(rf"[A-Za-z0-9_][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}", text) is not None

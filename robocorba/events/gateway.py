@@ -89,7 +89,7 @@ class Gateway:
         self._policy = policy
         self._lock = threading.Lock()
         self._woken = threading.Event()
-        self._is_ended = self._leaves = False
+        self._is_ended = self._leaves = self._is_joined = False
         self._port: FeedPort | None = None
         self.session = ""
         #: Position of the next packet.
@@ -124,8 +124,13 @@ class Gateway:
             port.leave()
 
     def wake(self) -> None:
-        """Renew or join immediately: there are new advertisements, or the peer is back."""
+        """Join immediately: the peer is back."""
         self._woken.set()
+
+    def send_news(self) -> None:
+        """Renew soon: there are new advertisements. A gateway that has not joined sends them when it does."""
+        if self._is_joined:
+            self._woken.set()
 
     @property
     def in_force(self) -> tuple[Pattern, ...]:
@@ -222,8 +227,7 @@ class Gateway:
                 while not self._is_ended:
                     self._renew()
                     self._channel.release_overdue()
-                    self._woken.wait(policy.renewal_pause_s(len(self._channel.feeds)))
-                    self._woken.clear()
+                    self._pause()
             except (SessionOver, NotReachable) as error:
                 self._set_problem(str(error))
             except InvalidPeer as error:
@@ -235,9 +239,18 @@ class Gateway:
             if self._is_ended:
                 return
             failures += 1
-            if self._woken.wait(backoff.pause_s(failures)):
+            least_s = policy.news_pause_s(len(self._channel.feeds))  # a join carries all advertisements
+            if self._woken.wait(max(backoff.pause_s(failures), least_s)):
                 failures = 0
             self._woken.clear()
+
+    def _pause(self) -> None:
+        """Until the next renewal. News that comes meanwhile is sent together, the later the more peers there are: each
+        change would else cost a call for each of them."""
+        peers, began = len(self._channel.feeds), time.monotonic()
+        if self._woken.wait(self._policy.renewal_pause_s(peers)) and not self._is_ended:
+            time.sleep(max(0.0, began + self._policy.news_pause_s(peers) - time.monotonic()))
+        self._woken.clear()
 
     def _begin(self, port: FeedPort) -> None:
         with self._lock:
@@ -250,6 +263,7 @@ class Gateway:
             self._clock.measure(port.joining)
             self._refused_before = self._account.refused
             self._joins += 1
+            self._is_joined = True
             is_too_late = self._leaves
         if is_too_late:
             port.leave()
@@ -277,7 +291,7 @@ class Gateway:
         self._on_advertisements(answer)
 
     def _set_problem(self, problem: str) -> None:
-        self._problem = problem
+        self._problem, self._is_joined = problem, False
         self._log_changes()
 
     def _log_changes(self) -> None:

@@ -161,7 +161,7 @@ class Links:
             links = list(self._links.values())
         for link in links:
             if not learned or any(not entry.reaches(link.peer.name) for entry in learned):
-                link.gateway.wake()
+                link.gateway.send_news()
 
     def is_in_force(self, proxy: ProxySupplier, peer: str) -> bool:
         """Whether `peer` has received an interest that covers the subscription of a proxy. Raises UnknownPeer."""

@@ -97,3 +97,7 @@ class LinkPolicy:
         return max(
             self.renew_interval_s, min(self.renew_interval_s * peers / self.few_peers, self.max_renew_interval_s)
         )
+
+    def news_pause_s(self, peers: int) -> float:
+        """Shortest pause between two renewals that carry news [s]: none with few peers."""
+        return self.renewal_pause_s(peers) / 2 if peers > self.few_peers else 0.0

@@ -569,6 +569,36 @@ def test_a_wake_while_the_peer_is_away_costs_one_attempt(tmp_path: Path) -> None
         stays(lambda: len(alone.feed.attempts) < 25, 0.5)
 
 
+def test_news_does_not_wake_a_gateway_that_has_not_joined(tmp_path: Path) -> None:
+    """It sends all advertisements when it joins; in a mesh under load each change would cost attempts."""
+    policy = LinkPolicy(backoff=Backoff(60.0, 60.0))
+    with Alone(tmp_path, policy, problem=NotReachable("it is away")) as alone:
+        alone.await_problem("it is away")
+        alone.gateway.send_news()
+        stays(lambda: len(alone.feed.attempts) == 1)
+        alone.gateway.wake()
+        eventually(lambda: len(alone.feed.attempts) == 2, what="another attempt")
+
+
+@pytest.mark.parametrize("peers", [10, 20])
+def test_news_is_sent_at_once_to_a_few_peers_and_together_to_many(tmp_path: Path, peers: int) -> None:
+    pause_s = 0.2
+    policy = LinkPolicy(renew_interval_s=1000 * pause_s, max_renew_interval_s=2 * pause_s)
+    assert policy.news_pause_s(10) == 0.0
+    if peers > 10:
+        policy = LinkPolicy(renew_interval_s=2 * pause_s, max_renew_interval_s=2 * pause_s)
+    with Alone(tmp_path, policy) as alone:
+        alone.channel.feeds.update((str(number), alone.channel) for number in range(peers))  # type: ignore[misc]
+        renewals: list[float] = []
+        alone.feed.on_renewal = lambda: (renewals.append(time.monotonic()), alone.probe())
+        for _ in range(10):
+            known = len(renewals)
+            alone.gateway.send_news()
+            eventually(lambda known=known: len(renewals) > known, what="a renewal")
+        apart = [later - earlier for earlier, later in itertools.pairwise(renewals)]
+        assert min(apart) >= pause_s * 0.99 if peers > 10 else max(renewals) < math.inf
+
+
 def test_a_gateway_is_up_only_while_packets_arrive(tmp_path: Path) -> None:
     """Its own calls may get through where those of the feed do not."""
     with Alone(tmp_path, LinkPolicy(renew_interval_s=0.01, silence_s=0.1)) as alone:
