@@ -89,7 +89,7 @@ pictures: stubs
 	@$(BIN)/python docs/make_pictures.py
 
 ros2: stubs
-	@$(BIN)/python -m robocorba.testing.ros2_environment
+	@$(BIN)/python -m testkit.ros2_environment
 
 clean:
 	rm -rf $(VENV) .venv-ros2 build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output docs/api

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robocorba import logs
 from robocorba.console.server import Console, serve
 from robocorba.console.settings import ConsoleSettings
-from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
-from robocorba.printing import fail
-from robocorba.private_files import claim_state
+from robocorba.orb.orb import Orb
+from robocorba.system import logs
+from robocorba.system.printing import fail
+from robocorba.system.private_files import claim_state
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

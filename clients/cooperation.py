@@ -15,23 +15,15 @@ import shapely
 from shapely import MultiPoint, Point
 
 from robocorba.clients.cooperative_planners import planner_of
-from robocorba.control.agent import ControlAgent
-from robocorba.control.execution_control import Aborted, PartEnded
-from robocorba.control.runner import ReceivedEvent
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.mission_leaders import RemoteLeaders
-from robocorba.corba.remote.mission_world import RemoteWorld
-from robocorba.corba.remote.omni_database import RemoteDatabase
-from robocorba.corba.remote.robot_channel import RobotChannel
-from robocorba.data_pool.plans import Plans
-from robocorba.data_pool.pool import DataPool
-from robocorba.decoding import convert
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import IllegalOrder, MissionFailed, StalePlan
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
+from robocorba.map_editor.spatial.pose import Pose2D
 from robocorba.missions import carry_planning
 from robocorba.missions.clock import OWN_CLOCK
+from robocorba.missions.corba.remote_leaders import RemoteLeaders
+from robocorba.missions.corba.remote_world import RemoteWorld
 from robocorba.missions.execution import pose_in_robot_frame
 from robocorba.missions.leader import Inherited, Leader
 from robocorba.missions.leader_areas import LeaderAreas
@@ -44,11 +36,19 @@ from robocorba.missions.report import MissionReport
 from robocorba.missions.subplan import CooperativePlan, StoredPlan
 from robocorba.missions.succession import Succession
 from robocorba.missions.transport import Transport
+from robocorba.orb.orb import Orb
 from robocorba.planning.request import Place
-from robocorba.programs.icons import Icon, kind
-from robocorba.programs.program import Program, of_icon
+from robocorba.robot.agent import ControlAgent
+from robocorba.robot.corba.robot_channel import RobotChannel
+from robocorba.robot.data_pool.plans import Plans
+from robocorba.robot.data_pool.pool import DataPool
+from robocorba.robot.execution_control import Aborted, PartEnded
+from robocorba.robot.programs.icons import Icon, kind
+from robocorba.robot.programs.program import Program, of_icon
+from robocorba.robot.runner import ReceivedEvent
+from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.simulation.mission_record import MissionContent, new_mission_name
-from robocorba.spatial.pose import Pose2D
+from robocorba.system.decoding import convert
 
 #: A program's event must be accepted by the channel within this time [s].
 PUBLISH_TIMEOUT_S = 5.0

@@ -12,8 +12,8 @@ from robocorba.missions.hand_over import HandOverPlanner
 from robocorba.missions.move_table import MoveTablePlanner
 from robocorba.missions.world import World
 from robocorba.planning.request import Place
-from robocorba.programs import icons
-from robocorba.programs.icons import Icon, kind
+from robocorba.robot.programs import icons
+from robocorba.robot.programs.icons import Icon, kind
 
 #: The group of entry points that lead to planners, each with the tag of its icon as its name.
 GROUP = "robocorba.cooperative_planners"

@@ -35,27 +35,27 @@ from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
 from robocorba.commands.watch import Camera
 from robocorba.console.settings import check_installed
-from robocorba.corba.calls import error_of
-from robocorba.corba.conversion import paths
-from robocorba.corba.naming import corbaname
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.mission_control import RemoteMissionControl
-from robocorba.corba.remote.mission_world import RemoteWorld
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.places import place
 from robocorba.errors.robots import MissionFailed
 from robocorba.errors.services import StartFailed
-from robocorba.maps.samples import sample_path
+from robocorba.map_editor.samples import sample_path
 from robocorba.missions import page, timeline
+from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
+from robocorba.missions.corba.remote_world import RemoteWorld
 from robocorba.missions.report import REPORT_FILE
 from robocorba.missions.world import MovableObject
-from robocorba.names import MISSIONS
+from robocorba.orb.calls import error_of
+from robocorba.orb.naming import corbaname
+from robocorba.orb.orb import Orb
+from robocorba.planning.corba import paths
 from robocorba.planning.request import PathRequest, Place
-from robocorba.printing import Console, line
-from robocorba.programs.icons import Destination, MoveTable
-from robocorba.settings import Address
+from robocorba.robot.programs.icons import Destination, MoveTable
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.folder import StateFolder
+from robocorba.system.names import MISSIONS
+from robocorba.system.printing import Console, line
+from robocorba.system.settings import Address
+from robocorba.system.state_folder import StateFolder
 
 BUILDING, FLOOR, TABLE, LEADER = "paper-scene", "L1", "table", "A"
 #: Tolerance of the table's pose at its goal [m, rad].

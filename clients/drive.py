@@ -14,12 +14,12 @@ from typing import Any
 
 from omniORB import CORBA
 
-from robocorba.corba.calls import error_of
-from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
-from robocorba.printing import fail, line
-from robocorba.settings import Settings
+from robocorba.orb.calls import error_of
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
+from robocorba.system.printing import fail, line
+from robocorba.system.settings import Settings
 
 RADIUS_M, MASS_KG = 0.4, 127.0
 LIMITS = RoboCorba.MotionLimits(1.0, 1.75, 1.0, 1.75)

@@ -5,11 +5,11 @@ COUNT is 10 by default. The naming service is at ROBOCORBA_NAMING, by default 12
 import sys
 from queue import SimpleQueue
 
-from robocorba.corba.event_client import Event, EventClient
-from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
-from robocorba.printing import fail, line
-from robocorba.settings import Settings
+from robocorba.events.corba.event_client import Event, EventClient
+from robocorba.orb.orb import Orb
+from robocorba.system.printing import fail, line
+from robocorba.system.settings import Settings
 
 
 def publish(events: EventClient, count: int) -> None:

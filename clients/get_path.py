@@ -4,8 +4,8 @@ import sys
 
 from omniORB import CORBA
 
-from robocorba.printing import fail, line
 from robocorba.stubs import RoboCorba
+from robocorba.system.printing import fail, line
 
 
 def main(start_floor: str, x1: str, y1: str, goal_floor: str, x2: str, y2: str, naming: str = "127.0.0.1:2809") -> None:

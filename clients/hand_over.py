@@ -26,23 +26,23 @@ from omniORB import CORBA
 from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
 from robocorba.clients.robot_film import RobotShapes, Views, sheet
 from robocorba.clients.robot_processes import ActualRobot, ReadyProcess, robocorba, servers
-from robocorba.control.agent import AgentState
-from robocorba.control.runner import ProgramResult
-from robocorba.corba.calls import error_of
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
+from robocorba.console.video import VideoFile
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MotionFailed
-from robocorba.kinematics import tasks
-from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import JOINTS
-from robocorba.maps.samples import sample_path
-from robocorba.printing import fail, line
-from robocorba.programs import icons
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import Program, dumps, icons_with_paths
-from robocorba.settings import Address
-from robocorba.video import VideoFile
+from robocorba.map_editor.samples import sample_path
+from robocorba.orb.calls import error_of
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent import AgentState
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.kinematics import tasks
+from robocorba.robot.kinematics.pose import HandPose
+from robocorba.robot.kinematics.smartpal import JOINTS
+from robocorba.robot.programs import icons
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import Program, dumps, icons_with_paths
+from robocorba.robot.runner import ProgramResult
+from robocorba.system.printing import fail, line
+from robocorba.system.settings import Address
 
 BUILDING, CHANNEL, FLOOR = "paper-scene", "lab", "L1"
 GIVER, TAKER = "A", "B"

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from robocorba.clients.robot_film import in_building
-from robocorba.kinematics.body import SmartPalBody
-from robocorba.kinematics.smartpal import GRIP, SHUT_RAD, Side
-from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
-from robocorba.motion.robot_state import RobotState
-from robocorba.spatial.arrays import Floats
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.robot.kinematics.body import SmartPalBody
+from robocorba.robot.kinematics.smartpal import GRIP, SHUT_RAD, Side
+from robocorba.robot.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
+from robocorba.robot.motion.robot_state import RobotState
 
 #: The hands of giver and taker that hold the sheet.
 GIVING, TAKING = Side.RIGHT, Side.LEFT

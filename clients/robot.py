@@ -10,49 +10,49 @@ from collections.abc import Iterable, Sequence
 
 from omniORB import CORBA
 
-from robocorba import logs
 from robocorba.clients.cooperation import Cooperation
-from robocorba.collision_avoidance.neighbours import PoolNearby
-from robocorba.control.agent import AgentCondition, AgentState, ControlAgent
-from robocorba.control.model_switcher import AdaptorContext
-from robocorba.control.posture_report import INTERVAL_S, REFRESH_S, PostureReport
-from robocorba.control.realtime import raise_process_priority
-from robocorba.control.runner import ProgramResult
-from robocorba.control.tick_file import TickFile
-from robocorba.corba.calls import error_of
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.data_pool import PoolFollower, floor_now
-from robocorba.corba.remote.map_editor import path_node_positions
-from robocorba.corba.remote.path_planner import RemotePlanner
-from robocorba.corba.remote.session import RemoteSession
-from robocorba.corba.remote.stop_listener import StopListener
-from robocorba.corba.servants.control_agent import RobotAgentServant, StopTargetServant
-from robocorba.corba.servants.data_pool import DataPoolServant
-from robocorba.data_pool.plans import Plans
-from robocorba.data_pool.start_places import start_places
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import PlaceTaken
-from robocorba.kernel_store import store
-from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
+from robocorba.map_editor.corba.remote_map import path_node_positions
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.missions import carry_planning
-from robocorba.names import MISSIONS, ROBOTS
+from robocorba.orb.calls import error_of
+from robocorba.orb.orb import Orb
+from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
-from robocorba.printing import fail
-from robocorba.private_files import claim_state
-from robocorba.processes import RobotProgress
-from robocorba.programs import program
-from robocorba.programs.base_checks import Planner
-from robocorba.programs.checker import Start, check
-from robocorba.programs.program import Program
-from robocorba.programs.report import CheckReport
-from robocorba.repeating import Repeating
-from robocorba.settings import RobotSettings
+from robocorba.robot.agent import AgentCondition, AgentState, ControlAgent
+from robocorba.robot.collision_avoidance.neighbours import PoolNearby
+from robocorba.robot.corba.control_agent_servant import RobotAgentServant, StopTargetServant
+from robocorba.robot.corba.data_pool_servant import DataPoolServant
+from robocorba.robot.corba.remote_data_pool import PoolFollower, floor_now
+from robocorba.robot.corba.remote_session import RemoteSession
+from robocorba.robot.corba.stop_listener import StopListener
+from robocorba.robot.data_pool.plans import Plans
+from robocorba.robot.data_pool.start_places import start_places
+from robocorba.robot.kinematics.inverse import InverseKinematics
+from robocorba.robot.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
+from robocorba.robot.model_switcher import AdaptorContext
+from robocorba.robot.posture_report import INTERVAL_S, REFRESH_S, PostureReport
+from robocorba.robot.programs import program
+from robocorba.robot.programs.base_checks import Planner
+from robocorba.robot.programs.checker import Start, check
+from robocorba.robot.programs.program import Program
+from robocorba.robot.programs.report import CheckReport
+from robocorba.robot.realtime import raise_process_priority
+from robocorba.robot.runner import ProgramResult
+from robocorba.robot.tick_file import TickFile
 from robocorba.simulation.registry import Description, Pose
-from robocorba.spatial.pose import XY
+from robocorba.system import logs
+from robocorba.system.kernel_store import store
+from robocorba.system.names import MISSIONS, ROBOTS
+from robocorba.system.printing import fail
+from robocorba.system.private_files import claim_state
+from robocorba.system.processes import RobotProgress
+from robocorba.system.repeating import Repeating
+from robocorba.system.settings import RobotSettings
 
 #: Longest wait for the naming service before a robot says that it is ready [s]: it can do without its name.
 BINDING_LIMIT_S = 5.0
@@ -85,7 +85,7 @@ def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
     """Log on at the settings' pose, by default at the first free path node or beside one. Raises as
     `RemoteSession.log_on`."""
     if settings.at:
-        session.log_on(settings.at)
+        session.log_on(Pose(settings.floor, *settings.at))
         return
     nodes = list(path_node_positions(orb, settings.floor))
     floor = nodes[0][0] if nodes else settings.floor
@@ -142,7 +142,7 @@ def run(arguments: Sequence[str] | None) -> None:
         compile_with_progress(settings.common.state / "logs")
     raise_process_priority()
     wanted = program.load(settings.program) if settings.program else None
-    start = settings.at or Pose(settings.floor, 0.0, 0.0)
+    start = Pose(settings.floor, *(settings.at or (0.0, 0.0, 0.0)))
     with Orb(settings.common.naming, settings.endpoint) as orb, contextlib.ExitStack() as stack:
         planner = RemotePlanner(orb)
         # Before logging on: while kernels compile, the robot sends no heartbeat, and its lease would expire.

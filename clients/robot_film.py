@@ -11,11 +11,11 @@ import shapely
 from matplotlib.font_manager import findfont
 from PIL import Image, ImageDraw, ImageFont
 
-from robocorba.kinematics.body import SmartPalBody
-from robocorba.kinematics.mujoco_headless import mujoco
-from robocorba.kinematics.pose import HandPose
-from robocorba.motion.robot_state import RobotState
-from robocorba.spatial.arrays import Floats
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.robot.kinematics.body import SmartPalBody
+from robocorba.robot.kinematics.mujoco_headless import mujoco
+from robocorba.robot.kinematics.pose import HandPose
+from robocorba.robot.motion.robot_state import RobotState
 
 GROUND, FLOOR, INK, EDGE = "#ffffff", "#eef0f3", "#1f2430", "#5a6270"
 #: Pictures are drawn larger by this factor and then reduced, for smooth edges.

@@ -9,15 +9,15 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from robocorba.backoff import Backoff
-from robocorba.claimed_ports import claimed_ports
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.smartpal_units import RemoteSmartPalUnits
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.errors.services import StartFailed
-from robocorba.settings import Address
-from robocorba.supervision.launch import LoggedProcess, module_command
-from robocorba.supervision.system import naming_service_command
+from robocorba.orb.orb import Orb
+from robocorba.robot.corba.remote_smartpal_units import RemoteSmartPalUnits
+from robocorba.system.backoff import Backoff
+from robocorba.system.claimed_ports import claimed_ports
+from robocorba.system.settings import Address
+from robocorba.system.supervision.launch import LoggedProcess, module_command
+from robocorba.system.supervision.system import naming_service_command
 
 #: Timeout for a process to get ready [s]; it may have to compile kernels on a busy machine.
 START_TIMEOUT_S = 600.0

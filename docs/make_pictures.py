@@ -16,16 +16,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from robocorba.clients.robot_processes import START_TIMEOUT_S, servers
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.supervisor import RemoteSupervisor
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import StartFailed
-from robocorba.maps.samples import sample_path
-from robocorba.names import SUPERVISOR
-from robocorba.processes import ProcessPhase, RobotOrder
-from robocorba.supervision.folder import StateFolder
-from robocorba.testing.browser import chromium, headless
-from robocorba.testing.processes import eventually
+from robocorba.map_editor.samples import sample_path
+from robocorba.orb.orb import Orb
+from robocorba.system.corba.remote_supervisor import RemoteSupervisor
+from robocorba.system.names import SUPERVISOR
+from robocorba.system.processes import ProcessPhase, RobotOrder
+from robocorba.system.state_folder import StateFolder
+from testkit.browser import chromium, headless
+from testkit.processes import eventually
 
 SIZE = {"width": 1366, "height": 768}
 #: Time for a page to show live data [ms].

@@ -11,14 +11,14 @@ from typing import Any, get_type_hints
 
 import msgspec
 
+from robocorba.map_editor.spatial.floor_format import FloorUpdateMap
 from robocorba.missions.messages import KINDS
 from robocorba.missions.subplan import VERSION, StoredPlan
-from robocorba.names import STOP_EVENT
-from robocorba.programs import program
+from robocorba.robot.programs import program
 from robocorba.simulation.emergency_stops import StopEvent
 from robocorba.simulation.mission_record import MissionContent
 from robocorba.simulation.simulation_event import SimulationEvent
-from robocorba.spatial.floor_format import FloorUpdateMap
+from robocorba.system.names import STOP_EVENT
 
 FOLDER = Path(__file__).resolve().parent / "schemas"
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -8,26 +8,24 @@ import threading
 from collections.abc import Sequence
 from typing import Any
 
-from robocorba import logs
-from robocorba.corba.orb import ACCEPT_CALLBACKS, Orb
-from robocorba.corba.remote.event_clients import RemoteClients
-from robocorba.corba.remote.event_gateway import PeerJoiner, RemoteGateway
-from robocorba.corba.remote.foreign_channel import ForeignChannel
-from robocorba.corba.servants.event_channel import (
+from robocorba.events.channel import Channel
+from robocorba.events.channel_store import ChannelStore, Peer
+from robocorba.events.corba.event_channel_servant import (
     CallbackRouteServant,
     ConsumerAdminServant,
     EventChannelServant,
     SupplierAdminServant,
 )
-from robocorba.corba.servants.event_gateway import PeerFeedServant, PeerGatewayServant
-from robocorba.corba.servants.event_proxies import (
+from robocorba.events.corba.event_gateway_servant import PeerFeedServant, PeerGatewayServant
+from robocorba.events.corba.event_proxy_servants import (
     PullConsumerServant,
     PullSupplierServant,
     PushConsumerServant,
     PushSupplierServant,
 )
-from robocorba.events.channel import Channel
-from robocorba.events.channel_store import ChannelStore, Peer
+from robocorba.events.corba.foreign_channel import ForeignChannel
+from robocorba.events.corba.remote_clients import RemoteClients
+from robocorba.events.corba.remote_gateway import PeerJoiner, RemoteGateway
 from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Federation, check_name
 from robocorba.events.links import Links
@@ -39,11 +37,13 @@ from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.seen_events import SeenEvents
-from robocorba.names import CHANNELS
-from robocorba.private_files import claim_state
-from robocorba.record_file import KEEP_INTERVAL_S
-from robocorba.repeating import Repeating
-from robocorba.settings import ChannelSettings
+from robocorba.orb.orb import ACCEPT_CALLBACKS, Orb
+from robocorba.system import logs
+from robocorba.system.names import CHANNELS
+from robocorba.system.private_files import claim_state
+from robocorba.system.record_file import KEEP_INTERVAL_S
+from robocorba.system.repeating import Repeating
+from robocorba.system.settings import ChannelSettings
 
 
 class ChannelServer:

@@ -6,20 +6,20 @@ import gc
 from collections.abc import Sequence
 from contextlib import closing
 
-from robocorba import logs
-from robocorba.corba.call_limit import CallLimit
-from robocorba.corba.orb import Orb
-from robocorba.corba.servants.map_editor import MapEditorServant
-from robocorba.corba.servants.path_planner import PathPlannerServant
-from robocorba.initial_building import open_store
-from robocorba.maps.edit_session import EditSessions
-from robocorba.maps.map_building_agent import BuildingEditor
-from robocorba.maps.model import Building
+from robocorba.map_editor.corba.map_editor_servant import MapEditorServant
+from robocorba.map_editor.edit_session import EditSessions
+from robocorba.map_editor.map_building_agent import BuildingEditor
+from robocorba.map_editor.model import Building
+from robocorba.orb.call_limit import CallLimit
+from robocorba.orb.orb import Orb
+from robocorba.planning.corba.path_planner_servant import PathPlannerServant
 from robocorba.planning.planner import PathPlanner
-from robocorba.private_files import claim_state
-from robocorba.record_file import KEEP_INTERVAL_S
-from robocorba.repeating import Repeating
-from robocorba.settings import ServerSettings
+from robocorba.servers.initial_building import open_store
+from robocorba.system import logs
+from robocorba.system.private_files import claim_state
+from robocorba.system.record_file import KEEP_INTERVAL_S
+from robocorba.system.repeating import Repeating
+from robocorba.system.settings import ServerSettings
 
 #: Maximum numbers of calls that the map editor executes at the same time: those that read elements, and those that go
 #: through a whole floor or building. Edits, and followers of changes, don't wait for them.

@@ -10,17 +10,17 @@ from typing import Any
 
 from omniORB import CORBA
 
-from robocorba import logs
-from robocorba.corba.guard import Guard
-from robocorba.corba.orb import CONTEXT, Orb
-from robocorba.corba.robot_objects import CHECK_INTERVAL_S
-from robocorba.corba.servants.naming import BindingIteratorServant, NameRegistryServant, NamingContextServant
-from robocorba.name_table import NameTable, Path
-from robocorba.names import ROBOTS
-from robocorba.repeating import Repeating
-from robocorba.roles import Role
-from robocorba.settings import ServerSettings, robot_keys
-from robocorba.supervision.access import Access
+from robocorba.orb.guard import Guard
+from robocorba.orb.naming_servant import BindingIteratorServant, NameRegistryServant, NamingContextServant
+from robocorba.orb.orb import CONTEXT, Orb
+from robocorba.orb.robot_objects import CHECK_INTERVAL_S
+from robocorba.system import logs
+from robocorba.system.name_table import NameTable, Path
+from robocorba.system.names import ROBOTS
+from robocorba.system.repeating import Repeating
+from robocorba.system.roles import Role
+from robocorba.system.settings import ServerSettings, robot_keys
+from robocorba.system.supervision.access import Access
 
 #: Maximum number of iterators over names; a further one replaces the oldest.
 MAX_ITERATORS = 100

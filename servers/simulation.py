@@ -9,35 +9,30 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from robocorba import cores, logs
-from robocorba.corba.call_limit import CallLimit
-from robocorba.corba.orb import Orb
-from robocorba.corba.reference_file import key_in_file, write_reference
-from robocorba.corba.remote.announcer import Announcer
-from robocorba.corba.remote.map_editor import RemoteMap
-from robocorba.corba.remote.mission_leaders import RemoteLeaders
-from robocorba.corba.remote.sensor_servers import RegisteredSensors
-from robocorba.corba.remote.stop_target import stop_at
-from robocorba.corba.remote.virtual_sensor import RemoteSensors
-from robocorba.corba.servants.mission_control import MissionControlServant
-from robocorba.corba.servants.omni_database import OmniDatabaseServant
-from robocorba.corba.servants.simulation_server import (
+from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import UnknownRobot
+from robocorba.map_editor.corba.remote_map import RemoteMap
+from robocorba.missions.corba.mission_control_servant import MissionControlServant
+from robocorba.missions.corba.remote_leaders import RemoteLeaders
+from robocorba.missions.mission_control import LeaderWatch, MissionControl
+from robocorba.orb.call_limit import CallLimit
+from robocorba.orb.orb import Orb
+from robocorba.orb.reference_file import key_in_file, write_reference
+from robocorba.robot.corba.stop_target import stop_at
+from robocorba.simulation import omni_database, physics
+from robocorba.simulation.corba.announcer import Announcer
+from robocorba.simulation.corba.omni_database_servant import OmniDatabaseServant
+from robocorba.simulation.corba.registered_sensors import RegisteredSensors
+from robocorba.simulation.corba.remote_sensors import RemoteSensors
+from robocorba.simulation.corba.simulation_server_servant import (
     RobotSessionServant,
     SensorRegistrationServant,
     SimulationAdministratorServant,
     SimulationServerServant,
 )
-from robocorba.corba.servants.virtual_sensor import RobotSensorServant
-from robocorba.errors.services import NotReachable
-from robocorba.errors.simulation import UnknownRobot
-from robocorba.names import ADMINISTRATOR, PORTS, SENSOR_TOKEN, STOPS
-from robocorba.private_files import claim_state
-from robocorba.repeating import Repeating
-from robocorba.settings import SimulationSettings
-from robocorba.simulation import omni_database, physics
+from robocorba.simulation.corba.virtual_sensor_servant import RobotSensorServant
 from robocorba.simulation.emergency_stops import EmergencyStops
 from robocorba.simulation.management_agent import ManagementAgent
-from robocorba.simulation.mission_control import LeaderWatch, MissionControl
 from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.monitor import Monitor
 from robocorba.simulation.registry import RobotClient, digest_of
@@ -45,6 +40,11 @@ from robocorba.simulation.sensor_admission import SensorAdmission, system_token
 from robocorba.simulation.session import Session
 from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.store import SimulationStore
+from robocorba.system import cores, logs
+from robocorba.system.names import ADMINISTRATOR, PORTS, SENSOR_TOKEN, STOPS
+from robocorba.system.private_files import claim_state
+from robocorba.system.repeating import Repeating
+from robocorba.system.settings import SimulationSettings
 
 #: Interval between requests for map edits [s].
 MAP_CHECK_INTERVAL_S = 0.25

@@ -5,21 +5,21 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 
-from robocorba import logs
-from robocorba.control.realtime import raise_process_priority, use_realtime_scheduling
-from robocorba.corba.orb import Orb
-from robocorba.corba.servants.smartpal_units import (
+from robocorba.orb.orb import Orb
+from robocorba.robot.corba.smartpal_unit_servants import (
     ArmServant,
     FaultsServant,
     GripperServant,
     LumbarServant,
     MobilityServant,
 )
-from robocorba.kinematics.smartpal import Side
-from robocorba.private_files import claim_state
-from robocorba.settings import SmartPalSettings
-from robocorba.smartpal_stand_in.robot import RealTime, SmartPal
-from robocorba.smartpal_stand_in.unit import UnitPolicy
+from robocorba.robot.kinematics.smartpal import Side
+from robocorba.robot.realtime import raise_process_priority, use_realtime_scheduling
+from robocorba.robot.smartpal_stand_in.robot import RealTime, SmartPal
+from robocorba.robot.smartpal_stand_in.unit import UnitPolicy
+from robocorba.system import logs
+from robocorba.system.private_files import claim_state
+from robocorba.system.settings import SmartPalSettings
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -10,23 +10,23 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
-from robocorba import logs
-from robocorba.corba.call_limit import CallLimit
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.map_editor import RemoteMap
-from robocorba.corba.remote.simulation_server import RemoteSimulation
-from robocorba.corba.servants.virtual_sensor import VirtualSensorServant
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import SensorRefused
-from robocorba.names import SENSOR_TOKEN, SENSORS
-from robocorba.private_files import claim_state
-from robocorba.repeating import Repeating
-from robocorba.sensing import virtual_sensor
-from robocorba.sensing.floor_follower import FloorFollower
-from robocorba.sensing.reports import Reports
-from robocorba.sensing.virtual_sensor import VirtualSensor
-from robocorba.settings import SensorSettings
+from robocorba.map_editor.corba.remote_map import RemoteMap
+from robocorba.orb.call_limit import CallLimit
+from robocorba.orb.orb import Orb
+from robocorba.simulation.corba.remote_simulation import RemoteSimulation
+from robocorba.simulation.corba.virtual_sensor_servant import VirtualSensorServant
+from robocorba.simulation.sensing import virtual_sensor
+from robocorba.simulation.sensing.floor_follower import FloorFollower
+from robocorba.simulation.sensing.reports import Reports
+from robocorba.simulation.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation.sensor_admission import read_token
+from robocorba.system import logs
+from robocorba.system.names import SENSOR_TOKEN, SENSORS
+from robocorba.system.private_files import claim_state
+from robocorba.system.repeating import Repeating
+from robocorba.system.settings import SensorSettings
 
 #: Maximum number of calls for more rays than a robot needs that are executed at the same time.
 LARGE_SCANS = 1

@@ -13,8 +13,8 @@ import hypothesis
 import pytest
 
 from robocorba.planning.planner import PathPlanner
-from robocorba.supervision.compilation import compile_kernels
-from robocorba.supervision.compile_worker import STEPS
+from robocorba.system.supervision.compilation import compile_kernels
+from robocorba.system.supervision.compile_worker import STEPS
 
 pytest_plugins = ("tests.failures", "tests.skips")
 

@@ -14,13 +14,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from robocorba import private_files, sqlite_files
 from robocorba.errors.services import AlreadyRunning, ServiceError
-from robocorba.initial_building import open_store
-from robocorba.maps import native
-from robocorba.private_files import claim_state, exposure, make_folder
-from robocorba.record_file import RecordFile
-from robocorba.testing.buildings import two_floors
+from robocorba.map_editor import native
+from robocorba.servers.initial_building import open_store
+from robocorba.system import private_files, sqlite_files
+from robocorba.system.private_files import claim_state, exposure, make_folder
+from robocorba.system.record_file import RecordFile
+from testkit.buildings import two_floors
 from tests.damage import damage
 
 #: A user who is not this one.

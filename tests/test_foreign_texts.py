@@ -18,11 +18,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.table import Table
 
-from robocorba.decoding import convert, decode_json, decode_msgpack, read_text
 from robocorba.errors.files import LimitExceeded
-from robocorba.plain_names import PlainNames, names_in, plain_name
-from robocorba.printing import Console, echo, line
-from robocorba.settings import Address, ChannelSettings, InvalidSetting, RoleNaming, ServerSettings, Settings
+from robocorba.system.decoding import convert, decode_json, decode_msgpack, read_text
+from robocorba.system.plain_names import PlainNames, names_in, plain_name
+from robocorba.system.printing import Console, echo, line
+from robocorba.system.settings import Address, ChannelSettings, InvalidSetting, RoleNaming, ServerSettings, Settings
 
 ADDRESSES = ("127.0.0.1:2809", "robot-1.example.org:1", "[::1]:65535", "localhost:80")
 
@@ -90,9 +90,9 @@ def test_servers_and_channels_read_their_arguments(tmp_path: Path) -> None:
 _THREADS = """
 import sys, threading
 import msgspec
-from robocorba.decoding import convert, decode_json, decode_msgpack, read_text
+from robocorba.system.decoding import convert, decode_json, decode_msgpack, read_text
 from robocorba.errors.files import LimitExceeded
-from robocorba.settings import RoleNaming
+from robocorba.system.settings import RoleNaming
 
 sys.setswitchinterval(1e-6)
 TYPES, PARTS = 10, 20

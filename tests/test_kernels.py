@@ -15,10 +15,10 @@ import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from robocorba import kernel_cache, kernel_store
-from robocorba.kernel_cache import KernelCache, SharedWork
-from robocorba.kernel_digests import KernelSource, kernel_sources, sources_digest
-from robocorba.kernel_store import KernelStore, cache_folder, lock, store
+from robocorba.system import kernel_cache, kernel_store
+from robocorba.system.kernel_cache import KernelCache, SharedWork
+from robocorba.system.kernel_digests import KernelSource, kernel_sources, sources_digest
+from robocorba.system.kernel_store import KernelStore, cache_folder, lock, store
 
 GRIDS = '''"""Grids."""
 from typing import NamedTuple
@@ -400,5 +400,5 @@ def test_a_file_in_the_current_folder_sets_nothing(tmp_path: Path, monkeypatch: 
     monkeypatch.chdir(tmp_path)
     numba.core.config.reload_config()
     assert not numba.core.config.DISABLE_JIT
-    code = "from robocorba import kernels; import numba; print(numba.core.config.DISABLE_JIT)"
+    code = "from robocorba.system import kernels; import numba; print(numba.core.config.DISABLE_JIT)"
     assert subprocess.check_output([sys.executable, "-c", code], text=True, timeout=60).strip() == "0"

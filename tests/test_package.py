@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from robocorba import __version__
-from robocorba.claimed_ports import claimed_ports
-from robocorba.settings import Address
-from robocorba.testing.processes import Launcher, Running, read_json
+from robocorba.system.claimed_ports import claimed_ports
+from robocorba.system.settings import Address
+from testkit.processes import Launcher, Running, read_json
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 

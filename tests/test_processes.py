@@ -23,19 +23,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from robocorba import allocator, logs
-from robocorba import claimed_ports as ports
-from robocorba.backoff import Backoff
-from robocorba.claimed_ports import HOST, PORTS_PER_BLOCK, claimed_ports
 from robocorba.errors.services import ServiceError, StartFailed
-from robocorba.stop_latch import EMERGENCY_STOP, MAX_REASONS, StopLatch
-from robocorba.stop_request import SIGNALS, StopRequest
+from robocorba.orb import allocator
+from robocorba.system import claimed_ports as ports
+from robocorba.system import logs
+from robocorba.system.backoff import Backoff
+from robocorba.system.claimed_ports import HOST, PORTS_PER_BLOCK, claimed_ports
+from robocorba.system.stop_latch import EMERGENCY_STOP, MAX_REASONS, StopLatch
+from robocorba.system.stop_request import SIGNALS, StopRequest
 
 #: Prints the private memory [MB]: after twelve threads have held and freed large blocks; and before and after `trim`,
 #: once small blocks below one that stays were freed.
 MEMORY = """
 import threading, psutil
-from robocorba.allocator import return_freed_memory, trim
+from robocorba.orb.allocator import return_freed_memory, trim
 assert return_freed_memory()
 def print_memory():
     print((psutil.Process().memory_full_info().uss - before) / 1e6)
@@ -233,7 +234,8 @@ def test_the_last_error_is_raised(timeout_s: float, errors: tuple[type[Exception
 
 def run_logging(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
     """`code` in a process that logs to folder/test.log; logging belongs to a process as a whole."""
-    begin = f"import logging; from pathlib import Path; from robocorba import logs; folder = Path({str(folder)!r})"
+    begin = "import logging; from pathlib import Path; from robocorba.system import logs"
+    begin += f"; folder = Path({str(folder)!r})"
     return subprocess.run(
         [sys.executable, "-c", f"{begin}\nlogs.setup('test', folder)\n{code}"],
         capture_output=True,
@@ -264,7 +266,7 @@ def test_an_event_is_a_line_with_time_level_and_process(tmp_path: Path) -> None:
 def test_nobody_waits_for_a_reader_of_stderr(tmp_path: Path) -> None:
     """A pipe holds 64 KiB; what does not fit is in the file, and counted when somebody reads again."""
     code = (
-        "import logging; from pathlib import Path; from robocorba import logs\n"
+        "import logging; from pathlib import Path; from robocorba.system import logs\n"
         f"logs.setup('test', Path({str(tmp_path)!r}))\n"
         "for number in range(2000): logging.warning('%d %s', number, 'x' * 100)\n"
         "logging.warning('y' * 5000)\n"

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from robocorba import name_table
-from robocorba.corba.guard import interface_of
 from robocorba.errors.services import InvalidBinding, NameHeld
-from robocorba.name_table import HOLD_S, MAX_PART, NameTable
-from robocorba.roles import BY_REFERENCE, EVERYBODY, NAMED, RULES, Role, may_call, operations_for
+from robocorba.orb.guard import interface_of
 from robocorba.stubs import RoboCorba__POA
+from robocorba.system import name_table
+from robocorba.system.name_table import HOLD_S, MAX_PART, NameTable
+from robocorba.system.roles import BY_REFERENCE, EVERYBODY, NAMED, RULES, Role, may_call, operations_for
 from tests.clock import Clock
 
 #: What changes nothing and serves nobody else: by the first words of an operation's name.

@@ -12,13 +12,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from robocorba.corba.remote.announcer import payload_of
+from robocorba.map_editor.spatial import floor_format
+from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
+from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate
 from robocorba.missions import messages, subplan
+from robocorba.simulation.corba.announcer import payload_of
 from robocorba.simulation.mission_record import MissionContent, PhaseRecord
 from robocorba.simulation.simulation_event import SimulationEvent
-from robocorba.spatial import floor_format
-from robocorba.spatial.elevator_state import Doors, ElevatorState
-from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 

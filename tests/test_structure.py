@@ -13,76 +13,74 @@ import networkx as nx
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-#: The domain, bottom up: each package and the packages that it imports. Nothing here knows the ORB.
+#: The domain, bottom up: each room, and the rooms within it that stand for themselves, with what it imports of the
+#: others. What lies in a `corba` knows the ORB, nothing else here does.
 DOMAIN = {
     "errors": "",
-    "spatial": "errors",
+    "map_editor.spatial": "errors",
     "events": "errors",
-    "maps": "errors spatial",
-    "motion": "errors spatial",
-    "kinematics": "errors spatial",
-    "smartpal_stand_in": "errors spatial kinematics",
-    "planning": "errors spatial maps",
-    "data_pool": "errors spatial maps",
-    "simulation": "errors spatial maps planning",
-    "sensing": "errors spatial maps simulation",
-    "programs": "errors spatial kinematics planning sensing",
-    "collision_avoidance": "errors spatial motion kinematics planning data_pool",
-    "control": "errors spatial maps motion kinematics planning simulation sensing programs collision_avoidance",
-    "openrtm": "errors simulation",
-    "missions": "errors spatial maps motion kinematics planning simulation programs control",
+    "map_editor": "errors",
+    "robot.motion": "errors map_editor.spatial",
+    "robot.kinematics": "errors map_editor.spatial",
+    "robot.smartpal_stand_in": "errors map_editor.spatial robot.kinematics",
+    "planning": "errors map_editor",
+    "robot.data_pool": "errors map_editor",
+    "simulation": "errors map_editor planning",
+    "simulation.sensing": "errors map_editor simulation",
+    "robot.programs": "errors map_editor.spatial planning robot.kinematics simulation.sensing",
+    "robot.collision_avoidance": "errors map_editor.spatial planning robot.motion robot.kinematics robot.data_pool",
+    "robot": "errors map_editor planning simulation",
+    "bridges.openrtm": "errors simulation",
+    "missions": "errors map_editor planning robot simulation",
 }
-#: Modules of robocorba/ itself that every package may use.
+#: Rooms of the package, each with the paper's word for it or that of what the parts share.
+ROOMS = {"bridges", "commands", "console", "errors", "events", "map_editor", "missions", "orb", "planning", "robot"}
+ROOMS |= {"simulation", "system"}
+#: What every room may use.
 COMMON = {
-    f"robocorba.{name}"
-    for name in (
-        *(
-            "__version__",
-            "backoff",
-            "background",
-            "cores",
-            "damaged_files",
-            "decoding",
-            "kernel_cache",
-            "kernel_digests",
-        ),
-        *("kernel_store", "kernels", "last_order", "lazy_property", "output_files", "private_files", "record_file"),
-        *("repeating", "sqlite_files", "stop_latch"),
-    )
+    "robocorba.__version__",
+    *(
+        f"robocorba.system.{name}"
+        for name in (
+            *("backoff", "background", "cores", "damaged_files", "decoding", "kernels", "last_order", "lazy_property"),
+            *("output_files", "private_files", "record_file", "repeating", "sqlite_files", "stop_latch"),
+        )
+    ),
 }
-#: What may know the ORB and the classes that omniidl made.
-ORB_LAYER = ("robocorba/corba/", "robocorba/commands/", "robocorba/supervision/", "robocorba/testing/")
-SERVANTS = "robocorba/corba/servants/"
+#: What may know the ORB and the classes that omniidl made: orb/, each `corba` in a room, and these, fewer by time.
+ORB_ELSEWHERE = {
+    *(f"robocorba/commands/{name}.py" for name in ("event_stats", "events", "options", "path", "reporting")),
+    "robocorba/commands/simulation_tables.py",
+}
+SERVANTS = re.compile(r"robocorba/.+_servants?\.py")
 #: A servant gets what it needs handed over.
 AROUND_SERVANTS = {
-    *(f"robocorba.corba.{name}" for name in ("orb", "naming", "remote", "servants")),
-    *(f"robocorba.{name}" for name in ("commands", "supervision", "settings", "logs", "testing")),
+    *("robocorba.commands", "robocorba.orb.naming", "robocorba.orb.orb", "testkit"),
+    *("robocorba.system.logs", "robocorba.system.settings", "robocorba.system.supervision"),
 }
 CORBA = {"omniORB", "CosNaming", "CosEventComm", "CosEventChannelAdmin", "CORBA", "PortableServer"}
 #: The package imports none of the programs that are built from it.
-PROGRAMS = {"servers", "clients", "robocorba.servers", "robocorba.clients", "bench", "tests"}
-#: Programs that print foreign text by robocorba.printing; and those that print none, or show OMG's interfaces
+PROGRAMS = {"servers", "clients", "robocorba.servers", "robocorba.clients", "bench", "tests", "testkit"}
+#: Programs that print foreign text by robocorba.system.printing; and those that print none, or show OMG's interfaces
 #: without RoboCorba.
 PRINTERS = ("robocorba/commands/", "clients/")
 PRINTING_NOTHING_FOREIGN = ("clients/robot.py", "clients/new_robot.py", "clients/plain_events.py")
 #: Where the environment is read: our variables, numba's and MuJoCo's. Processes of tests inherit theirs.
 ENVIRONMENT_IN = (
-    "robocorba/settings.py",
-    "robocorba/kernel_store.py",
-    "robocorba/kinematics/mujoco_headless.py",
-    "robocorba/testing/",
+    "robocorba/system/settings.py",
+    "robocorba/system/kernel_store.py",
+    "robocorba/robot/kinematics/mujoco_headless.py",
 )
-
-#: Threads are started by robocorba.background, which reports their failures. Elsewhere are pools whose results, errors
-#: included, their user waits for, and a thread that nobody misses.
+#: Threads are started by robocorba.system.background, which reports their failures. Elsewhere are pools whose results,
+#: errors included, their user waits for, and a thread that nobody misses.
 THREADS_ELSEWHERE = {
-    "robocorba/background.py": "all others use it",
+    "robocorba/system/background.py": "all others use it",
     "robocorba/commands/event_stats.py": "waits for all results",
     "robocorba/commands/status.py": "waits for all results",
     "robocorba/console/calls.py": "answers each call with its result or error",
     "robocorba/console/robot_views.py": "a view that fails is disconnected",
     "robocorba/console/system_state.py": "a request that fails is the problem of its row",
-    "robocorba/control/smartpal_adaptor.py": "waits for all results",
+    "robocorba/robot/smartpal_adaptor.py": "waits for all results",
     "robocorba/events/proxies.py": "waits for all results",
     "clients/demo.py": "prints a hint",
 }
@@ -105,31 +103,44 @@ def faults(path: str, text: str) -> list[str]:
     words = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
 
     found = [f"imports the program {name}" for name in within(used, PROGRAMS)]
-    package = path.split("/")[1]
-    if package in DOMAIN:
-        allowed = {f"robocorba.{name}" for name in (package, *DOMAIN[package].split())} | COMMON
+    room = room_of(path)
+    if room in DOMAIN:
+        allowed = {f"robocorba.{name}" for name in (room, *DOMAIN[room].split())} | COMMON
         strange = used - set(within(used, allowed | PROGRAMS))
+        strange |= {name for name in used if ".corba." in name}
         found += [f"domain code imports {name}" for name in within(strange, CORBA | {"robocorba"})]
         if "cached_property" in names:
-            found.append("uses cached_property, whose lock robocorba.lazy_property does without")
-    elif not path.startswith(ORB_LAYER):
-        found += [f"imports {name}, which robocorba/corba/ is for" for name in within(used, {"robocorba.stubs"})]
-    if path.startswith(SERVANTS):
-        found += [f"a servant imports {name}" for name in within(used, AROUND_SERVANTS)]
+            found.append("uses cached_property, whose lock robocorba.system.lazy_property does without")
+    elif not knows_orb(path) and path not in ORB_ELSEWHERE:
+        found += [f"imports {name}, which orb/ is for" for name in within(used, CORBA | {"robocorba.stubs"})]
+    if SERVANTS.fullmatch(path):
+        around = AROUND_SERVANTS | {name for name in used if re.search(r"\.corba\.(remote_\w+|\w+_servants?)\b", name)}
+        found += [f"a servant imports {name}" for name in within(used, around)]
         taboo = {"ORB_init", "resolve", "string_to_object", "resolve_initial_references", "argv", "argparse"}
         found += [f"a servant uses {name}" for name in sorted(names & taboo)]
-    if path != "robocorba/corba/orb.py" and "ORB_init" in names:
-        found.append("starts an ORB, which robocorba.corba.orb is for")
+    if path != "robocorba/orb/orb.py" and "ORB_init" in names:
+        found.append("starts an ORB, which robocorba.orb.orb is for")
     if not path.startswith(ENVIRONMENT_IN):
         found += [f"reads the environment by {name}" for name in sorted(names & {"environ", "getenv", "environb"})]
-    if path != "robocorba/settings.py" and not path.startswith("robocorba/testing/"):
+    if path != "robocorba/system/settings.py":
         variables = sorted(word for word in words if re.fullmatch("ROBOCORBA_[A-Z_]+", word))
-        found += [f"knows {name}, which robocorba.settings is for" for name in variables]
+        found += [f"knows {name}, which robocorba.system.settings is for" for name in variables]
     return found
 
 
+def knows_orb(path: str) -> bool:
+    return path.startswith("robocorba/orb/") or "/corba/" in path
+
+
+def room_of(path: str) -> str:
+    """The innermost one of DOMAIN in which a file of the domain lies, else empty."""
+    folders = path.split("/")[1:-1]
+    inner = [".".join(folders[:count]) for count in range(len(folders), 0, -1)]
+    return "" if knows_orb(path) else next((name for name in inner if name in DOMAIN), "")
+
+
 def prints(text: str) -> list[str]:
-    """How a source prints past robocorba.printing, which escapes foreign text."""
+    """How a source prints past robocorba.system.printing, which escapes foreign text."""
     tree = parsed(text)
     used = set(imports("clients/x.py", tree)) & {"rich.console.Console", "typer.echo", "rich.print"}
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
@@ -139,7 +150,7 @@ def prints(text: str) -> list[str]:
 
 
 def decodes(text: str) -> list[str]:
-    """How a source decodes into types past robocorba.decoding, which several threads can use at once."""
+    """How a source decodes into types past robocorba.system.decoding, which several threads can use at once."""
     if "msgspec" not in text:
         return []
     calls = [node for node in ast.walk(parsed(text)) if isinstance(node, ast.Call)]
@@ -152,7 +163,7 @@ def decodes(text: str) -> list[str]:
 
 
 def starts_threads(text: str) -> list[str]:
-    """How a source starts threads past robocorba.background."""
+    """How a source starts threads past robocorba.system.background."""
     if not any(name in text for name in _THREADS):
         return []
     nodes = list(ast.walk(parsed(text)))
@@ -243,20 +254,32 @@ def folder(module: str, modules: Mapping[str, Path]) -> str:
 
 OURS = {name: file for name, file in sources("robocorba").items() if name != "robocorba"}
 PRODUCT = sources("robocorba", "servers", "clients")
-ALL = sources("robocorba", "servers", "clients", "bench", "tests")
+ALL = sources("robocorba", "servers", "clients", "bench", "tests", "testkit")
 
 
 def test_sources_keep_the_rules() -> None:
-    looked_at = {file.relative_to(ROOT).as_posix() for file in OURS.values()}
-    for part in (*(f"robocorba/{name}/" for name in DOMAIN), SERVANTS, *ORB_LAYER, *ENVIRONMENT_IN):
-        assert any(path.startswith(part) for path in looked_at), part
     paths = {file.relative_to(ROOT).as_posix(): file for file in OURS.values()}
     assert {path: found for path, file in paths.items() if (found := faults(path, file.read_text()))} == {}
+    # No rule is about what is not there.
+    for part in (*(f"robocorba/{name.replace('.', '/')}/" for name in DOMAIN), *ENVIRONMENT_IN):
+        assert any(path.startswith(part) for path in paths), part
+    assert any(SERVANTS.fullmatch(path) for path in paths)
+    for path in ORB_ELSEWHERE:
+        assert within(set(imports_of(paths[path])), CORBA | {"robocorba.stubs"}), path
     used = defaultdict(set)
     for one, other in arrows(OURS).edges:
-        used[one.split(".")[1]].add(other.split(".")[1])
-    for package, others in DOMAIN.items():
-        assert set(others.split()) - used[package] == set(), package
+        used[room_of(OURS[one].relative_to(ROOT).as_posix())].add(f"{other}.")
+    for room, others in DOMAIN.items():
+        for other in others.split():
+            assert any(name.startswith(f"robocorba.{other}.") for name in used[room]), (room, other)
+    for name in COMMON - {"robocorba.__version__"}:
+        assert name in OURS, name
+
+
+def test_there_are_few_rooms() -> None:
+    folders = {file.relative_to(ROOT).parts[1] for file in OURS.values() if len(file.relative_to(ROOT).parts) > 2}
+    assert folders == ROOMS
+    assert {file.name for file in (ROOT / "robocorba").glob("*.py")} == {"__init__.py", "__main__.py"}
 
 
 def test_one_place_escapes_what_programs_print_and_one_decodes_into_types() -> None:
@@ -266,7 +289,7 @@ def test_one_place_escapes_what_programs_print_and_one_decodes_into_types() -> N
     assert prints("from rich.console import Console\nprint(1)") == ["print", "rich.console.Console"]
     assert prints("sys.exit(f'{name} fails')") == ["sys.exit"]
     past = {file.relative_to(ROOT).as_posix(): decodes(file.read_text()) for file in PRODUCT.values()}
-    assert {path for path, calls in past.items() if calls} == {"robocorba/decoding.py"}
+    assert {path for path, calls in past.items() if calls} == {"robocorba/system/decoding.py"}
     assert decodes("msgspec.json.decode(a)\nmsgspec.convert(a, T)") == ["msgspec.convert"]
     assert decodes("msgspec.msgpack.decode(a, type=T)") == ["msgspec.msgpack.decode"]
 
@@ -287,10 +310,10 @@ def test_tests_wait_for_conditions_and_suppress_no_assertion() -> None:
 
 def test_one_place_starts_threads() -> None:
     found = {file.relative_to(ROOT).as_posix(): starts_threads(file.read_text()) for file in PRODUCT.values()}
-    outside = {path for path, ways in found.items() if ways and not path.startswith("robocorba/testing/")}
+    outside = {path for path, ways in found.items() if ways and not path.startswith("testkit/")}
     assert outside == set(THREADS_ELSEWHERE)
     pools = {path for path in outside if found[path] == ["ThreadPoolExecutor"]}
-    assert outside - pools == {"robocorba/background.py", "clients/demo.py"}
+    assert outside - pools == {"robocorba/system/background.py", "clients/demo.py"}
     assert starts_threads("import threading\nthreading.Thread(target=f).start()") == ["Thread"]
     assert starts_threads("class A(Thread): pass\nTimer(1.0, f)") == ["Thread", "Timer"]
     assert starts_threads("threading.current_thread()\na: threading.Thread") == []
@@ -314,38 +337,37 @@ def test_imports_have_no_circles() -> None:
 @pytest.mark.parametrize(
     ("path", "text", "fault"),
     [
-        ("maps/x.py", "from omniORB import CORBA", "domain code imports omniORB.CORBA"),
+        ("map_editor/x.py", "from omniORB import CORBA", "domain code imports omniORB.CORBA"),
         ("errors/x.py", "import CosNaming", "domain code imports CosNaming"),
-        ("planning/x.py", "def f():\n    from robocorba.corba import orb", "domain code imports robocorba.corba.orb"),
-        ("planning/x.py", "from .. import corba", "domain code imports robocorba.corba"),
-        ("maps/formats/x.py", "from ...corba.a import b", "domain code imports robocorba.corba.a.b"),
-        ("maps/x.py", "import robocorba.commands.up as u", "domain code imports robocorba.commands.up"),
-        ("maps/x.py", "from robocorba.planning.x import A", "domain code imports robocorba.planning.x.A"),
-        ("maps/x.py", "from a import cached_property", "uses cached_property, whose lock robocorba.lazy_property does"),
-        (
-            "corba/servants/x.py",
-            "from robocorba.corba.servants import y",
-            "a servant imports robocorba.corba.servants.y",
-        ),
-        ("corba/servants/x.py", "from .y import Z", "a servant imports robocorba.corba.servants.y.Z"),
-        ("corba/servants/x.py", "import robocorba.corba.naming", "a servant imports robocorba.corba.naming"),
-        ("corba/servants/x.py", "orb.resolve('PathPlanner', P)", "a servant uses resolve"),
-        ("corba/servants/x.py", "from sys import argv", "a servant uses argv"),
-        ("logs.py", "from servers import map_editor", "imports the program servers.map_editor"),
+        ("planning/x.py", "def f():\n    from robocorba.orb import orb", "domain code imports robocorba.orb.orb"),
+        ("planning/x.py", "from .. import orb", "domain code imports robocorba.orb"),
+        ("map_editor/formats/x.py", "from ...orb.a import b", "domain code imports robocorba.orb.a.b"),
+        ("planning/x.py", "from .corba.a import b", "domain code imports robocorba.planning.corba.a.b"),
+        ("planning/x.py", "import robocorba.commands.up as u", "domain code imports robocorba.commands.up"),
+        ("map_editor/x.py", "from robocorba.planning.x import A", "domain code imports robocorba.planning.x.A"),
+        ("map_editor/spatial/x.py", "from robocorba.map_editor import x", "domain code imports robocorba.map_editor.x"),
+        ("events/x.py", "from a import cached_property", "uses cached_property, whose lock"),
+        ("events/corba/x_servant.py", "from robocorba.events.corba import remote_y", "a servant imports"),
+        ("events/corba/x_servants.py", "from .y_servant import Z", "a servant imports"),
+        ("robot/corba/x_servant.py", "import robocorba.orb.naming", "a servant imports robocorba.orb.naming"),
+        ("robot/corba/x_servant.py", "orb.resolve('PathPlanner', P)", "a servant uses resolve"),
+        ("robot/corba/x_servant.py", "from sys import argv", "a servant uses argv"),
+        ("system/logs.py", "from servers import map_editor", "imports the program servers.map_editor"),
         ("commands/x.py", "import robocorba.clients.demo", "imports the program robocorba.clients.demo"),
-        ("maps/x.py", "from tests.maps import buildings", "imports the program tests.maps.buildings"),
-        ("x.py", "from robocorba.stubs import R", "imports robocorba.stubs.R, which robocorba/corba/ is for"),
-        ("commands/x.py", "CORBA.ORB_init([])", "starts an ORB, which robocorba.corba.orb is for"),
-        ("logs.py", "import os\nos.environ['HOME']", "reads the environment by environ"),
-        ("logs.py", "from os import getenv", "reads the environment by getenv"),
-        ("logs.py", "f('ROBOCORBA_STATE')", "knows ROBOCORBA_STATE, which robocorba.settings is for"),
+        ("errors/x.py", "from tests.map_editor import buildings", "imports the program tests.map_editor.buildings"),
+        ("system/x.py", "from robocorba.stubs import R", "imports robocorba.stubs.R, which orb/ is for"),
+        ("console/x.py", "from omniORB import CORBA", "imports omniORB.CORBA, which orb/ is for"),
+        ("commands/x.py", "CORBA.ORB_init([])", "starts an ORB, which robocorba.orb.orb is for"),
+        ("system/logs.py", "import os\nos.environ['HOME']", "reads the environment by environ"),
+        ("system/logs.py", "from os import getenv", "reads the environment by getenv"),
+        ("system/logs.py", "f('ROBOCORBA_STATE')", "knows ROBOCORBA_STATE, which robocorba.system.settings is for"),
         # What is allowed:
-        ("maps/x.py", "from robocorba.maps.model import Wall\nimport robocorba.errors.base", ""),
-        ("maps/x.py", "'not omniORB'  # import omniORB", ""),
-        ("planning/x.py", "from robocorba.kernels import kernel", ""),
-        ("corba/servants/x.py", "from robocorba.stubs import A\nfrom robocorba.corba import conversion", ""),
-        ("corba/orb.py", "from omniORB import CORBA\nCORBA.ORB_init([])", ""),
-        ("settings.py", "import os\nos.environ['ROBOCORBA_STATE']", ""),
+        ("map_editor/x.py", "from robocorba.map_editor.model import Wall\nimport robocorba.errors.base", ""),
+        ("map_editor/x.py", "'not omniORB'  # import omniORB", ""),
+        ("planning/x.py", "from robocorba.system.kernels import kernel", ""),
+        ("planning/corba/x_servant.py", "from robocorba.stubs import A\nfrom robocorba.orb import structs", ""),
+        ("orb/orb.py", "from omniORB import CORBA\nCORBA.ORB_init([])", ""),
+        ("system/settings.py", "import os\nos.environ['ROBOCORBA_STATE']", ""),
         ("commands/x.py", "option(help='The state folder [ROBOCORBA_STATE].')\nimport testsuite", ""),
     ],
 )

@@ -16,13 +16,13 @@ from contextlib import suppress
 
 import pytest
 
-from robocorba import cores
-from robocorba.background import Background, Workers
 from robocorba.errors.base import RoboCorbaError
-from robocorba.garbage import collections_paused
-from robocorba.last_order import LastOrder
-from robocorba.lazy_property import lazy_property
-from robocorba.repeating import Repeating
+from robocorba.system import cores
+from robocorba.system.background import Background, Workers
+from robocorba.system.garbage import collections_paused
+from robocorba.system.last_order import LastOrder
+from robocorba.system.lazy_property import lazy_property
+from robocorba.system.repeating import Repeating
 
 #: Whatever it runs on: a thread is waited for at most this long [s].
 LIMIT_S = 30.0
@@ -61,7 +61,7 @@ def test_a_thread_that_does_not_end_is_named(caplog: pytest.LogCaptureFixture) -
 
 def test_a_process_ends_with_an_error_though_its_main_thread_waits() -> None:
     program = (
-        "import threading; from robocorba.background import Background, end_process\n"
+        "import threading; from robocorba.system.background import Background, end_process\n"
         "Background('worker', lambda: 1 / 0, end_process).start(); threading.Event().wait()"
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=LIMIT_S)

@@ -9,8 +9,8 @@ import av
 import pytest
 from PIL import Image
 
+from robocorba.console.video import VideoFile
 from robocorba.errors.simulation import VideoError
-from robocorba.video import VideoFile
 
 COLOURS = ["red", "lime", "blue", "white", "black"]
 

@@ -1,5 +1,5 @@
 """The waits of tests for which there is no condition, by what they are for. All others are
-`robocorba.testing.processes.eventually`; tests/test_structure.py sees to it."""
+`testkit.processes.eventually`; tests/test_structure.py sees to it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 
 
 def _slowness() -> float:

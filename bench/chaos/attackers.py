@@ -22,15 +22,15 @@ from typing import Any
 import CosNaming
 from omniORB import CORBA
 
-from robocorba.corba.orb import Orb
-from robocorba.names import CHANNELS, ROBOTS, SENSORS
-from robocorba.roles import Role, may_call
-from robocorba.settings import Address
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.testing.attacks import calls_of, connections, repeat_in_threads, stalled_connections
-from robocorba.testing.fuzzing.operations import Operation, operations
-from robocorba.testing.fuzzing.values import Seen, Values
-from robocorba.testing.simulation import about
+from robocorba.system.names import CHANNELS, ROBOTS, SENSORS
+from robocorba.system.roles import Role, may_call
+from robocorba.system.settings import Address
+from testkit.attacks import calls_of, connections, repeat_in_threads, stalled_connections
+from testkit.fuzzing.operations import Operation, operations
+from testkit.fuzzing.values import Seen, Values
+from testkit.simulation import about
 
 import CosEventComm__POA  # isort: skip  (found once omniORB is imported)
 

@@ -31,15 +31,15 @@ from bench.chaos.beside import MAX_CALL_S, UNTOUCHED, Beside, Complaints, beside
 from bench.chaos.crowd import CARRYING, EXPIRED, Carrier, Drivers, Names, Stream, places, two_floors
 from bench.common.harness import run
 from bench.missions.many import Room, rooms, started
-from robocorba.backoff import Backoff
 from robocorba.events.blocking_budget import BUDGET_S
-from robocorba.maps import native
+from robocorba.map_editor import native
 from robocorba.stubs import RoboCorba
-from robocorba.testing.json_process import Process, checkout_command
-from robocorba.testing.missions import MissionSystem
-from robocorba.testing.missions import missions as mission_system
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, bars, summarize
-from robocorba.testing.simulation import error_lines
+from robocorba.system.backoff import Backoff
+from testkit.json_process import Process, checkout_command
+from testkit.missions import MissionSystem
+from testkit.missions import missions as mission_system
+from testkit.report import PROGRESS, Mark, at_least, at_most, bars, summarize
+from testkit.simulation import error_lines
 
 #: The attack by consumers that block suppliers, for BUDGET_S a minute.
 BLOCKING = Attacker.absent_consumers.__name__

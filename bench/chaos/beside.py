@@ -10,9 +10,9 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from robocorba.settings import Address
-from robocorba.testing.json_process import Process, checkout_command
-from robocorba.testing.report import Mark, at_most
+from robocorba.system.settings import Address
+from testkit.json_process import Process, checkout_command
+from testkit.report import Mark, at_most
 
 #: What calls of a server that nobody attacks are called.
 UNTOUCHED = "a server that nobody attacks"

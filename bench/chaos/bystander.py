@@ -19,15 +19,15 @@ from typing import Any
 from omniORB import CORBA
 
 from bench.chaos.beside import UNTOUCHED
-from robocorba.corba.calls import error_of
-from robocorba.corba.orb import Orb
 from robocorba.errors.base import RoboCorbaError
-from robocorba.names import CHANNELS, ROBOTS, SENSORS
-from robocorba.repeating import Repeating
-from robocorba.settings import Address
+from robocorba.orb.calls import error_of
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.testing.json_process import answer_commands
-from robocorba.testing.simulation import CROSS, NO_MOUNT
+from robocorba.system.names import CHANNELS, ROBOTS, SENSORS
+from robocorba.system.repeating import Repeating
+from robocorba.system.settings import Address
+from testkit.json_process import answer_commands
+from testkit.simulation import CROSS, NO_MOUNT
 
 #: Interval between two calls of an object [s].
 INTERVAL_S = 0.05

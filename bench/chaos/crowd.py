@@ -16,16 +16,16 @@ from omniORB import CORBA
 from bench.chaos.attackers import EMPTY_FLOOR, EMPTY_FLOOR_M, HERE, THERE
 from bench.chaos.beside import ANSWER_LIMIT_S, Complaints
 from bench.missions.many import Room, building
-from robocorba.control.agent_state import AgentCondition, ProgramResult
 from robocorba.errors.base import RoboCorbaError
-from robocorba.maps.model import Building, Floor, FloorMap
-from robocorba.names import CHANNELS, ROBOTS
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.icons import Destination
-from robocorba.programs.program import dumps
-from robocorba.repeating import Repeating
-from robocorba.testing.json_process import Process, checkout_command
-from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart
+from robocorba.map_editor.model import Building, Floor, FloorMap
+from robocorba.robot.agent_state import AgentCondition, ProgramResult
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.icons import Destination
+from robocorba.robot.programs.program import dumps
+from robocorba.system.names import CHANNELS, ROBOTS
+from robocorba.system.repeating import Repeating
+from testkit.json_process import Process, checkout_command
+from testkit.missions import FLOOR, MissionSystem, RobotStart
 
 #: Rooms in which tables are carried; robots drive in the other ones, each on its own lane.
 CARRYING = (0, 2)

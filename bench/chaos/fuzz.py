@@ -5,7 +5,7 @@
 Arguments are made from the type descriptors of the stubs: NaN, infinities, extreme integers, empty, huge and
 ill-formed texts, nested anys, huge sequences, nil and foreign references, enumerators that don't exist, messages that
 end too early, and plausible values from the running system, so that calls get deep. Right are an answer, an exception
-of the operation, and the system exceptions in robocorba.testing.fuzzing.calls. Operations that end their object get a
+of the operation, and the system exceptions in testkit.fuzzing.calls. Operations that end their object get a
 fresh one for each call; destroy and pull are not called. `seconds` ends the calls of one operation early, such as
 those that analyse the whole building."""
 
@@ -18,12 +18,12 @@ from typing import Any
 
 from bench.chaos.beside import Complaints, beside
 from bench.common.harness import progress, run
-from robocorba.testing.fuzzing.calls import Tally, Target, call_many
-from robocorba.testing.fuzzing.fuzzed_system import FuzzedSystem, fuzzed_system
-from robocorba.testing.fuzzing.operations import Operation, operations
-from robocorba.testing.fuzzing.targets import targets
-from robocorba.testing.report import at_most, bars, summarize
-from robocorba.testing.simulation import error_lines
+from testkit.fuzzing.calls import Tally, Target, call_many
+from testkit.fuzzing.fuzzed_system import FuzzedSystem, fuzzed_system
+from testkit.fuzzing.operations import Operation, operations
+from testkit.fuzzing.targets import targets
+from testkit.report import at_most, bars, summarize
+from testkit.simulation import error_lines
 
 
 def _calls(system: FuzzedSystem, only: str) -> Iterator[tuple[Target, Operation]]:

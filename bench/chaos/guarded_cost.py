@@ -17,16 +17,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from bench.common.harness import progress, run
-from robocorba.corba.event_client import EventClient
-from robocorba.corba.orb import Orb
-from robocorba.maps import native
-from robocorba.roles import Role
-from robocorba.settings import RoleNaming, role_file
+from robocorba.events.corba.event_client import EventClient
+from robocorba.map_editor import native
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.testing.buildings import two_floors
-from robocorba.testing.json_process import ObjectProcess
-from robocorba.testing.processes import running_system
-from robocorba.testing.report import at_most, bars, quantile, summarize
+from robocorba.system.roles import Role
+from robocorba.system.settings import RoleNaming, role_file
+from testkit.buildings import two_floors
+from testkit.json_process import ObjectProcess
+from testkit.processes import running_system
+from testkit.report import at_most, bars, quantile, summarize
 
 NULL, PATH, EVENT, EVENTS = "null call", "getPath", "an event", "an event of a hundred"
 #: Calls or events in a round.

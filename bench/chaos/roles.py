@@ -3,8 +3,8 @@
     python -m bench.chaos.roles
 
 Each of them calls every operation of every object that they reach, by open keys, by names, by answers of other objects
-and by guessed keys, and all operations of other interfaces on the same objects. The table is robocorba/roles.py: what
-it refuses must answer NO_PERMISSION, what it allows must not. No answer, event or command line may contain a secret.
+and by guessed keys, and all operations of other interfaces on the same objects. The table is robocorba/system/roles.py:
+what it refuses must answer NO_PERMISSION, what it allows must not. No answer, event or command may contain a secret.
 The robots also forge names, sensors, events and missions; docs/operations.md says which of that is possible. Afterwards
 map, names, links, missions, robots and processes must be as before."""
 
@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.common.harness import progress, run
-from robocorba.corba.event_client import Event, EventClient
-from robocorba.testing.intrusion.guarded_system import ONE_ROBOT, ROBOT, ROLES, GuardedSystem, forgeries, guarded_system
-from robocorba.testing.intrusion.intruder import Findings
-from robocorba.testing.report import at_least, at_most, bars, summarize
-from robocorba.testing.simulation import error_lines
+from robocorba.events.corba.event_client import Event, EventClient
+from testkit.intrusion.guarded_system import ONE_ROBOT, ROBOT, ROLES, GuardedSystem, forgeries, guarded_system
+from testkit.intrusion.intruder import Findings
+from testkit.report import at_least, at_most, bars, summarize
+from testkit.simulation import error_lines
 
 
 def attack(system: GuardedSystem, who: str) -> Findings:

@@ -12,12 +12,12 @@ import threading
 import time
 
 from bench.chaos.beside import MAX_CALL_S
-from robocorba.corba.event_client import Event, EventClient
-from robocorba.corba.orb import Orb
 from robocorba.errors.events import Unconfirmed
-from robocorba.repeating import Repeating
-from robocorba.settings import Address
-from robocorba.testing.json_process import answer_commands
+from robocorba.events.corba.event_client import Event, EventClient
+from robocorba.orb.orb import Orb
+from robocorba.system.repeating import Repeating
+from robocorba.system.settings import Address
+from testkit.json_process import answer_commands
 
 #: Type and source of the numbered events.
 EVENTS = ("chaos.count", "client")

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from robocorba.claimed_ports import claimed_ports
-from robocorba.corba.orb import Orb
-from robocorba.settings import Address
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.testing.json_process import answer_lines
+from robocorba.system.claimed_ports import claimed_ports
+from robocorba.system.settings import Address
+from testkit.json_process import answer_lines
 
 
 class Untouched(RoboCorba__POA.VirtualSensor):

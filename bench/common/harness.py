@@ -11,8 +11,8 @@ from typing import NoReturn, TypeVar
 
 from rich.progress import track
 
-from robocorba.testing.json_process import ProcessFailed
-from robocorba.testing.report import PROGRESS
+from testkit.json_process import ProcessFailed
+from testkit.report import PROGRESS
 
 T = TypeVar("T")
 #: Exit code of a bench that could not measure.

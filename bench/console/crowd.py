@@ -16,15 +16,15 @@ import numpy as np
 
 from bench.simulation.robots_client import Clients
 from robocorba.clients.robot_processes import servers
-from robocorba.corba.conversion import simulation
-from robocorba.corba.naming import Address
-from robocorba.corba.orb import Orb
-from robocorba.kinematics.smartpal import JOINTS
-from robocorba.repeating import Repeating
+from robocorba.orb.naming import Address
+from robocorba.orb.orb import Orb
+from robocorba.robot.kinematics.smartpal import JOINTS
+from robocorba.simulation.corba import sessions
 from robocorba.simulation.registry import Description
 from robocorba.stubs import RoboCorba
-from robocorba.testing.generated_buildings import office, saved_office
-from robocorba.testing.generated_buildings import robots as robots_in
+from robocorba.system.repeating import Repeating
+from testkit.generated_buildings import office, saved_office
+from testkit.generated_buildings import robots as robots_in
 
 FLOOR = "L1"
 LASERS, ARMS = 8, 3
@@ -39,7 +39,7 @@ class Crowd:
     """Robots of this process: each drives in circles and scans, the first ones move their arms."""
 
     def __init__(self, server: Any, robots: Sequence[Description]) -> None:
-        self._sessions = [server.registerRobot(simulation.description(about)) for about in robots]
+        self._sessions = [server.registerRobot(sessions.description(about)) for about in robots]
         self._tasks = [
             Repeating(f"robot {number}", self._task(number, session), 1 / RATE).start()
             for number, session in enumerate(self._sessions)

@@ -22,12 +22,12 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from bench.common.harness import progress, run
 from bench.console.crowd import Clock, crowded_system
-from robocorba.corba.naming import Address
+from robocorba.orb.naming import Address
 from robocorba.simulation.recording import Recording
-from robocorba.testing.foxglove_client import FoxgloveClient
-from robocorba.testing.json_process import Cpu
-from robocorba.testing.processes import ROBOCORBA
-from robocorba.testing.report import at_least, at_most, bars, summarize
+from testkit.foxglove_client import FoxgloveClient
+from testkit.json_process import Cpu
+from testkit.processes import ROBOCORBA
+from testkit.report import at_least, at_most, bars, summarize
 
 NAME = "console_foxglove"
 #: Time before each measurement [s].

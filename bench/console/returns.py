@@ -26,22 +26,22 @@ import psutil
 from matplotlib.axes import Axes
 
 from bench.common.harness import progress, run
-from robocorba.backoff import Backoff
 from robocorba.clients.robot_processes import servers
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.supervisor import RemoteSupervisor
-from robocorba.corba.remote.system_state import server_state
+from robocorba.console.corba.system_state import server_state
 from robocorba.errors.services import NotReachable
-from robocorba.names import CHANNELS, ROBOTS, SUPERVISOR
-from robocorba.processes import ProcessPhase, ProcessState, RobotOrder
-from robocorba.supervision.console import CONSOLE
-from robocorba.supervision.folder import StateFolder
-from robocorba.supervision.servers import probe_of
-from robocorba.supervision.system import NAMING_SERVICE
-from robocorba.testing.browser import chromium, headless
-from robocorba.testing.json_process import ProcessFailed
-from robocorba.testing.processes import is_running
-from robocorba.testing.report import PROGRESS, at_most, summarize
+from robocorba.orb.orb import Orb
+from robocorba.system.backoff import Backoff
+from robocorba.system.corba.remote_supervisor import RemoteSupervisor
+from robocorba.system.corba.servers import probe_of
+from robocorba.system.names import CHANNELS, ROBOTS, SUPERVISOR
+from robocorba.system.processes import ProcessPhase, ProcessState, RobotOrder
+from robocorba.system.state_folder import StateFolder
+from robocorba.system.supervision.console import CONSOLE
+from robocorba.system.supervision.system import NAMING_SERVICE
+from testkit.browser import chromium, headless
+from testkit.json_process import ProcessFailed
+from testkit.processes import is_running
+from testkit.report import PROGRESS, at_most, summarize
 
 NAME = "console_returns"
 #: Longest time from the return of a process until a page shows it [s].

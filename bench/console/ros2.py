@@ -24,17 +24,17 @@ import numpy as np
 
 from bench.common.harness import NotMeasured, progress, run
 from bench.console.crowd import FLOOR, Clock, crowded_system
-from robocorba.corba.naming import Address
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.corba.remote.omni_database import RemoteFloors
-from robocorba.plain_names import plain_name
-from robocorba.testing.generated_buildings import office
-from robocorba.testing.generated_buildings import robots as robots_in
-from robocorba.testing.json_process import Cpu, Process
-from robocorba.testing.processes import ROBOCORBA
-from robocorba.testing.report import at_least, at_most, bars, summarize
-from robocorba.testing.ros2_environment import python_path, ros2_python
+from robocorba.orb.naming import Address
+from robocorba.orb.orb import Orb
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.simulation.corba.remote_database import RemoteFloors
+from robocorba.system.plain_names import plain_name
+from testkit.generated_buildings import office
+from testkit.generated_buildings import robots as robots_in
+from testkit.json_process import Cpu, Process
+from testkit.processes import ROBOCORBA
+from testkit.report import at_least, at_most, bars, summarize
+from testkit.ros2_environment import python_path, ros2_python
 
 NAME = "console_ros2"
 #: The robot that gets orders, the ROS domain of this bench, and the velocity of its turns [rad/s].
@@ -54,7 +54,7 @@ def bridge(naming: Address, python: str, folder: Path) -> Iterator[tuple[int, Pr
         process = Process(command, folder / "bridge.log", (), environment)
         closing.callback(process.kill)
         process.read_line(START_LIMIT_S)
-        node = Process((python, "-m", "robocorba.testing.ros2_listener"), folder / "node.log", (), environment)
+        node = Process((python, "-m", "testkit.ros2_listener"), folder / "node.log", (), environment)
         closing.callback(node.kill)
         node.receive(START_LIMIT_S)
         yield process.pid, node

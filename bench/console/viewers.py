@@ -21,11 +21,11 @@ from websockets.sync.client import connect
 
 from bench.common.harness import run
 from bench.console.crowd import FLOOR, Clock, crowded_system
-from robocorba.supervision.console import CONSOLE
-from robocorba.supervision.folder import StateFolder
-from robocorba.testing.browser import chromium, headless
-from robocorba.testing.json_process import Cpu, pids_of
-from robocorba.testing.report import PROGRESS, RESULTS, at_least, at_most, bars, quantile, summarize
+from robocorba.system.state_folder import StateFolder
+from robocorba.system.supervision.console import CONSOLE
+from testkit.browser import chromium, headless
+from testkit.json_process import Cpu, pids_of
+from testkit.report import PROGRESS, RESULTS, at_least, at_most, bars, quantile, summarize
 
 NAME = "console_viewers"
 #: Time for a page to draw at its final rate before the measurement [s].

@@ -14,9 +14,9 @@ from statistics import median
 from typing import Any
 
 from bench.common.harness import progress, run
-from robocorba.testing.federation import channels
-from robocorba.testing.federation_chaos import NAMING, Chaos, Outcome
-from robocorba.testing.report import at_most, distribution, summarize
+from testkit.federation import channels
+from testkit.federation_chaos import NAMING, Chaos, Outcome
+from testkit.report import at_most, distribution, summarize
 
 VICTIMS = ("B", "A", NAMING, "C")
 #: Maximum time from the first answer of the restarted channel until all its links are up [s].

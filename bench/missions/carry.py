@@ -22,19 +22,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bench.common.harness import run
-from robocorba.corba.event_client import EventClient
 from robocorba.errors.robots import InvalidProgram
-from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.maps.samples import load_sample, sample_path
+from robocorba.events.corba.event_client import EventClient
+from robocorba.map_editor.samples import load_sample, sample_path
 from robocorba.planning.request import Place
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import dumps
-from robocorba.testing.actual_robot import running_stand_in
-from robocorba.testing.generated_buildings import random_places
-from robocorba.testing.json_process import busy_process
-from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart, Watch, missions
-from robocorba.testing.processes import eventually
-from robocorba.testing.report import PROGRESS, Draw, Mark, at_least, at_most, curves, quantile, summarize
+from robocorba.robot.kinematics.smartpal import RADIUS_M
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import dumps
+from testkit.actual_robot import running_stand_in
+from testkit.generated_buildings import random_places
+from testkit.json_process import busy_process
+from testkit.missions import FLOOR, MissionSystem, RobotStart, Watch, missions
+from testkit.processes import eventually
+from testkit.report import PROGRESS, Draw, Mark, at_least, at_most, curves, quantile, summarize
 
 NAME = "missions"
 BUILDING, TABLE, LEADER = "paper-scene", "table", "A"

@@ -30,9 +30,9 @@ from bench.common.harness import progress, run
 from bench.missions.crew import Crew
 from robocorba.missions.subplan import Carry
 from robocorba.stubs import RoboCorba
-from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart, save_three_rooms
-from robocorba.testing.missions import missions as mission_system
-from robocorba.testing.report import at_least, at_most, quantile, summarize
+from testkit.missions import FLOOR, MissionSystem, RobotStart, save_three_rooms
+from testkit.missions import missions as mission_system
+from testkit.report import at_least, at_most, quantile, summarize
 
 TABLE, GOALS = "table", ((3.8, 2.6), (2.2, 2.6))
 #: Start poses of robots, far from both ends of the table's path, and not before the door.

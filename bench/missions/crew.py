@@ -7,13 +7,13 @@ import math
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from robocorba.control.agent_state import AgentCondition
-from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
+from robocorba.robot.agent_state import AgentCondition
+from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.simulation.registry import Pose
-from robocorba.testing.missions import MissionSystem, RobotStart
-from robocorba.testing.processes import eventually
+from testkit.missions import MissionSystem, RobotStart
+from testkit.processes import eventually
 
 #: Time limits for the robots to be free after a mission, and for those that were killed to be logged off [s].
 FREE_LIMIT_S, GONE_LIMIT_S = 40.0, 10.0

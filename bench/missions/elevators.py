@@ -41,21 +41,21 @@ from bench.missions.simultaneous import (
     started,
     states_mixed,
 )
-from robocorba.corba.event_client import Event, EventClient
-from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.base import RoboCorbaError
-from robocorba.maps import native
-from robocorba.maps.model import BoxShape, Building, CabinSide, Elevator, ElevatorDoor, MapObject
+from robocorba.events.corba.event_client import Event, EventClient
+from robocorba.map_editor import native
+from robocorba.map_editor.model import BoxShape, Building, CabinSide, Elevator, ElevatorDoor, MapObject
 from robocorba.missions.subplan import Ride
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import dumps
-from robocorba.repeating import Repeating
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import dumps
+from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.simulation.registry import Pose
 from robocorba.stubs import RoboCorba
-from robocorba.testing.buildings import rectangular
-from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart
-from robocorba.testing.missions import missions as mission_system
-from robocorba.testing.report import at_least, at_most, summarize
+from robocorba.system.repeating import Repeating
+from testkit.buildings import rectangular
+from testkit.missions import FLOOR, MissionSystem, RobotStart
+from testkit.missions import missions as mission_system
+from testkit.report import at_least, at_most, summarize
 
 SUBNETS = ("west", "middle", "east")
 UPPER = "L2"

@@ -38,13 +38,13 @@ from bench.missions.simultaneous import (
     started,
     states_mixed,
 )
-from robocorba.maps import native
-from robocorba.maps.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
-from robocorba.maps.topology import topological_map
+from robocorba.map_editor import native
+from robocorba.map_editor.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
+from robocorba.map_editor.topology import topological_map
 from robocorba.simulation.registry import Pose
-from robocorba.testing.missions import FLOOR, RobotStart
-from robocorba.testing.missions import missions as mission_system
-from robocorba.testing.report import at_least, at_most, summarize
+from testkit.missions import FLOOR, RobotStart
+from testkit.missions import missions as mission_system
+from testkit.report import at_least, at_most, summarize
 
 SUBNETS = ("west", "middle", "east")
 #: Size of a room, width of the corridor between the two rows, and width of a room's door [m].

@@ -23,20 +23,20 @@ from typing import Any, NamedTuple
 
 from bench.common.harness import NotMeasured, run
 from bench.missions.carry import BUILDING, CREW, SKEW_MS, Carried, carries, draw, marks
-from robocorba.claimed_ports import claimed_ports
-from robocorba.corba.event_client import EventClient
-from robocorba.corba.orb import Orb
-from robocorba.maps.samples import sample_path
-from robocorba.names import CHANNELS
-from robocorba.repeating import Repeating
-from robocorba.settings import Address
+from robocorba.events.corba.event_client import EventClient
+from robocorba.map_editor.samples import sample_path
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.launch import module_command
-from robocorba.testing.json_process import Process
-from robocorba.testing.missions import MissionSystem
-from robocorba.testing.namespaces import Namespace, start_router
-from robocorba.testing.processes import Launcher, Running, drain, eventually, real_system
-from robocorba.testing.report import Mark, at_least, at_most, summarize
+from robocorba.system.claimed_ports import claimed_ports
+from robocorba.system.names import CHANNELS
+from robocorba.system.repeating import Repeating
+from robocorba.system.settings import Address
+from robocorba.system.supervision.launch import module_command
+from testkit.json_process import Process
+from testkit.missions import MissionSystem
+from testkit.namespaces import Namespace, start_router
+from testkit.processes import Launcher, Running, drain, eventually, real_system
+from testkit.report import Mark, at_least, at_most, summarize
 
 NAME = "missions_network"
 HERE, THERE = "192.168.0.2", "192.168.8.2"

@@ -27,8 +27,8 @@ from bench.missions.crew import Crew
 from bench.missions.network import TwoNetworks, two_networks
 from bench.missions.sites import SITES
 from bench.missions.witness import Witness
-from robocorba.maps import native
-from robocorba.testing.report import at_least, at_most, quantile, summarize
+from robocorba.map_editor import native
+from testkit.report import at_least, at_most, quantile, summarize
 
 NAME = "missions_partition"
 SITE = SITES["door"]

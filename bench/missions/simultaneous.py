@@ -12,16 +12,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
-from robocorba.control.agent_state import ProgramReport, ProgramResult
 from robocorba.errors.base import RoboCorbaError
-from robocorba.names import MISSIONS
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.icons import Destination
-from robocorba.programs.program import dumps
+from robocorba.robot.agent_state import ProgramReport, ProgramResult
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.icons import Destination
+from robocorba.robot.programs.program import dumps
 from robocorba.simulation.registry import Pose
-from robocorba.testing.json_process import Cpu
-from robocorba.testing.missions import MissionSystem, RobotStart
-from robocorba.testing.processes import eventually
+from robocorba.system.names import MISSIONS
+from testkit.json_process import Cpu
+from testkit.missions import MissionSystem, RobotStart
+from testkit.processes import eventually
 
 #: Time limits for all missions to end if nothing else is said, and for all robots to be free afterwards [s].
 DEADLINE_S, RELEASE_LIMIT_S = 900.0, 120.0

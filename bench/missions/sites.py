@@ -6,19 +6,10 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from robocorba.maps.model import (
-    BoxShape,
-    Building,
-    CabinSide,
-    Door,
-    Elevator,
-    ElevatorDoor,
-    MapObject,
-    Wall,
-)
+from robocorba.map_editor.model import BoxShape, Building, CabinSide, Door, Elevator, ElevatorDoor, MapObject, Wall
 from robocorba.simulation.registry import Pose
-from robocorba.testing.buildings import rectangular, two_storeys
-from robocorba.testing.missions import FLOOR, RobotStart, three_rooms
+from testkit.buildings import rectangular, two_storeys
+from testkit.missions import FLOOR, RobotStart, three_rooms
 
 UPPER = "L2"
 

@@ -29,16 +29,16 @@ from bench.common.harness import progress, run
 from bench.missions.crew import Crew
 from bench.missions.sites import SITES, Site
 from bench.missions.witness import Witness
-from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
-from robocorba.maps import native
+from robocorba.map_editor import native
+from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.simulation.mission_record import MissionContent
 from robocorba.stubs import RoboCorba
-from robocorba.testing.missions import MissionSystem
-from robocorba.testing.missions import missions as mission_system
-from robocorba.testing.processes import ROBOCORBA, eventually
-from robocorba.testing.report import at_least, at_most, quantile, summarize
+from testkit.missions import MissionSystem
+from testkit.missions import missions as mission_system
+from testkit.processes import ROBOCORBA, eventually
+from testkit.report import at_least, at_most, quantile, summarize
 
 SERVERS = ("simulation", "map_editor", "omniNames", "events_lab", "events_hall")
 #: Time limit of a mission [s].

@@ -17,13 +17,13 @@ from matplotlib.axes import Axes
 from bench.common.harness import progress, run
 from bench.missions.sites import Site
 from bench.missions.survival import NEAR_M, Outcome, Survival
-from robocorba.maps import native
-from robocorba.maps.model import BoxShape, Building, Door, MapObject, Wall
+from robocorba.map_editor import native
+from robocorba.map_editor.model import BoxShape, Building, Door, MapObject, Wall
 from robocorba.simulation.registry import Pose
-from robocorba.testing.buildings import rectangular
-from robocorba.testing.missions import FLOOR, RobotStart
-from robocorba.testing.missions import missions as mission_system
-from robocorba.testing.report import at_least, at_most, summarize
+from testkit.buildings import rectangular
+from testkit.missions import FLOOR, RobotStart
+from testkit.missions import missions as mission_system
+from testkit.report import at_least, at_most, summarize
 
 #: Sizes of what teams of two to six robots carry [m].
 SIZES = {2: (1.0, 0.8), 3: (1.2, 1.0), 4: (1.6, 1.0), 5: (2.0, 1.05), 6: (2.0, 1.3)}

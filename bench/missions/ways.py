@@ -23,18 +23,18 @@ from matplotlib.axes import Axes
 from omniORB import CORBA
 
 from bench.common.harness import progress, run
-from robocorba.corba.event_client import EventClient
-from robocorba.maps import native
-from robocorba.maps.model import BoxShape, Building, MapObject
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import dumps
-from robocorba.repeating import Repeating
+from robocorba.events.corba.event_client import EventClient
+from robocorba.map_editor import native
+from robocorba.map_editor.model import BoxShape, Building, MapObject
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import dumps
 from robocorba.stubs import RoboCorba
-from robocorba.testing.buildings import rectangular
-from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart
-from robocorba.testing.missions import missions as mission_system
-from robocorba.testing.processes import eventually
-from robocorba.testing.report import at_most, quantile, summarize
+from robocorba.system.repeating import Repeating
+from testkit.buildings import rectangular
+from testkit.missions import FLOOR, MissionSystem, RobotStart
+from testkit.missions import missions as mission_system
+from testkit.processes import eventually
+from testkit.report import at_most, quantile, summarize
 
 TABLE, CHAIR = "table", "chair"
 #: Size of the hall [m], and the ends of the table's way.

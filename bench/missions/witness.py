@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 from omniORB import CORBA
 
-from robocorba.corba.event_client import Event, EventClient
-from robocorba.corba.remote.omni_database import RemoteDatabase, RemoteFloor
 from robocorba.errors.base import RoboCorbaError
+from robocorba.events.corba.event_client import Event, EventClient
 from robocorba.missions.messages import MemberState, message_of
-from robocorba.repeating import Repeating
+from robocorba.simulation.corba.remote_database import RemoteDatabase, RemoteFloor
 from robocorba.stubs import RoboCorba
-from robocorba.testing.missions import MissionSystem
+from robocorba.system.repeating import Repeating
+from testkit.missions import MissionSystem
 
 #: Interval between looks at the floors [s].
 LOOK_S = 0.04

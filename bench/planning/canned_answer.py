@@ -8,9 +8,9 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from robocorba.corba.orb import Orb
-from robocorba.settings import Address
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.system.settings import Address
 
 
 class CannedPlanner(RoboCorba__POA.PathPlanner):

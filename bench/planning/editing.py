@@ -21,18 +21,19 @@ import msgspec
 
 from bench.common.harness import progress, run
 from robocorba.clients.robot_processes import servers
-from robocorba.corba.conversion import maps, paths
-from robocorba.corba.orb import Orb
-from robocorba.maps import native
-from robocorba.maps.changes import ElementKey, elements_of, key_of
-from robocorba.maps.model import Area, BoxShape, CircleShape, Element, FloorMap, MapObject, PathEdge, PathNode
-from robocorba.maps.samples import load_sample
+from robocorba.map_editor import native
+from robocorba.map_editor.changes import ElementKey, elements_of, key_of
+from robocorba.map_editor.corba import maps
+from robocorba.map_editor.model import Area, BoxShape, CircleShape, Element, FloorMap, MapObject, PathEdge, PathNode
+from robocorba.map_editor.samples import load_sample
+from robocorba.orb.orb import Orb
+from robocorba.planning.corba import paths
 from robocorba.planning.request import SMARTPAL_RADIUS_M, Place
-from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
-from robocorba.testing.generated_buildings import random_trips
-from robocorba.testing.json_process import checked_call
-from robocorba.testing.report import at_most, distribution, summarize, summary, timed_ms
+from robocorba.system.settings import Address
+from testkit.generated_buildings import random_trips
+from testkit.json_process import checked_call
+from testkit.report import at_most, distribution, summarize, summary, timed_ms
 
 EDITORS, PLANNERS = 2, 4
 #: Duration of the queries without edits, and of the warm-up before them [s].

@@ -24,12 +24,12 @@ from scipy import ndimage
 
 from bench.common.harness import progress, run
 from robocorba.errors.paths import PathError
-from robocorba.maps.model import Building, Wall
+from robocorba.map_editor.model import Building, Wall
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import PathRequest, Place, RouteMode
-from robocorba.testing.fine_grid import FloorGeometry
-from robocorba.testing.grid_maps import FLOOR, KINDS, Cell, Cells, OctileGraph, building_of, place_of, random_cells
-from robocorba.testing.report import at_least, at_most, distribution, summarize, summary, timed_ms
+from testkit.fine_grid import FloorGeometry
+from testkit.grid_maps import FLOOR, KINDS, Cell, Cells, OctileGraph, building_of, place_of, random_cells
+from testkit.report import at_least, at_most, distribution, summarize, summary, timed_ms
 
 SIZE, SEED = 512, 1
 #: Sides of a cell and radii of the robot [m].

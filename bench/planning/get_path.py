@@ -13,16 +13,16 @@ from typing import Any
 from omniORB import CORBA
 
 from bench.common.harness import run
-from robocorba.claimed_ports import claimed_ports
 from robocorba.clients.robot_processes import servers
-from robocorba.corba.orb import Orb
-from robocorba.maps.samples import SAMPLES, load_sample, sample_path
+from robocorba.map_editor.samples import SAMPLES, load_sample, sample_path
+from robocorba.orb.orb import Orb
 from robocorba.planning.request import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
-from robocorba.testing.generated_buildings import random_places
-from robocorba.testing.json_process import Process, checkout_command
-from robocorba.testing.processes import eventually
-from robocorba.testing.report import distribution, quantile, summarize, timed_ms
+from robocorba.system.claimed_ports import claimed_ports
+from testkit.generated_buildings import random_places
+from testkit.json_process import Process, checkout_command
+from testkit.processes import eventually
+from testkit.report import distribution, quantile, summarize, timed_ms
 
 
 def main(calls: int = 2200, rounds: int = 5) -> bool:

@@ -27,18 +27,18 @@ from shapely import LineString, STRtree
 
 from bench.common.harness import progress, run
 from robocorba.clients.robot_processes import servers
-from robocorba.corba.orb import Orb
 from robocorba.errors.paths import NoPath
-from robocorba.maps import native
-from robocorba.maps.geometry import obstacles
-from robocorba.maps.model import Building
+from robocorba.map_editor import native
+from robocorba.map_editor.geometry import obstacles
+from robocorba.map_editor.model import Building
+from robocorba.orb.orb import Orb
 from robocorba.planning.elevators import ride
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import SMARTPAL_RADIUS_M, PathRequest, Place, RouteMode
 from robocorba.stubs import RoboCorba
-from robocorba.testing.generated_buildings import grid_building, random_trips
-from robocorba.testing.json_process import pids_of
-from robocorba.testing.report import PROGRESS, at_least, at_most, distribution, summarize, summary, timed_ms
+from testkit.generated_buildings import grid_building, random_trips
+from testkit.json_process import pids_of
+from testkit.report import PROGRESS, at_least, at_most, distribution, summarize, summary, timed_ms
 
 #: networkx is slow: it gets one in this many trips.
 PEER_EVERY = 3

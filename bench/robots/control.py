@@ -21,15 +21,22 @@ import numpy as np
 
 from bench.common.harness import run
 from bench.robots.recorded_robot import RecordedRobot, system_on_two_floors
-from robocorba.control.high_controller import SPEED_CAP, TICK_S
-from robocorba.corba.orb import Orb
-from robocorba.kinematics.smartpal import BASE_LIMITS, JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, JOINTS
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import Program, dumps
-from robocorba.spatial.arrays import Floats
-from robocorba.testing.actual_robot import running_stand_in
-from robocorba.testing.json_process import busy_process
-from robocorba.testing.report import PROGRESS, at_most, distribution, quantile, summarize
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.orb.orb import Orb
+from robocorba.robot.high_controller import SPEED_CAP, TICK_S
+from robocorba.robot.kinematics.smartpal import (
+    BASE_LIMITS,
+    JOINT_ACCELERATION,
+    JOINT_LOWER,
+    JOINT_SPEED,
+    JOINT_UPPER,
+    JOINTS,
+)
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import Program, dumps
+from testkit.actual_robot import running_stand_in
+from testkit.json_process import busy_process
+from testkit.report import PROGRESS, at_most, distribution, quantile, summarize
 
 MAX_P99_MS = 5.0
 #: Time between the program's start and the first measured tick [s].

@@ -23,15 +23,15 @@ import psutil
 from matplotlib.axes import Axes
 
 from bench.common.harness import run
-from robocorba.control.agent_state import AgentCondition
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.services import NotReachable
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import dumps
-from robocorba.testing.json_process import ProcessFailed
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, command_line, drain, running_system
-from robocorba.testing.report import at_most, quantile, summarize
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentCondition
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import dumps
+from testkit.json_process import ProcessFailed
+from testkit.processes import ROBOCORBA, Launcher, Running, command_line, drain, running_system
+from testkit.report import at_most, quantile, summarize
 
 START_LIMIT_S = 300.0
 #: Time before a measurement begins [s].

@@ -29,19 +29,19 @@ from typing import Any, NamedTuple
 from matplotlib.axes import Axes
 
 from bench.common.harness import progress, run
-from robocorba.control.agent_state import AgentCondition
-from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import dumps
-from robocorba.repeating import Repeating
+from robocorba.robot.agent_state import AgentCondition
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import dumps
+from robocorba.simulation.corba.remote_database import RemoteFloor
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import ROBOCORBA, Launcher, drain, eventually, forked_processes, hang
-from robocorba.testing.report import at_most, quantile, summarize
-from robocorba.testing.simulation import GONE, Place, simulation
+from robocorba.system.repeating import Repeating
+from testkit.processes import ROBOCORBA, Launcher, drain, eventually, forked_processes, hang
+from testkit.report import at_most, quantile, summarize
+from testkit.simulation import GONE, Place, simulation
 
 NAME, FLOOR, AT = "S1", "L1", "3,5,0"
 #: A circle of 0.5 m [m/s, m/s, rad/s].

@@ -18,13 +18,13 @@ import numpy as np
 
 from bench.common.harness import run
 from robocorba.errors.robots import Unreachable
-from robocorba.kinematics.body import SmartPalBody
-from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.model import specification
-from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, Side
-from robocorba.spatial.arrays import Floats
-from robocorba.testing.report import at_least, at_most, distribution, summarize, summary, timed_ms
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.robot.kinematics.body import SmartPalBody
+from robocorba.robot.kinematics.inverse import InverseKinematics
+from robocorba.robot.kinematics.model import specification
+from robocorba.robot.kinematics.pose import HandPose
+from robocorba.robot.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, Side
+from testkit.report import at_least, at_most, distribution, summarize, summary, timed_ms
 
 POSES, QUESTIONS = 1000, 10_000
 NEAR_M, NEAR_RAD = 1e-3, math.radians(0.5)

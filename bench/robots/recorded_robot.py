@@ -22,18 +22,18 @@ from typing import Any
 import numpy as np
 
 from robocorba.clients import robot
-from robocorba.control import model_switcher
-from robocorba.control.adaptor import RobotAdaptor
-from robocorba.control.model_switcher import AdaptorContext
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.services import NotReachable
-from robocorba.maps import native
-from robocorba.motion.robot_state import ActorCommand, RobotState
-from robocorba.spatial.arrays import Floats
-from robocorba.testing.buildings import two_floors
-from robocorba.testing.json_process import Process, checkout_command
-from robocorba.testing.processes import Running, eventually, running_system
+from robocorba.map_editor import native
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.orb.orb import Orb
+from robocorba.robot import model_switcher
+from robocorba.robot.adaptor import RobotAdaptor
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.model_switcher import AdaptorContext
+from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from testkit.buildings import two_floors
+from testkit.json_process import Process, checkout_command
+from testkit.processes import Running, eventually, running_system
 
 START_LIMIT_S = 300.0
 NAME, FLOOR = "A", "L1"

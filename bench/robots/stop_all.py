@@ -21,13 +21,13 @@ from matplotlib.axes import Axes
 
 from bench.common.harness import progress, run
 from bench.robots.fleet import Robot, fleet_of
-from robocorba.control.agent_state import AgentCondition
-from robocorba.corba.orb import Orb
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
-from robocorba.testing.json_process import ProcessFailed
-from robocorba.testing.processes import ROBOCORBA, Running, running_system
-from robocorba.testing.report import at_most, summarize
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentCondition
+from testkit.json_process import ProcessFailed
+from testkit.processes import ROBOCORBA, Running, running_system
+from testkit.report import at_most, summarize
 
 #: Time after the fleet's start, and between rounds [s]. Timeout of a command [s], and how often the reset is repeated.
 SETTLE_S, COMMAND_LIMIT_S, MAX_RESETS = 40.0, 120.0, 5

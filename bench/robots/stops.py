@@ -28,19 +28,19 @@ from matplotlib.axes import Axes
 
 from bench.common.harness import progress, run
 from bench.robots.recorded_robot import FLOOR, HANG_S, NAME, RecordedRobot, system_on_two_floors
-from robocorba.control.agent_state import AgentCondition
-from robocorba.control.high_controller import SPEED_CAP
-from robocorba.corba.orb import Orb
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import dumps
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentCondition
+from robocorba.robot.high_controller import SPEED_CAP
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import dumps
 from robocorba.stubs import _GlobalIDL
-from robocorba.testing.actual_robot import StandIn, running_stand_in
-from robocorba.testing.json_process import Process, checkout_command
-from robocorba.testing.namespaces import Namespace, ip, own_network
-from robocorba.testing.processes import ROBOCORBA, Running, eventually
-from robocorba.testing.report import at_most, quantile, summarize
+from testkit.actual_robot import StandIn, running_stand_in
+from testkit.json_process import Process, checkout_command
+from testkit.namespaces import Namespace, ip, own_network
+from testkit.processes import ROBOCORBA, Running, eventually
+from testkit.report import at_most, quantile, summarize
 
 MAX_MS = 100.0
 PATIENCE_S = 60.0

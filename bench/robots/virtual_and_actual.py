@@ -23,19 +23,19 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from bench.common.harness import run
-from robocorba.claimed_ports import claimed_ports
-from robocorba.control.agent_state import AgentState, ProgramResult
-from robocorba.corba.orb import Orb
-from robocorba.kinematics.body import SmartPalBody
-from robocorba.kinematics.smartpal import JOINTS, Side
-from robocorba.programs import program
-from robocorba.programs.icons import kind
-from robocorba.settings import Address
-from robocorba.spatial.arrays import Floats
-from robocorba.testing.actual_robot import running_stand_in
-from robocorba.testing.processes import Launcher, drain, real_system
-from robocorba.testing.report import PROGRESS, Mark, at_most, quantile, summarize, write_csv
-from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, difference, robot_process
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentState, ProgramResult
+from robocorba.robot.kinematics.body import SmartPalBody
+from robocorba.robot.kinematics.smartpal import JOINTS, Side
+from robocorba.robot.programs import program
+from robocorba.robot.programs.icons import kind
+from robocorba.system.claimed_ports import claimed_ports
+from robocorba.system.settings import Address
+from testkit.actual_robot import running_stand_in
+from testkit.processes import Launcher, drain, real_system
+from testkit.report import PROGRESS, Mark, at_most, quantile, summarize, write_csv
+from testkit.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, difference, robot_process
 
 NAME, ROBOT = "virtual_and_actual", "A"
 SAMPLES = Path(str(files("robocorba") / "samples"))

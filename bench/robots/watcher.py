@@ -18,13 +18,13 @@ from collections.abc import Callable
 
 from omniORB import CORBA
 
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.omni_database import RemoteFloor
 from robocorba.errors.base import RoboCorbaError
-from robocorba.repeating import Repeating
-from robocorba.settings import Address
+from robocorba.orb.orb import Orb
+from robocorba.simulation.corba.remote_database import RemoteFloor
 from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
-from robocorba.testing.json_process import answer_lines
+from robocorba.system.repeating import Repeating
+from robocorba.system.settings import Address
+from testkit.json_process import answer_lines
 
 #: Interval between observations [s].
 LOOK_S = 0.002

@@ -18,11 +18,11 @@ from typing import Any
 
 from bench.chaos.bystander import Bystander
 from bench.common.harness import progress, run
-from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
-from robocorba.testing.attacks import greedy_clients, stalled_connections
-from robocorba.testing.report import at_most, distribution, summarize
-from robocorba.testing.simulation import NO_MOUNT, Place, simulation
+from robocorba.system.settings import Address
+from testkit.attacks import greedy_clients, stalled_connections
+from testkit.report import at_most, distribution, summarize
+from testkit.simulation import NO_MOUNT, Place, simulation
 
 #: Longest call of those that attack nobody [s].
 LONGEST_S = 0.5

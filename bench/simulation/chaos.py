@@ -13,17 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.common.harness import progress, run
-from robocorba.testing.report import at_most, distribution, summarize, summary
-from robocorba.testing.simulation import (
-    CLIENT_SPEED,
-    CLIENTS,
-    LOST_S,
-    RELEASE_LIMIT_S,
-    ROBOTS_EACH,
-    STOP_S,
-    Chaos,
-    simulation,
-)
+from testkit.report import at_most, distribution, summarize, summary
+from testkit.simulation import CLIENT_SPEED, CLIENTS, LOST_S, RELEASE_LIMIT_S, ROBOTS_EACH, STOP_S, Chaos, simulation
 
 #: Titles of the measurements, by the member of Outcome.
 TIMES = {

@@ -22,8 +22,8 @@ from robocorba.simulation import bodies, physics
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.floor_pool import FloorPool
 from robocorba.simulation.physics import STEP_S, warm_up
-from robocorba.testing.generated_buildings import office, robots
-from robocorba.testing.report import at_least, bars, quantile, summarize
+from testkit.generated_buildings import office, robots
+from testkit.report import at_least, bars, quantile, summarize
 
 NAME = "simulation_floors"
 LEVELS, ROBOTS = 5, 1000

@@ -23,19 +23,19 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from bench.common.harness import progress, run
-from robocorba.maps.model import Building
-from robocorba.sensing.fan import PROXIMITY, Fan
-from robocorba.sensing.scan import Mount, ScanSpec
-from robocorba.sensing.virtual_sensor import VirtualSensor
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial import floor_format
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.floor_update import WHOLE, BodyKind, FloorUpdate
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S, warm_up
+from robocorba.simulation.sensing.fan import PROXIMITY, Fan
+from robocorba.simulation.sensing.scan import Mount, ScanSpec
+from robocorba.simulation.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation.store import SimulationStore
-from robocorba.spatial import floor_format
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.floor_update import WHOLE, BodyKind, FloorUpdate
-from robocorba.testing.generated_buildings import RADIUS_M, office, robots
-from robocorba.testing.json_process import ObjectProcess
-from robocorba.testing.report import Mark, at_least, at_most, bars, summarize
+from testkit.generated_buildings import RADIUS_M, office, robots
+from testkit.json_process import ObjectProcess
+from testkit.report import Mark, at_least, at_most, bars, summarize
 
 # ---- clients of a crowd of robots with their virtual sensor, in a process of their own ----
 

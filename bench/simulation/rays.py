@@ -18,10 +18,10 @@ import shapely
 from shapely import LineString
 
 from bench.common.harness import run
-from robocorba.sensing.fan import Fan
-from robocorba.sensing.visible_obstacles import VisibleObstacles
-from robocorba.spatial.arrays import Floats
-from robocorba.testing.report import at_least, at_most, bars, summarize
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.simulation.sensing.fan import Fan
+from robocorba.simulation.sensing.visible_obstacles import VisibleObstacles
+from testkit.report import at_least, at_most, bars, summarize
 
 FULL = Fan(-math.pi, 2 * math.pi / 360, 360, 30.0)
 #: Number of walls, side of the floor [m], required rays per second.

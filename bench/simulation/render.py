@@ -16,17 +16,17 @@ import shapely
 from PIL import Image
 
 from bench.common.harness import run
-from robocorba.maps.drawing import draw_floor
-from robocorba.maps.geometry import free_space
-from robocorba.maps.model import Building
-from robocorba.maps.movable import fixed_obstacles, movables, object_outline
-from robocorba.maps.samples import load_sample
-from robocorba.sensing.fan import LASER
-from robocorba.sensing.visible_obstacles import VisibleObstacles
+from robocorba.map_editor.drawing import draw_floor
+from robocorba.map_editor.geometry import free_space
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.movable import fixed_obstacles, movables, object_outline
+from robocorba.map_editor.samples import load_sample
+from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
+from robocorba.map_editor.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.simulation.picture import FloorPainter, ScanFan
-from robocorba.spatial.elevator_state import Doors, ElevatorState
-from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
-from robocorba.testing.report import at_most, distribution, summarize, summary, timed_ms
+from robocorba.simulation.sensing.fan import LASER
+from robocorba.simulation.sensing.visible_obstacles import VisibleObstacles
+from testkit.report import at_most, distribution, summarize, summary, timed_ms
 
 FLOOR, WIDTH_PX = "L1", 1200
 ROBOTS, LASERS, RADIUS_M = 50, 8, 0.4

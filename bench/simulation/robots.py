@@ -16,25 +16,15 @@ from typing import Any, NamedTuple
 
 from bench.common.harness import run
 from bench.simulation.robots_client import Clients, office_system
-from robocorba.corba.conversion import simulation
-from robocorba.repeating import Repeating
+from robocorba.simulation.corba import sessions
 from robocorba.simulation.management_agent import DEFAULT_LIMIT
 from robocorba.simulation.registry import Description
 from robocorba.stubs import RoboCorba
-from robocorba.testing.generated_buildings import office
-from robocorba.testing.generated_buildings import robots as robots_in
-from robocorba.testing.json_process import Cpu, pids_of
-from robocorba.testing.report import (
-    PROGRESS,
-    Mark,
-    at_least,
-    at_most,
-    distribution,
-    quantile,
-    summarize,
-    summary,
-    timed_ms,
-)
+from robocorba.system.repeating import Repeating
+from testkit.generated_buildings import office
+from testkit.generated_buildings import robots as robots_in
+from testkit.json_process import Cpu, pids_of
+from testkit.report import PROGRESS, Mark, at_least, at_most, distribution, quantile, summarize, summary, timed_ms
 
 NAME = "simulation_robots"
 RATE = 10.0
@@ -80,7 +70,7 @@ def paces(server: Any) -> Iterator[list[tuple[float, float, float]]]:
 
 def null_calls(server: Any, about: Description) -> list[float]:
     """Durations of heartbeats of a single robot [ms]."""
-    session = server.registerRobot(simulation.description(about))
+    session = server.registerRobot(sessions.description(about))
     took = [timed_ms(session.heartbeat)[1] for _ in range(NULL_CALLS)]
     session.deregister()
     return took
@@ -89,7 +79,7 @@ def null_calls(server: Any, about: Description) -> list[float]:
 def is_refused(server: Any, about: Description) -> bool:
     """Whether the server refuses one more robot with ServerFull."""
     try:
-        server.registerRobot(simulation.description(about)).deregister()
+        server.registerRobot(sessions.description(about)).deregister()
     except RoboCorba.ServerFull as full:
         return bool(full.limit == full.now)
     return False

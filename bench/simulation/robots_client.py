@@ -20,18 +20,18 @@ from typing import Any, TypeVar
 from omniORB import CORBA
 
 from robocorba.clients.robot_processes import servers
-from robocorba.corba.conversion import scans, simulation
-from robocorba.corba.orb import Orb
-from robocorba.repeating import Repeating
-from robocorba.sensing.fan import Fan
-from robocorba.sensing.scan import ScanSpec
-from robocorba.settings import Address
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.orb.orb import Orb
+from robocorba.simulation.corba import scans, sessions
 from robocorba.simulation.registry import Description
-from robocorba.spatial.pose import Pose
+from robocorba.simulation.sensing.fan import Fan
+from robocorba.simulation.sensing.scan import ScanSpec
 from robocorba.stubs import RoboCorba
-from robocorba.testing.generated_buildings import saved_office
-from robocorba.testing.json_process import LoggedOff, Process, answer_commands, checked_call, checkout_command
-from robocorba.testing.report import timed_ms
+from robocorba.system.repeating import Repeating
+from robocorba.system.settings import Address
+from testkit.generated_buildings import saved_office
+from testkit.json_process import LoggedOff, Process, answer_commands, checked_call, checkout_command
+from testkit.report import timed_ms
 
 T = TypeVar("T")
 START_LIMIT_S = 60.0
@@ -85,7 +85,7 @@ class Fleet:
         for name, *pose, radius in robots:
             if len(took) == count:
                 break
-            about = simulation.description(Description(name, Pose(*pose), radius))
+            about = sessions.description(Description(name, Pose(*pose), radius))
             with contextlib.suppress(RoboCorba.PlaceTaken):
                 session, ms = timed_ms(self._server.registerRobot, about)
                 took.append(ms)

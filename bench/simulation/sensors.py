@@ -19,12 +19,12 @@ from matplotlib.axes import Axes
 
 from bench.common.harness import run
 from bench.simulation.robots_client import FULL, NO_MOUNT, START_LIMIT_S, Clients, office_system
-from robocorba.corba.conversion import scans, simulation
-from robocorba.sensing.fan import Fan
-from robocorba.sensing.scan import ScanSpec
-from robocorba.testing.generated_buildings import office, robots
-from robocorba.testing.json_process import Cpu, Process, pids_of
-from robocorba.testing.report import PROGRESS, Mark, at_most, bars, quantile, summarize, summary, timed_ms
+from robocorba.simulation.corba import scans, sessions
+from robocorba.simulation.sensing.fan import Fan
+from robocorba.simulation.sensing.scan import ScanSpec
+from testkit.generated_buildings import office, robots
+from testkit.json_process import Cpu, Process, pids_of
+from testkit.report import PROGRESS, Mark, at_most, bars, quantile, summarize, summary, timed_ms
 
 NAME = "simulation_sensors"
 SENSORS = (1, 2)
@@ -43,7 +43,7 @@ ONE_RAY = ScanSpec(Fan(0.0, 1.0, 1, FULL.fan.range_m))
 def latency(server: Any) -> list[dict[str, list[float]]]:
     """Durations of calls of a single client [ms], by kind, in ROUNDS rounds; kinds alternate, so that a disturbance of
     the machine affects all of them."""
-    session = server.registerRobot(simulation.description(robots(office(), 1)[0]))
+    session = server.registerRobot(sessions.description(robots(office(), 1)[0]))
     sensor, at = session._get_sensor(), session.state().at
     full, one = scans.spec(FULL), scans.spec(ONE_RAY)
     calls: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {

@@ -9,7 +9,7 @@ import sys
 
 from bench.common.harness import run
 from bench.starts.systems import BASE
-from robocorba.testing.json_process import ROOT
+from testkit.json_process import ROOT
 
 
 def measure(base: str = BASE, quick: bool = False, long: bool = False) -> bool:

@@ -16,10 +16,10 @@ from typing import Any
 import CosNaming
 from omniORB import CORBA
 
-from robocorba.corba.orb import Orb
-from robocorba.settings import Address
-from robocorba.supervision.servers import Probe, probe_of
-from robocorba.testing.json_process import answer_commands
+from robocorba.orb.orb import Orb
+from robocorba.system.corba.servers import Probe, probe_of
+from robocorba.system.settings import Address
+from testkit.json_process import answer_commands
 
 #: Interval between calls, and timeout of each call [s].
 INTERVAL_S, CALL_TIMEOUT_S = 0.005, 1.0

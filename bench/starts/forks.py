@@ -23,16 +23,16 @@ from matplotlib.axes import Axes
 from bench.common.harness import progress, run
 from bench.starts.memory import start_robots
 from bench.starts.systems import OURS, SETTLE_S, System, load, system, versions
-from robocorba.control.agent_state import AgentCondition
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.maps import native
-from robocorba.processes import RobotOrder
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import dumps
-from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import drain, eventually
-from robocorba.testing.report import at_least, at_most, summarize
+from robocorba.map_editor import native
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentCondition
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import dumps
+from robocorba.system.processes import RobotOrder
+from testkit.buildings import two_floors
+from testkit.processes import drain, eventually
+from testkit.report import at_least, at_most, summarize
 
 #: The first one is that of the robots.
 SUBNETS = ("main", "a", "b", "c", "d", "e")

@@ -20,8 +20,8 @@ from matplotlib.axes import Axes
 from bench.common.harness import progress, run
 from bench.starts.outage import client, killed
 from bench.starts.systems import BASE, OURS, SERVERS, load, median, systems
-from robocorba.supervision.system import NAMING_SERVICE
-from robocorba.testing.report import at_most, summarize
+from robocorba.system.supervision.system import NAMING_SERVICE
+from testkit.report import at_most, summarize
 
 #: Required median and worst of all servers [s].
 MAX_MEDIAN_S, MAX_WORST_S = 0.6, 1.2

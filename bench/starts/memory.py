@@ -17,13 +17,13 @@ import psutil
 
 from bench.common.harness import run
 from bench.starts.systems import BASE, OURS, SERVERS, SETTLE_S, System, load, systems
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.supervisor import RemoteSupervisor
-from robocorba.names import SUPERVISOR
-from robocorba.processes import ProcessPhase, RobotOrder
-from robocorba.supervision.system import NAMING_SERVICE
-from robocorba.testing.processes import eventually
-from robocorba.testing.report import at_most, bars, summarize
+from robocorba.orb.orb import Orb
+from robocorba.system.corba.remote_supervisor import RemoteSupervisor
+from robocorba.system.names import SUPERVISOR
+from robocorba.system.processes import ProcessPhase, RobotOrder
+from robocorba.system.supervision.system import NAMING_SERVICE
+from testkit.processes import eventually
+from testkit.report import at_most, bars, summarize
 
 #: Required values: private memory of all servers, by that of the base, and of a robot [MB].
 MAX_SERVERS_RATIO, MAX_ROBOT_MB = 0.4, 50.0

@@ -13,9 +13,9 @@ import psutil
 
 from bench.starts.caller import NAMING_SERVICE
 from bench.starts.systems import SERVERS, System
-from robocorba.supervision.system import NAMING_SERVICE as OMNINAMES
-from robocorba.testing.json_process import Process, checkout_command
-from robocorba.testing.processes import eventually
+from robocorba.system.supervision.system import NAMING_SERVICE as OMNINAMES
+from testkit.json_process import Process, checkout_command
+from testkit.processes import eventually
 
 #: Greatest time that a server may be away [s]; it may have to compile.
 LIMIT_S = 300.0

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 
 from bench.common.harness import progress, run
 from bench.starts.systems import BASE, OURS, Version, load, median, ratio, system, versions
-from robocorba.testing.report import at_most, summarize
+from testkit.report import at_most, summarize
 
 #: Required values: time of a warm start [s]; ratios to the base of its CPU time, and of the first start's time.
 MAX_S, MAX_CPU_RATIO, MAX_FIRST_RATIO = 2.5, 0.5, 0.6

@@ -18,9 +18,9 @@ from typing import TypeVar
 
 import psutil
 
-from robocorba.claimed_ports import claimed_ports
-from robocorba.testing.json_process import ROOT, ProcessFailed
-from robocorba.testing.processes import Launcher, Running, drain, real_system
+from robocorba.system.claimed_ports import claimed_ports
+from testkit.json_process import ROOT, ProcessFailed
+from testkit.processes import Launcher, Running, drain, real_system
 
 #: The last commit before the warm parent.
 BASE = "0b73a1a"

@@ -1,4 +1,6 @@
-"""The robocorba command: one module per subcommand, loaded on demand."""
+"""The robocorba command: one module per subcommand, loaded on demand.
+
+It may import every room. Read first: this file, options (those that several commands have), up, path, robot."""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from importlib import import_module
 import typer
 
 from robocorba import __version__
-from robocorba.printing import echo
+from robocorba.system.printing import echo
 
 #: Its name, as help and errors show it.
 NAME = "robocorba"

@@ -10,9 +10,9 @@ import typer
 from robocorba.commands.options import State
 from robocorba.commands.reporting import reporting
 from robocorba.errors.services import ServiceError
-from robocorba.printing import line
-from robocorba.roles import Role
-from robocorba.settings import Settings, role_file
+from robocorba.system.printing import line
+from robocorba.system.roles import Role
+from robocorba.system.settings import Settings, role_file
 
 app = typer.Typer(help="Files that give rights to a guarded system.", no_args_is_help=True)
 
@@ -30,7 +30,7 @@ def robot(
     """Print the file by which one robot takes part, as itself only: it binds its own name, logs on by it, publishes
     events with it as their source, and stores missions that it leads. Remove the file to end that right."""
     with reporting("access"):
-        from robocorba.supervision.access import Access
+        from robocorba.system.supervision.access import Access
 
         folder = Settings.read(state=state).state
         if not os.access(role_file(folder, Role.ROBOT), os.R_OK):

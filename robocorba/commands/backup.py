@@ -9,9 +9,9 @@ import typer
 
 from robocorba.commands.options import State
 from robocorba.commands.reporting import reporting
-from robocorba.printing import echo
-from robocorba.settings import Settings
-from robocorba.supervision import backups
+from robocorba.system.printing import echo
+from robocorba.system.settings import Settings
+from robocorba.system.supervision import backups
 
 
 def backup(

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
-from robocorba.kernel_store import store
-from robocorba.printing import Console
-from robocorba.supervision.compilation import CompilationProgress, compile_kernels
+from robocorba.system.kernel_store import store
+from robocorba.system.printing import Console
+from robocorba.system.supervision.compilation import CompilationProgress, compile_kernels
 
 TITLE = "compiling kernels, once on this machine"
 #: Interval between lines where there is no terminal [s].

@@ -8,7 +8,7 @@ import typer
 
 from robocorba.commands.reporting import reporting
 from robocorba.console.settings import check_installed
-from robocorba.supervision.launch import module_command
+from robocorba.system.supervision.launch import module_command
 
 
 def console(context: typer.Context) -> None:

@@ -9,9 +9,9 @@ import typer
 
 from robocorba.commands.options import only_for, require_extra
 from robocorba.commands.reporting import reporting
-from robocorba.output_files import check_output
-from robocorba.printing import echo
 from robocorba.simulation.recording import Recording
+from robocorba.system.output_files import check_output
+from robocorba.system.printing import echo
 
 
 def convert(
@@ -35,7 +35,7 @@ def convert(
             _write_bag(Recording(recording), out, robots, namespaced_tf, force)
         else:
             require_extra("foxglove", "foxglove")
-            from robocorba.foxglove import files
+            from robocorba.bridges.foxglove import files
 
             files.convert(Recording(recording), out, overwrite=force)
         size = sum(file.stat().st_size for file in (out.iterdir() if out.is_dir() else [out]))
@@ -43,8 +43,8 @@ def convert(
 
 
 def _write_bag(recording: Recording, folder: Path, robots: str, namespaced_tf: bool, overwrite: bool) -> None:
-    from robocorba.plain_names import names_in
-    from robocorba.ros2 import bag
-    from robocorba.ros2.frames import Frames
+    from robocorba.bridges.ros2 import bag
+    from robocorba.bridges.ros2.frames import Frames
+    from robocorba.system.plain_names import names_in
 
     bag.convert(recording, folder, names_in(robots), Frames(namespaced_tf), overwrite=overwrite)

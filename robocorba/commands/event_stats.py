@@ -10,13 +10,13 @@ from omniORB import CORBA
 from rich.markup import escape
 from rich.table import Table
 
-from robocorba.corba.calls import describe
-from robocorba.corba.orb import Orb
-from robocorba.corba.plain import plain
 from robocorba.errors.services import NotReachable
-from robocorba.names import CHANNELS
-from robocorba.printing import Console, line
+from robocorba.orb.calls import describe
+from robocorba.orb.orb import Orb
+from robocorba.orb.plain import plain
 from robocorba.stubs import RoboCorba
+from robocorba.system.names import CHANNELS
+from robocorba.system.printing import Console, line
 
 #: Timeout for each channel [s].
 TIMEOUT_S = 3.0

@@ -18,16 +18,16 @@ from omniORB import CORBA
 
 from robocorba.commands import event_stats
 from robocorba.commands.options import Json, Naming, connected
-from robocorba.corba.orb import OFFER_CALLBACKS, Orb
 from robocorba.errors.events import InvalidEvent
 from robocorba.errors.services import NotReachable
 from robocorba.events.queue import QueuePolicy
-from robocorba.names import CHANNELS
-from robocorba.printing import echo
+from robocorba.orb.orb import OFFER_CALLBACKS, Orb
 from robocorba.stubs import RoboCorba
+from robocorba.system.names import CHANNELS
+from robocorba.system.printing import echo
 
 if TYPE_CHECKING:
-    from robocorba.corba.event_client import Event, EventClient
+    from robocorba.events.corba.event_client import Event, EventClient
 
 #: Timeout to resolve a channel [s].
 RESOLVE_TIMEOUT_S = 3.0
@@ -225,7 +225,7 @@ def _received(client: EventClient, channel: str, pattern: tuple[str, str]) -> Ge
 
 
 def _event_client(orb: Orb, channel: str) -> EventClient:
-    from robocorba.corba.event_client import EventClient
+    from robocorba.events.corba.event_client import EventClient
 
     return EventClient(orb, channel, timeout_s=RESOLVE_TIMEOUT_S)
 

@@ -11,9 +11,9 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from robocorba.logs import one_line
-from robocorba.printing import Console, echo, line
-from robocorba.supervision.fleet import Row, View
+from robocorba.system.logs import one_line
+from robocorba.system.printing import Console, echo, line
+from robocorba.system.supervision.fleet import Row, View
 
 HEADER = ("robot", "floor", "does", "program or mission", "restarts", "note")
 #: States of robots that are not under way, in the order in which they are shown: first what needs attention.

@@ -12,15 +12,15 @@ from robocorba.commands.options import Naming, State, administrator, connected, 
 from robocorba.commands.served_map import ServedMap
 from robocorba.commands.simulation_tables import simulation_server
 from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.administrator import RemoteAdministrator
-from robocorba.corba.remote.live_system import LiveSystem, live_system
+from robocorba.console.corba.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
-from robocorba.printing import echo
-from robocorba.settings import Settings
+from robocorba.orb.orb import Orb
+from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
+from robocorba.system.printing import echo
+from robocorba.system.settings import Settings
 
 if TYPE_CHECKING:
-    from robocorba.foxglove.live import LiveServer
+    from robocorba.bridges.foxglove.live import LiveServer
 
 #: Interval between looks at the system while somebody watches, and otherwise [s].
 WATCHED_S, IDLE_S = 0.05, 0.5
@@ -47,7 +47,7 @@ def foxglove(
     only_for("--steer", steer, context, "state")
     with connected("foxglove", naming) as orb:
         require_extra("foxglove", "foxglove")
-        from robocorba.foxglove.live import LiveServer
+        from robocorba.bridges.foxglove.live import LiveServer
 
         stop = StopSignal()
         steering = administrator(orb, Settings.read(state=state)) if steer else None

@@ -15,14 +15,14 @@ import typer
 
 from robocorba.commands.options import only_for
 from robocorba.commands.reporting import reporting
-from robocorba.logs import one_line
-from robocorba.printing import echo, line
-from robocorba.spatial.pose import SMARTPAL_RADIUS_M
+from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
+from robocorba.system.logs import one_line
+from robocorba.system.printing import echo, line
 
 if TYPE_CHECKING:
-    from robocorba.maps.checking import MapFinding
-    from robocorba.maps.formats import Imported
-    from robocorba.maps.model import Building
+    from robocorba.map_editor.checking import MapFinding
+    from robocorba.map_editor.formats import Imported
+    from robocorba.map_editor.model import Building
 
 app = typer.Typer(help="Read, write, check and show map files.", no_args_is_help=True)
 
@@ -91,8 +91,8 @@ def import_(
     """Convert a map of any readable format to a native map file, and list what the conversion changes.
 
     A file that exists with another content is only replaced with --force, FILE itself never."""
-    from robocorba.maps import checking, native
-    from robocorba.output_files import write_outputs
+    from robocorba.map_editor import checking, native
+    from robocorba.system.output_files import write_outputs
 
     only_for("--topology", topology, context, "radius")
     with reporting("map import", OSError):
@@ -121,8 +121,8 @@ def export(
     """Write a map in another format, and list what the conversion changes.
 
     Files that exist with another content are only replaced with --force, FILE itself never."""
-    from robocorba.maps.formats import export_map
-    from robocorba.output_files import write_outputs
+    from robocorba.map_editor.formats import export_map
+    from robocorba.system.output_files import write_outputs
 
     only_for("--format ros", format is Format.ROS, context, "resolution", "image")
     with reporting("map export", OSError):
@@ -144,8 +144,8 @@ def show(
     width: Annotated[int, typer.Option(metavar="PIXELS", min=200, max=8000)] = 1200,
 ) -> None:
     """Draw the floors of a map as a picture."""
-    from robocorba.maps.drawing import draw_building, draw_floor
-    from robocorba.maps.pictures import save_picture
+    from robocorba.map_editor.drawing import draw_building, draw_floor
+    from robocorba.map_editor.pictures import save_picture
 
     with reporting("map show", OSError):
         building = _read(file).building
@@ -167,7 +167,7 @@ def check(
 
     Warnings list what is blocked and what a robot of the radius can't reach. Warnings, notes, and what reading a
     foreign format changes (import: ...) do not make a map invalid."""
-    from robocorba.maps.checking import findings
+    from robocorba.map_editor.checking import findings
 
     with reporting("map check", OSError):
         imported = _read(file)
@@ -187,8 +187,8 @@ def check(
 
 def _with_topological_map(building: Building, floor: str, radius_m: float) -> Building:
     """The building; a floor without edges gets a topological map, with its present nodes. Prints the result."""
-    from robocorba.maps.losses import listed
-    from robocorba.maps.topology import topological_map
+    from robocorba.map_editor.losses import listed
+    from robocorba.map_editor.topology import topological_map
 
     entry = building.floors[floor]
     nodes, edges = entry.topological.nodes, entry.topological.edges
@@ -209,7 +209,7 @@ def _with_topological_map(building: Building, floor: str, radius_m: float) -> Bu
 
 def _print_warnings(found: Iterable[MapFinding]) -> int:
     """Print findings, one line for each kind. Returns the number of lines."""
-    from robocorba.maps.checking import summaries
+    from robocorba.map_editor.checking import summaries
 
     lines = summaries(found)
     for text in lines:
@@ -218,14 +218,14 @@ def _print_warnings(found: Iterable[MapFinding]) -> int:
 
 
 def _read(file: str, unknown: UnknownCells = UnknownCells.BLOCKED, specks: Specks = Specks.WALLS) -> Imported:
-    from robocorba.maps.formats import read_map
+    from robocorba.map_editor.formats import read_map
 
     return read_map(_path(file), unknown=unknown.value, specks=specks.value)
 
 
 def _path(file: str) -> str | Path:
     """The file of a sample, or a file."""
-    from robocorba.maps.samples import SAMPLES, sample_path
+    from robocorba.map_editor.samples import SAMPLES, sample_path
 
     return sample_path(file) if file in SAMPLES else file
 

@@ -22,17 +22,17 @@ from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, Outage, StopSignal, pr
 from robocorba.errors.paths import InvalidRequest
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import NoLeader
-from robocorba.names import MISSIONS
-from robocorba.printing import Console, echo, line
-from robocorba.settings import Settings
+from robocorba.system.names import MISSIONS
+from robocorba.system.printing import Console, echo, line
+from robocorba.system.settings import Settings
 
 if TYPE_CHECKING:
-    from robocorba.corba.orb import Orb
-    from robocorba.corba.remote.data_pool import RemotePool
-    from robocorba.corba.remote.mission_control import RemoteMissionControl
-    from robocorba.corba.remote.omni_database import RemoteDatabase
+    from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
     from robocorba.missions.subplan import StoredPlan
-    from robocorba.programs.icons import Destination
+    from robocorba.orb.orb import Orb
+    from robocorba.robot.corba.remote_data_pool import RemotePool
+    from robocorba.robot.programs.icons import Destination
+    from robocorba.simulation.corba.remote_database import RemoteDatabase
     from robocorba.simulation.mission_record import MissionContent, MissionState
     from robocorba.simulation.store import Mission
 
@@ -72,8 +72,8 @@ def move_table(
     """Carry a table to a goal. The leader finds the helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
     import msgspec
 
-    from robocorba.corba.remote.mission_control import RemoteMissionControl
-    from robocorba.programs.icons import MoveTable
+    from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
+    from robocorba.robot.programs.icons import MoveTable
 
     stop = StopSignal()
     with connected("mission", naming) as orb:
@@ -88,7 +88,7 @@ def move_table(
 @app.command("list")
 def list_missions(naming: Naming = None, as_json: Json = False) -> None:
     """List the missions of the building, wherever they were started: running ones, and the latest ones that ended."""
-    from robocorba.corba.remote.mission_control import RemoteMissionControl
+    from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
 
     with connected("mission", naming) as orb:
         states = sorted(RemoteMissionControl(orb).missions_since(0), key=lambda state: state.content.begun)
@@ -122,7 +122,7 @@ def status(
     as_json: Json = False,
 ) -> None:
     """Show the phases of a mission; with --leader the plan and phase of the one that a robot leads, or led last."""
-    from robocorba.corba.remote.mission_control import RemoteMissionControl
+    from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
 
     only_for("a mission by its name", name or not leader, context, "as_json")
     with connected("mission", naming) as orb:
@@ -155,8 +155,8 @@ def status(
 def abort(name: MissionName = "", leader: LeaderOption = "", naming: Naming = None) -> None:
     """Abort a mission, or with --leader the one that a robot leads: all robots put down what they hold, and are free.
     With a name, no other mission can be hit."""
-    from robocorba.corba.remote.control_agent import RemoteAgent
-    from robocorba.corba.remote.mission_control import RemoteMissionControl
+    from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
+    from robocorba.robot.corba.remote_agent import RemoteAgent
 
     with connected("mission", naming) as orb:
         if _is_by_name(name, leader):
@@ -209,8 +209,8 @@ def _is_by_name(name: str, leader: str) -> bool:
 
 
 def _remote_report(mission: str, naming: str | None) -> dict[str, Any]:
-    from robocorba.corba.orb import Orb
-    from robocorba.corba.remote.mission_control import RemoteMissionControl
+    from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
+    from robocorba.orb.orb import Orb
 
     with Orb(Settings.read(naming=naming).naming) as orb:
         control = RemoteMissionControl(orb)
@@ -226,7 +226,7 @@ def _file_name(mission: str) -> str:
 
 
 def _database(orb: Orb) -> RemoteDatabase:
-    from robocorba.corba.remote.omni_database import RemoteDatabase
+    from robocorba.simulation.corba.remote_database import RemoteDatabase
 
     return RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
 
@@ -243,7 +243,7 @@ def record_json(state: MissionState, record: Mission) -> dict[str, Any]:
 
 def _print_plan(orb: Orb, leader: str) -> None:
     """Print plan and phase of the mission that a robot leads, or led last."""
-    from robocorba.corba.remote.data_pool import RemotePool
+    from robocorba.robot.corba.remote_data_pool import RemotePool
 
     stored = _latest(RemotePool.of_robot(orb, leader, 3.0))
     if stored is None:
@@ -275,7 +275,7 @@ def tables(report: dict[str, Any]) -> list[Table]:
 
 def parse_destination(text: str) -> Destination:
     """FLOOR:X,Y[,HEADING]. Raises InvalidRequest."""
-    from robocorba.programs.icons import Destination
+    from robocorba.robot.programs.icons import Destination
 
     match = re.fullmatch(r"(.+):([^,:]+),([^,:]+)(?:,([^,:]+))?", text)
     try:

@@ -15,21 +15,21 @@ from robocorba.commands.reporting import reporting
 from robocorba.commands.rt_objects import RtComponent, RtObjects
 from robocorba.commands.served_map import ServedMap
 from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
-from robocorba.control.agent_state import AgentCondition
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.corba.remote.lasers import RemoteLasers
-from robocorba.corba.remote.live_system import LiveSystem, live_system
-from robocorba.corba.remote.robot_orders import RobotOrders
+from robocorba.console.corba.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import ServiceError
-from robocorba.plain_names import PlainNames, names_in
-from robocorba.printing import echo, line
-from robocorba.repeating import Repeating
-from robocorba.sensing.continuous_scans import ContinuousScans
-from robocorba.settings import Address, RoleNaming
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentCondition
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.corba.robot_orders import RobotOrders
+from robocorba.simulation.corba.remote_lasers import RemoteLasers
+from robocorba.simulation.sensing.continuous_scans import ContinuousScans
 from robocorba.simulation.system_changes import SystemChanges
 from robocorba.simulation.system_view import RobotPlace, SystemView
+from robocorba.system.plain_names import PlainNames, names_in
+from robocorba.system.printing import echo, line
+from robocorba.system.repeating import Repeating
+from robocorba.system.settings import Address, RoleNaming
 
 #: Interval between looks at the system, at the states of robots of active components, and at connected ports [s].
 LOOK_S, STATES_S, PORTS_S = 0.05, 0.5, 5.0
@@ -133,7 +133,7 @@ class RobotComponents:
 
 
 class AgentOrders:
-    """Orders of a component to its robot's control agent (robocorba.openrtm.robot_component.Orders)."""
+    """Orders of a component to its robot's control agent (robocorba.bridges.openrtm.robot_component.Orders)."""
 
     def __init__(self, orb: Orb, robot: str) -> None:
         self._orders = RobotOrders(robot, partial(RemoteAgent, orb, robot, FIND_ROBOT_S), _warn)

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robocorba.commands.reporting import reporting
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.administrator import RemoteAdministrator
 from robocorba.errors.services import NotReachable, ServiceError
-from robocorba.names import ADMINISTRATOR
-from robocorba.settings import Settings
+from robocorba.orb.orb import Orb
+from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
 from robocorba.stubs import RoboCorba
+from robocorba.system.names import ADMINISTRATOR
+from robocorba.system.settings import Settings
 
 if TYPE_CHECKING:
-    from robocorba.maps.model import Building
+    from robocorba.map_editor.model import Building
 
 Naming = Annotated[
     str | None, typer.Option(metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, 127.0.0.1:2809].")
@@ -30,7 +30,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 def served_building(orb: Orb, timeout_s: float = 3.0) -> Building:
     """The map of the running map editor. Raises NotReachable, MapFileError."""
-    from robocorba.maps import native  # imported here, since it takes a moment to load
+    from robocorba.map_editor import native  # imported here, since it takes a moment to load
 
     editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
     return native.loads(editor.exportMap(), "the served map")

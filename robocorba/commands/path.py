@@ -15,9 +15,10 @@ from rich.table import Table
 
 from robocorba.commands.options import Naming, connected, served_building
 from robocorba.commands.reporting import reporting
-from robocorba.corba.conversion import paths
 from robocorba.errors.paths import InvalidRequest
-from robocorba.maps.model import Building
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
+from robocorba.planning.corba import paths
 from robocorba.planning.request import (
     MAX_ALTERNATIVES,
     SMARTPAL_SPEED_M_S,
@@ -27,9 +28,8 @@ from robocorba.planning.request import (
     Place,
     RouteMode,
 )
-from robocorba.printing import Console, echo
-from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.stubs import RoboCorba
+from robocorba.system.printing import Console, echo
 
 
 class Mode(str, Enum):
@@ -123,8 +123,8 @@ def as_table(found: Path) -> Table:
 
 def draw(building: Building, found: Path, file: File) -> None:
     """Draw every floor of a path into one PNG."""
-    from robocorba.maps.drawing import draw_building
-    from robocorba.maps.pictures import save_picture
+    from robocorba.map_editor.drawing import draw_building
+    from robocorba.map_editor.pictures import save_picture
 
     crossed = {point.floor for point in found.points}
     floors = {name: entry for name, entry in building.floors.items() if name in crossed}
@@ -134,7 +134,7 @@ def draw(building: Building, found: Path, file: File) -> None:
 
 def marks(found: Path, floor: str) -> Sequence:
     """The points of a path on one floor, for the drawing."""
-    from robocorba.maps.drawing import PathMark
+    from robocorba.map_editor.drawing import PathMark
 
     return [
         PathMark(point.x, point.y, point.kind.name.lower(), point.elevator or point.node)

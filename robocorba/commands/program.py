@@ -18,15 +18,15 @@ from rich.tree import Tree
 
 from robocorba.commands.path import parse_place
 from robocorba.commands.reporting import reporting
-from robocorba.corba.orb import Orb
 from robocorba.errors.robots import InvalidProgram
-from robocorba.printing import Console, echo, line
-from robocorba.settings import Settings
+from robocorba.orb.orb import Orb
+from robocorba.system.printing import Console, echo, line
+from robocorba.system.settings import Settings
 
 if TYPE_CHECKING:
-    from robocorba.programs.base_checks import Planner
-    from robocorba.programs.icons import Icon
-    from robocorba.programs.program import Program
+    from robocorba.robot.programs.base_checks import Planner
+    from robocorba.robot.programs.icons import Icon
+    from robocorba.robot.programs.program import Program
 
 app = typer.Typer(help="Programs of robots: lists of icons.", no_args_is_help=True)
 
@@ -56,10 +56,10 @@ def check(
             raise typer.BadParameter("give --building or --naming, not both")
         program = read("check", file)
 
-        from robocorba.kinematics.inverse import InverseKinematics
-        from robocorba.programs.checker import Start
-        from robocorba.programs.checker import check as check_program
-        from robocorba.programs.program import icons_with_paths
+        from robocorba.robot.kinematics.inverse import InverseKinematics
+        from robocorba.robot.programs.checker import Start
+        from robocorba.robot.programs.checker import check as check_program
+        from robocorba.robot.programs.program import icons_with_paths
 
         with _planner(building, naming) as planner:
             report = check_program(program, InverseKinematics(), planner, Start(place, heading))
@@ -82,14 +82,14 @@ def show(file: Annotated[File, _FILE]) -> None:
 @app.command()
 def schema() -> None:
     """Print the JSON schema of programs, for editors that validate while typing."""
-    from robocorba.programs.program import schema as found
+    from robocorba.robot.programs.program import schema as found
 
     echo(json.dumps(found(), indent=2))
 
 
 def read(command: str, file: File) -> Program:
     """The program in a file. Prints the error and exits if it is invalid."""
-    from robocorba.programs.program import MAX_BYTES, load, loads
+    from robocorba.robot.programs.program import MAX_BYTES, load, loads
 
     try:
         if str(file) == "-":
@@ -110,7 +110,7 @@ def as_tree(program: Program) -> Tree:
 
 
 def _add_to(tree: Tree, icons: Sequence[Icon], at: str) -> None:
-    from robocorba.programs.icons import bodies
+    from robocorba.robot.programs.icons import bodies
 
     for number, icon in enumerate(icons):
         inside = bodies(icon)
@@ -124,7 +124,7 @@ def _add_to(tree: Tree, icons: Sequence[Icon], at: str) -> None:
 
 def _line(icon: Icon, at: str, omitted: set[str]) -> Text:
     """One line, such as: icons[0] mbase_path floor=L3 x=10 y=4."""
-    from robocorba.programs.icons import kind
+    from robocorba.robot.programs.icons import kind
 
     text = Text.assemble((f"{at} ", "dim"), (kind(icon), "cyan"))
     for name in icon.__struct_fields__:
@@ -144,13 +144,13 @@ def _value(value: Any) -> str:
 def _planner(building: str | None, naming: str | None) -> Iterator[Planner | None]:
     """A planner for the map, None without a map."""
     if building:
-        from robocorba.maps.formats import read_map
-        from robocorba.maps.samples import SAMPLES, sample_path
+        from robocorba.map_editor.formats import read_map
+        from robocorba.map_editor.samples import SAMPLES, sample_path
         from robocorba.planning.planner import PathPlanner
 
         yield PathPlanner(read_map(sample_path(building) if building in SAMPLES else building).building)
     elif naming:
-        from robocorba.corba.remote.path_planner import RemotePlanner
+        from robocorba.planning.corba.remote_planner import RemotePlanner
 
         with Orb(Settings.read(naming=naming).naming) as orb:
             yield RemotePlanner(orb)

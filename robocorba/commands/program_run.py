@@ -19,11 +19,11 @@ from robocorba.commands.program import app, read
 from robocorba.commands.waiting import Outage, StopSignal
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
-from robocorba.printing import Console, line
+from robocorba.system.printing import Console, line
 
 if TYPE_CHECKING:
-    from robocorba.control.agent_state import AgentState
-    from robocorba.corba.remote.control_agent import RemoteAgent
+    from robocorba.robot.agent_state import AgentState
+    from robocorba.robot.corba.remote_agent import RemoteAgent
 
 #: Interval between requests for the robot's progress [s].
 POLL_INTERVAL_S = 0.1
@@ -40,8 +40,8 @@ def run(
     """Run a program on a robot, and print each icon that begins. Ctrl-C ends the program; the robot stops.
 
     Exit code 0 if the program is done. In a terminal p pauses, s steps, r resumes, q ends."""
-    from robocorba.corba.remote.control_agent import RemoteAgent
-    from robocorba.programs.program import dumps
+    from robocorba.robot.corba.remote_agent import RemoteAgent
+    from robocorba.robot.programs.program import dumps
 
     stop = StopSignal()
     with connected("program run", naming) as orb:
@@ -119,7 +119,7 @@ def _keys() -> Iterator[int | None]:
 
 
 def _order(name: str, order: str, naming: str | None) -> None:
-    from robocorba.corba.remote.control_agent import RemoteAgent
+    from robocorba.robot.corba.remote_agent import RemoteAgent
 
     with connected(f"program {order}", naming) as orb:
         getattr(RemoteAgent(orb, name), order)()

@@ -12,13 +12,13 @@ import typer
 
 from robocorba.commands.options import Naming, connected, require_extra, served_building
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
-from robocorba.corba.remote.live_system import LiveSystem, live_system
-from robocorba.corba.remote.omni_database import RemoteFloors
+from robocorba.console.corba.live_system import LiveSystem, live_system
 from robocorba.errors.services import NotReachable
-from robocorba.maps.model import Building
-from robocorba.printing import echo
+from robocorba.map_editor.model import Building
+from robocorba.simulation.corba.remote_database import RemoteFloors
 from robocorba.simulation.recording import Recorder
 from robocorba.simulation.system_changes import SystemChanges
+from robocorba.system.printing import echo
 
 #: Interval between requests for changes [s].
 POLL_INTERVAL_S = 0.05
@@ -65,7 +65,7 @@ def compact_file(file: Path, building: Building, overwrite: bool) -> Iterator[Wr
 @contextlib.contextmanager
 def foxglove_file(file: Path, building: Building, overwrite: bool) -> Iterator[Write]:
     """Writes Foxglove's messages. Raises InvalidRecording."""
-    from robocorba.foxglove.files import FoxgloveFile
+    from robocorba.bridges.foxglove.files import FoxgloveFile
 
     with contextlib.closing(FoxgloveFile(file, building, overwrite)) as written:
         yield written.write_changes

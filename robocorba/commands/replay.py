@@ -18,11 +18,11 @@ from robocorba.commands.simulation_tables import SimulationTables, as_tables, el
 from robocorba.commands.waiting import StopSignal, progress
 from robocorba.commands.watch import SHOW_INTERVAL_S
 from robocorba.errors.simulation import InvalidRecording
-from robocorba.output_files import check_output, write_outputs
-from robocorba.printing import Console, echo
-from robocorba.settings import InvalidSetting
+from robocorba.map_editor.spatial.floor_update import FloorView
 from robocorba.simulation.recording import Recording
-from robocorba.spatial.floor_update import FloorView
+from robocorba.system.output_files import check_output, write_outputs
+from robocorba.system.printing import Console, echo
+from robocorba.system.settings import InvalidSetting
 
 #: Maximum number of pictures of a video: more than a day at 10 a second.
 MAX_PICTURES = 1_000_000
@@ -113,7 +113,7 @@ def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, w
     Raises UnknownFloor, InvalidPicture, InvalidRecording, InvalidSetting, VideoError."""
     from PIL import Image  # imported here, since it takes a second to load
 
-    from robocorba.video import VideoFile
+    from robocorba.console.video import VideoFile
 
     pictures = recording.duration_s / speed * fps
     if pictures > MAX_PICTURES:

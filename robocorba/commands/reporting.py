@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import typer
 from omniORB import CORBA
 
-from robocorba.corba.calls import error_of
 from robocorba.errors.base import RoboCorbaError
-from robocorba.printing import line
+from robocorba.orb.calls import error_of
+from robocorba.system.printing import line
 
 
 @contextlib.contextmanager

@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from robocorba.commands.options import Naming, State, connected, only_for
-from robocorba.corba.orb import Orb
-from robocorba.printing import line
-from robocorba.settings import Settings
-from robocorba.supervision.launch import module_command
+from robocorba.orb.orb import Orb
+from robocorba.system.printing import line
+from robocorba.system.settings import Settings
+from robocorba.system.supervision.launch import module_command
 
 
 def robot(context: typer.Context) -> None:
@@ -50,8 +50,8 @@ def stop(
 
 def _stop(orb: Orb, names: list[str], settings: Settings) -> bool:
     """Stop robots, without names all; whether all are shown to stand."""
-    from robocorba.corba.remote.emergency_stop import OTHERS, stop_robots
-    from robocorba.supervision.stop_addresses import stop_addresses
+    from robocorba.robot.corba.emergency_stop import OTHERS, stop_robots
+    from robocorba.system.supervision.stop_addresses import stop_addresses
 
     verdicts = stop_robots(orb, names, stop_addresses(settings.state, settings.naming))
     for verdict in verdicts:
@@ -64,8 +64,8 @@ def _stop(orb: Orb, names: list[str], settings: Settings) -> bool:
 
 
 def _reset(orb: Orb, names: list[str], settings: Settings) -> bool:
-    from robocorba.corba.remote.emergency_stop import reset_robots
-    from robocorba.supervision.stop_addresses import stop_addresses
+    from robocorba.robot.corba.emergency_stop import reset_robots
+    from robocorba.system.supervision.stop_addresses import stop_addresses
 
     is_fine = True
     for name, problem in reset_robots(orb, names, stop_addresses(settings.state, settings.naming)):
@@ -81,7 +81,7 @@ def switch(
     naming: Naming = None,
 ) -> None:
     """Switch a robot's agent to the actual or the virtual robot. It refuses while a program runs."""
-    from robocorba.corba.remote.control_agent import RemoteAgent
+    from robocorba.robot.corba.remote_agent import RemoteAgent
 
     with connected("switch", naming) as orb:
         agent = RemoteAgent(orb, name)

@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from robocorba.commands.reporting import reporting
-from robocorba.output_files import write_outputs
-from robocorba.printing import echo
+from robocorba.system.output_files import write_outputs
+from robocorba.system.printing import echo
 
 app = typer.Typer(help="Export the robot's model for other programs.", no_args_is_help=True)
 
@@ -27,7 +27,7 @@ def urdf(
 ) -> None:
     """Write the robot as a URDF, for RViz, MuJoCo, Gazebo and others: links, joints, limits, masses, looks."""
     with reporting("robot-model urdf"):
-        from robocorba.kinematics.urdf import urdf as document
+        from robocorba.robot.kinematics.urdf import urdf as document
 
         text = document()
         if str(file) == "-":

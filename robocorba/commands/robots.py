@@ -8,15 +8,15 @@ from typing import Annotated, Any
 
 import typer
 
-from robocorba import logs
 from robocorba.commands.options import Naming, State, only_for
 from robocorba.commands.reporting import reporting
-from robocorba.corba.orb import Orb
-from robocorba.printing import Console
-from robocorba.private_files import claim_state
-from robocorba.roles import Role
-from robocorba.settings import Settings
-from robocorba.supervision.robots import STARTING
+from robocorba.orb.orb import Orb
+from robocorba.system import logs
+from robocorba.system.printing import Console
+from robocorba.system.private_files import claim_state
+from robocorba.system.roles import Role
+from robocorba.system.settings import Settings
+from robocorba.system.supervision.robots import STARTING
 
 #: Timeout to find the system [s].
 RESOLVE_TIMEOUT_S = 5.0
@@ -51,7 +51,7 @@ def robots(
     A robot that ends is shown with the reason; the others go on. Exit code 0 if all ran to the end, else 1."""
     from robocorba.commands.compiling import compile_with_progress
     from robocorba.commands.fleet_view import view_for
-    from robocorba.supervision.fleet import Fleet, FleetOptions
+    from robocorba.system.supervision.fleet import Fleet, FleetOptions
 
     given = {"floor": floor, "channel": channel, "program": program and str(program), "adaptor": adaptor}
     options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
@@ -78,14 +78,14 @@ def robots(
 
 def _orders(fleet: Path | None, group: dict[str, Any]) -> Callable[[Sequence[str], Sequence[str]], list[Any]]:
     """The robots, as soon as floors and channels are known. Raises MapFileError, InvalidFleet."""
-    from robocorba.supervision.fleet_file import group_of, read_fleet
+    from robocorba.system.supervision.fleet_file import group_of, read_fleet
 
     return read_fleet(fleet) if fleet else group_of(group)
 
 
 def _places(orb: Orb) -> tuple[list[str], list[str]]:
     """Floors and channels of the running system. Raises NotReachable."""
-    from robocorba.corba.remote.omni_database import RemoteDatabase
-    from robocorba.names import CHANNELS
+    from robocorba.simulation.corba.remote_database import RemoteDatabase
+    from robocorba.system.names import CHANNELS
 
     return RemoteDatabase(orb, RESOLVE_TIMEOUT_S).floors(), orb.names(CHANNELS, RESOLVE_TIMEOUT_S)

@@ -10,19 +10,19 @@ import typer
 from robocorba.commands.options import Naming, connected
 from robocorba.commands.served_map import ServedMap
 from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
-from robocorba.corba.remote.lasers import RemoteLasers
-from robocorba.corba.remote.live_system import LiveSystem, live_system
+from robocorba.console.corba.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import ServiceError
-from robocorba.maps.formats.floor_grid import DEFAULT_RESOLUTION_M
-from robocorba.printing import echo
+from robocorba.map_editor.formats.floor_grid import DEFAULT_RESOLUTION_M
+from robocorba.simulation.corba.remote_lasers import RemoteLasers
+from robocorba.system.printing import echo
 
 if TYPE_CHECKING:
-    from robocorba.ros2.node import RosNode
-    from robocorba.ros2.publisher import RosPublisher
-    from robocorba.ros2.robot_interfaces import RobotInterfaces
-    from robocorba.sensing.continuous_scans import ContinuousScans
+    from robocorba.bridges.ros2.node import RosNode
+    from robocorba.bridges.ros2.publisher import RosPublisher
+    from robocorba.bridges.ros2.robot_interfaces import RobotInterfaces
+    from robocorba.simulation.sensing.continuous_scans import ContinuousScans
 
 #: Interval between looks at the system [s].
 LOOK_S = 0.05
@@ -50,12 +50,12 @@ def ros2(
 
     It needs rclpy and the standard messages of ROS 2 Jazzy or later in the same Python."""
     with connected("ros2", naming) as orb, contextlib.closing(_node(domain)) as node:
-        from robocorba.plain_names import names_in
-        from robocorba.ros2.frames import Frames
-        from robocorba.ros2.node import RosTopics
-        from robocorba.ros2.publisher import RosPublisher
-        from robocorba.ros2.robot_interfaces import RobotInterfaces
-        from robocorba.sensing.continuous_scans import ContinuousScans
+        from robocorba.bridges.ros2.frames import Frames
+        from robocorba.bridges.ros2.node import RosTopics
+        from robocorba.bridges.ros2.publisher import RosPublisher
+        from robocorba.bridges.ros2.robot_interfaces import RobotInterfaces
+        from robocorba.simulation.sensing.continuous_scans import ContinuousScans
+        from robocorba.system.plain_names import names_in
 
         stop = StopSignal()
         system = live_system(orb, with_scans=scan_rate > 0.0)
@@ -81,7 +81,7 @@ def ros2(
 
 def _node(domain: int | None) -> RosNode:
     try:
-        from robocorba.ros2.node import RosNode
+        from robocorba.bridges.ros2.node import RosNode
     except ImportError as error:
         raise ServiceError(
             f"ROS 2 is not installed in this Python ({error}): source its setup file, such as"

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from robocorba.corba.conversion.rt_data import DATA_TYPES
-from robocorba.corba.naming import BoundNames
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.rt_ports import RemotePort, put_to
-from robocorba.corba.servants.rt_component import ComponentServant, ConfigurationServant, ExecutionContextServant
-from robocorba.corba.servants.rt_ports import InPortServant, OutPortServant, PortServant
-from robocorba.openrtm.connections import Connection, Connections, Peer
-from robocorba.openrtm.life_cycle import ReturnCode
-from robocorba.openrtm.robot_component import Orders, RobotComponent
+from robocorba.bridges.openrtm.connections import Connection, Connections, Peer
+from robocorba.bridges.openrtm.corba.remote_ports import RemotePort, put_to
+from robocorba.bridges.openrtm.corba.rt_component_servant import (
+    ComponentServant,
+    ConfigurationServant,
+    ExecutionContextServant,
+)
+from robocorba.bridges.openrtm.corba.rt_data import DATA_TYPES
+from robocorba.bridges.openrtm.corba.rt_ports_servant import InPortServant, OutPortServant, PortServant
+from robocorba.bridges.openrtm.life_cycle import ReturnCode
+from robocorba.bridges.openrtm.robot_component import Orders, RobotComponent
+from robocorba.orb.naming import BoundNames
+from robocorba.orb.orb import Orb
 
 
 class RtObjects:
@@ -79,7 +83,7 @@ class RtComponent:
 
 
 class OwnPort:
-    """A port of this process (robocorba.openrtm.connections.Peer)."""
+    """A port of this process (robocorba.bridges.openrtm.connections.Peer)."""
 
     connections: Connections
 
@@ -100,7 +104,7 @@ class OwnPort:
 
 
 class DataObjects:
-    """The objects by which data come and go (robocorba.openrtm.data_ports.Channel)."""
+    """The objects by which data come and go (robocorba.bridges.openrtm.data_ports.Channel)."""
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 
 from robocorba.commands.options import served_building
-from robocorba.corba.orb import Orb
-from robocorba.maps.model import Building
+from robocorba.map_editor.model import Building
+from robocorba.orb.orb import Orb
 from robocorba.simulation.system_changes import SystemChanges
 
 #: Least interval between loads [s].

@@ -11,10 +11,10 @@ import typer
 
 from robocorba.commands.options import State, administrator
 from robocorba.commands.reporting import reporting
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.administrator import RemoteAdministrator
-from robocorba.printing import line
-from robocorba.settings import Settings
+from robocorba.orb.orb import Orb
+from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
+from robocorba.system.printing import line
+from robocorba.system.settings import Settings
 
 app = typer.Typer(help="Set limit and pace of the simulation, and log robots off.", no_args_is_help=True)
 

@@ -13,12 +13,12 @@ from rich.table import Table
 from rich.text import Text
 
 from robocorba.commands.waiting import RETRY_TIMEOUT_S
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.omni_database import CALL_TIMEOUT_S, RemoteFloors
-from robocorba.corba.remote.remote_object import RemoteObject
-from robocorba.printing import Console, line
-from robocorba.spatial.floor_update import BodyKind, FloorView
+from robocorba.map_editor.spatial.floor_update import BodyKind, FloorView
+from robocorba.orb.orb import Orb
+from robocorba.orb.remote_object import RemoteObject
+from robocorba.simulation.corba.remote_database import CALL_TIMEOUT_S, RemoteFloors
 from robocorba.stubs import RoboCorba
+from robocorba.system.printing import Console, line
 
 #: Fields of a robot, an elevator, a sensor server or the simulation server.
 Row = dict[str, Any]

@@ -13,15 +13,15 @@ from rich.table import Column, Table
 
 from robocorba.commands.options import Json, State
 from robocorba.commands.reporting import reporting
-from robocorba.corba.orb import CONTEXT, Orb
 from robocorba.errors.services import NotReachable
-from robocorba.names import STOPS
-from robocorba.printing import Console, echo, line
-from robocorba.settings import Address, Settings
+from robocorba.orb.orb import CONTEXT, Orb
 from robocorba.simulation.emergency_stops import ALL, UNTIL_RESET, read_records
-from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, started_s
-from robocorba.supervision.servers import probe_of
-from robocorba.supervision.system import NAMING_SERVICES
+from robocorba.system.corba.servers import probe_of
+from robocorba.system.names import STOPS
+from robocorba.system.printing import Console, echo, line
+from robocorba.system.settings import Address, Settings
+from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemRecord, started_s
+from robocorba.system.supervision.system import NAMING_SERVICES
 
 #: Timeout for each object [s].
 TIMEOUT_S = 2.0

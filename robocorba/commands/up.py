@@ -14,16 +14,16 @@ from robocorba.commands.compiling import compile_with_progress
 from robocorba.commands.options import State, only_for
 from robocorba.commands.reporting import reporting
 from robocorba.console.settings import DEFAULT_PORT, check_installed
-from robocorba.corba.naming import corbaname
-from robocorba.corba.tls import load_transport
-from robocorba.printing import Console, echo, line
-from robocorba.settings import DEFAULT_HOST, Address, InvalidSetting, Settings
-from robocorba.supervision.console import CONSOLE
-from robocorba.supervision.folder import StateFolder, SystemRecord
-from robocorba.supervision.hangs import HangLimit
-from robocorba.supervision.servers import servers
-from robocorba.supervision.subnets import parse_subnets, remove_former_links
-from robocorba.supervision.system import NAMING_SERVICES, System
+from robocorba.orb.naming import corbaname
+from robocorba.orb.tls import load_transport
+from robocorba.system.corba.servers import servers
+from robocorba.system.corba.subnets import parse_subnets, remove_former_links
+from robocorba.system.names import CONSOLE
+from robocorba.system.printing import Console, echo, line
+from robocorba.system.settings import DEFAULT_HOST, Address, InvalidSetting, Settings
+from robocorba.system.state_folder import StateFolder, SystemRecord
+from robocorba.system.supervision.hangs import HangLimit
+from robocorba.system.supervision.system import NAMING_SERVICES, System
 
 
 def up(

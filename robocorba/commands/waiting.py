@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robocorba.errors.services import NotReachable
-from robocorba.printing import Console
-from robocorba.stop_request import StopRequest
+from robocorba.system.printing import Console
+from robocorba.system.stop_request import StopRequest
 
 #: Timeout to resolve a server at the start, and in each retry after it was lost [s].
 RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S = 3.0, 0.5

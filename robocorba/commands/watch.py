@@ -22,11 +22,11 @@ from robocorba.commands.simulation_tables import (
     simulation_server,
 )
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.services import NotReachable
-from robocorba.printing import Console, echo, line
-from robocorba.settings import InvalidSetting
+from robocorba.orb.orb import Orb
+from robocorba.simulation.corba.remote_database import RemoteDatabase
+from robocorba.system.printing import Console, echo, line
+from robocorba.system.settings import InvalidSetting
 
 #: Interval between updates of the tables in a terminal [s].
 SHOW_INTERVAL_S = 0.25
@@ -128,7 +128,7 @@ def film(
     Raises UnknownFloor, InvalidPicture, VideoError, NotReachable."""
     from PIL import Image  # imported here, since it takes a second to load
 
-    from robocorba.video import VideoFile
+    from robocorba.console.video import VideoFile
 
     outage, limit_s = Outage(), seconds or math.inf
     tick_s, ticked_at = 0.0, clock()

@@ -13,9 +13,9 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.console.history import History, Moment
 from robocorba.errors.paths import UnknownFloor
-from robocorba.maps import geometry
-from robocorba.maps.model import Building
-from robocorba.spatial.floor_update import BodyKind
+from robocorba.map_editor import geometry
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.floor_update import BodyKind
 
 #: Gap up to which two bodies, or a body and a wall, are regarded as touching [m].
 TOUCH_M = 0.03

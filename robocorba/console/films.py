@@ -16,15 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from robocorba.background import Background
 from robocorba.console.defects import DEFECT
 from robocorba.console.frames import Rows
 from robocorba.console.history import Moment
 from robocorba.errors.base import RoboCorbaError
-from robocorba.maps.model import Building
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, FloorUpdate, Motions
 from robocorba.simulation.recording import Recorder
-from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate, Motions
-from robocorba.supervision.launch import bound_command, module_command
+from robocorba.system.background import Background
+from robocorba.system.supervision.launch import bound_command, module_command
 
 _log = logging.getLogger(__name__)
 

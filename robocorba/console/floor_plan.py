@@ -7,9 +7,9 @@ from typing import Any
 
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps import geometry
-from robocorba.maps.model import Building, Elevator, MapObject
-from robocorba.spatial.pose import XY
+from robocorba.map_editor import geometry
+from robocorba.map_editor.model import Building, Elevator, MapObject
+from robocorba.map_editor.spatial.pose import XY
 
 Points = list[list[float]]
 Lines = list[Points]

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.spatial.elevator_state import ElevatorState
-from robocorba.spatial.floor_update import WHOLE, Body, FloorUpdate, Motions
+from robocorba.map_editor.spatial.elevator_state import ElevatorState
+from robocorba.map_editor.spatial.floor_update import WHOLE, Body, FloorUpdate, Motions
 
 #: A body that moved: its number, x, y [m], heading [rad], velocity along the floor's axes [m/s], turn [rad/s].
 ROW = np.dtype([("number", "<u4"), *((name, "<f4") for name in ("x", "y", "heading", "vx", "vy", "turn"))])

@@ -12,9 +12,9 @@ import numpy as np
 
 from robocorba.console.frames import Rows, rows_of, whole_frame
 from robocorba.errors.paths import UnknownFloor
+from robocorba.map_editor.spatial.elevator_state import ElevatorState
+from robocorba.map_editor.spatial.floor_update import Body, FloorView, memory_of
 from robocorba.simulation.recording import Recording
-from robocorba.spatial.elevator_state import ElevatorState
-from robocorba.spatial.floor_update import Body, FloorView, memory_of
 
 #: Age beyond which moments are forgotten [s].
 KEPT_S = 1800.0

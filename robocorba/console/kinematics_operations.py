@@ -11,12 +11,12 @@ import numpy as np
 from robocorba.console.arguments import is_number
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import Unreachable
-from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import JOINTS, Side
-from robocorba.spatial.arrays import Floats
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.robot.kinematics.pose import HandPose
+from robocorba.robot.kinematics.smartpal import JOINTS, Side
 
 if TYPE_CHECKING:
-    from robocorba.kinematics.inverse import InverseKinematics
+    from robocorba.robot.kinematics.inverse import InverseKinematics
 
 Pose = dict[str, float]
 
@@ -63,13 +63,13 @@ class KinematicsOperations:
 
     def arm_postures(self) -> dict[str, list[float]]:
         """The named postures: 7 angles of an arm each [rad]."""
-        from robocorba.kinematics.tasks import POSTURES
+        from robocorba.robot.kinematics.tasks import POSTURES
 
         return {name: posture.tolist() for name, posture in POSTURES.items()}
 
     def _solver(self) -> InverseKinematics:
         if self._inverse is None:
-            from robocorba.kinematics.inverse import InverseKinematics  # here, since it loads the physics engine
+            from robocorba.robot.kinematics.inverse import InverseKinematics  # here, since it loads the physics engine
 
             self._inverse = InverseKinematics()
         return self._inverse

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from starlette.requests import Request
 
-from robocorba.decoding import Work
+from robocorba.system.decoding import Work
 
 #: Interval between looks whether the client is still there [s].
 LOOK_INTERVAL_S = 0.25

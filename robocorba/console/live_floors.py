@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterable
 
 from robocorba.console.frames import rows_of, update_frame, whole_frame
 from robocorba.console.history import History
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
-from robocorba.repeating import Repeating
-from robocorba.spatial.floor_update import WHOLE, FloorView
+from robocorba.map_editor.spatial.floor_update import WHOLE, FloorView
+from robocorba.orb.orb import Orb
+from robocorba.simulation.corba.remote_database import RemoteDatabase
+from robocorba.system.repeating import Repeating
 
 #: Interval between updates of floors that somebody watches, and of the others [s].
 WATCHED_S, UNWATCHED_S = 0.045, 0.5

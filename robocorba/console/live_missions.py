@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.repeating import Repeating
 from robocorba.simulation.mission_record import MissionState
+from robocorba.system.repeating import Repeating
 
 #: Interval between requests for changes [s], and between requests for all missions, which show what was removed.
 INTERVAL_S, ALL_INTERVAL_S = 0.5, 30.0

@@ -7,12 +7,12 @@ import threading
 from collections.abc import Callable
 
 from robocorba.console.floor_plan import floor_plan
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.map_editor import RemoteMap
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
-from robocorba.maps.model import Building
-from robocorba.repeating import Repeating
+from robocorba.map_editor.corba.remote_map import RemoteMap
+from robocorba.map_editor.model import Building
+from robocorba.orb.orb import Orb
+from robocorba.system.repeating import Repeating
 
 #: Interval between requests for map edits [s].
 INTERVAL_S = 0.25

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple, Protocol
 from robocorba.console.sensor_feed import NOTHING, Feed, ScanFeed
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
-from robocorba.repeating import Repeating
+from robocorba.map_editor.spatial.posture import Posture
 from robocorba.simulation.reservations import ReservedAreas
 from robocorba.simulation.robot_scans import RobotScan
-from robocorba.spatial.posture import Posture
+from robocorba.system.repeating import Repeating
 
 #: Interval between requests for scans and postures, and for reservations [s].
 INTERVAL_S, RESERVATIONS_S = 0.1, 0.5

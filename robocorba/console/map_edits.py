@@ -8,11 +8,11 @@ from typing import Any, NamedTuple, Protocol
 from robocorba.console.arguments import text, whole
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.maps import InvalidElement, MapError, StaleEdit, UnknownElement
-from robocorba.maps.changes import ElementKey, key
-from robocorba.maps.consequences import with_consequences
-from robocorba.maps.edits import Finding
-from robocorba.maps.element_json import from_json
-from robocorba.maps.model import COLLECTION_OF, Building, Element, ElementKind, FloorMap
+from robocorba.map_editor.changes import ElementKey, key
+from robocorba.map_editor.consequences import with_consequences
+from robocorba.map_editor.edits import Finding
+from robocorba.map_editor.element_json import from_json
+from robocorba.map_editor.model import COLLECTION_OF, Building, Element, ElementKind, FloorMap
 
 #: Maximum number of edits in one step.
 MAX_EDITS = 5000

@@ -14,7 +14,7 @@ from typing import Any
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.maps import MapFileError
-from robocorba.maps.model import Building, with_topology
+from robocorba.map_editor.model import Building, with_topology
 
 #: Maximum number of uploaded files.
 MAX_FILES = 64
@@ -42,8 +42,8 @@ def read_upload(files: Mapping[str, str], unknown: str, specks: str, topology: b
     Returns `document` (a native map file), `format`, `summary`, `losses` and `warnings` (sentences).
     Raises InvalidUpload, MapFileError."""
     # Imported here and below: the formats and the generator take most of a second to load.
-    from robocorba.maps import checking, native
-    from robocorba.maps.formats import read_map
+    from robocorba.map_editor import checking, native
+    from robocorba.map_editor.formats import read_map
 
     with tempfile.TemporaryDirectory(prefix="robocorba-upload-") as folder:
         main = _store(files, Path(folder))
@@ -67,7 +67,7 @@ def write_download(building: Building, format: str, resolution_m: float, image: 
     """The building in a format: `name` of the file, `content` in base64, `losses`. Several files become one archive.
 
     Raises InvalidUpload for an unknown format, MapFileError."""
-    from robocorba.maps.formats import export_map
+    from robocorba.map_editor.formats import export_map
 
     if format not in FORMATS:
         raise InvalidUpload(f"the format {format[:40]!r} can't be written; there are {', '.join(FORMATS)}")
@@ -133,7 +133,7 @@ def _packed(stem: str, files: Mapping[Path, bytes]) -> tuple[str, bytes]:
 
 
 def _with_roads(building: Building, floor: str, radius_m: float) -> tuple[Building, str]:
-    from robocorba.maps.topology import topological_map
+    from robocorba.map_editor.topology import topological_map
 
     nodes = tuple(building.floors[floor].topological.nodes.values())
     roads = topological_map(building, floor, radius_m, nodes)

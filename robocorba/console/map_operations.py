@@ -10,17 +10,17 @@ from robocorba.console import map_files
 from robocorba.console.arguments import InvalidArguments, number, text
 from robocorba.console.map_edits import Edit, apply_edits, read_edits, stale_of
 from robocorba.console.map_sessions import TabSession, TabSessions
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.edit_session import RemoteMapEditor
-from robocorba.corba.remote.path_planner import RemotePlanner
 from robocorba.errors.maps import DuplicateElement, InvalidElement, MapError, SessionEnded, VersionUnavailable
 from robocorba.errors.paths import PathError
-from robocorba.maps.edits import Finding
-from robocorba.maps.element_json import as_json, form_members
-from robocorba.maps.model import COLLECTION_OF, ElementKind
-from robocorba.maps.underlays import Underlay
+from robocorba.map_editor.corba.remote_edit_session import RemoteMapEditor
+from robocorba.map_editor.edits import Finding
+from robocorba.map_editor.element_json import as_json, form_members
+from robocorba.map_editor.model import COLLECTION_OF, ElementKind
+from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
+from robocorba.map_editor.underlays import Underlay
+from robocorba.orb.orb import Orb
+from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import Path, PathRequest, Place, RouteMode
-from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Maximum number of edits and findings in an answer.
 MAX_NEWS, MAX_FINDINGS = 50, 500

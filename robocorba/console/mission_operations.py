@@ -6,9 +6,9 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.mission_control import RemoteMissionControl
 from robocorba.errors.services import NotReachable
+from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
+from robocorba.orb.orb import Orb
 
 #: Timeout to find mission control [s].
 RESOLVE_TIMEOUT_S = 1.0

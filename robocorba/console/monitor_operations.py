@@ -10,7 +10,7 @@ from robocorba.console.films import Films, InvalidFilm
 from robocorba.console.history import History
 from robocorba.console.monitor_state import MonitorState
 from robocorba.console.recordings import Recordings
-from robocorba.maps.model import Building
+from robocorba.map_editor.model import Building
 
 
 class MonitorOperations:

@@ -10,8 +10,8 @@ from typing import Any, Protocol
 from robocorba.console.contacts import Contact, contacts_since
 from robocorba.console.happenings import Happenings
 from robocorba.console.history import KEPT_S, History
-from robocorba.maps.model import Building
-from robocorba.repeating import Repeating
+from robocorba.map_editor.model import Building
+from robocorba.system.repeating import Repeating
 
 #: Interval between comparisons of the state [s].
 INTERVAL_S = 0.5

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from robocorba.console.arguments import InvalidArguments, checked
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.corba.remote.emergency_stop import StopAddresses, reset_robots, stop_robots
 from robocorba.errors.services import NotReachable
-from robocorba.supervision.stop_addresses import stop_addresses
+from robocorba.orb.orb import Orb
+from robocorba.robot.corba.emergency_stop import StopAddresses, reset_robots, stop_robots
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.system.supervision.stop_addresses import stop_addresses
 
 #: Timeout for finding a robot [s].
 RESOLVE_TIMEOUT_S = 1.0

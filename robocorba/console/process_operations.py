@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from robocorba.console.arguments import count, number, text, texts
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.supervisor import RemoteSupervisor
-from robocorba.processes import MAX_LOG_LINES, ProcessState, RobotOrder
+from robocorba.orb.orb import Orb
+from robocorba.system.corba.remote_supervisor import RemoteSupervisor
+from robocorba.system.processes import MAX_LOG_LINES, ProcessState, RobotOrder
 
 
 class ProcessOperations:

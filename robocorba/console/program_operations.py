@@ -10,15 +10,15 @@ from typing import Any, Protocol
 import msgspec
 
 from robocorba.console.arguments import InvalidArguments, texts
-from robocorba.control.agent_state import AgentState, IconBegun
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.robots import InvalidProgram
-from robocorba.kinematics.tasks import POSTURES
-from robocorba.programs import program as programs
-from robocorba.programs.program import Program
-from robocorba.programs.python_source import python_source
-from robocorba.programs.report import CheckReport, report_of
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentState, IconBegun
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.kinematics.tasks import POSTURES
+from robocorba.robot.programs import program as programs
+from robocorba.robot.programs.program import Program
+from robocorba.robot.programs.python_source import python_source
+from robocorba.robot.programs.report import CheckReport, report_of
 
 #: Timeout for finding a robot [s].
 RESOLVE_TIMEOUT_S = 1.0

@@ -8,11 +8,11 @@ from typing import Any
 
 from robocorba.console.floor_plan import floor_plan
 from robocorba.console.history import History
-from robocorba.decoding import Work
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
-from robocorba.maps.model import Building
+from robocorba.map_editor.model import Building
 from robocorba.simulation.recording import Recording
+from robocorba.system.decoding import Work
 
 #: Maximum number of recordings kept in memory; the oldest one gives way to a new one.
 MAX_OPEN = 3

@@ -18,8 +18,8 @@ from fastapi import WebSocket, WebSocketDisconnect
 
 from robocorba.console.frames import update_frame
 from robocorba.errors.base import RoboCorbaError
-from robocorba.spatial.floor_update import WHOLE, FloorUpdate
-from robocorba.spatial.posture import Posture
+from robocorba.map_editor.spatial.floor_update import WHOLE, FloorUpdate
+from robocorba.map_editor.spatial.posture import Posture
 
 _log = logging.getLogger(__name__)
 

@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Collection, Iterable
 from typing import Any, NamedTuple
 
-from robocorba.sensing.fan import LASER, PROXIMITY
 from robocorba.simulation.robot_scans import RobotScan
+from robocorba.simulation.sensing.fan import LASER, PROXIMITY
 
 #: Time after which a scan is taken away if its sensor makes no other one, in simulated and in real time [s].
 MAX_AGE_S = 2.0

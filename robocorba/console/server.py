@@ -42,16 +42,16 @@ from robocorba.console.settings import ConsoleSettings, dates_problem
 from robocorba.console.simulation_operations import SimulationOperations
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import Viewers
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.mission_control import RemoteMissionControl
-from robocorba.corba.remote.omni_database import RemoteDatabase
-from robocorba.corba.remote.robot_view import RemoteRobotView
-from robocorba.decoding import Work
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import PortInUse, ServiceError
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.events.arrival_clock import ArrivalClock
+from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
+from robocorba.orb.orb import Orb
+from robocorba.robot.corba.robot_view import RemoteRobotView
+from robocorba.simulation.corba.remote_database import RemoteDatabase
+from robocorba.system.decoding import Work
 
 STATIC = Path(__file__).parent / "static"
 #: Largest recording that a user may open [bytes].
@@ -201,13 +201,13 @@ class Console:
 
 
 def _link_tree() -> Any:
-    from robocorba.kinematics.link_tree import as_json
+    from robocorba.robot.kinematics.link_tree import as_json
 
     return as_json()
 
 
 def _urdf() -> str:
-    from robocorba.kinematics.urdf import urdf
+    from robocorba.robot.kinematics.urdf import urdf
 
     return urdf()
 

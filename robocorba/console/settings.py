@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from robocorba.decoding import read_text
 from robocorba.errors.services import ServiceError
-from robocorba.names import SUPERVISOR
-from robocorba.settings import Address, InvalidSetting, Settings
+from robocorba.system.decoding import read_text
+from robocorba.system.names import SUPERVISOR
+from robocorba.system.settings import Address, InvalidSetting, Settings
 
 #: Default port of the console.
 DEFAULT_PORT = 8800

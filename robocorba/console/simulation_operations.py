@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from robocorba.console.arguments import count, text
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.administrator import RemoteAdministrator
 from robocorba.errors.base import RoboCorbaError
-from robocorba.spatial.pose import Pose
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.orb.orb import Orb
+from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
 
 #: Steps at most in one call; more would take longer than a call may.
 MAX_STEPS = 10_000

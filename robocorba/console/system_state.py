@@ -9,12 +9,12 @@ from collections.abc import Collection
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
+from robocorba.console.corba.system_state import Question, channel_state, robot_state, server_state
 from robocorba.console.defects import DEFECT
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.system_state import Question, channel_state, robot_state, server_state
 from robocorba.errors.base import RoboCorbaError
-from robocorba.names import CHANNELS, ROBOTS
-from robocorba.repeating import Repeating
+from robocorba.orb.orb import Orb
+from robocorba.system.names import CHANNELS, ROBOTS
+from robocorba.system.repeating import Repeating
 
 _log = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from robocorba.events.event_numbers import first_number_of, next_life
 from robocorba.events.federation import Advertisement
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import Subscription
-from robocorba.record_file import RecordFile
+from robocorba.system.record_file import RecordFile
 
 #: "RoCe", the application id in the header of the SQLite file.
 APPLICATION_ID = 0x526F4365

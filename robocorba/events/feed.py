@@ -23,12 +23,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from robocorba.background import Background
 from robocorba.errors.events import NotDelivered, SessionOver
 from robocorba.events.account import Account, Totals
 from robocorba.events.event import EventBatch, merged
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.queue import EventQueue, QueueItem, QueuePolicy
+from robocorba.system.background import Background
 
 #: Maximum number of packets in flight.
 WINDOW = 64

@@ -16,7 +16,6 @@ from collections import deque
 from collections.abc import Callable, Hashable
 from typing import Protocol
 
-from robocorba.background import Background
 from robocorba.errors.events import InternalFault
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Arrivals, Totals
@@ -29,6 +28,7 @@ from robocorba.events.proxy import Proxy
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import ALL, SubscriptionMatch
+from robocorba.system.background import Background
 
 #: Echoes are expected for at least this time [s]; a later one may be published as a new event.
 ECHO_S = 30.0

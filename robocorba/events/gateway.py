@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
-from robocorba.background import Background
 from robocorba.errors.events import InvalidPeer, SessionOver
 from robocorba.errors.services import NotReachable
 from robocorba.events.account import Arrivals, Totals
@@ -24,6 +23,7 @@ from robocorba.events.known_advertisements import KnownAdvertisements
 from robocorba.events.peer_clock import Exchange, PeerClock
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.subscription import Pattern
+from robocorba.system.background import Background
 
 #: Maximum number of packets that are kept until an earlier, missing packet arrives.
 MAX_EARLY = 64

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from robocorba.backoff import Backoff
+from robocorba.system.backoff import Backoff
 
 
 @dataclass(frozen=True)

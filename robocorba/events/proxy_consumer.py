@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable
 
-from robocorba.background import Background
 from robocorba.errors.events import (
     ClientGone,
     Disconnected,
@@ -22,6 +21,7 @@ from robocorba.events.clients import SupplierPort
 from robocorba.events.event import EventBatch
 from robocorba.events.policies import PollingPolicy
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
+from robocorba.system.background import Background
 
 #: What the name of a supplier begins with whose events all have the rest as their source. Names are stored, so that it
 #: holds after a restart too.

@@ -23,7 +23,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-from robocorba.background import Background
 from robocorba.errors.events import ClientGone, EventError, InternalFault, NotDelivered, Refused, Unconfirmed
 from robocorba.events.call_limiter import CallLimiter
 from robocorba.events.clients import ConsumerPort
@@ -33,6 +32,7 @@ from robocorba.events.proxy import ProxyCondition, ProxyKind
 from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.queue import QueueItem, QueuePolicy
 from robocorba.events.subscription import Subscription, SubscriptionMatch
+from robocorba.system.background import Background
 
 #: Timeout of a call from a supplier's thread [s]. A consumer that hangs delays the others once by this time.
 INLINE_TIMEOUT_S = 0.05

@@ -19,9 +19,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
 
-from robocorba.damaged_files import set_aside
 from robocorba.errors.services import ServiceError
 from robocorba.events.event_numbers import COUNT_BITS, COUNT_MASK
+from robocorba.system.damaged_files import set_aside
 
 #: Maximum number of lives of all origins together; beyond that the least recently used one is forgotten.
 MAX_LIVES = 512

@@ -19,13 +19,13 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.errors.paths import Blocker
 from robocorba.errors.places import place
 from robocorba.errors.robots import ImpossibleCarry
-from robocorba.maps.geometry import landing_line
-from robocorba.maps.model import Elevator
+from robocorba.map_editor.geometry import landing_line
+from robocorba.map_editor.model import Elevator
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.pose import XY, Pose
 from robocorba.missions.formation import MARGIN_M, Formation, width_of
 from robocorba.missions.obstacles import BuildingObstacles, FloorObstacles, ObstacleInMargin, placed
 from robocorba.planning.body_search import HEADINGS, Bytes, Lattice, distances_to_goal
-from robocorba.spatial.arrays import Floats
-from robocorba.spatial.pose import XY, Pose
 
 #: Radius of the disc that shows whether start and goal are connected at all [m].
 THIN_RADIUS_M = 0.05

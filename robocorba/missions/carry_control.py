@@ -7,13 +7,13 @@ from collections import deque
 from collections.abc import Callable
 
 from robocorba.errors.robots import MotionFailed
+from robocorba.map_editor.spatial.frames import into, out_of, turned
+from robocorba.map_editor.spatial.pose import XY, Pose2D
 from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.trajectory import ON_PATH, Trajectory
-from robocorba.motion.motion import MotionCommand
-from robocorba.motion.robot_state import RobotState
-from robocorba.spatial.frames import into, out_of, turned
-from robocorba.spatial.pose import XY, Pose2D
+from robocorba.robot.motion.motion import MotionCommand
+from robocorba.robot.motion.robot_state import RobotState
 
 #: Proportional gain of the position controller [1/s].
 POSITION_GAIN = 4.0

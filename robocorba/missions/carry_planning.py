@@ -17,9 +17,11 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.places import metres
 from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
-from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.maps.model import Building, Elevator, Floor
-from robocorba.maps.movable import movables, not_found, object_outline
+from robocorba.map_editor.model import Building, Elevator, Floor
+from robocorba.map_editor.movable import movables, not_found, object_outline
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.frames import out_of
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.missions.blocked_carry import Attempt, FailedSearch, why_impossible, why_not_free
 from robocorba.missions.formation import ARMS_WIDTH_M, BACK_OFF_M, MARGIN_M, SHORT_BACK_OFFS_M, Formation, formations
 from robocorba.missions.obstacles import Blocked, BuildingObstacles, FloorObstacles, placed
@@ -34,9 +36,7 @@ from robocorba.planning.body_search import (
     shorten,
 )
 from robocorba.planning.request import MAX_COORDINATE_M
-from robocorba.spatial.arrays import Floats
-from robocorba.spatial.frames import out_of
-from robocorba.spatial.pose import Pose
+from robocorba.robot.kinematics.smartpal import RADIUS_M
 
 #: Clearance that shortened paths keep if there is room [m].
 PREFERRED_MARGIN_M = 0.15

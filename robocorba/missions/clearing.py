@@ -10,15 +10,15 @@ import shapely
 from shapely import LineString, Point
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.maps.geometry import Obstacle
-from robocorba.maps.model import Building
+from robocorba.map_editor.geometry import Obstacle
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.missions.messages import MakeWay, WayMade
 from robocorba.missions.obstacles import Blocked, BuildingObstacles, FloorObstacles, placed
 from robocorba.missions.world import MovableObject, StandingRobot, World
 from robocorba.planning.body_search import distances_to_goal, lay_lattice
 from robocorba.planning.request import Path, Place
-from robocorba.spatial.pose import XY
+from robocorba.robot.kinematics.smartpal import RADIUS_M
 
 #: Gap between a robot and the way of others [m].
 GAP_M = 0.05

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.polygons import FloorArea
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.planning.request import Place
 

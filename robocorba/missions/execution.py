@@ -9,24 +9,24 @@ from collections.abc import Callable
 from functools import singledispatchmethod
 from typing import Any
 
-from robocorba.control.elevator_rides import WhileRiding
-from robocorba.control.robot import Robot
-from robocorba.control.session import once_back
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MotionFailed, Unreachable
 from robocorba.errors.simulation import InvalidReservation
-from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, SHUT_RAD, Side
-from robocorba.kinematics.tasks import POSTURES, grip_table
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.polygons import FloorArea
+from robocorba.map_editor.spatial.frames import Frame, into, out_of
 from robocorba.missions import subplan
 from robocorba.missions.carry_control import CarryMotion
 from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.trajectory import Trajectory
+from robocorba.robot.elevator_rides import WhileRiding
+from robocorba.robot.kinematics.pose import HandPose
+from robocorba.robot.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, SHUT_RAD, Side
+from robocorba.robot.kinematics.tasks import POSTURES, grip_table
+from robocorba.robot.robot import Robot
+from robocorba.robot.session import once_back
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.physics import HANDS_APART_M
-from robocorba.spatial.frames import Frame, into, out_of
 
 #: Speed limit near the object and other robots.
 NEAR_SPEED_M_S = 0.2

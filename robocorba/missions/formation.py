@@ -15,9 +15,9 @@ from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.robots import InvalidCarry
-from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.spatial.arrays import Floats
-from robocorba.spatial.pose import Pose2D
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.pose import Pose2D
+from robocorba.robot.kinematics.smartpal import RADIUS_M
 
 #: Distance from the centre of a carrier's base to its hands [m].
 HAND_M = 0.62

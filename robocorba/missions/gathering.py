@@ -13,13 +13,13 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.paths import PathError
 from robocorba.errors.robots import MissionFailed
-from robocorba.kinematics.smartpal import RADIUS_M
+from robocorba.map_editor.spatial.pose import XY, Pose2D
 from robocorba.missions.clearing import in_the_way, lane, united
 from robocorba.missions.obstacles import placed
 from robocorba.missions.world import MovableObject, StandingRobot, World
 from robocorba.planning.request import MAX_AREAS, Path, PathRequest, Place, RouteMode
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
-from robocorba.spatial.pose import XY, Pose2D
+from robocorba.robot.kinematics.smartpal import RADIUS_M
 
 #: Wanted gap between gathering robots [m].
 SPACING_M = 0.12

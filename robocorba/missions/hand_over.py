@@ -12,11 +12,10 @@ from itertools import pairwise, product
 from shapely import MultiLineString
 
 from robocorba.errors.robots import InTheWay, MissionFailed
-from robocorba.kinematics import tasks
-from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import RADIUS_M, Side
-from robocorba.maps.geometry import shaft_polygon
-from robocorba.maps.movable import movables
+from robocorba.map_editor.geometry import shaft_polygon
+from robocorba.map_editor.movable import movables
+from robocorba.map_editor.spatial.frames import out_of
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.missions.clearing import Way, in_the_way, places_aside, united
 from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.formation import BACK_OFF_M
@@ -25,8 +24,9 @@ from robocorba.missions.obstacles import BuildingObstacles
 from robocorba.missions.subplan import BackOff, CooperativePlan, Gather, Grip, Idle, PhaseSteps, Reach, plan_of
 from robocorba.missions.world import StandingRobot, World
 from robocorba.planning.request import PathPoint, Place
-from robocorba.spatial.frames import out_of
-from robocorba.spatial.pose import XY
+from robocorba.robot.kinematics import tasks
+from robocorba.robot.kinematics.pose import HandPose
+from robocorba.robot.kinematics.smartpal import RADIUS_M, Side
 
 #: Distance between the centres of both bases [m].
 BETWEEN_M = 1.2

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import GoalReached, InTheWay, MissionFailed, MissionTakenOver, RobotLost
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.polygons import FloorArea
 from robocorba.missions.attempt import Attempt, AttemptFailed, Interrupted, OnProgress, Phases
 from robocorba.missions.clearing import requests_for
 from robocorba.missions.clock import OWN_CLOCK

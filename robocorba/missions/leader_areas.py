@@ -10,12 +10,12 @@ import contextlib
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from robocorba.backoff import Backoff
-from robocorba.control.session import once_back
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import InvalidReservation
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.polygons import FloorArea
+from robocorba.robot.session import once_back
 from robocorba.simulation.reservations import Reservation
+from robocorba.system.backoff import Backoff
 
 #: A leader that is taken over is gone after this time, as its lease ends [s].
 GONE_LIMIT_S = 5.0

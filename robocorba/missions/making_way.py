@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 
-from robocorba.control.agent_state import IconBegun, ProgramReport, ProgramResult
-from robocorba.control.execution_control import Aborted
-from robocorba.control.robot import Robot
 from robocorba.errors.base import RoboCorbaError
 from robocorba.missions.messages import MakeWay, WayMade
+from robocorba.robot.agent_state import IconBegun, ProgramReport, ProgramResult
+from robocorba.robot.execution_control import Aborted
+from robocorba.robot.robot import Robot
 
 
 class MakingWay:

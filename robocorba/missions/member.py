@@ -10,9 +10,6 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from robocorba.control.agent_state import IconBegun, ProgramReport, ProgramResult
-from robocorba.control.execution_control import Aborted
-from robocorba.control.robot import Robot
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed
 from robocorba.missions.carry_progress import CarryProgress
@@ -20,6 +17,9 @@ from robocorba.missions.clock import OWN_CLOCK, LeaderClock
 from robocorba.missions.execution import ObjectLocator, StepExecutor
 from robocorba.missions.messages import Assignment, MemberMeasurements, MemberState, Order
 from robocorba.missions.subplan import Carry, Reserve, Ride
+from robocorba.robot.agent_state import IconBegun, ProgramReport, ProgramResult
+from robocorba.robot.execution_control import Aborted
+from robocorba.robot.robot import Robot
 
 _log = logging.getLogger(__name__)
 

@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 from msgspec import Struct, field
 
-from robocorba.decoding import convert
 from robocorba.errors.simulation import InvalidMission
 from robocorba.missions.subplan import VERSION, SubPlan
+from robocorba.system.decoding import convert
 
 
 class _Message(Struct, frozen=True, kw_only=True):

@@ -9,18 +9,18 @@ from collections.abc import Callable
 
 import msgspec
 
-from robocorba.background import Background
-from robocorba.control.agent import ControlAgent
 from robocorba.errors.events import EventError
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import JOINTS
 from robocorba.missions.execution import ObjectLocator
 from robocorba.missions.making_way import MakingWay
 from robocorba.missions.member import DEFAULT_POLICY, Member, MemberPolicy
 from robocorba.missions.messages import Answer, Assignment, Call, MakeWay, Message, Offer, Order, WayMade
 from robocorba.missions.subplan import Reserve
 from robocorba.missions.transport import Received, Transport
+from robocorba.robot.agent import ControlAgent
+from robocorba.robot.kinematics.smartpal import JOINTS
+from robocorba.system.background import Background
 
 #: Publishing is retried for this time; pause after the channel failed [s].
 RETRY_S = 1.0

@@ -11,7 +11,9 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.robots import GoalReached, InTheWay, MissionFailed
-from robocorba.maps.geometry import Obstacle, shaft_polygon
+from robocorba.map_editor.geometry import Obstacle, shaft_polygon
+from robocorba.map_editor.spatial.frames import out_of
+from robocorba.map_editor.spatial.pose import Pose, Pose2D
 from robocorba.missions.carry_planning import CarryLeg, CarryPlan, plan_carries
 from robocorba.missions.clearing import Way, in_the_way, places_beside, united
 from robocorba.missions.cooperative_planner import CooperativePlanner, ReserveOneOf
@@ -37,12 +39,10 @@ from robocorba.missions.swept_area import swept_areas, swept_shapes
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import StandingRobot, World
 from robocorba.planning.request import Place
-from robocorba.programs.icons import Destination
+from robocorba.robot.programs.icons import Destination
 from robocorba.simulation.elevator import BOARDING_LIMIT_S, BOARDING_MARGIN_S, MAX_BOARDING_S
 from robocorba.simulation.occupants import PAYLOAD_KG
 from robocorba.simulation.reservations import MAX_ALTERNATIVES, MAX_LIMIT_S
-from robocorba.spatial.frames import out_of
-from robocorba.spatial.pose import Pose, Pose2D
 
 #: Distance from its goal within which an object need not be carried [m, rad].
 AT_GOAL_M, AT_GOAL_RAD = 0.01, math.radians(1.0)

@@ -12,12 +12,12 @@ import shapely.affinity
 from shapely import Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.lazy_property import lazy_property
-from robocorba.maps.geometry import Obstacle, obstacles, shaft_polygon
-from robocorba.maps.model import Building
-from robocorba.maps.movable import landing_doors, movables
-from robocorba.spatial.grids import Grid, build_grid, segments_of
-from robocorba.spatial.pose import Pose2D
+from robocorba.map_editor.geometry import Obstacle, obstacles, shaft_polygon
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.movable import landing_doors, movables
+from robocorba.map_editor.spatial.grids import Grid, build_grid, segments_of
+from robocorba.map_editor.spatial.pose import Pose2D
+from robocorba.system.lazy_property import lazy_property
 
 #: Obstacles in addition to the map, by floor: with a name, or just shapes.
 Blocked = Mapping[str, Sequence[Obstacle | BaseGeometry]]

@@ -12,8 +12,6 @@ from typing import Protocol
 import msgspec
 from msgspec.structs import replace
 
-from robocorba.background import Background
-from robocorba.backoff import Backoff
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MissionFailed, MissionTakenOver
 from robocorba.errors.services import NotPermitted, NotReachable
@@ -31,6 +29,8 @@ from robocorba.simulation.mission_record import (
     decoded,
 )
 from robocorba.simulation.store import Mission
+from robocorba.system.background import Background
+from robocorba.system.backoff import Backoff
 
 #: Pause after each write [s]: changes that come faster are written together.
 WRITE_PAUSE_S = 0.1

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.missions.messages import MemberMeasurements, MemberState, type_of
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.missions.transport import Received
-from robocorba.spatial.arrays import Floats
 
 REPORT_FILE = "report.json"
 #: Phases without robots: while the leader looks for helpers, and before that for its turn, and after a fault.

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 from msgspec import Meta, Struct
 
-from robocorba.decoding import decode_msgpack
+from robocorba.system.decoding import decode_msgpack
 
 #: Version of the format of plans and messages; other versions are refused.
 VERSION = 1

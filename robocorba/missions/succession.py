@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
-from robocorba.background import Background
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
 from robocorba.missions.recorder import MissionRecords
 from robocorba.simulation.mission_record import decoded
+from robocorba.system.background import Background
 
 _log = logging.getLogger(__name__)
 

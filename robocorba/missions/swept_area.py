@@ -11,11 +11,11 @@ import shapely
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.polygons import FloorArea
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.pose import XY, Pose2D
 from robocorba.missions.carry_planning import CarryPlan
 from robocorba.missions.obstacles import placed
-from robocorba.spatial.arrays import Floats
-from robocorba.spatial.pose import XY, Pose2D
 
 #: Distance between samples of the path [m, rad].
 _SAMPLE_M, _SAMPLE_RAD = 0.25, 0.2

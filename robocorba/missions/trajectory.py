@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from robocorba.errors.robots import InvalidPlan
+from robocorba.map_editor.spatial.pose import Pose2D
 from robocorba.missions.subplan import Row
-from robocorba.spatial.pose import Pose2D
 
 #: Limits of each carrier, and of the body's origin.
 SPEED_M_S, TURN_SPEED_RAD_S, ACCELERATION_M_S2 = 0.25, 0.3, 0.4

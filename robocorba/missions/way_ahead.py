@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from robocorba.background import Background
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.missions.clearing import Requests
 from robocorba.missions.lookout import STOP_S, Ahead, Lookout
 from robocorba.missions.messages import WayMade
+from robocorba.system.background import Background
 
 #: Interval between looks [s].
 LOOK_INTERVAL_S = 0.1

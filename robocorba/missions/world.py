@@ -8,10 +8,10 @@ from typing import NamedTuple, Protocol
 from shapely import Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps.geometry import Obstacle
-from robocorba.maps.model import Building
+from robocorba.map_editor.geometry import Obstacle
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.pose import Pose2D
 from robocorba.planning.request import Path, PathRequest
-from robocorba.spatial.pose import Pose2D
 
 
 class MovableObject(NamedTuple):

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from shapely import Polygon
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.grids import Grid, segments_of
 from robocorba.planning.space import line_clearance
-from robocorba.spatial.arrays import Floats
-from robocorba.spatial.grids import Grid, segments_of
+from robocorba.system.kernels import kernel
 
 #: Poses are tested until no point of the body moves farther than this between two of them [m]. In between, the
 #: clearance is smaller by at most half of it.

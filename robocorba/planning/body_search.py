@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.grids import Grid
 from robocorba.planning.body import CapsuleBody, body_clearance, body_passes
 from robocorba.planning.space import nearest_segment
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.grids import Grid
+from robocorba.system.kernels import kernel
 
 Bytes = NDArray[np.uint8]
 Singles = NDArray[np.float32]

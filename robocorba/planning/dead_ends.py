@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.planning.segments import segments_distance2
 from robocorba.planning.triangulation import Flags, Mesh, locate, on_lattice
-from robocorba.spatial.arrays import Floats, Longs
+from robocorba.system.kernels import kernel
 
 #: Exit triangle of a triangle of the core.
 IN_CORE = -1

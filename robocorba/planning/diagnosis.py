@@ -9,14 +9,14 @@ import numpy as np
 import shapely
 
 from robocorba.errors.paths import Blocker
-from robocorba.maps.geometry import Obstacle, object_geometry
-from robocorba.maps.model import Building, PathEdge
+from robocorba.map_editor.geometry import Obstacle, object_geometry
+from robocorba.map_editor.model import Building, PathEdge
+from robocorba.map_editor.spatial.arrays import Longs
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning import geometric, topological
 from robocorba.planning.request import Path, PathRequest, Place, PointKind, RouteMode
 from robocorba.planning.snapshot import FORBIDDEN, BuildingSnapshot
 from robocorba.planning.turns import Turn
-from robocorba.spatial.arrays import Longs
-from robocorba.spatial.pose import XY
 
 #: Radius of a thin robot [m]: if it has a path where the real one has none, gaps are too narrow.
 THIN_M = 0.02

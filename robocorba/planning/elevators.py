@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from robocorba.maps.model import Building, Elevator
+from robocorba.map_editor.model import Building, Elevator
 
 #: Acceleration and deceleration of a cabin [m/s^2]: typical of passenger elevators, as maps do not contain it.
 ACCELERATION_M_S2 = 1.0

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.grids import Grid
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.dead_ends import exit_triangles
 from robocorba.planning.triangulation import crossings, empty_mesh, insert_points, insert_walls, trimmed
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.grids import Grid
-from robocorba.spatial.pose import XY
+from robocorba.system.kernels import kernel
 
 #: Angles that differ by less are equal [rad].
 SAME_RAD = 1e-7

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple, TypeVar
 
-from robocorba.maps.geometry import DOOR_REACH_M
-from robocorba.maps.model import Building
-from robocorba.maps.vicinity import line_box, walls_intersecting
+from robocorba.map_editor.geometry import DOOR_REACH_M
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.vicinity import line_box, walls_intersecting
 
 #: Maximum number of changed elements for an incremental update; rebuilding the whole floor is cheaper beyond it.
 MAX_TOUCHED = 1_000

@@ -8,7 +8,9 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from robocorba.maps.model import Building
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.elevators import RideEstimate, ride
 from robocorba.planning.request import Criterion, PathRequest
 from robocorba.planning.road_rules import NO_LANES
@@ -17,8 +19,6 @@ from robocorba.planning.route import ELEVATOR, NODE, TRAVELS, WAITS, waypoints
 from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.tangent_graph import DriveLeg
 from robocorba.planning.turns import Turn
-from robocorba.spatial.arrays import Floats
-from robocorba.spatial.pose import XY
 
 #: A vertex of the search: a floor, the elevator whose cabin is there or " start" or " goal", and the number of the
 #: place in the cabin.

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.planning.packing import Packed, numbers, pack, rows
 from robocorba.planning.roads import CLEARANCE, DRIVEN, LENGTH, SPEED_LIMIT, TRAVEL, WAIT, RoadMap, RoadmapArrays
 from robocorba.planning.space import TOUCH_M
-from robocorba.spatial.arrays import Floats, Longs
+from robocorba.system.kernels import kernel
 
 #: Maximum number of nodes of a building that gets a table of all costs for the robot of getPath.
 MAX_TABLE_NODES = 400

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robocorba.kernels import kernel
-from robocorba.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.system.kernels import kernel
 
 
 class Packed(NamedTuple):

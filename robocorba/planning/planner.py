@@ -10,7 +10,8 @@ from contextlib import AbstractContextManager
 from typing import NoReturn
 
 from robocorba.errors.paths import NoPath, NotFree
-from robocorba.maps.model import Building, Floor, PathEdge, PathNode, Wall
+from robocorba.map_editor.model import Building, Floor, PathEdge, PathNode, Wall
+from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.planning import diagnosis, geometric, topological
 from robocorba.planning.request import (
     SMARTPAL_SPEED_M_S,
@@ -26,7 +27,6 @@ from robocorba.planning.route import off_road
 from robocorba.planning.search import find_path, with_limits
 from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.turns import Turn, Turns
-from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 #: Time limit of a query [s]. Clients usually wait for 10 s; a shorter limit ends work whose result nobody awaits.
 TIME_LIMIT_S = 8.0

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from robocorba.errors.paths import InvalidPoint, InvalidRequest, UnknownFloor
 from robocorba.errors.places import metres
-from robocorba.maps.model import Building
-from robocorba.maps.polygons import MAX_COORDINATE_M, check_polygon
-from robocorba.spatial.pose import SMARTPAL_RADIUS_M, XY, Limits
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.polygons import MAX_COORDINATE_M, check_polygon
+from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M, XY, Limits
 
 #: Maximum speed of SmartPal's base [m/s].
 SMARTPAL_SPEED_M_S = Limits().speed

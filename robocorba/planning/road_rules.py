@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.kernels import kernel
-from robocorba.maps.model import PathEdge
+from robocorba.map_editor.model import PathEdge
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.space import TOUCH_M
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.pose import XY
+from robocorba.system.kernels import kernel
 
 #: Columns of lanes after the ends; those of the direction back follow those of the direction there.
 WIDEST, SPEED, CROSSING, LANE_COLUMNS = 4, 6, 8, 9

@@ -10,15 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.kernels import kernel
-from robocorba.lazy_property import lazy_property
-from robocorba.maps.model import Building, FloorMap, PathEdge
+from robocorba.map_editor.model import Building, FloorMap, PathEdge
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.grids import Grid
 from robocorba.planning.elevators import ride
 from robocorba.planning.request import MAX_RADIUS_M, IndexedNames
 from robocorba.planning.road_rules import make_lanes
 from robocorba.planning.space import FloorSpace, is_ground, line_clearance
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.grids import Grid
+from robocorba.system.kernels import kernel
+from robocorba.system.lazy_property import lazy_property
 
 #: Columns of RoadmapArrays.measures. Waiting and travelling are 0 s for a drive. The length of a ride is its climb and
 #: the drive in the cabin between nodes at different places, DRIVEN [m], negative where that comes before the ride.

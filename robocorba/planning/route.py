@@ -13,9 +13,9 @@ import math
 
 import numpy as np
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.planning.request import PointKind
-from robocorba.spatial.arrays import Floats
+from robocorba.system.kernels import kernel
 
 FLOOR, X, Y, NODE, ELEVATOR, LIMIT, WAITS, TRAVELS, ROAD = range(9)
 COLUMNS = 9

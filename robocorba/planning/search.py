@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.grids import Grid
 from robocorba.planning.heuristics import COST_IN_METRES, HeuristicTables, continues_ride, read_heuristics, step_cost
 from robocorba.planning.packing import Packed
 from robocorba.planning.road_rules import (
@@ -43,8 +44,7 @@ from robocorba.planning.route import (
 from robocorba.planning.space import TOUCH_M, detour_bound, line_free
 from robocorba.planning.triangulation import doubled
 from robocorba.planning.world import Ground, floor_grid, floor_lanes, floor_point_is_free, packed_rules, unpack
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.grids import Grid
+from robocorba.system.kernels import kernel
 
 #: Statuses of `find_route`.
 FOUND, START_NOT_FREE, GOAL_NOT_FREE, START_SEES_NO_NODE, GOAL_SEES_NO_NODE, NO_ROUTE = range(6)

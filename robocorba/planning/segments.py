@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robocorba.kernels import kernel
+from robocorba.system.kernels import kernel
 
 
 @kernel

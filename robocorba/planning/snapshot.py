@@ -12,8 +12,10 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from robocorba.errors.paths import Blocker, NoPath
-from robocorba.maps.model import Building, ElementKind, FloorMap, MapObject, PolygonShape, Wall
-from robocorba.maps.movable import movables
+from robocorba.map_editor.model import Building, ElementKind, FloorMap, MapObject, PolygonShape, Wall
+from robocorba.map_editor.movable import movables
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M, XY
 from robocorba.planning.floor_source import FloorSource
 from robocorba.planning.heuristics import COST_IN_METRES, make_heuristics
 from robocorba.planning.packing import Packed
@@ -24,8 +26,6 @@ from robocorba.planning.search import points_of
 from robocorba.planning.space import TOUCH_M, FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.world import pack_world
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.pose import SMARTPAL_RADIUS_M, XY
 
 #: Maximum number of cached tangent graphs, one for each floor and radius; the least recently used is dropped.
 MAX_GRAPHS = 64

@@ -14,16 +14,16 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from robocorba.kernels import kernel
-from robocorba.maps.geometry import Obstacle, obstacles
-from robocorba.maps.model import Building
-from robocorba.maps.vicinity import named_obstacles
+from robocorba.map_editor.geometry import Obstacle, obstacles
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.grids import Grid, build_grid, column_of, row_of, segments_of, span
+from robocorba.map_editor.spatial.pose import XY
+from robocorba.map_editor.vicinity import named_obstacles
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.floor_source import FloorSource, Touched
 from robocorba.planning.segments import segments_distance2
-from robocorba.spatial.arrays import Floats
-from robocorba.spatial.grids import Grid, build_grid, column_of, row_of, segments_of, span
-from robocorba.spatial.pose import XY
+from robocorba.system.kernels import kernel
 
 #: Tolerance for rounding where a robot touches what it passes [m].
 TOUCH_M = 1e-9

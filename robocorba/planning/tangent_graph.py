@@ -19,6 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from robocorba.errors.paths import PlanningTimeout
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.dead_ends import DeadEnds, near_core
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.road_rules import NO_LANES, path_breaks_rule
@@ -36,8 +38,6 @@ from robocorba.planning.tangent_search import (
 )
 from robocorba.planning.turns import ALONE, Turn
 from robocorba.planning.visible_region import make_scratch
-from robocorba.spatial.arrays import Floats
-from robocorba.spatial.pose import XY
 
 #: Minimum radius of the circle around a vertex [m]: with radius 0 a wall would have no corner to turn at.
 MIN_TURN_M = 0.01

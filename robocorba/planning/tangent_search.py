@@ -13,15 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.grids import Grid
 from robocorba.planning.dead_ends import DeadEnds, stamp_exit_route
 from robocorba.planning.road_rules import breaks_rule
 from robocorba.planning.space import line_free
 from robocorba.planning.tangents import SAME_RAD, arc_corners, arc_is_free, free_arc, tangent
 from robocorba.planning.triangulation import Mesh, doubled
 from robocorba.planning.visible_region import Scratch, seen_from
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.grids import Grid
+from robocorba.system.kernels import kernel
 
 #: Statuses of a search.
 DONE, NO_ROOM, NO_BUDGET = range(3)

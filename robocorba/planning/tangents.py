@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.grids import Grid, column_of, row_of
 from robocorba.planning.floor_mesh import SAME_RAD
 from robocorba.planning.segments import point_segment_distance2
 from robocorba.planning.space import line_free
-from robocorba.spatial.arrays import Floats
-from robocorba.spatial.grids import Grid, column_of, row_of
+from robocorba.system.kernels import kernel
 
 #: Angle for each of the outer tangent lines that replace an arc [rad]: the path is at most 0.33 % longer.
 SIDE_RAD = math.pi / 16

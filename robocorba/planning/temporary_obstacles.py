@@ -9,9 +9,9 @@ from typing import NamedTuple
 import shapely
 
 from robocorba.errors.paths import Blocker, NoPath, NotFree, PathError
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.polygons import FloorArea
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.request import PathRequest
-from robocorba.spatial.pose import XY
 
 #: How the path planning agent names the forbidden areas of a request, which it counts from 0.
 _AREA = re.compile(r"forbidden area (\d+)")

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning import geometric
 from robocorba.planning.heuristics import COST_IN_METRES
 from robocorba.planning.request import Criterion, PathRequest, Place, RouteMode
@@ -29,8 +31,6 @@ from robocorba.planning.search import (
 from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.turns import Turn
 from robocorba.planning.world import floor_grid, unpack
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.pose import XY
 
 #: Cost factor of the edges of a better route in the search for an alternative.
 DETOUR_FACTOR = 1.6

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.kernels import kernel
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.grids import Grid
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.grids import Grid
+from robocorba.system.kernels import kernel
 
 #: Number of steps of the lattice across the frame: products of two differences fit into 64 bits.
 LATTICE = 1 << 30

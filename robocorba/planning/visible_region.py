@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.planning.triangulation import (
     Mesh,
     corner_of,
@@ -21,7 +21,7 @@ from robocorba.planning.triangulation import (
     next_in_star,
     on_lattice,
 )
-from robocorba.spatial.arrays import Floats, Longs
+from robocorba.system.kernels import kernel
 
 #: Distance beside a ray within which a vertex counts as seen [steps of the lattice].
 SLACK_STEPS = 4.0

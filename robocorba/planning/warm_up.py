@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from robocorba.maps.model import Building
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.planning.planner import WARM_UP_GOAL, WARM_UP_START, PathPlanner, warm_up_room
 from robocorba.planning.request import PathRequest
 from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.space import FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.topological import connect_in_sight
-from robocorba.spatial.pose import SMARTPAL_RADIUS_M
 
 
 def drives() -> None:

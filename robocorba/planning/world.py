@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.grids import Grid
 from robocorba.planning.packing import Packed, numbers, pack, rows
 from robocorba.planning.road_rules import LANE_COLUMNS, RoadRules
 from robocorba.planning.roads import MEASURES, RoadmapArrays
 from robocorba.planning.space import FloorSpace, point_is_free
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.grids import Grid
+from robocorba.system.kernels import kernel
 
 
 class Ground(NamedTuple):

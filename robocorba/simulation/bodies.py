@@ -10,7 +10,7 @@ import pymunk
 from pymunk._chipmunk import ffi, lib  # type: ignore[import-not-found]
 from pymunk.batch import ArbiterFields, BodyFields, Buffer, get_space_arbiters, get_space_bodies
 
-from robocorba.spatial.arrays import Floats
+from robocorba.map_editor.spatial.arrays import Floats
 
 _STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
 _VELOCITIES = BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY

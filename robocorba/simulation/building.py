@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 from shapely import Point, Polygon
 
-from robocorba.maps.geometry import is_in_shaft
-from robocorba.maps.lineage import SAME_NAMES, Lineage
-from robocorba.maps.model import Building
-from robocorba.maps.movable import fixed_obstacles, movables
+from robocorba.map_editor.geometry import is_in_shaft
+from robocorba.map_editor.lineage import SAME_NAMES, Lineage
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.movable import fixed_obstacles, movables
+from robocorba.map_editor.spatial.pose import XY, Pose
 from robocorba.simulation.body_names import owner
 from robocorba.simulation.elevators import Elevators
 from robocorba.simulation.floor_pool import FloorPool
@@ -24,7 +25,6 @@ from robocorba.simulation.simulated_robot import SimulatedRobot
 from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.static_parts import static_parts
 from robocorba.simulation.world_record import WorldRecord
-from robocorba.spatial.pose import XY, Pose
 
 
 class MapUpdate(NamedTuple):

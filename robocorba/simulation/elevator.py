@@ -20,10 +20,10 @@ from enum import Enum
 from typing import NamedTuple
 
 from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
-from robocorba.maps.model import Elevator
+from robocorba.map_editor.model import Elevator
+from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
 from robocorba.planning.elevators import travel_time, travelled
 from robocorba.simulation.world_record import CabinRecord, RideRecord
-from robocorba.spatial.elevator_state import Doors, ElevatorState
 
 #: Time limit for boarding, and for alighting, while the doors are open [s].
 BOARDING_LIMIT_S = 15.0

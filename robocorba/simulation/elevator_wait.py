@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
-from robocorba.maps.model import Elevator
+from robocorba.map_editor.model import Elevator
 from robocorba.planning.elevators import travel_time
 from robocorba.simulation.elevator import BOARDING_LIMIT_S, OPEN_LIMIT_S, Cabin, RidePhase, RideSession
 

@@ -15,10 +15,11 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.simulation import InvalidRide
-from robocorba.maps.geometry import shaft_polygon
-from robocorba.maps.lineage import SAME_NAMES, Lineage
-from robocorba.maps.model import Building, ElementKind, Elevator
-from robocorba.maps.movable import landing_doors
+from robocorba.map_editor.geometry import shaft_polygon
+from robocorba.map_editor.lineage import SAME_NAMES, Lineage
+from robocorba.map_editor.model import Building, ElementKind, Elevator
+from robocorba.map_editor.movable import landing_doors
+from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
 from robocorba.simulation.body_names import is_robot, robot_body
 from robocorba.simulation.elevator import Cabin, Doorway, RidePhase, RideStatus
 from robocorba.simulation.elevator_wait import longest_wait_s
@@ -26,7 +27,6 @@ from robocorba.simulation.occupants import Occupants
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.world_record import CabinRecord
-from robocorba.spatial.elevator_state import Doors, ElevatorState
 
 
 class Elevators:

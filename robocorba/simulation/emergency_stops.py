@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
 
 import msgspec
 
-from robocorba.background import Workers
-from robocorba.damaged_files import set_aside
-from robocorba.decoding import decode_json
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import SessionExpired, UnknownRobot
-from robocorba.repeating import Repeating
 from robocorba.simulation.registry import name_fault
-from robocorba.stop_latch import EMERGENCY_STOP, StopLatch
+from robocorba.system.background import Workers
+from robocorba.system.damaged_files import set_aside
+from robocorba.system.decoding import decode_json
+from robocorba.system.repeating import Repeating
+from robocorba.system.stop_latch import EMERGENCY_STOP, StopLatch
 
 if TYPE_CHECKING:  # `robocorba stop` does without the physics
     from robocorba.simulation.session import Session

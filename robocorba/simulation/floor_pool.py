@@ -15,9 +15,9 @@ from collections.abc import Callable, Sequence
 from itertools import count
 from typing import Protocol
 
-from robocorba import cores
-from robocorba.background import Background, end_process
 from robocorba.simulation.physics import StepResult
+from robocorba.system import cores
+from robocorba.system.background import Background, end_process
 
 #: Steps after which the pool decides again whether threads share the next ones.
 WINDOW_STEPS = 8

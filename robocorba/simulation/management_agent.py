@@ -14,8 +14,9 @@ import msgspec
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import InvalidChoice, SessionExpired, SimulationError, UnknownRobot
-from robocorba.maps.lineage import SAME_NAMES, Lineage
-from robocorba.maps.model import Building
+from robocorba.map_editor.lineage import SAME_NAMES, Lineage
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation import omni_database, physics
 from robocorba.simulation.attended_time import AttendedTime
 from robocorba.simulation.building import SimulatedBuilding
@@ -31,7 +32,6 @@ from robocorba.simulation.simulation_loop import SimulationLoop, check_pace
 from robocorba.simulation.state_writer import StateWriter
 from robocorba.simulation.store import AdministratorSettings, ClientRecord, SimulationStore
 from robocorba.simulation.world_record import WorldRecord
-from robocorba.spatial.pose import Pose
 
 #: Default maximum number of logged-on robots.
 DEFAULT_LIMIT = 300

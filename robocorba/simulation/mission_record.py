@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal, NamedTuple
 import msgspec
 from msgspec import Meta, Struct
 
-from robocorba.decoding import decode_json
 from robocorba.simulation.store import MAX_DOCUMENT
+from robocorba.system.decoding import decode_json
 
 #: Maximum length of a text [characters]; a longer reason is cut off.
 MAX_TEXT = 2000

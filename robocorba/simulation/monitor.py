@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robocorba.lazy_property import lazy_property
-from robocorba.maps.model import Building
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.floor_update import BodyKind, FloorView
 from robocorba.simulation.management_agent import ManagementAgent
-from robocorba.spatial.floor_update import BodyKind, FloorView
+from robocorba.system.lazy_property import lazy_property
 
 if TYPE_CHECKING:
     from robocorba.simulation.picture import FloorPainter

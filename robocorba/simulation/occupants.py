@@ -10,18 +10,18 @@ import shapely
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.places import xy
 from robocorba.errors.simulation import CannotGrip, InvalidChoice, PlaceTaken, UnknownBody, UnknownRobot
-from robocorba.maps.lineage import Lineage
-from robocorba.maps.model import ElementKind, MapObject
-from robocorba.maps.movable import ambiguity, full_name, object_outline
+from robocorba.map_editor.lineage import Lineage
+from robocorba.map_editor.model import ElementKind, MapObject
+from robocorba.map_editor.movable import ambiguity, full_name, object_outline
+from robocorba.map_editor.spatial.floor_update import Body, BodyKind
+from robocorba.map_editor.spatial.frames import out_of
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.body_names import is_robot, owner
 from robocorba.simulation.physics import FloorPhysics
 from robocorba.simulation.placed_object import PlacedObject
 from robocorba.simulation.registry import Description
 from robocorba.simulation.simulated_robot import SimulatedRobot
 from robocorba.simulation.world_record import ObjectRecord, RobotRecord
-from robocorba.spatial.floor_update import Body, BodyKind
-from robocorba.spatial.frames import out_of
-from robocorba.spatial.pose import Pose
 
 #: Maximum distance of a grip point from the robot's centre [m].
 MAX_REACH_M = 1.0

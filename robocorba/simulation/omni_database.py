@@ -12,15 +12,15 @@ from collections import deque
 import numpy as np
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.elevator_state import ElevatorState
+from robocorba.map_editor.spatial.floor_state import FloorState
+from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, Body, FloorUpdate, Motions
+from robocorba.map_editor.spatial.posture import Posture
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.reservations import ReservedAreas
 from robocorba.simulation.robot_scans import LastScan, RobotScan, RobotScans
-from robocorba.spatial.arrays import Floats, Longs
-from robocorba.spatial.elevator_state import ElevatorState
-from robocorba.spatial.floor_state import FloorState
-from robocorba.spatial.floor_update import MOTION, WHOLE, Body, FloorUpdate, Motions
-from robocorba.spatial.posture import Posture
+from robocorba.system.kernels import kernel
 
 #: Departed bodies remembered for each floor; a client with an older version gets the whole floor.
 MAX_DEPARTED = 10_000

@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from shapely import LineString
 from shapely.geometry.base import BaseGeometry
 
+from robocorba.map_editor.spatial.floor_state import FloorState, in_own_frames
+from robocorba.map_editor.spatial.grids import segments_of
+from robocorba.map_editor.spatial.pose import Limits
 from robocorba.simulation.bodies import Bodies
 from robocorba.simulation.static_parts import StaticChange, StaticPart, StaticParts, changes_between, static_parts
 from robocorba.simulation.substeps import MAX_PENETRATION_M, STEP_S, RobotMasses, max_penetration_m, substeps_for
 from robocorba.simulation.velocity_control import BRAKING_M_S2, BRAKING_RAD_S2, control, limit_speeds
-from robocorba.spatial.floor_state import FloorState, in_own_frames
-from robocorba.spatial.grids import segments_of
-from robocorba.spatial.pose import Limits
 
 #: Overlap that Chipmunk tolerates between touching bodies [m].
 _SLOP_M = 0.001

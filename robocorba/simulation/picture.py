@@ -24,15 +24,15 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidPicture
-from robocorba.maps import drawing
-from robocorba.maps.drawing import CABIN, CLOSED_SHAFT, DOOR, MOVABLE
-from robocorba.maps.geometry import landing_line, shaft_polygon
-from robocorba.maps.model import Building, Elevator, FloorMap
-from robocorba.maps.movable import movables
-from robocorba.maps.sheet import GROUND, HEAD_PX, INK, MAX_LABEL_LENGTH, Frame, Sheet
-from robocorba.spatial.elevator_state import ElevatorState
-from robocorba.spatial.floor_update import Body, BodyKind, FloorView
-from robocorba.spatial.pose import XY
+from robocorba.map_editor import drawing
+from robocorba.map_editor.drawing import CABIN, CLOSED_SHAFT, DOOR, MOVABLE
+from robocorba.map_editor.geometry import landing_line, shaft_polygon
+from robocorba.map_editor.model import Building, Elevator, FloorMap
+from robocorba.map_editor.movable import movables
+from robocorba.map_editor.sheet import GROUND, HEAD_PX, INK, MAX_LABEL_LENGTH, Frame, Sheet
+from robocorba.map_editor.spatial.elevator_state import ElevatorState
+from robocorba.map_editor.spatial.floor_update import Body, BodyKind, FloorView
+from robocorba.map_editor.spatial.pose import XY
 
 #: Minimum and maximum width of a picture [px].
 MIN_WIDTH_PX, MAX_WIDTH_PX = 200, 4096

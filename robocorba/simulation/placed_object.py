@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from robocorba.maps.model import MapObject
-from robocorba.maps.movable import full_name, object_outline
+from robocorba.map_editor.model import MapObject
+from robocorba.map_editor.movable import full_name, object_outline
+from robocorba.map_editor.spatial.floor_update import Body, BodyKind
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.body_names import object_body
-from robocorba.spatial.floor_update import Body, BodyKind
-from robocorba.spatial.pose import Pose
 
 #: Mass of a movable object per area of its outline [kg/m^2]; maps hold no masses. Three robots lift up to 1.33 m^2.
 KG_PER_SQUARE_METRE = 9.0

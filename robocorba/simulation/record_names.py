@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from msgspec.structs import replace
 
-from robocorba.maps.lineage import Lineage
-from robocorba.maps.model import Building, ElementKind
-from robocorba.maps.movable import full_name, movables
+from robocorba.map_editor.lineage import Lineage
+from robocorba.map_editor.model import Building, ElementKind
+from robocorba.map_editor.movable import full_name, movables
 from robocorba.simulation.world_record import CabinRecord, ObjectRecord, RobotRecord, WorldRecord
 
 #: The name of a floor or an object that is gone.

@@ -5,11 +5,11 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from robocorba.decoding import decode_json, decode_msgpack
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.map_editor.spatial.posture import Posture
 from robocorba.simulation.mission_record import MissionContent
 from robocorba.simulation.robot_scans import RobotScan
-from robocorba.spatial.pose import Pose
-from robocorba.spatial.posture import Posture
+from robocorba.system.decoding import decode_json, decode_msgpack
 
 POSTURE_SCHEMA = b"""// RoboCorba::Posture of omni_database.idl in msgpack: a struct is a map from the names of
 // its members.

@@ -31,13 +31,15 @@ from mcap.records import Attachment, Channel, Chunk, Header, Message
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from robocorba import __version__
-from robocorba.decoding import decompress_gzip, decompress_zstd
 from robocorba.errors.files import LimitExceeded, WorkEnded
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidRecording, UpdateMismatch
-from robocorba.maps import native
-from robocorba.maps.model import Building
+from robocorba.map_editor import native
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.floor_format import dumps, loads
+from robocorba.map_editor.spatial.floor_update import FloorUpdate, FloorView, memory_of
+from robocorba.map_editor.spatial.posture import Posture
 from robocorba.simulation.mission_record import MissionContent, MissionState
 from robocorba.simulation.recorded_entries import (
     POSTURE_SCHEMA,
@@ -52,9 +54,7 @@ from robocorba.simulation.recorded_entries import (
 )
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_changes import SystemChanges
-from robocorba.spatial.floor_format import dumps, loads
-from robocorba.spatial.floor_update import FloorUpdate, FloorView, memory_of
-from robocorba.spatial.posture import Posture
+from robocorba.system.decoding import decompress_gzip, decompress_zstd
 
 #: MCAP profile of a recording.
 PROFILE = "x-robocorba"

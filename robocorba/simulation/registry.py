@@ -19,7 +19,7 @@ from robocorba.errors.simulation import (
     SessionExpired,
     UnknownRobot,
 )
-from robocorba.spatial.pose import Limits, Pose
+from robocorba.map_editor.spatial.pose import Limits, Pose
 
 #: Lease of a robot [s]: it is logged off after this time without a call.
 LEASE_S = 2.0

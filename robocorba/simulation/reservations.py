@@ -18,9 +18,9 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidReservation, ReservationsFull
-from robocorba.maps.polygons import FloorArea, check_polygon
+from robocorba.map_editor.polygons import FloorArea, check_polygon
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.simulation.world_record import ReservationRecord
-from robocorba.spatial.pose import XY
 
 #: Maximum number of areas in a request.
 MAX_AREAS = 32

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robocorba.spatial.arrays import Floats
-from robocorba.spatial.pose import Pose
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.pose import Pose
 
 #: Sensors remembered for each robot; beyond that the one without a scan for the longest time is forgotten.
 MAX_SENSORS = 8

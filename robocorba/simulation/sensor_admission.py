@@ -12,9 +12,9 @@ from pathlib import Path
 
 import msgspec
 
-from robocorba.decoding import decode_json
 from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import SensorRefused
+from robocorba.system.decoding import decode_json
 
 #: Names that a virtual sensor server may have.
 NAME = r"[A-Za-z0-9_-]{1,60}"

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from robocorba.errors.simulation import InvalidReservation, InvalidRide, SessionExpired
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.polygons import FloorArea
+from robocorba.map_editor.spatial.pose import RobotMotion
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.elevator import RideStatus
 from robocorba.simulation.occupants import Held
@@ -19,7 +20,6 @@ from robocorba.simulation.reservations import (
     canonical_areas,
 )
 from robocorba.simulation.simulated_robot import SimulatedRobot
-from robocorba.spatial.pose import RobotMotion
 
 
 class Session:

@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable, Sequence
 
 from robocorba.errors.simulation import InvalidCommand
+from robocorba.map_editor.spatial.pose import RobotMotion
+from robocorba.map_editor.spatial.posture import Posture
 from robocorba.simulation.body_names import robot_body
 from robocorba.simulation.physics import FloorPhysics
 from robocorba.simulation.registry import Description
-from robocorba.spatial.pose import RobotMotion
-from robocorba.spatial.posture import Posture
-from robocorba.stop_latch import StopLatch
+from robocorba.system.stop_latch import StopLatch
 
 #: Maximum validity of a velocity command [s].
 MAX_VALID_S = 5.0

@@ -12,9 +12,9 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from robocorba.background import Background, end_process
 from robocorba.errors.simulation import InvalidChoice, SimulationBusy
 from robocorba.simulation.physics import STEP_S
+from robocorba.system.background import Background, end_process
 
 T = TypeVar("T")
 

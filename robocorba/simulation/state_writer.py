@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import threading
 
-from robocorba.background import Background, end_process
 from robocorba.errors.services import ServiceError
 from robocorba.simulation.store import SimulationStore
 from robocorba.simulation.world_record import WorldRecord
+from robocorba.system.background import Background, end_process
 
 #: Timeout of a call that waits until its change is on disk [s].
 WRITE_LIMIT_S = 5.0

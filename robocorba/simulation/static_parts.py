@@ -11,7 +11,7 @@ from typing import NamedTuple
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.spatial.grids import segments_of
+from robocorba.map_editor.spatial.grids import segments_of
 
 #: A segment as x, y, x, y [m], or a polygon as WKB.
 StaticPart = tuple[float, float, float, float] | bytes

@@ -11,11 +11,11 @@ from pathlib import Path
 import msgspec
 
 from robocorba.errors.simulation import InvalidMission, NoRoom, StaleMission, UnknownMission
-from robocorba.maps.element_rules import name_violations
-from robocorba.record_file import RecordFile
+from robocorba.map_editor.element_rules import name_violations
+from robocorba.map_editor.spatial.pose import Limits, Pose
 from robocorba.simulation.registry import Description
 from robocorba.simulation.world_record import WorldRecord
-from robocorba.spatial.pose import Limits, Pose
+from robocorba.system.record_file import RecordFile
 
 #: "RoCs": marks store files of the simulation server.
 APPLICATION_ID = 0x526F4373

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from robocorba.map_editor.spatial.floor_update import FloorUpdate
+from robocorba.map_editor.spatial.posture import Posture
 from robocorba.simulation.mission_record import MissionState
 from robocorba.simulation.robot_scans import RobotScan
-from robocorba.spatial.floor_update import FloorUpdate
-from robocorba.spatial.posture import Posture
 
 
 class SystemChanges(NamedTuple):

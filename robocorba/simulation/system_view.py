@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from robocorba.errors.simulation import UpdateMismatch
-from robocorba.maps.model import Building
-from robocorba.spatial.elevator_state import ElevatorState
-from robocorba.spatial.floor_update import WHOLE, BodyKind, FloorUpdate, FloorView
-from robocorba.spatial.frames import turned
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.elevator_state import ElevatorState
+from robocorba.map_editor.spatial.floor_update import WHOLE, BodyKind, FloorUpdate, FloorView
+from robocorba.map_editor.spatial.frames import turned
 
 
 class RobotPlace(NamedTuple):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from robocorba.kernels import kernel
+from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.simulation.substeps import STEP_S
-from robocorba.spatial.arrays import Floats
+from robocorba.system.kernels import kernel
 
 #: Coulomb friction coefficient between a sliding body and the floor; our choice.
 GROUND_FRICTION = 0.5

@@ -34,18 +34,18 @@ from bench.robots import virtual_and_actual as bench
 from bench.starts import outage
 from bench.starts.outage import Client
 from bench.starts.systems import OURS, ratio, versions
-from robocorba.control.tick_file import Tick, TickFile
-from robocorba.kinematics.body import SmartPalBody
-from robocorba.kinematics.smartpal import JOINTS, Side
-from robocorba.maps.validation import problems
-from robocorba.motion.robot_state import ActorCommand, RobotState
-from robocorba.testing import report
-from robocorba.testing.grid_maps import FLOOR, KINDS, OctileGraph, building_of, maze, place_of, random_cells, rooms
-from robocorba.testing.json_process import ROOT, ProcessFailed
-from robocorba.testing.peers.base import PAYLOAD_BYTES
-from robocorba.testing.report import at_least, at_most, summarize
-from robocorba.testing.router import DelayLine
-from robocorba.testing.virtual_and_actual import StateDifference
+from robocorba.map_editor.validation import problems
+from robocorba.robot.kinematics.body import SmartPalBody
+from robocorba.robot.kinematics.smartpal import JOINTS, Side
+from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from robocorba.robot.tick_file import Tick, TickFile
+from testkit import report
+from testkit.grid_maps import FLOOR, KINDS, OctileGraph, building_of, maze, place_of, random_cells, rooms
+from testkit.json_process import ROOT, ProcessFailed
+from testkit.peers.base import PAYLOAD_BYTES
+from testkit.report import at_least, at_most, summarize
+from testkit.router import DelayLine
+from testkit.virtual_and_actual import StateDifference
 
 
 def test_stamps_and_their_quality() -> None:

@@ -12,10 +12,10 @@ import pytest
 from bench.events.channel.stage import Stage, collect, ready, send, trio
 from bench.events.network.experiment import FEDERATED, SET_UPS, Plan, conduct, experiment, split_cores
 from bench.events.network.networks import Network
-from robocorba.testing.json_process import Process, ProcessFailed
-from robocorba.testing.namespaces import Namespace
-from robocorba.testing.peers import PEERS, installed
-from robocorba.testing.peers.corba import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
+from testkit.json_process import Process, ProcessFailed
+from testkit.namespaces import Namespace
+from testkit.peers import PEERS, installed
+from testkit.peers.corba import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 

@@ -20,14 +20,14 @@ from bench.simulation.headless import LASER, MOST, OURS, PARTS, RING, Case, Lap,
 from bench.simulation.robots import AT_ONCE, BY_TURNS, FEW, MANY, Load
 from bench.simulation.robots_client import PATIENCE, STUCK_M_S, Clients, Robot, drive, joined
 from robocorba.clients.robot_processes import servers
-from robocorba.corba.orb import Orb
-from robocorba.maps import native
-from robocorba.maps.movable import movables
+from robocorba.map_editor import native
+from robocorba.map_editor.movable import movables
+from robocorba.orb.orb import Orb
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.store import SimulationStore
 from robocorba.stubs import RoboCorba
-from robocorba.testing.generated_buildings import RADIUS_M, office, robots
-from robocorba.testing.json_process import Cpu, pids_of
+from testkit.generated_buildings import RADIUS_M, office, robots
+from testkit.json_process import Cpu, pids_of
 from tests.waits import work_for
 
 pytestmark = pytest.mark.full

@@ -11,11 +11,11 @@ import numpy as np
 
 from robocorba.clients.robot import Checker
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import JOINTS
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.planning.request import Path, PathRequest
-from robocorba.programs.icons import MbasePath, Say
-from robocorba.programs.program import Program
-from robocorba.spatial.pose import Pose
+from robocorba.robot.kinematics.smartpal import JOINTS
+from robocorba.robot.programs.icons import MbasePath, Say
+from robocorba.robot.programs.program import Program
 
 PATIENCE_S = 60.0
 STATE = cast(Any, SimpleNamespace(at=Pose("L1", 1.0, 1.0, 0.0), actor=SimpleNamespace(joints=np.zeros(len(JOINTS)))))

@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 
 from robocorba.commands import command
 from robocorba.errors.files import OutputError, OutputExists, OutputIsInput
-from robocorba.maps import native
-from robocorba.output_files import check_output, write_outputs
-from robocorba.testing.buildings import two_floors
-from tests.formats.ros_files import WHITE, write_ros
+from robocorba.map_editor import native
+from robocorba.system.output_files import check_output, write_outputs
+from testkit.buildings import two_floors
+from tests.map_editor.formats.ros_files import WHITE, write_ros
 from tests.simulation.places import recorded_drive
 
 #: A command, the option that is refused, and what it is for.
@@ -194,7 +194,7 @@ def test_an_edited_file_is_kept_without_force(arguments: tuple[str, ...], output
 #: Modules of such commands, and what they load when they are called.
 LIGHT = (
     "commands.robot",
-    "corba.remote.emergency_stop",
+    "robot.corba.emergency_stop",
     "commands.status",
     "commands.watch",
     "commands.mission",
@@ -216,7 +216,7 @@ def test_commands_load_nothing_heavy() -> None:
     assert ran.stdout.splitlines() == list(LIGHT), ran.stderr
     script = """
 import os, sys
-from robocorba.kinematics.inverse import InverseKinematics
+from robocorba.robot.kinematics.inverse import InverseKinematics
 InverseKinematics()
 print([name for name in ("scipy.linalg", "glfw", "OpenGL") if name in sys.modules], "MUJOCO_GL" in os.environ)
 import numba, numpy

@@ -11,13 +11,13 @@ from PIL import Image
 from typer.testing import CliRunner, Result
 
 from robocorba.commands import command
-from robocorba.maps import native
-from robocorba.maps.formats import read_map
-from robocorba.maps.model import ElementKind, Elevator, ElevatorDoor, Floor, PathEdge, PathNode, TopologicalMap
-from robocorba.maps.samples import SAMPLES
-from robocorba.testing.buildings import two_floors
-from tests.formats.rmf_files import small, written
-from tests.formats.ros_files import BLACK, GREY, WHITE, write_ros
+from robocorba.map_editor import native
+from robocorba.map_editor.formats import read_map
+from robocorba.map_editor.model import ElementKind, Elevator, ElevatorDoor, Floor, PathEdge, PathNode, TopologicalMap
+from robocorba.map_editor.samples import SAMPLES
+from testkit.buildings import two_floors
+from tests.map_editor.formats.rmf_files import small, written
+from tests.map_editor.formats.ros_files import BLACK, GREY, WHITE, write_ros
 
 
 @pytest.fixture(autouse=True)

@@ -22,20 +22,20 @@ from robocorba.commands.fleet_view import LinesView, TableView, starting_of, tab
 from robocorba.commands.mission import follow_mission
 from robocorba.commands.path import as_table, parse_place
 from robocorba.commands.up import as_table as as_system_table
-from robocorba.corba.event_client import Event
 from robocorba.errors.paths import InvalidRequest
+from robocorba.events.corba.event_client import Event
 from robocorba.planning.request import IndexedNames, Path, Place, PointKind
-from robocorba.processes import RobotOrder, RobotProgress
-from robocorba.settings import InvalidSetting
 from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState, PhaseRecord
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.fleet import Row, row_of
-from robocorba.supervision.folder import ProcessRecord, SystemRecord
-from robocorba.supervision.launch import module_command
-from robocorba.supervision.process import Supervised
-from robocorba.supervision.robots import ProgressLines
-from robocorba.supervision.servers import probe_of, servers
-from robocorba.supervision.subnets import parse_subnets
+from robocorba.system.corba.servers import probe_of, servers
+from robocorba.system.corba.subnets import parse_subnets
+from robocorba.system.processes import RobotOrder, RobotProgress
+from robocorba.system.settings import InvalidSetting
+from robocorba.system.state_folder import ProcessRecord, SystemRecord
+from robocorba.system.supervision.fleet import Row, row_of
+from robocorba.system.supervision.launch import module_command
+from robocorba.system.supervision.process import Supervised
+from robocorba.system.supervision.robots import ProgressLines
 
 
 def event(payload: Any, **more: Any) -> Event:

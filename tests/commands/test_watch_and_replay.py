@@ -41,12 +41,12 @@ from robocorba.commands.simulation_tables import (
 from robocorba.commands.waiting import Outage, StopSignal
 from robocorba.commands.watch import Camera, film
 from robocorba.errors.services import NotReachable
+from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
+from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.simulation.recording import Recorder, Recording
 from robocorba.simulation.system_changes import SystemChanges
-from robocorba.spatial.elevator_state import Doors, ElevatorState
-from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.stubs import RoboCorba
-from robocorba.testing.buildings import two_floors
+from testkit.buildings import two_floors
 from tests.waits import outlast, work_for
 
 

@@ -15,7 +15,7 @@ from robocorba.console import settings
 from robocorba.console.access import COOKIE, MAX_FORM, MAX_WAITING, SESSION_S, Access
 from robocorba.console.settings import LOOPBACK_HOSTS, ConsoleSettings, check_installed, dates_problem
 from robocorba.errors.services import ServiceError
-from robocorba.settings import InvalidSetting
+from robocorba.system.settings import InvalidSetting
 from tests.console.asgi import Answer, answer, ask
 
 PASSWORD = "open sesame"

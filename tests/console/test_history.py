@@ -28,12 +28,12 @@ from robocorba.console.monitor_state import MonitorState
 from robocorba.console.recordings import Recordings, UnknownRecording
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidRecording
-from robocorba.maps.model import Building, ElementKind, Wall
+from robocorba.map_editor.model import Building, ElementKind, Wall
+from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
+from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.simulation.recording import Recording
-from robocorba.spatial.elevator_state import Doors, ElevatorState
-from robocorba.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, FloorView
-from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import eventually
+from testkit.buildings import two_floors
+from testkit.processes import eventually
 
 NAME = '<b>"\u202eעגלה\U0001f6bb'
 CABIN = ElevatorState(3.5, "", Doors.OPENING, 0.25, ("A",), ("B", "C"))

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from robocorba.console import live_missions, live_sensors, system_state
+from robocorba.console.corba.system_state import agent_is_driving, path_by_floor
 from robocorba.console.defects import DEFECT
 from robocorba.console.live_missions import LiveMissions, MissionFeed
 from robocorba.console.live_sensors import LiveSensors, Wanted
@@ -22,17 +23,16 @@ from robocorba.console.robot_views import RETRY_S, SLOW_INTERVAL_S, RobotView, R
 from robocorba.console.sensor_feed import MAX_AGE_S, MAX_GONE, NOTHING, Feed, ScanFeed
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import TRY_AGAIN_LATER, Viewers
-from robocorba.corba.remote.system_state import agent_is_driving, path_by_floor
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
-from robocorba.names import ROBOTS
-from robocorba.sensing.fan import LASER, PROXIMITY, Fan
+from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, FloorUpdate
+from robocorba.map_editor.spatial.posture import Posture
 from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState
 from robocorba.simulation.reservations import Reservation, ReservedAreas
 from robocorba.simulation.robot_scans import RobotScan
-from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate
-from robocorba.spatial.posture import Posture
-from robocorba.testing.processes import eventually
+from robocorba.simulation.sensing.fan import LASER, PROXIMITY, Fan
+from robocorba.system.names import ROBOTS
+from testkit.processes import eventually
 from tests.clock import Clock
 from tests.simulation.places import scan
 

@@ -18,15 +18,15 @@ from robocorba.console.map_files import FORMATS, InvalidUpload, read_upload, wri
 from robocorba.console.map_operations import MapOperations
 from robocorba.console.map_sessions import MAX_SESSIONS, SILENCE_S, NoSession, TabSessions
 from robocorba.errors.maps import InvalidElement, MapFileError, SessionEnded
-from robocorba.maps import native
-from robocorba.maps.edit_session import EditSessions
-from robocorba.maps.formats import WRITTEN
-from robocorba.maps.map_building_agent import BuildingEditor
-from robocorba.maps.model import Building, ElementKind
-from robocorba.maps.store import MapStore
-from robocorba.maps.validation import problems
-from robocorba.spatial.pose import SMARTPAL_RADIUS_M
-from robocorba.testing.buildings import two_floors
+from robocorba.map_editor import native
+from robocorba.map_editor.edit_session import EditSessions
+from robocorba.map_editor.formats import WRITTEN
+from robocorba.map_editor.map_building_agent import BuildingEditor
+from robocorba.map_editor.model import Building, ElementKind
+from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
+from robocorba.map_editor.store import MapStore
+from robocorba.map_editor.validation import problems
+from testkit.buildings import two_floors
 from tests.clock import Clock
 
 

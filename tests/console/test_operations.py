@@ -35,24 +35,24 @@ from robocorba.console.process_operations import ProcessOperations
 from robocorba.console.program_operations import MAX_ARGUMENTS, ProgramOperations
 from robocorba.console.recordings import Recordings, UnknownRecording
 from robocorba.console.simulation_operations import SimulationOperations
-from robocorba.control.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
-from robocorba.decoding import Work
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.files import WorkEnded
 from robocorba.errors.robots import IllegalOrder, InvalidProgram, Unreachable
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownRobot
-from robocorba.kinematics.body import SmartPalBody
-from robocorba.kinematics.smartpal import Side
-from robocorba.kinematics.tasks import POSTURES
-from robocorba.maps.model import Building
-from robocorba.motion.robot_state import RobotState
-from robocorba.programs import program as programs
-from robocorba.programs.program import Program
-from robocorba.programs.report import CheckReport
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, FloorUpdate, FloorView
+from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
+from robocorba.robot.kinematics.body import SmartPalBody
+from robocorba.robot.kinematics.smartpal import Side
+from robocorba.robot.kinematics.tasks import POSTURES
+from robocorba.robot.motion.robot_state import RobotState
+from robocorba.robot.programs import program as programs
+from robocorba.robot.programs.program import Program
+from robocorba.robot.programs.report import CheckReport
 from robocorba.simulation.registry import Pose
-from robocorba.spatial.floor_update import MOTION, WHOLE, FloorUpdate, FloorView
-from robocorba.testing.buildings import two_floors
+from robocorba.system.decoding import Work
+from testkit.buildings import two_floors
 from tests.console.asgi import answer, ask
 from tests.waits import work_for
 

@@ -72,7 +72,8 @@ def messages() -> list[str]:
 
 
 def test_messages_are_ours() -> None:
-    quoted, files = messages(), [*(ROOT / "robocorba").rglob("*.py"), ROOT / "Makefile"]
+    quoted = messages()
+    files = [*(ROOT / "robocorba").rglob("*.py"), *(ROOT / "servers").glob("*.py"), ROOT / "Makefile"]
     # A text that continues on the next line is in one piece.
     source = "\n".join(re.sub(r'"\s*\n\s*f?"', "", file.read_text()) for file in files)
     parts = {part.strip(" ,:") for each in quoted for part in _FOREIGN.split(each)[0].removesuffix("(").split("...")}

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from robocorba.backoff import Backoff
 from robocorba.errors.events import EventError
 from robocorba.events.account import Account, Arrivals, Totals
 from robocorba.events.channel import Channel
@@ -20,6 +19,7 @@ from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import QueueItem, QueuePolicy
 from robocorba.events.seen_events import SeenEvents
 from robocorba.events.subscription import ALL, Clause, Pattern, Subscription
+from robocorba.system.backoff import Backoff
 
 NOW = 1_000_000.0
 BOTH: Subscription = (Clause((Pattern("a"), Pattern("b"))),)

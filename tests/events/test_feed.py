@@ -15,7 +15,7 @@ from robocorba.events.account import Totals
 from robocorba.events.event import Encoding, EventBatch, EventHeader
 from robocorba.events.feed import INLINE_TIMEOUT_S, INLINE_WINDOW, PACKET_BYTES, PACKET_EVENTS, WINDOW, Feed
 from robocorba.events.policies import LinkPolicy
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 from tests.events.samples import is_balanced
 from tests.waits import outlast, stays
 

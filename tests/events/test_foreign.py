@@ -20,7 +20,7 @@ from robocorba.events.event import Encoding, EventBatch, EventHeader
 from robocorba.events.foreign import Echoes, ForeignLink
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.queue import QueueItem
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 from tests.events.samples import Consumer, publish, totals
 from tests.waits import pause, stays
 

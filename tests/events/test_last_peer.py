@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 from tests.events.network import Network
 from tests.events.samples import arrive, events
 

@@ -13,7 +13,7 @@ import pytest
 from robocorba.events import call_limiter
 from robocorba.events.blocking_budget import BUDGET_S, RETURNS_IN_S, BlockingBudget
 from robocorba.events.call_limiter import CallLimiter
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 from tests.clock import Clock
 from tests.waits import work_for
 

@@ -16,7 +16,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robocorba.backoff import Backoff
 from robocorba.errors.events import InvalidPeer, SessionOver, UnknownPeer
 from robocorba.errors.services import NotReachable
 from robocorba.events import seen_events
@@ -29,7 +28,8 @@ from robocorba.events.links import LinkSnapshot
 from robocorba.events.peer_clock import MAX_EXCHANGES, STEADY_S, Exchange, PeerClock
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.seen_events import SeenEvents
-from robocorba.testing.processes import eventually
+from robocorba.system.backoff import Backoff
+from testkit.processes import eventually
 from tests.events.network import DEFAULTS, Consumer, GatewayWire, Network, Node, Weather
 from tests.events.samples import is_balanced
 from tests.waits import pause, stays

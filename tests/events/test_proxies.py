@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 
-from robocorba.backoff import Backoff
 from robocorba.errors.events import (
     AlreadyConnected,
     ClientGone,
@@ -43,8 +42,9 @@ from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.subscription import ALL
-from robocorba.names import STOP_EVENT
-from robocorba.testing.processes import eventually
+from robocorba.system.backoff import Backoff
+from robocorba.system.names import STOP_EVENT
+from testkit.processes import eventually
 from tests.events.samples import Consumer, Supplier, failing, open_channel, supplied, wanting
 from tests.waits import stays
 

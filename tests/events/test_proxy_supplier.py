@@ -22,7 +22,7 @@ from robocorba.events.proxy_push_supplier import MAX_REPEATS
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import OverflowRule, QueueItem, QueuePolicy
 from robocorba.events.subscription import ALL
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 from tests.events.samples import (
     BOTH,
     IMPATIENT,

@@ -12,13 +12,13 @@ from types import ModuleType
 import pytest
 
 from robocorba import __version__
-from robocorba.control import teleoperation
-from robocorba.data_pool import plans
 from robocorba.events import event, queue, subscription
 from robocorba.planning import request
-from robocorba.programs import program
-from robocorba.sensing import fan, virtual_sensor
+from robocorba.robot import teleoperation
+from robocorba.robot.data_pool import plans
+from robocorba.robot.programs import program
 from robocorba.simulation import picture, registry, reservations, simulated_robot, simulation_loop, store
+from robocorba.simulation.sensing import fan, virtual_sensor
 from robocorba.stubs import RoboCorba
 
 IDL = Path(__file__).resolve().parents[2] / "idl"

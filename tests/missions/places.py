@@ -11,14 +11,9 @@ from typing import Any
 
 import msgpack
 
-from robocorba.collision_avoidance import policy
-from robocorba.collision_avoidance.neighbours import PoolNearby
-from robocorba.collision_avoidance.policy import GivingWayPolicy
-from robocorba.control.agent import ControlAgent
-from robocorba.control.model_switcher import AdaptorContext
-from robocorba.data_pool.pool import DataPool
 from robocorba.errors.robots import RobotLost
 from robocorba.errors.services import NotReachable
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.missions import leader_policy, member
 from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.leader import Leader
@@ -30,9 +25,14 @@ from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, Step, plan_of
 from robocorba.missions.transport import Transport
 from robocorba.planning.request import Place as Spot
-from robocorba.repeating import Repeating
-from robocorba.spatial.pose import Pose
-from tests.control.places import Channel, Place
+from robocorba.robot.agent import ControlAgent
+from robocorba.robot.collision_avoidance import policy
+from robocorba.robot.collision_avoidance.neighbours import PoolNearby
+from robocorba.robot.collision_avoidance.policy import GivingWayPolicy
+from robocorba.robot.data_pool.pool import DataPool
+from robocorba.robot.model_switcher import AdaptorContext
+from robocorba.system.repeating import Repeating
+from tests.robot.places import Channel, Place
 
 #: Interval at which data pools follow the building [s].
 FOLLOW_S = 0.033

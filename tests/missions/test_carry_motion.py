@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from robocorba.errors.robots import MotionFailed
+from robocorba.map_editor.spatial.frames import into, out_of, turned
+from robocorba.map_editor.spatial.pose import Limits, Pose2D
 from robocorba.missions.carry_control import (
     GOAL_M,
     GOAL_RAD,
@@ -21,10 +23,8 @@ from robocorba.missions.carry_progress import CATCH_UP_RATE, SLOWS_DOWN_AFTER_S,
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.leader_policy import LeaderPolicy
 from robocorba.missions.trajectory import SPEED_M_S, Trajectory
-from robocorba.motion.motion import MotionCommand
-from robocorba.motion.robot_state import RobotState
-from robocorba.spatial.frames import into, out_of, turned
-from robocorba.spatial.pose import Limits, Pose2D
+from robocorba.robot.motion.motion import MotionCommand
+from robocorba.robot.motion.robot_state import RobotState
 
 #: Control interval [s].
 CYCLE_S = 0.02

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from shapely import Polygon
 
 from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
-from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.maps.geometry import Obstacle, obstacles
-from robocorba.maps.model import (
+from robocorba.map_editor.geometry import Obstacle, obstacles
+from robocorba.map_editor.model import (
     BoxShape,
     Building,
     CabinSide,
@@ -27,11 +26,12 @@ from robocorba.maps.model import (
     MapObject,
     Wall,
 )
-from robocorba.maps.samples import load_sample
+from robocorba.map_editor.samples import load_sample
 from robocorba.missions.carry_planning import CarryPlan, _FormationBody, plan_carries, warm_up
 from robocorba.missions.formation import BACK_OFF_M, MARGIN_M
 from robocorba.missions.obstacles import placed
 from robocorba.missions.trajectory import Trajectory
+from robocorba.robot.kinematics.smartpal import RADIUS_M
 
 BOX = shapely.box(-0.3, -0.2, 0.3, 0.2)
 TABLE = shapely.box(-0.8, -0.4, 0.8, 0.4)

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, Point
 
-from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.maps.model import Building, Door, Floor, Wall
+from robocorba.map_editor.model import Building, Door, Floor, Wall
 from robocorba.missions import clearing
 from robocorba.missions.clearing import NO_ROOM, Requests, Way, in_the_way, places_aside, requests_for, united
 from robocorba.missions.messages import MakeWay, WayMade
 from robocorba.missions.world import StandingRobot
-from robocorba.testing.buildings import with_all
+from robocorba.robot.kinematics.smartpal import RADIUS_M
+from testkit.buildings import with_all
 
 WIDTH_M, HEIGHT_M = 12.0, 8.0
 

@@ -10,21 +10,21 @@ from unittest.mock import DEFAULT, Mock
 
 import pytest
 
-from robocorba.control.robot import Robot
 from robocorba.errors.robots import RideLost, ServerAway
 from robocorba.errors.simulation import InvalidReservation
-from robocorba.maps.model import BoxShape, MapObject
-from robocorba.maps.samples import load_sample
+from robocorba.map_editor.model import BoxShape, MapObject
+from robocorba.map_editor.samples import load_sample
 from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.execution import ABORT_BACK_M, StepExecutor
 from robocorba.missions.subplan import BackOff, CallCabin, Carry, Reserve, Ride, TakeHold
 from robocorba.missions.trajectory import Trajectory
 from robocorba.planning.planner import PathPlanner
+from robocorba.robot.robot import Robot
 from robocorba.simulation.registry import Pose
-from tests.collision_avoidance.crowd import Crowd
-from tests.collision_avoidance.test_giving_way import room
-from tests.control.stepped_robot import Session, SteppedRobot, World
+from tests.robot.collision_avoidance.crowd import Crowd
+from tests.robot.collision_avoidance.test_giving_way import room
+from tests.robot.stepped_robot import Session, SteppedRobot, World
 
 BOX = MapObject("box", BoxShape((0.6, 0.6)), (2.0, 1.0), height=0.8, movable=True)
 CARRY = Carry(rows=Trajectory([(2.0, 1.0, 0.0), (2.5, 1.0, 0.0)]).to_rows(), place=(-0.92, 0.0, 0.0))

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from shapely import MultiPoint, Point, Polygon
 
 from robocorba.errors.robots import InvalidCarry
-from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.maps.model import CircleShape, MapObject
-from robocorba.maps.movable import object_outline
+from robocorba.map_editor.model import CircleShape, MapObject
+from robocorba.map_editor.movable import object_outline
 from robocorba.missions.formation import (
     HAND_M,
     MAX_OFFSET_M,
@@ -23,6 +22,7 @@ from robocorba.missions.formation import (
     GripPoint,
     formations,
 )
+from robocorba.robot.kinematics.smartpal import RADIUS_M
 
 TABLE = shapely.box(-0.8, -0.4, 0.8, 0.4)
 

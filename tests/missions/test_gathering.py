@@ -11,14 +11,14 @@ from hypothesis import strategies as some
 
 from robocorba.errors.paths import NotFree
 from robocorba.errors.robots import MissionFailed
-from robocorba.maps.geometry import Obstacle
+from robocorba.map_editor.geometry import Obstacle
+from robocorba.map_editor.spatial.pose import Pose2D
 from robocorba.missions.gathering import SPACING_M, GatheringPaths, assign_places, driving_groups, spread_apart
 from robocorba.missions.move_table import MoveTablePlanner
 from robocorba.missions.world import MovableObject
 from robocorba.planning.request import MAX_AREAS, Place
-from robocorba.programs.icons import Destination
-from robocorba.spatial.pose import Pose2D
-from robocorba.testing.buildings import two_storeys
+from robocorba.robot.programs.icons import Destination
+from testkit.buildings import two_storeys
 from tests.missions.worlds import MapWorld
 
 

@@ -14,21 +14,21 @@ import shapely
 
 from robocorba.clients.cooperative_planners import PLANNERS
 from robocorba.errors.robots import MissionFailed
-from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, RADIUS_M, SHUT_RAD
-from robocorba.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
-from robocorba.maps.geometry import Obstacle
-from robocorba.maps.model import Building, Floor
-from robocorba.maps.topology import topological_map
+from robocorba.map_editor.geometry import Obstacle
+from robocorba.map_editor.model import Building, Floor
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.map_editor.topology import topological_map
 from robocorba.missions.hand_over import BETWEEN_M, GIVING, TAKING, HandOverPlanner
 from robocorba.missions.subplan import CooperativePlan, Gather, Grip
 from robocorba.planning.request import Place as Spot
-from robocorba.programs import icons
-from robocorba.spatial.pose import Pose
-from robocorba.testing.buildings import two_storeys
-from tests.control.places import Place
+from robocorba.robot.kinematics.inverse import InverseKinematics
+from robocorba.robot.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, RADIUS_M, SHUT_RAD
+from robocorba.robot.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
+from robocorba.robot.programs import icons
+from testkit.buildings import two_storeys
 from tests.missions.places import Crew
 from tests.missions.worlds import MapWorld
+from tests.robot.places import Place
 
 pytestmark = pytest.mark.slow
 

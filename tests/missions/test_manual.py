@@ -11,14 +11,14 @@ import msgspec
 import pytest
 
 from robocorba.errors.robots import MissionFailed
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.missions.messages import KINDS, MemberMeasurements
 from robocorba.missions.subplan import Idle, Step, SubPlan
 from robocorba.planning.request import Place as Spot
-from robocorba.programs import icons
-from robocorba.programs.program import loads
-from robocorba.spatial.pose import Pose
-from tests.control.places import Place
+from robocorba.robot.programs import icons
+from robocorba.robot.programs.program import loads
 from tests.missions.places import Crew
+from tests.robot.places import Place
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 MANUAL = (DOCS / "mission.md").read_text()

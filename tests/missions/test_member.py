@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from robocorba.control.robot import Robot
 from robocorba.missions.member import Member, MemberPolicy
 from robocorba.missions.messages import Assignment
 from robocorba.missions.subplan import BackOff, SubPlan
-from tests.collision_avoidance.crowd import Crowd
-from tests.collision_avoidance.test_giving_way import room
+from robocorba.robot.robot import Robot
+from tests.robot.collision_avoidance.crowd import Crowd
+from tests.robot.collision_avoidance.test_giving_way import room
 
 
 def test_a_part_that_ends_before_its_first_step_has_begun_none() -> None:

@@ -14,11 +14,10 @@ import shapely
 from shapely import Point
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.collision_avoidance.policy import GivingWayPolicy
-from robocorba.control.agent_state import AgentCondition, ProgramResult
 from robocorba.errors.robots import InTheWay, MissionTakenOver
 from robocorba.errors.services import NotReachable
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.polygons import FloorArea
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.missions import way_ahead
 from robocorba.missions.attempt import OnProgress
 from robocorba.missions.carry_progress import CATCH_UP_RATE
@@ -31,10 +30,11 @@ from robocorba.missions.report import MissionReport, PhaseTimes
 from robocorba.missions.subplan import Approach, Carry, CooperativePlan, Gather, Idle
 from robocorba.missions.trajectory import Trajectory
 from robocorba.planning.request import Place as Spot
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.spatial.pose import Pose
-from tests.control.places import Place, eventually
+from robocorba.robot.agent_state import AgentCondition, ProgramResult
+from robocorba.robot.collision_avoidance.policy import GivingWayPolicy
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from tests.missions.places import Crew, Given
+from tests.robot.places import Place, eventually
 from tests.waits import patient, work_for
 
 pytestmark = pytest.mark.slow

@@ -12,13 +12,13 @@ import pytest
 
 from robocorba.errors.robots import RobotLost
 from robocorba.errors.services import NotReachable
-from robocorba.kinematics.smartpal import JOINTS
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.missions import mission_agent
 from robocorba.missions.messages import Answer, Assignment, Call, Offer
 from robocorba.missions.mission_agent import WARN_AFTER, MissionAgent
 from robocorba.missions.subplan import Idle, SubPlan
 from robocorba.missions.transport import Transport
-from robocorba.spatial.pose import Pose
+from robocorba.robot.kinematics.smartpal import JOINTS
 from tests.missions.places import Bus, BusEnd
 
 CALL = Call(mission="m.1", leader="A", floor="L1", x=0.0, y=0.0, helpers=1)

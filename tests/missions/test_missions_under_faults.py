@@ -30,15 +30,12 @@ from msgspec import structs
 
 from clients import cooperation
 from clients.cooperation import Cooperation
-from robocorba.control import execution_control
-from robocorba.control.execution_control import ExecutionControl
-from robocorba.data_pool.plans import Plans
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import GoalReached, IllegalOrder, MotionFailed
 from robocorba.errors.services import NotPermitted, NotReachable
 from robocorba.errors.simulation import NoLeader, UnknownMission
-from robocorba.kinematics.smartpal import JOINTS
-from robocorba.missions import attempt, clock, member, mission_agent, recorder, succession, transport
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.missions import attempt, clock, member, mission_agent, mission_control, recorder, succession, transport
 from robocorba.missions import leader as leader_module
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.cooperative_planner import CarriedBody
@@ -46,16 +43,18 @@ from robocorba.missions.leader_policy import LeaderPolicy
 from robocorba.missions.member import MemberPolicy
 from robocorba.missions.messages import Assignment, Call, Message, Order, message_of
 from robocorba.missions.mission_agent import MissionAgent
+from robocorba.missions.mission_control import LeaderWatch, MissionControl
 from robocorba.missions.report import MissionReport
 from robocorba.missions.subplan import Approach, CooperativePlan, Idle, PutDown, Reserve, Step, TakeHold
 from robocorba.planning.request import Place
-from robocorba.programs.program import Program
-from robocorba.simulation import mission_control
-from robocorba.simulation.mission_control import LeaderWatch, MissionControl
+from robocorba.robot import execution_control
+from robocorba.robot.data_pool.plans import Plans
+from robocorba.robot.execution_control import ExecutionControl
+from robocorba.robot.kinematics.smartpal import JOINTS
+from robocorba.robot.programs.program import Program
 from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.mission_record import MissionContent, MissionResult, decoded
 from robocorba.simulation.store import Mission, SimulationStore
-from robocorba.spatial.pose import Pose
 from tests.missions.places import Bus, Given, Receive
 from tests.missions.virtual_time import Task, VirtualTime
 

@@ -12,10 +12,9 @@ from shapely import Point, Polygon
 from shapely.affinity import rotate, translate
 
 from robocorba.errors.robots import GoalReached, ImpossibleCarry, InTheWay, MissionFailed
-from robocorba.kinematics.smartpal import RADIUS_M
-from robocorba.maps.geometry import shaft_polygon
-from robocorba.maps.model import CabinSide, Elevator, ElevatorDoor
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.geometry import shaft_polygon
+from robocorba.map_editor.model import CabinSide, Elevator, ElevatorDoor
+from robocorba.map_editor.polygons import FloorArea
 from robocorba.missions import move_table
 from robocorba.missions.cooperative_planner import Grant
 from robocorba.missions.formation import BACK_OFF_M
@@ -37,9 +36,10 @@ from robocorba.missions.subplan import (
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import StandingRobot
 from robocorba.planning.request import Place
-from robocorba.programs.icons import Destination
+from robocorba.robot.kinematics.smartpal import RADIUS_M
+from robocorba.robot.programs.icons import Destination
 from robocorba.simulation.elevator import BOARDING_LIMIT_S
-from robocorba.testing.buildings import two_storeys, with_all
+from testkit.buildings import two_storeys, with_all
 from tests.missions.worlds import MapWorld, first_way
 
 ROBOTS = {"A": Place("L1", 3.8, 1.8), "B": Place("L1", 3.8, 5.2), "C": Place("L2", 2.0, 2.0)}

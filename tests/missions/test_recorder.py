@@ -9,7 +9,6 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from robocorba.backoff import Backoff
 from robocorba.errors.robots import MissionFailed, MissionTakenOver
 from robocorba.errors.services import NotPermitted, NotReachable
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
@@ -20,8 +19,9 @@ from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, plan_o
 from robocorba.missions.transport import Received
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord
 from robocorba.simulation.store import Mission
+from robocorba.system.backoff import Backoff
 from tests.clock import Clock
-from tests.control.places import eventually
+from tests.robot.places import eventually
 
 QUICK = Backoff(0.001, 0.002)
 PLAN = plan_of(

@@ -20,8 +20,8 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import IllegalOrder, MissionFailed, MissionTakenOver
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
+from robocorba.missions.mission_control import LeaderWatch, MissionControl
 from robocorba.missions.recorder import MissionRecorder, claimed
-from robocorba.simulation.mission_control import LeaderWatch, MissionControl
 from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, decoded
 from robocorba.simulation.store import Mission, SimulationStore

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from shapely import Polygon
 
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.polygons import FloorArea
 from robocorba.missions.carry_planning import CarryLeg, CarryPlan
 from robocorba.missions.formation import BACK_OFF_M, formations
 from robocorba.missions.obstacles import placed

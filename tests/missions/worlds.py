@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from robocorba.errors.robots import MissionFailed
-from robocorba.maps.geometry import Obstacle, object_geometry
-from robocorba.maps.model import Building
-from robocorba.maps.movable import movables, object_outline
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.geometry import Obstacle, object_geometry
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.movable import movables, object_outline
+from robocorba.map_editor.polygons import FloorArea
 from robocorba.missions.cooperative_planner import Grant
 from robocorba.missions.world import MovableObject, StandingRobot
 from robocorba.planning.planner import PathPlanner

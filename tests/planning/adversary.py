@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robocorba.maps.geometry import bounds, obstacles
-from robocorba.maps.model import Building
+from robocorba.map_editor.geometry import bounds, obstacles
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.grids import segments_of
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.request import Place
-from robocorba.spatial.grids import segments_of
-from robocorba.spatial.pose import XY
 
 #: Shares of queries whose ends are equal, nearly equal, or on both sides of a wall in line with it.
 EQUAL, NEARLY_EQUAL, IN_LINE = 0.03, 0.03, 0.06

@@ -11,12 +11,12 @@ from itertools import cycle
 from pathlib import Path
 from typing import NamedTuple
 
-from robocorba.maps.formats import read_map
-from robocorba.maps.model import Building
-from robocorba.maps.samples import SAMPLES, load_sample
+from robocorba.map_editor.formats import read_map
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.samples import SAMPLES, load_sample
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Criterion, PathRequest, RouteMode
-from robocorba.testing.grid_maps import KINDS, building_of
+from testkit.grid_maps import KINDS, building_of
 from tests.planning.adversary import Query
 from tests.planning.judge import Judge, Verdict
 from tests.planning.scenes import (

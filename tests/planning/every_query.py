@@ -13,7 +13,7 @@ from rich.progress import track
 
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import RouteMode
-from robocorba.testing.report import PROGRESS
+from testkit.report import PROGRESS
 from tests.planning.adversary import Adversary
 from tests.planning.every_building import (
     DRAWN,

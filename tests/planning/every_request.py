@@ -13,10 +13,10 @@ from functools import partial
 import numpy as np
 from rich.progress import track
 
-from robocorba.maps.model import Building
+from robocorba.map_editor.model import Building
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import PathRequest
-from robocorba.testing.report import PROGRESS
+from testkit.report import PROGRESS
 from tests.planning.adversary import Adversary
 from tests.planning.every_building import DRAWN, IMPORTED, report
 from tests.planning.judge import Judge, Verdict

@@ -13,11 +13,11 @@ from typing import NamedTuple
 from shapely import LineString, Point
 
 from robocorba.errors.paths import NoPath, NotFree
-from robocorba.maps.geometry import shaft_polygon
-from robocorba.maps.model import Building
+from robocorba.map_editor.geometry import shaft_polygon
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Criterion, Path, PathPoint, PathRequest, Place, PointKind, RouteMode
-from robocorba.spatial.pose import XY
 from tests.planning.plain_plan import TOLERANCE_M, FloorPlan, Plan
 from tests.planning.visibility import VisibilityGraph
 

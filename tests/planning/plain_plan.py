@@ -1,5 +1,5 @@
 """A building as shapely geometry and a networkx graph for one request, made without the planner's code: only the map
-and its obstacles (robocorba.maps) and the classes of requests are shared with it."""
+and its obstacles (robocorba.map_editor) and the classes of requests are shared with it."""
 
 from __future__ import annotations
 
@@ -16,15 +16,10 @@ from scipy import ndimage
 from shapely import LineString, Point, Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.maps.geometry import obstacles
-from robocorba.maps.model import (
-    Building,
-    Elevator,
-    PathEdge,
-    PathNode,
-)
+from robocorba.map_editor.geometry import obstacles
+from robocorba.map_editor.model import Building, Elevator, PathEdge, PathNode
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.request import Criterion, PathRequest, Place, RouteMode
-from robocorba.spatial.pose import XY
 
 Node: TypeAlias = tuple[str, str]
 #: Tolerance for rounding [m].

@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 from shapely import LineString, Point, Polygon, STRtree
 
-from robocorba.maps.geometry import bounds, free_space, obstacles, shaft_polygon
-from robocorba.maps.model import (
+from robocorba.map_editor.geometry import bounds, free_space, obstacles, shaft_polygon
+from robocorba.map_editor.model import (
     Area,
     BoxShape,
     Building,
@@ -31,10 +31,10 @@ from robocorba.maps.model import (
     Shape,
     Wall,
 )
-from robocorba.maps.validation import problems
+from robocorba.map_editor.spatial.pose import XY
+from robocorba.map_editor.validation import problems
 from robocorba.planning.request import Criterion, PathRequest, Place, RouteMode
-from robocorba.spatial.pose import XY
-from robocorba.testing.buildings import with_all
+from testkit.buildings import with_all
 from tests.planning.adversary import Query
 
 #: Clearance of nodes from obstacles [m]: far less than a robot needs.

@@ -11,12 +11,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robocorba.errors.paths import NoPath
-from robocorba.maps.model import Building
-from robocorba.maps.samples import SAMPLES
-from robocorba.maps.validation import problems
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.samples import SAMPLES
+from robocorba.map_editor.validation import problems
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import IndexedNames, Path, PathRequest, Place, PointKind, RouteMode
-from robocorba.testing.buildings import buildings
+from testkit.buildings import buildings
 from tests.planning.adversary import Adversary
 from tests.planning.every_building import (
     DRAWN,

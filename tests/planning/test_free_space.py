@@ -15,8 +15,10 @@ from hypothesis import strategies as st
 from shapely import LineString
 
 from robocorba.errors.paths import PlanningTimeout
-from robocorba.maps.changes import key_of
-from robocorba.maps.model import Building, Element, MapObject
+from robocorba.map_editor.changes import key_of
+from robocorba.map_editor.model import Building, Element, MapObject
+from robocorba.map_editor.spatial.grids import build_grid
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.request import Place
 from robocorba.planning.segments import segments_distance2
@@ -25,10 +27,8 @@ from robocorba.planning.tangent_graph import DriveLeg, TangentGraph
 from robocorba.planning.triangulation import FRAME_CORNERS, Mesh, side
 from robocorba.planning.turns import Turn
 from robocorba.planning.visible_region import make_scratch, seen_from
-from robocorba.spatial.grids import build_grid
-from robocorba.spatial.pose import XY
-from robocorba.testing.buildings import on_a_floor
-from robocorba.testing.fine_grid import FloorGeometry
+from testkit.buildings import on_a_floor
+from testkit.fine_grid import FloorGeometry
 from tests.planning.scenes import random_places, random_room, room, wall
 from tests.planning.visibility import VisibilityGraph
 

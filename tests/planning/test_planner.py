@@ -22,8 +22,8 @@ from robocorba.errors.paths import (
     PlanningTimeout,
     UnknownFloor,
 )
-from robocorba.maps.geometry import object_geometry
-from robocorba.maps.model import (
+from robocorba.map_editor.geometry import object_geometry
+from robocorba.map_editor.model import (
     Area,
     BoxShape,
     Building,

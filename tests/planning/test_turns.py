@@ -14,7 +14,7 @@ from robocorba.errors.paths import PlannerBusy, PlanningTimeout
 from robocorba.planning.space import FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.turns import ALONE, SLICE_S, Turn, Turns
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 from tests.planning.scenes import random_room
 from tests.waits import work_for
 

@@ -12,10 +12,10 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from shapely import LineString, Point
 
-from robocorba.maps.geometry import free_space
-from robocorba.maps.model import Building
+from robocorba.map_editor.geometry import free_space
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.request import Place
-from robocorba.spatial.pose import XY
 
 Array: TypeAlias = NDArray[np.float64]
 #: Vertices nearer to each other are equal [m].

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.polygons import FloorArea
 from robocorba.simulation.reservations import KEPT_S, Reservation, ReservedAreas
 
 #: A rectangle of squares: number of the floor, x, y, width and height [m].

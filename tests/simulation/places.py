@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from robocorba.maps.model import (
+from robocorba.map_editor.model import (
     BoxShape,
     Building,
     Elevator,
@@ -19,6 +19,7 @@ from robocorba.maps.model import (
     MapObject,
     Wall,
 )
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
@@ -27,7 +28,6 @@ from robocorba.simulation.registry import Description
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.store import SimulationStore
-from robocorba.spatial.pose import Pose
 
 
 def tower() -> Building:

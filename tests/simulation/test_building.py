@@ -15,11 +15,11 @@ from robocorba.errors.simulation import (
     PlaceTaken,
     UnknownBody,
 )
-from robocorba.maps.model import BoxShape, ElementKind, Floor, MapObject, Wall
+from robocorba.map_editor.model import BoxShape, ElementKind, Floor, MapObject, Wall
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.world_record import WorldRecord
-from robocorba.spatial.pose import Pose
 from tests.simulation.places import enter, robot, run, tower
 
 

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
-from robocorba.maps.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
+from robocorba.map_editor.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
+from robocorba.map_editor.spatial.elevator_state import Doors
 from robocorba.planning.elevators import ride, travel_time, travelled
 from robocorba.simulation.elevator import (
     BLOCKED_S,
@@ -24,7 +25,6 @@ from robocorba.simulation.elevator import (
     fits,
 )
 from robocorba.simulation.elevator_wait import longest_wait_s
-from robocorba.spatial.elevator_state import Doors
 
 HEIGHTS = {f"L{level}": 4.0 * level for level in range(1, 6)}
 LIFT = Elevator("E1", (0.0, 0.0), (1.8, 1.8), tuple(ElevatorDoor(name) for name in HEIGHTS), speed=1.5, door_time=3.0)

@@ -12,12 +12,12 @@ import pytest
 from robocorba.errors.simulation import (
     PlaceTaken,
 )
-from robocorba.maps.model import BoxShape, ElementKind, Floor, MapObject
+from robocorba.map_editor.model import BoxShape, ElementKind, Floor, MapObject
+from robocorba.map_editor.spatial.elevator_state import Doors
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.physics import FloorPhysics
-from robocorba.spatial.elevator_state import Doors
-from robocorba.spatial.pose import Pose
 from tests.simulation.places import enter, run, tower
 
 

@@ -20,7 +20,7 @@ from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.session import Session
 from robocorba.simulation.simulated_robot import STOPPED
 from robocorba.simulation.store import SimulationStore
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 from tests.simulation.places import robot, tower
 
 PATIENCE_S = 30.0

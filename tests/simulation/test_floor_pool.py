@@ -10,16 +10,25 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from robocorba import cores
 from robocorba.errors.simulation import CannotGrip
-from robocorba.maps.model import BoxShape, Building, Elevator, ElevatorDoor, Floor, FloorMap, GeometricalMap, MapObject
+from robocorba.map_editor.model import (
+    BoxShape,
+    Building,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    FloorMap,
+    GeometricalMap,
+    MapObject,
+)
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation import floor_pool
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.floor_pool import KEPT_WINDOWS, MIN_SHARED_BODIES, WINDOW_STEPS, FloorPool, SharingChoice
 from robocorba.simulation.physics import Contact, StepResult
 from robocorba.simulation.registry import Description
-from robocorba.spatial.pose import Pose
+from robocorba.system import cores
 from tests.clock import Clock
 
 FLOORS = ("L1", "L2", "L3")

@@ -30,6 +30,7 @@ from robocorba.errors.simulation import (
     SimulationError,
     UnknownRobot,
 )
+from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation import building, elevators, management_agent
 from robocorba.simulation.attended_time import AttendedTime
 from robocorba.simulation.management_agent import ManagementAgent
@@ -39,7 +40,6 @@ from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.simulation_loop import SimulationLoop
 from robocorba.simulation.state_writer import StateWriter
 from robocorba.simulation.store import SimulationStore
-from robocorba.spatial.pose import Pose
 from tests.clock import Clock
 from tests.simulation.area_model import AreaModel, areas
 from tests.simulation.places import robot, tower

@@ -25,7 +25,8 @@ from robocorba.errors.simulation import (
     SessionExpired,
     UnknownRobot,
 )
-from robocorba.maps.model import ElementKind
+from robocorba.map_editor.model import ElementKind
+from robocorba.map_editor.spatial.pose import Limits, Pose
 from robocorba.simulation import management_agent
 from robocorba.simulation.attended_time import LONGEST_PAUSE_S, AttendedTime
 from robocorba.simulation.load_balance import SENSOR_LEASE_S, Load, LoadBalance
@@ -45,8 +46,7 @@ from robocorba.simulation.world_record import (
     RobotRecord,
     WorldRecord,
 )
-from robocorba.spatial.pose import Limits, Pose
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 from tests.clock import Clock
 from tests.simulation.places import robot, scan, tower
 

@@ -13,17 +13,26 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robocorba.maps import native
-from robocorba.maps.edits import MapChange
-from robocorba.maps.lineage import Lineage
-from robocorba.maps.map_building_agent import BuildingEditor
-from robocorba.maps.model import BoxShape, Building, ElementKind, Elevator, ElevatorDoor, Floor, FloorMap, MapObject
-from robocorba.maps.store import MapStore
+from robocorba.map_editor import native
+from robocorba.map_editor.edits import MapChange
+from robocorba.map_editor.lineage import Lineage
+from robocorba.map_editor.map_building_agent import BuildingEditor
+from robocorba.map_editor.model import (
+    BoxShape,
+    Building,
+    ElementKind,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    FloorMap,
+    MapObject,
+)
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.map_editor.store import MapStore
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.record_names import with_present_names
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import area_request
-from robocorba.spatial.pose import Pose
 
 FLOOR, OBJECT, ELEVATOR = ElementKind.FLOOR, ElementKind.OBJECT, ElementKind.ELEVATOR
 FLOOR_NAMES = ("L1", "L2", "L3", "lobby", "roof")

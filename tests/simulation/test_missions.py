@@ -14,9 +14,9 @@ import pytest
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import InvalidMission, NoLeader, StaleMission, UnknownMission
+from robocorba.missions.mission_control import GONE_LIMIT_S, HAND_OVER_S, SILENT_LIMIT_S, LeaderWatch, MissionControl
 from robocorba.simulation import mission_directory
 from robocorba.simulation import store as store_module
-from robocorba.simulation.mission_control import GONE_LIMIT_S, HAND_OVER_S, SILENT_LIMIT_S, LeaderWatch, MissionControl
 from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord, decoded
 from robocorba.simulation.store import MAX_DOCUMENT, Mission, SimulationStore
@@ -295,7 +295,7 @@ def test_robots_that_hang_do_not_occupy_the_server(missions: MissionDirectory) -
 
 
 def test_an_abort_hits_its_own_mission_only(missions: MissionDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robocorba.simulation.mission_control.ABORT_RETRY_S", 0.0)
+    monkeypatch.setattr("robocorba.missions.mission_control.ABORT_RETRY_S", 0.0)
     robots = Robots(A="second")
     control = MissionControl(missions, robots)
     put(missions, "first", RUNNING)
@@ -310,8 +310,8 @@ def test_an_abort_hits_its_own_mission_only(missions: MissionDirectory, monkeypa
     assert robots.aborted == []
     control.abort("second")
     assert robots.aborted == ["second"]
-    monkeypatch.setattr("robocorba.simulation.mission_control.ABORT_RETRY_S", 60.0)
-    monkeypatch.setattr("robocorba.simulation.mission_control.ABORT_PAUSE_S", 0.0)
+    monkeypatch.setattr("robocorba.missions.mission_control.ABORT_RETRY_S", 60.0)
+    monkeypatch.setattr("robocorba.missions.mission_control.ABORT_PAUSE_S", 0.0)
     leads = iter(["", "", "first"])
     monkeypatch.setattr(robots, "mission_of", lambda leader: next(leads))
     control.abort("first")  # its leader has just accepted it

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import UpdateMismatch
-from robocorba.maps.model import BoxShape, MapObject
+from robocorba.map_editor.model import BoxShape, MapObject
+from robocorba.map_editor.spatial.elevator_state import Doors
+from robocorba.map_editor.spatial.floor_update import WHOLE, BodyKind, FloorView
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.robot_scans import (
@@ -22,8 +24,6 @@ from robocorba.simulation.robot_scans import (
     READ_WINDOW_S,
     RobotScans,
 )
-from robocorba.spatial.elevator_state import Doors
-from robocorba.spatial.floor_update import WHOLE, BodyKind, FloorView
 from tests.clock import Clock
 from tests.simulation.places import robot, run, scan, tower
 

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import pytest
 from shapely import LineString, Point
 
+from robocorba.map_editor.spatial.pose import Limits, Pose
 from robocorba.simulation.physics import STEP_S, FloorPhysics
 from robocorba.simulation.registry import Description
 from robocorba.simulation.substeps import max_penetration_m
-from robocorba.spatial.pose import Limits, Pose
 
 #: Half the length of a wall that nobody can go around [m].
 FAR_M = 900.0

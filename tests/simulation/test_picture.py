@@ -15,9 +15,9 @@ from PIL import Image, ImageColor
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidPicture
-from robocorba.maps import drawing
-from robocorba.maps.drawing import CABIN, CLOSED_SHAFT, DOOR, FIXED, MOVABLE, WALL
-from robocorba.maps.model import (
+from robocorba.map_editor import drawing
+from robocorba.map_editor.drawing import CABIN, CLOSED_SHAFT, DOOR, FIXED, MOVABLE, WALL
+from robocorba.map_editor.model import (
     Area,
     BoxShape,
     Building,
@@ -33,14 +33,14 @@ from robocorba.maps.model import (
     TopologicalMap,
     Wall,
 )
-from robocorba.maps.sheet import FOOT_PX, GROUND, HEAD_PX, INK
+from robocorba.map_editor.sheet import FOOT_PX, GROUND, HEAD_PX, INK
+from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
+from robocorba.map_editor.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.simulation import picture
 from robocorba.simulation.picture import LASER, LIGHT, ROBOT, UNUSED_LAYER_S, VELOCITY, FloorPainter, ScanFan
-from robocorba.spatial.elevator_state import Doors, ElevatorState
-from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
-from robocorba.spatial.pose import XY
 from tests.clock import Clock
-from tests.maps.pixels import to_pixel
+from tests.map_editor.pixels import to_pixel
 
 WIDTH = 800
 SQUARE = ((-1.0, -0.25), (1.0, -0.25), (1.0, 0.25), (-1.0, 0.25))

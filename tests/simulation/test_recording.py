@@ -19,11 +19,11 @@ from mcap.writer import Writer
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidRecording
-from robocorba.maps.model import Building, Floor, FloorMap
+from robocorba.map_editor.model import Building, Floor, FloorMap
+from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
+from robocorba.map_editor.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.simulation.recording import CHUNK_S, MAP_ATTACHMENT, PROFILE, SCHEMA, Recorder, Recording, dumps, loads
-from robocorba.spatial.elevator_state import Doors, ElevatorState
-from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
-from robocorba.testing.buildings import two_floors
+from testkit.buildings import two_floors
 
 BEGAN = 1.7e9
 SMALL = Building("b", {"L1": FloorMap(Floor(name="L1", level=1, elevation=0.0))})

@@ -19,11 +19,11 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from robocorba.console.recordings import Recordings
-from robocorba.decoding import Work, decompress_gzip, decompress_zstd
 from robocorba.errors.files import LimitExceeded, WorkEnded
 from robocorba.errors.simulation import InvalidRecording
-from robocorba.maps import native
-from robocorba.maps.model import Building, Floor, FloorMap
+from robocorba.map_editor import native
+from robocorba.map_editor.model import Building, Floor, FloorMap
+from robocorba.map_editor.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.simulation.recording import (
     MAP_ATTACHMENT,
     MAX_CHUNK_BYTES,
@@ -34,7 +34,7 @@ from robocorba.simulation.recording import (
     Recording,
     dumps,
 )
-from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
+from robocorba.system.decoding import Work, decompress_gzip, decompress_zstd
 
 SMALL = Building("b", {"L1": FloorMap(Floor(name="L1", level=1, elevation=0.0))})
 BEGAN_NS = 1_700_000_000_000_000_000

@@ -9,7 +9,7 @@ import pytest
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidReservation, ReservationsFull
-from robocorba.maps.polygons import FloorArea
+from robocorba.map_editor.polygons import FloorArea
 from robocorba.simulation.reservations import AreaRequest, Reservations, area_request, area_requests
 
 FLOORS = ("L1", "L2")

@@ -12,7 +12,7 @@ import pytest
 from robocorba.errors.simulation import InvalidChoice, SimulationBusy
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.simulation_loop import MAX_LAG_S, SimulationLoop
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 
 
 class Counter:

@@ -10,7 +10,7 @@ from robocorba.errors.services import ServiceError
 from robocorba.simulation import state_writer
 from robocorba.simulation.state_writer import StateWriter
 from robocorba.simulation.world_record import WorldRecord
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 from tests.waits import stays
 
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from robocorba.maps.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
+from robocorba.map_editor.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
+from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
+from robocorba.map_editor.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 from robocorba.simulation.system_view import RobotPlace, SystemView
-from robocorba.spatial.elevator_state import Doors, ElevatorState
-from robocorba.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
 
 HOUSE = Building(
     "house",

@@ -16,10 +16,12 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from robocorba.errors.simulation import InvalidReservation, InvalidRide, UnknownRobot
-from robocorba.maps.changes import ChangeKind
-from robocorba.maps.edits import MapChange
-from robocorba.maps.lineage import Lineage
-from robocorba.maps.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
+from robocorba.map_editor.changes import ChangeKind
+from robocorba.map_editor.edits import MapChange
+from robocorba.map_editor.lineage import Lineage
+from robocorba.map_editor.model import Building, Elevator, ElevatorDoor, Floor, FloorMap
+from robocorba.map_editor.spatial.elevator_state import Doors
+from robocorba.map_editor.spatial.pose import XY, Pose
 from robocorba.simulation import building as building_module
 from robocorba.simulation import elevators as elevators_module
 from robocorba.simulation.building import SimulatedBuilding
@@ -27,8 +29,6 @@ from robocorba.simulation.elevator import BOARDING_LIMIT_S, BOARDING_MARGIN_S, R
 from robocorba.simulation.reservations import area_request
 from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.world_record import WorldRecord
-from robocorba.spatial.elevator_state import Doors
-from robocorba.spatial.pose import XY, Pose
 from tests.simulation.area_model import AreaModel, Box, areas
 from tests.simulation.places import enter
 

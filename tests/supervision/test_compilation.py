@@ -10,12 +10,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from robocorba import kernel_cache
 from robocorba.commands.compiling import LINE_INTERVAL_S, TITLE, Lines, text_of
-from robocorba.kernel_store import KernelStore
-from robocorba.supervision import compilation, compile_worker
-from robocorba.supervision.compilation import CompilationProgress, Progress, compile_kernels, worker_count
-from robocorba.testing.processes import is_running
+from robocorba.system import kernel_cache
+from robocorba.system.kernel_store import KernelStore
+from robocorba.system.supervision import compilation, compile_worker
+from robocorba.system.supervision.compilation import CompilationProgress, Progress, compile_kernels, worker_count
+from testkit.processes import is_running
 
 ROOT = Path(__file__).parents[2]
 SOURCE = "@kernel\ndef first(x):\n    return x\n\n\n@kernel\ndef second(x):\n    return first(x)\n"

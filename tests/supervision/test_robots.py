@@ -19,16 +19,16 @@ from hypothesis import strategies as st
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import NotReachable, ProcessExists, UnknownProcess
 from robocorba.errors.simulation import InvalidChoice
-from robocorba.logs import last_lines
-from robocorba.processes import RobotOrder
-from robocorba.settings import Address
-from robocorba.supervision.fleet_file import InvalidFleet, group_of, read_fleet
-from robocorba.supervision.launch import ModuleRun
-from robocorba.supervision.order_checker import checked_places
-from robocorba.supervision.output import ReadyLine
-from robocorba.supervision.process import ProcessSpec
-from robocorba.supervision.robots import MAX_ROBOTS, Robots, robot_spec
-from robocorba.supervision.starter import Starter
+from robocorba.system.logs import last_lines
+from robocorba.system.processes import RobotOrder
+from robocorba.system.settings import Address
+from robocorba.system.supervision.fleet_file import InvalidFleet, group_of, read_fleet
+from robocorba.system.supervision.launch import ModuleRun
+from robocorba.system.supervision.order_checker import checked_places
+from robocorba.system.supervision.output import ReadyLine
+from robocorba.system.supervision.process import ProcessSpec
+from robocorba.system.supervision.robots import MAX_ROBOTS, Robots, robot_spec
+from robocorba.system.supervision.starter import Starter
 
 FLOORS = ["L1", "L2"]
 

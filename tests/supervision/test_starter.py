@@ -17,16 +17,17 @@ from typing import Any
 import psutil
 import pytest
 
-from robocorba.corba.connections import ConnectionLimit, OwnDescriptors
 from robocorba.errors.services import NotReachable, StartFailed
-from robocorba.supervision.child_descriptors import ChildDescriptors
-from robocorba.supervision.hangs import HangLimit, watch_for_hang
-from robocorba.supervision.launch import LoggedProcess, ModuleRun, module_command
-from robocorba.supervision.output import Pipe
-from robocorba.supervision.starter import Child, Starter
-from robocorba.supervision.warm_parent import ENVIRONMENT
-from robocorba.testing.nursery import ForkedProcess, Nursery
-from robocorba.testing.processes import ROBOCORBA, Launcher, command_line, eventually, is_running, read_json
+from robocorba.orb.connections import ConnectionLimit, OwnDescriptors
+from robocorba.system.supervision.child_descriptors import ChildDescriptors
+from robocorba.system.supervision.hangs import HangLimit, watch_for_hang
+from robocorba.system.supervision.launch import LoggedProcess, ModuleRun
+from robocorba.system.supervision.output import Pipe
+from robocorba.system.supervision.starter import Child, Starter
+from robocorba.system.supervision.warm_parent import ENVIRONMENT
+from testkit.json_process import kit_command
+from testkit.nursery import ForkedProcess, Nursery
+from testkit.processes import ROBOCORBA, Launcher, command_line, eventually, is_running, read_json
 
 PROGRAM = "tests.supervision.forked_program"
 #: Whatever it runs on: a condition is waited for at most this long [s].
@@ -68,7 +69,9 @@ class Place:
 
     @property
     def warm_parent(self) -> psutil.Process:
-        (found,) = [child for child in self.children() if "robocorba.supervision.warm_parent" in command_line(child)]
+        (found,) = [
+            child for child in self.children() if "robocorba.system.supervision.warm_parent" in command_line(child)
+        ]
         return found
 
 
@@ -190,11 +193,11 @@ def test_loaded_servers_can_be_forked() -> None:
     script = (
         "import os, sys\n"
         "from pathlib import Path\n"
-        "from robocorba.supervision.warm_parent import check_forkable, load, pipes\n"
+        "from robocorba.system.supervision.warm_parent import check_forkable, load, pipes\n"
         "before = set(os.listdir('/proc/self/fd'))\n"
         "for name in sys.argv[1:]: load(name)\n"
         "check_forkable()\n"
-        "from robocorba.corba import orb\n"
+        "from robocorba.orb import orb\n"
         "assert not orb._one_orb.locked()\n"
         "own = {str(end) for pair in pipes() for end in pair}  # which each process renews\n"
         "assert len(set(os.listdir('/proc/self/fd')) - own) == len(before), os.listdir('/proc/self/fd')\n"
@@ -209,7 +212,7 @@ STUBBORN = (
 PARENT = """
 import sys
 from pathlib import Path
-from robocorba.supervision.launch import LoggedProcess
+from robocorba.system.supervision.launch import LoggedProcess
 child = LoggedProcess(Path(sys.argv[1]), "sleep", "60")
 print(child.pid, flush=True)
 sys.stdin.read()
@@ -384,7 +387,7 @@ def test_it_is_a_child_of_this_process(nursery: Nursery, options: dict[str, Any]
 
 
 def test_what_is_not_forked(nursery: Nursery, options: dict[str, Any]) -> None:
-    client = module_command("robocorba.testing.simulation_client", "127.0.0.1:2809")
+    client = kit_command("testkit.simulation_client", "127.0.0.1:2809")
     for command in ((sys.executable, "-c", ""), ("omniNames", "-start"), (ROBOCORBA, "--help"), client):
         assert nursery.start(command, **options) is None
     options["env"]["NUMBA_CACHE_DIR"] = "/elsewhere"

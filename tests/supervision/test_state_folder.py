@@ -13,25 +13,25 @@ import msgspec
 import psutil
 import pytest
 
-from robocorba.claimed_ports import claimed_ports
-from robocorba.damaged_files import LAST_BACKUP
 from robocorba.errors.files import LimitExceeded, OutputExists, OutputIsInput
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.events.channel_store import ChannelStore, Peer
 from robocorba.events.seen_events import SeenEvents
-from robocorba.maps.changes import Change, ElementKey
-from robocorba.maps.model import ElementKind, Floor
-from robocorba.maps.store import MapStore
-from robocorba.roles import Role
-from robocorba.settings import Address, InvalidSetting, RoleNaming, Settings, robot_keys, role_file
+from robocorba.map_editor.changes import Change, ElementKey
+from robocorba.map_editor.model import ElementKind, Floor
+from robocorba.map_editor.store import MapStore
 from robocorba.simulation.store import Mission, SimulationStore
-from robocorba.supervision.access import Access, remove_access
-from robocorba.supervision.backups import back_up, restore
-from robocorba.supervision.console import CONSOLE
-from robocorba.supervision.folder import ProcessRecord, StateFolder, SystemRecord, started_s
-from robocorba.supervision.naming_data import intact_part, mend_naming_data
-from robocorba.testing.buildings import two_floors
+from robocorba.system.claimed_ports import claimed_ports
+from robocorba.system.damaged_files import LAST_BACKUP
+from robocorba.system.names import CONSOLE
+from robocorba.system.roles import Role
+from robocorba.system.settings import Address, InvalidSetting, RoleNaming, Settings, robot_keys, role_file
+from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemRecord, started_s
+from robocorba.system.supervision.access import Access, remove_access
+from robocorba.system.supervision.backups import back_up, restore
+from robocorba.system.supervision.naming_data import intact_part, mend_naming_data
+from testkit.buildings import two_floors
 from tests.damage import damage
 
 ADDRESS = Address("127.0.0.1", 2809)

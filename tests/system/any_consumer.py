@@ -12,7 +12,7 @@ from omniORB import CORBA
 
 import CosEventComm__POA  # isort: skip  (found once omniORB is imported)
 
-from robocorba.testing.random_anys import content
+from testkit.random_anys import content
 
 
 class Consumer(CosEventComm__POA.PushConsumer):
@@ -30,9 +30,9 @@ if sys.argv[1:] == ["bare"]:
     assert omniORB.orb is bare
     sys.stdin.read()
 else:
-    from robocorba.corba.orb import Orb
-    from robocorba.settings import Address
+    from robocorba.orb.orb import Orb
     from robocorba.stubs import RoboCorba__POA
+    from robocorba.system.settings import Address
 
     class Batches(Consumer, RoboCorba__POA.EventConsumer):
         def pushRuns(self, runs: Any) -> None:

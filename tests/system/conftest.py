@@ -10,12 +10,12 @@ from subprocess import Popen
 
 import pytest
 
-from robocorba.claimed_ports import claimed_ports
-from robocorba.corba.orb import Orb
-from robocorba.maps import native
-from robocorba.settings import Address
-from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, forked_processes, real_system
+from robocorba.map_editor import native
+from robocorba.orb.orb import Orb
+from robocorba.system.claimed_ports import claimed_ports
+from robocorba.system.settings import Address
+from testkit.buildings import two_floors
+from testkit.processes import ROBOCORBA, Launcher, Running, forked_processes, real_system
 
 HERE = Path(__file__).resolve().parent
 ECHO_UP = (sys.executable, str(HERE / "echo_up.py"))
@@ -85,7 +85,7 @@ def client(naming_port: int) -> Iterator[Orb]:
 
 @pytest.fixture(scope="module")
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """The real servers on the building of robocorba.testing.buildings.two_floors, one system for a module."""
+    """The real servers on the building of testkit.buildings.two_floors, one system for a module."""
     folder = tmp_path_factory.mktemp("system")
     native.save(two_floors(), folder / "two-floors.yaml")
     with claimed_ports() as port, Launcher(folder) as launch:

@@ -16,10 +16,10 @@ import time
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from robocorba import logs
-from robocorba.corba.orb import Orb
-from robocorba.settings import ServerSettings
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.system import logs
+from robocorba.system.settings import ServerSettings
 
 
 class EchoPlanner(RoboCorba__POA.PathPlanner):

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from robocorba.commands.up import run
 from robocorba.errors.base import RoboCorbaError
-from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.folder import StateFolder
-from robocorba.supervision.hangs import HangLimit
-from robocorba.supervision.servers import Probe, Server
-from robocorba.supervision.system import System
+from robocorba.system.corba.servers import Probe, Server
+from robocorba.system.settings import Address
+from robocorba.system.state_folder import StateFolder
+from robocorba.system.supervision.hangs import HangLimit
+from robocorba.system.supervision.system import System
 
 ECHO = Server(
     "echo", "echo_server", {"PathPlanner": Probe(RoboCorba.PathPlanner, lambda planner: planner._get_mapVersion())}

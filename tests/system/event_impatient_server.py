@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from robocorba.backoff import Backoff
 from robocorba.events.policies import DeliveryPolicy, PollingPolicy, ProxyPolicy
 from robocorba.servers import event_channel
+from robocorba.system.backoff import Backoff
 
 BACKOFF = Backoff(0.05, 0.2)
 POLICY = ProxyPolicy(

@@ -16,12 +16,12 @@ import CosEventComm
 import CosEventComm__POA
 from omniORB import CORBA
 
-from robocorba.claimed_ports import claimed_ports
-from robocorba.corba.orb import Orb
-from robocorba.settings import Address
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.testing.federation import SERVER, Channels
-from robocorba.testing.processes import Launcher
+from robocorba.system.claimed_ports import claimed_ports
+from robocorba.system.settings import Address
+from testkit.federation import SERVER, Channels
+from testkit.processes import Launcher
 
 #: A channel's server that gives silent clients up sooner, and has MAX_PROXIES.
 IMPATIENT, MAX_PROXIES = "event_impatient_server", 100

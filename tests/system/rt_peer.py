@@ -19,7 +19,7 @@ import omniORB
 from omniORB import CORBA
 from rtctree.rtc import RTC, RTC__POA, OpenRTM, OpenRTM__POA, SDOPackage
 
-from robocorba.testing.json_process import answer_commands
+from testkit.json_process import answer_commands
 
 #: Values that are kept of each in port.
 KEPT = 2000

@@ -17,12 +17,12 @@ from typing import Any
 import pytest
 from omniORB import CORBA
 
-from robocorba.corba.orb import Orb
-from robocorba.maps import native
+from robocorba.map_editor import native
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import Running, eventually, refusal
-from tests.formats.rmf_files import small, written
+from testkit.buildings import two_floors
+from testkit.processes import Running, eventually, refusal
+from tests.map_editor.formats.rmf_files import small, written
 from tests.system.elements import XY, all_elements, id_of, replay, wall
 from tests.system.test_up import answers
 from tests.waits import pause

@@ -15,13 +15,13 @@ import pytest
 from omniORB import CORBA
 from PIL import Image
 
-from robocorba.corba.naming import corbaname
-from robocorba.corba.orb import Orb
+from robocorba.orb.naming import corbaname
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.launch import LoggedProcess, module_command
-from robocorba.testing.heartbeats import heartbeats
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, read_json
-from robocorba.testing.simulation import about
+from robocorba.system.supervision.launch import LoggedProcess, module_command
+from testkit.heartbeats import heartbeats
+from testkit.processes import ROBOCORBA, Launcher, Running, eventually, read_json
+from testkit.simulation import about
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 

@@ -16,18 +16,18 @@ from typing import Any
 
 import pytest
 
-from robocorba.control.agent_state import ProgramResult
-from robocorba.corba.event_client import Event, EventClient
-from robocorba.corba.orb import Orb
 from robocorba.errors.events import Unconfirmed
 from robocorba.errors.services import NotReachable
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import dumps
+from robocorba.events.corba.event_client import Event, EventClient
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import ProgramResult
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import dumps
 from robocorba.simulation.mission_record import MissionResult
 from robocorba.stubs import RoboCorba
-from robocorba.testing.missions import FLOOR, MissionSystem, RobotStart, save_three_rooms
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, running_system
-from robocorba.testing.simulation import GONE
+from testkit.missions import FLOOR, MissionSystem, RobotStart, save_three_rooms
+from testkit.processes import ROBOCORBA, Launcher, Running, eventually, running_system
+from testkit.simulation import GONE
 from tests.system.wrong_clocks import HOUR_S, JUMPS_S, YEAR_S, Clocks, wrong_clocks
 
 pytestmark = [pytest.mark.system, pytest.mark.full, pytest.mark.slow]

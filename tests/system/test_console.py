@@ -14,14 +14,14 @@ from typing import Any
 import psutil
 import pytest
 
-from robocorba.claimed_ports import claimed_ports
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.supervisor import RemoteSupervisor
 from robocorba.errors.services import NotReachable, ProcessExists, UnknownProcess
 from robocorba.errors.simulation import InvalidChoice
-from robocorba.names import SUPERVISOR
-from robocorba.processes import ProcessPhase, ProcessState, RobotOrder
-from robocorba.testing.processes import ROBOCORBA, Running, eventually, is_running, refusal, running_system
+from robocorba.orb.orb import Orb
+from robocorba.system.claimed_ports import claimed_ports
+from robocorba.system.corba.remote_supervisor import RemoteSupervisor
+from robocorba.system.names import SUPERVISOR
+from robocorba.system.processes import ProcessPhase, ProcessState, RobotOrder
+from testkit.processes import ROBOCORBA, Running, eventually, is_running, refusal, running_system
 
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 pytestmark = pytest.mark.system

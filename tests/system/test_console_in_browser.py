@@ -13,16 +13,16 @@ from re import Pattern
 
 import pytest
 
-from robocorba.maps import native
-from robocorba.maps.model import Building
-from robocorba.testing.processes import Running, running_system
+from robocorba.map_editor import native
+from robocorba.map_editor.model import Building
+from testkit.processes import Running, running_system
 
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 pytest.importorskip("playwright", reason="playwright, which moves the browser, is not installed")
 
 from playwright.sync_api import ConsoleMessage, Dialog, Locator, Page, expect
 
-from robocorba.testing.browser import chromium, headless
+from testkit.browser import chromium, headless
 
 BROWSER = chromium()
 pytestmark = [

@@ -13,17 +13,17 @@ from typing import Any
 import pytest
 
 from robocorba import __version__
-from robocorba.control.agent_state import ProgramResult
-from robocorba.corba.naming import corbaname
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.robots import InvalidProgram
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.icons import Destination
-from robocorba.programs.program import dumps
+from robocorba.orb.naming import corbaname
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import ProgramResult
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.icons import Destination
+from robocorba.robot.programs.program import dumps
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, eventually, read_json
-from robocorba.testing.simulation import about
+from testkit.processes import ROBOCORBA, Launcher, Running, drain, eventually, read_json
+from testkit.simulation import about
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 

@@ -19,11 +19,11 @@ import pytest
 from omniORB import CORBA
 from omniORB import tcInternal as tc
 
-from robocorba.corba.conversion.bounded_any import TC_ANY, invoke
-from robocorba.corba.event_client import EventClient
-from robocorba.supervision.launch import ChildProcess
-from robocorba.testing.fuzzing.wire import OCTETS, in_turn
-from robocorba.testing.random_anys import RandomAnys, content
+from robocorba.events.corba.event_client import EventClient
+from robocorba.orb.bounded_any import TC_ANY, invoke
+from robocorba.system.supervision.launch import ChildProcess
+from testkit.fuzzing.wire import OCTETS, in_turn
+from testkit.random_anys import RandomAnys, content
 from tests.system.event_place import QUEUE, EventConsumer, Place, PushConsumer, clauses, open_place
 from tests.system.test_cpp_clients import OMNIIDL, has_cpp, run_clean
 

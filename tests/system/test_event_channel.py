@@ -18,13 +18,13 @@ import omniORB
 import pytest
 from omniORB import CORBA
 
-from robocorba.corba.calls import set_call_timeout
-from robocorba.corba.event_client import Event, EventClient, _EventConsumerServant
-from robocorba.corba.remote import robot_channel
 from robocorba.errors.events import InvalidEvent, InvalidSubscription
+from robocorba.events.corba.event_client import Event, EventClient, _EventConsumerServant
 from robocorba.events.queue import OverflowRule, QueuePolicy
+from robocorba.orb.calls import set_call_timeout
+from robocorba.robot.corba import robot_channel
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import eventually, hang
+from testkit.processes import eventually, hang
 from tests.system.event_place import (
     IMPATIENT,
     MAX_PROXIES,

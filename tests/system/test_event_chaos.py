@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.testing.federation import channels
-from robocorba.testing.federation_chaos import NAMING, Chaos
+from testkit.federation import channels
+from testkit.federation_chaos import NAMING, Chaos
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 

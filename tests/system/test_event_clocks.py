@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from robocorba.testing.federation import LIMIT_S, Channels, Consumer, Counts, channels
-from robocorba.testing.processes import eventually
+from testkit.federation import LIMIT_S, Channels, Consumer, Counts, channels
+from testkit.processes import eventually
 from tests.system.wrong_clocks import HOUR_S, JUMPS_S, YEAR_S, Clocks, wrong_clocks
 
 pytestmark = [pytest.mark.system, pytest.mark.full]

@@ -11,11 +11,11 @@ from collections.abc import Iterator, Sequence
 import pytest
 from omniORB import CORBA
 
-from robocorba.corba.event_client import Event
+from robocorba.events.corba.event_client import Event
 from robocorba.events.event import MAX_PAYLOAD_BYTES
 from robocorba.stubs import RoboCorba
-from robocorba.testing.federation import LIMIT_S, Channels, Consumer, Counts, channels
-from robocorba.testing.processes import eventually
+from testkit.federation import LIMIT_S, Channels, Consumer, Counts, channels
+from testkit.processes import eventually
 from tests.waits import outlast, stays
 
 pytestmark = pytest.mark.system

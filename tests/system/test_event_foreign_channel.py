@@ -13,9 +13,9 @@ import CosEventChannelAdmin
 import pytest
 from omniORB import CORBA, tcInternal
 
-from robocorba.corba.event_client import EventClient
+from robocorba.events.corba.event_client import EventClient
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import eventually
+from testkit.processes import eventually
 from tests.system.event_place import Place, PushConsumer, open_place, text
 from tests.waits import stays
 

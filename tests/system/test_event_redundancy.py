@@ -11,12 +11,12 @@ from typing import Any, NoReturn
 import pytest
 from omniORB import CORBA
 
-from robocorba.claimed_ports import claimed_ports
-from robocorba.corba.event_client import EventClient
+from robocorba.events.corba.event_client import EventClient
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.testing.federation import LIMIT_S, Channels, Consumer, Counts, channels
-from robocorba.testing.federation_chaos import Supplier
-from robocorba.testing.processes import Launcher, eventually
+from robocorba.system.claimed_ports import claimed_ports
+from testkit.federation import LIMIT_S, Channels, Consumer, Counts, channels
+from testkit.federation_chaos import Supplier
+from testkit.processes import Launcher, eventually
 from tests.waits import stays
 
 pytestmark = [pytest.mark.system, pytest.mark.full]

@@ -16,11 +16,11 @@ import CosEventComm
 import pytest
 from omniORB import CORBA
 
-from robocorba.corba.event_client import EventClient
 from robocorba.errors.events import Unconfirmed
 from robocorba.errors.services import NotReachable
+from robocorba.events.corba.event_client import EventClient
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import ROBOCORBA, eventually, refusal
+from testkit.processes import ROBOCORBA, eventually, refusal
 from tests.system.event_place import (
     EventConsumer,
     Place,

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from robocorba.supervision.launch import module_command
-from robocorba.testing.processes import ROBOCORBA, Running, eventually, refusal, running_system
+from robocorba.system.supervision.launch import module_command
+from testkit.processes import ROBOCORBA, Running, eventually, refusal, running_system
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 

@@ -18,12 +18,12 @@ from hypothesis import strategies as st
 from omniORB import CORBA
 
 from robocorba.stubs import RoboCorba
-from robocorba.testing.fuzzing.calls import call_many
-from robocorba.testing.fuzzing.fuzzed_system import FuzzedSystem, fuzzed_system
-from robocorba.testing.fuzzing.operations import interfaces, operations
-from robocorba.testing.fuzzing.targets import OF_CLIENTS, OUT_OF_REACH, targets
-from robocorba.testing.fuzzing.wire import OCTETS, UNREADABLE
-from robocorba.testing.simulation import error_lines
+from testkit.fuzzing.calls import call_many
+from testkit.fuzzing.fuzzed_system import FuzzedSystem, fuzzed_system
+from testkit.fuzzing.operations import interfaces, operations
+from testkit.fuzzing.targets import OF_CLIENTS, OUT_OF_REACH, targets
+from testkit.fuzzing.wire import OCTETS, UNREADABLE
+from testkit.simulation import error_lines
 from tests.system.elements import examples, ring
 
 pytestmark = [pytest.mark.system, pytest.mark.full]

@@ -13,20 +13,20 @@ import CosNaming
 import pytest
 from omniORB import CORBA
 
-from robocorba.control.agent_state import AgentCondition
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
 from robocorba.errors.services import NotPermitted
-from robocorba.maps import native
-from robocorba.roles import NAMED, Role
-from robocorba.settings import RoleNaming, role_file
+from robocorba.map_editor import native
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentCondition
+from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.simulation.mission_record import MissionContent
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.supervision.stop_addresses import stop_addresses
-from robocorba.testing.buildings import two_floors
-from robocorba.testing.intrusion.intruder import WAYS, Intruder
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, running_system
-from robocorba.testing.simulation import about
+from robocorba.system.roles import NAMED, Role
+from robocorba.system.settings import RoleNaming, role_file
+from robocorba.system.supervision.stop_addresses import stop_addresses
+from testkit.buildings import two_floors
+from testkit.intrusion.intruder import WAYS, Intruder
+from testkit.processes import ROBOCORBA, Launcher, Running, eventually, running_system
+from testkit.simulation import about
 from tests.system.state_files import state_files
 
 pytestmark = [pytest.mark.system, pytest.mark.full]

@@ -17,18 +17,18 @@ import pytest
 from robocorba.clients import hand_over
 from robocorba.clients.hand_over import BASE_RETREAT_M, BUILDING, CHANNEL, GIVER, MEETING_POSES, START_POSES, TAKER
 from robocorba.clients.hand_over_facts import GIVING, HAND_DISTANCE_M, TAKING, Moment, facts, faults, is_shut
-from robocorba.kinematics import tasks
-from robocorba.kinematics.inverse import InverseKinematics
-from robocorba.kinematics.pose import HandPose
-from robocorba.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, SHUT_RAD, Side
-from robocorba.maps.samples import load_sample, sample_path
-from robocorba.motion.robot_state import RobotState
+from robocorba.map_editor.samples import load_sample, sample_path
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Place
-from robocorba.programs.checker import Start, check
+from robocorba.robot.kinematics import tasks
+from robocorba.robot.kinematics.inverse import InverseKinematics
+from robocorba.robot.kinematics.pose import HandPose
+from robocorba.robot.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, SHUT_RAD, Side
+from robocorba.robot.motion.robot_state import RobotState
+from robocorba.robot.programs.checker import Start, check
 from robocorba.simulation.recording import Recording
-from robocorba.supervision.launch import LoggedProcess, module_command
-from robocorba.testing.processes import running_system
+from robocorba.system.supervision.launch import LoggedProcess, module_command
+from testkit.processes import running_system
 
 pytestmark = [pytest.mark.slow, pytest.mark.full]
 

@@ -10,8 +10,6 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.edit_session import RemoteMapEditor
 from robocorba.errors.maps import (
     EditedByOthers,
     InvalidElement,
@@ -20,13 +18,15 @@ from robocorba.errors.maps import (
     TransactionClosed,
 )
 from robocorba.errors.services import NotReachable
-from robocorba.maps import native
-from robocorba.maps.changes import ChangeKind
-from robocorba.maps.model import ElementKind, PathNode, Wall
-from robocorba.maps.underlays import Underlay
+from robocorba.map_editor import native
+from robocorba.map_editor.changes import ChangeKind
+from robocorba.map_editor.corba.remote_edit_session import RemoteMapEditor
+from robocorba.map_editor.model import ElementKind, PathNode, Wall
+from robocorba.map_editor.underlays import Underlay
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import Running, eventually
+from testkit.buildings import two_floors
+from testkit.processes import Running, eventually
 from tests.system.elements import XY, all_elements, examples, id_of, replay, wall
 from tests.system.refusals import refused
 

@@ -17,17 +17,17 @@ from typing import Any
 
 import pytest
 
-from robocorba.control.agent_state import AgentCondition
-from robocorba.corba.remote.data_pool import RemotePool
 from robocorba.errors.services import NotReachable
-from robocorba.maps import native
+from robocorba.map_editor import native
 from robocorba.missions.formation import HAND_M
-from robocorba.repeating import Repeating
+from robocorba.robot.agent_state import AgentCondition
+from robocorba.robot.corba.remote_data_pool import RemotePool
 from robocorba.simulation.mission_record import MissionResult
 from robocorba.simulation.registry import Pose
-from robocorba.testing.buildings import two_storeys
-from robocorba.testing.missions import MISSION_LIMIT_S, MissionSystem, RobotStart, Watch, missions, save_three_rooms
-from robocorba.testing.processes import eventually
+from robocorba.system.repeating import Repeating
+from testkit.buildings import two_storeys
+from testkit.missions import MISSION_LIMIT_S, MissionSystem, RobotStart, Watch, missions, save_three_rooms
+from testkit.processes import eventually
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 

@@ -14,15 +14,15 @@ from typing import Any
 
 import pytest
 
-from robocorba.control.agent_state import AgentCondition
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.programs import program
-from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentCondition
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.programs import program
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.stubs import RTC
-from robocorba.testing.json_process import Process
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually
-from robocorba.testing.virtual_and_actual import robot_process
+from testkit.json_process import Process, checkout_command
+from testkit.processes import ROBOCORBA, Launcher, Running, eventually
+from testkit.virtual_and_actual import robot_process
 
 pytest.importorskip("rtctree", reason="rtshell-aist is not installed")
 pytestmark = [pytest.mark.system, pytest.mark.full]
@@ -97,9 +97,7 @@ def door(system: Running, system_orb: Orb, a: RemoteAgent, tmp_path_factory: pyt
 @pytest.fixture
 def peer(system: Running, door: Door, tmp_path: Path) -> Iterator[Process]:
     """A foreign component, connected to all ports of A."""
-    process = Process(
-        (sys.executable, str(Path(__file__).with_name("rt_peer.py")), str(system.naming)), tmp_path / "peer.log", (), {}
-    )
+    process = Process(checkout_command("tests.system.rt_peer", str(system.naming)), tmp_path / "peer.log", (), {})
     process.receive(PATIENCE_S)
     eventually(lambda: door.state("Peer"), PATIENCE_S, "the peer")
     connect(door)

@@ -15,13 +15,13 @@ import CosNaming
 import pytest
 from omniORB import CORBA
 
-from robocorba.corba.naming import corbaname
-from robocorba.corba.orb import Orb
 from robocorba.errors.services import NotReachable
-from robocorba.settings import Address
+from robocorba.orb.naming import corbaname
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.system import naming_service_command
-from robocorba.testing.processes import eventually, hang
+from robocorba.system.settings import Address
+from robocorba.system.supervision.system import naming_service_command
+from testkit.processes import eventually, hang
 
 pytestmark = pytest.mark.system
 

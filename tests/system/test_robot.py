@@ -14,17 +14,17 @@ from pathlib import Path
 import psutil
 import pytest
 
-from robocorba.control.agent_state import AgentCondition, AgentState, ProgramResult
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent, robots
-from robocorba.corba.remote.registered_robots import RegisteredRobots
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, UnknownAdaptor
 from robocorba.errors.services import NotReachable
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.icons import Event
-from robocorba.programs.program import dumps
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramResult
+from robocorba.robot.corba.remote_agent import RemoteAgent, robots
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.icons import Event
+from robocorba.robot.programs.program import dumps
+from robocorba.simulation.corba.registered_robots import RegisteredRobots
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import Running, command_line, drain, eventually, hang, is_running, refusal
+from testkit.processes import Running, command_line, drain, eventually, hang, is_running, refusal
 from tests.waits import pause
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]

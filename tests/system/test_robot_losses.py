@@ -16,25 +16,25 @@ import CosNaming
 import msgspec
 import pytest
 
-from robocorba.control.agent_state import AgentCondition, AgentState, ProgramResult
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.corba.remote.data_pool import RemotePool
-from robocorba.corba.remote.omni_database import RemoteDatabase
 from robocorba.errors.robots import IllegalOrder
-from robocorba.kinematics.body import SmartPalBody
-from robocorba.maps import native
-from robocorba.maps.model import Building, Floor, Wall
-from robocorba.programs.graphic_programming import ProgramBuilder
-from robocorba.programs.program import Program, dumps
-from robocorba.spatial.floor_update import WHOLE
+from robocorba.map_editor import native
+from robocorba.map_editor.model import Building, Floor, Wall
+from robocorba.map_editor.spatial.floor_update import WHOLE
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramResult
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.corba.remote_data_pool import RemotePool
+from robocorba.robot.kinematics.body import SmartPalBody
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import Program, dumps
+from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.stubs import RoboCorba, RoboCorba__POA, YeRTUnitMobility, _GlobalIDL
-from robocorba.supervision.launch import module_command
-from robocorba.testing.actual_robot import ROOT, StandIn, running_stand_in
-from robocorba.testing.attacks import repeat_in_threads
-from robocorba.testing.buildings import two_floors, with_all
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, hang, running_system
-from robocorba.testing.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, difference, robot_process
+from robocorba.system.supervision.launch import module_command
+from testkit.actual_robot import ROOT, StandIn, running_stand_in
+from testkit.attacks import repeat_in_threads
+from testkit.buildings import two_floors, with_all
+from testkit.processes import ROBOCORBA, Launcher, Running, eventually, hang, running_system
+from testkit.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, difference, robot_process
 from tests.waits import outlast, pause
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]

@@ -14,19 +14,19 @@ from typing import Any
 
 import pytest
 
-from robocorba.claimed_ports import claimed_ports
-from robocorba.control.agent_state import AgentCondition, ProgramResult
-from robocorba.corba.conversion import maps
-from robocorba.corba.orb import Orb
-from robocorba.corba.remote.control_agent import RemoteAgent
-from robocorba.maps.model import Wall
-from robocorba.programs import program
-from robocorba.programs.graphic_programming import ProgramBuilder
+from robocorba.map_editor.corba import maps
+from robocorba.map_editor.model import Wall
+from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import AgentCondition, ProgramResult
+from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.programs import program
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.stubs import RoboCorba
-from robocorba.testing.json_process import Process
-from robocorba.testing.processes import Launcher, Running, eventually
-from robocorba.testing.ros2_environment import python_path, ros2_python
-from robocorba.testing.virtual_and_actual import robot_process
+from robocorba.system.claimed_ports import claimed_ports
+from testkit.json_process import Process
+from testkit.processes import Launcher, Running, eventually
+from testkit.ros2_environment import python_path, ros2_python
+from testkit.virtual_and_actual import robot_process
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 
@@ -44,9 +44,7 @@ class Ros:
     def __init__(self, folder: Path, domain: int) -> None:
         environment = {"PYTHONPATH": python_path(), "ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(folder)}
         environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        self._process = Process(
-            (PYTHON, "-m", "robocorba.testing.ros2_listener"), folder / "listener.log", (), environment
-        )
+        self._process = Process((PYTHON, "-m", "testkit.ros2_listener"), folder / "listener.log", (), environment)
         self._process.receive(PATIENCE_S)
 
     def __getattr__(self, command: str) -> Callable[..., Any]:

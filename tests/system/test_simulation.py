@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from omniORB import CORBA
 
-from robocorba.corba.event_client import Event, EventClient
-from robocorba.corba.remote.announcer import TYPED_S
-from robocorba.spatial import floor_format
-from robocorba.spatial.floor_update import MOTION
+from robocorba.events.corba.event_client import Event, EventClient
+from robocorba.map_editor.spatial import floor_format
+from robocorba.map_editor.spatial.floor_update import MOTION
+from robocorba.simulation.corba.announcer import TYPED_S
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import eventually
-from robocorba.testing.simulation import (
+from testkit.processes import eventually
+from testkit.simulation import (
     CHAIR,
     CROSS,
     NO_MOUNT,

@@ -19,21 +19,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from omniORB import CORBA
 
-from robocorba.settings import Address
 from robocorba.stubs import RoboCorba
-from robocorba.testing.attacks import connections, greedy_clients, stalled_connections
-from robocorba.testing.processes import eventually
-from robocorba.testing.simulation import (
-    CROSS,
-    NO_MOUNT,
-    NO_NOISE,
-    STAND,
-    Place,
-    about,
-    error_lines,
-    is_gone,
-    simulation,
-)
+from robocorba.system.settings import Address
+from testkit.attacks import connections, greedy_clients, stalled_connections
+from testkit.processes import eventually
+from testkit.simulation import CROSS, NO_MOUNT, NO_NOISE, STAND, Place, about, error_lines, is_gone, simulation
 from tests.system.refusals import refused
 from tests.waits import pause
 

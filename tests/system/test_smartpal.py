@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from omniORB import CORBA
 
-from robocorba.control.smartpal_adaptor import SmartPalAdaptor
-from robocorba.corba.calls import set_call_timeout
-from robocorba.corba.remote.smartpal_units import units_at
 from robocorba.errors.robots import AdaptorFailed, UnitFailed
-from robocorba.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, OPEN_RAD, Side
-from robocorba.motion.robot_state import ActorCommand, RobotState
+from robocorba.orb.calls import set_call_timeout
+from robocorba.robot.corba.remote_smartpal_units import units_at
+from robocorba.robot.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, OPEN_RAD, Side
+from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from robocorba.robot.smartpal_adaptor import SmartPalAdaptor
 from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
-from robocorba.testing.actual_robot import StandIn, running_stand_in
-from robocorba.testing.processes import eventually
-from tests.smartpal.driving import TICK_S, drive_to, ticks
+from testkit.actual_robot import StandIn, running_stand_in
+from testkit.processes import eventually
+from tests.robot.smartpal.driving import TICK_S, drive_to, ticks
 from tests.waits import pause
 
 pytestmark = pytest.mark.system

@@ -17,12 +17,12 @@ import pytest
 from omniORB import EnumItem
 
 from robocorba import __version__
-from robocorba.corba.naming import corbaname
-from robocorba.corba.orb import Orb
+from robocorba.orb.naming import corbaname
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.supervision.launch import LoggedProcess
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, drain, read_json
-from robocorba.testing.simulation import error_lines
+from robocorba.system.supervision.launch import LoggedProcess
+from testkit.processes import ROBOCORBA, Launcher, Running, drain, read_json
+from testkit.simulation import error_lines
 from tests.system.event_place import PushConsumer
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]

@@ -29,9 +29,9 @@ import pexpect
 import psutil
 import pytest
 
-from robocorba.claimed_ports import claimed_ports
-from robocorba.testing.actual_robot import running_stand_in
-from robocorba.testing.namespaces import Namespace
+from robocorba.system.claimed_ports import claimed_ports
+from testkit.actual_robot import running_stand_in
+from testkit.namespaces import Namespace
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 

@@ -15,10 +15,10 @@ import psutil
 import pytest
 from omniORB import CORBA
 
-from robocorba.corba.orb import Orb
-from robocorba.names import CHANNELS
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.testing.processes import ROBOCORBA, Running, eventually, hang, is_running, read_json, refusal
+from robocorba.system.names import CHANNELS
+from testkit.processes import ROBOCORBA, Running, eventually, hang, is_running, read_json, refusal
 from tests.damage import damage
 
 pytestmark = [pytest.mark.system, pytest.mark.usefixtures("alone")]

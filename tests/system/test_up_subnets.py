@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from omniORB import CORBA
 
-from robocorba.corba.event_client import EventClient
-from robocorba.corba.orb import Orb
-from robocorba.names import CHANNELS
+from robocorba.events.corba.event_client import EventClient
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.testing.processes import ROBOCORBA, Launcher, Running, eventually, read_json
+from robocorba.system.names import CHANNELS
+from testkit.processes import ROBOCORBA, Launcher, Running, eventually, read_json
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 

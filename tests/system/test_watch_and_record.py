@@ -22,19 +22,19 @@ from omniORB import CORBA
 
 from robocorba.commands.simulation_tables import RunningSimulation
 from robocorba.commands.watch import Camera
-from robocorba.corba.conversion import maps
-from robocorba.corba.orb import Orb
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidPicture, InvalidRecording
-from robocorba.kinematics.smartpal import JOINTS
-from robocorba.maps.model import Wall
+from robocorba.map_editor.corba import maps
+from robocorba.map_editor.model import Wall
+from robocorba.map_editor.spatial.floor_update import WHOLE
+from robocorba.map_editor.spatial.posture import Posture
+from robocorba.orb.orb import Orb
+from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.simulation.recording import Recording
-from robocorba.spatial.floor_update import WHOLE
-from robocorba.spatial.posture import Posture
 from robocorba.stubs import RoboCorba
-from robocorba.testing.buildings import two_floors
-from robocorba.testing.processes import ROBOCORBA, Running, eventually, refusal
-from robocorba.testing.simulation import about
+from testkit.buildings import two_floors
+from testkit.processes import ROBOCORBA, Running, eventually, refusal
+from testkit.simulation import about
 
 pytestmark = [pytest.mark.system, pytest.mark.usefixtures("robots")]
 
@@ -221,7 +221,7 @@ def test_recordings_for_foxglove(robocorba: Robocorba, tmp_path: Path) -> None:
 
 def test_it_is_live_in_foxglove(robocorba: Robocorba, system: Running, system_orb: Orb) -> None:
     pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
-    client_module = pytest.importorskip("robocorba.testing.foxglove_client", reason="websockets is not installed")
+    client_module = pytest.importorskip("testkit.foxglove_client", reason="websockets is not installed")
     server = robocorba("foxglove", "--port", "0", "--steer", "--state", str(system.state))
     assert server.stdout is not None
     url = server.stdout.readline().strip()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robocorba.testing.processes import Launcher, forked_processes
+from testkit.processes import Launcher, forked_processes
 
 SOURCE = Path(__file__).with_name("wrong_clock.c")
 HOUR_S, YEAR_S = 3600.0, 365 * 86400.0

@@ -15,11 +15,11 @@ import numpy as np
 import psutil
 
 from bench.events.channel.stage import Stage, collect, ready, send
-from robocorba.repeating import Repeating
-from robocorba.testing.json_process import Cpu, Process
-from robocorba.testing.peers.corba import BOUND, BOUNDED, CLIENT, HEADER, PLAIN, connected
-from robocorba.testing.processes import eventually
-from robocorba.testing.report import PROGRESS, at_least, at_most, curves, quantile, summarize
+from robocorba.system.repeating import Repeating
+from testkit.json_process import Cpu, Process
+from testkit.peers.corba import BOUND, BOUNDED, CLIENT, HEADER, PLAIN, connected
+from testkit.processes import eventually
+from testkit.report import PROGRESS, at_least, at_most, curves, quantile, summarize
 
 # ---- one of ten consumers is stopped (SIGSTOP) ----
 

@@ -13,10 +13,10 @@ from typing import Any
 import psutil
 
 from robocorba.stubs import RoboCorba
-from robocorba.testing.federation import Channels, channels
-from robocorba.testing.json_process import Cpu
-from robocorba.testing.processes import eventually
-from robocorba.testing.report import PROGRESS, at_most, curves, summarize
+from testkit.federation import Channels, channels
+from testkit.json_process import Cpu
+from testkit.processes import eventually
+from testkit.report import PROGRESS, at_most, curves, summarize
 
 CHANNELS = (2, 5, 10, 20, 30)
 #: Maximum CPU of all channels together with the most channels [% of a core].

@@ -17,9 +17,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from bench.events.channel.stamps import Arrivals, Tally, gaps, quality, stamped, stamped_run
-from robocorba.testing.json_process import answer_commands
-from robocorba.testing.peers import PEERS
-from robocorba.testing.peers.base import Supplier
+from testkit.json_process import answer_commands
+from testkit.peers import PEERS
+from testkit.peers.base import Supplier
 
 MAX_GAPS = 20
 

@@ -9,11 +9,11 @@ from collections import defaultdict
 from typing import Any, NamedTuple
 
 from bench.events.channel.stage import Stage, collect, send, trio
-from robocorba.testing.json_process import Process
-from robocorba.testing.peers import installed
-from robocorba.testing.peers.brokers import MQTT, NATS, REDIS, ZENOH, ZEROMQ
-from robocorba.testing.peers.corba import CLIENT, HEADER, OMNIEVENTS, ON_ONE_CORE, PLAIN, PLAIN_TO_BATCHES, RELAY
-from robocorba.testing.report import PROGRESS, Mark, at_least, at_most, bars, distribution, quantile, summarize
+from testkit.json_process import Process
+from testkit.peers import installed
+from testkit.peers.brokers import MQTT, NATS, REDIS, ZENOH, ZEROMQ
+from testkit.peers.corba import CLIENT, HEADER, OMNIEVENTS, ON_ONE_CORE, PLAIN, PLAIN_TO_BATCHES, RELAY
+from testkit.report import PROGRESS, Mark, at_least, at_most, bars, distribution, quantile, summarize
 
 # ---- latency ----
 

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from robocorba.testing.json_process import Process, checkout_command
-from robocorba.testing.peers import PEERS
-from robocorba.testing.peers.base import Broker
+from testkit.json_process import Process, checkout_command
+from testkit.peers import PEERS
+from testkit.peers.base import Broker
 
 #: Timeout for a role to connect, which may wait for its broker to start [s].
 START_LIMIT_S = 90.0

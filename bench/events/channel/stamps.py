@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.testing.peers.base import PAYLOAD_BYTES
+from testkit.peers.base import PAYLOAD_BYTES
 
 _STAMP = struct.Struct("<QQ")
 _REST = bytes(PAYLOAD_BYTES - _STAMP.size)

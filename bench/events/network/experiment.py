@@ -19,9 +19,9 @@ import numpy as np
 from bench.events.network import mission
 from bench.events.network.load import Core
 from bench.events.network.networks import SUBNET_OF, Network, address
-from robocorba.supervision.launch import module_command
-from robocorba.supervision.system import find_omninames
-from robocorba.testing.json_process import Process, checkout_command
+from robocorba.system.supervision.launch import module_command
+from robocorba.system.supervision.system import find_omninames
+from testkit.json_process import Process, checkout_command
 
 STANDARD, FEDERATED = "standard", "federated"
 SET_UPS = (STANDARD, FEDERATED)

@@ -14,7 +14,7 @@ import time
 
 import psutil
 
-from robocorba.testing.json_process import answer_lines
+from testkit.json_process import answer_lines
 
 #: Mean period of work and sleep [s].
 PERIOD_S = 0.01

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from robocorba.testing.json_process import Process
-from robocorba.testing.namespaces import Namespace, start_router
+from testkit.json_process import Process
+from testkit.namespaces import Namespace, start_router
 
 #: Robots A and B are in room I with a computer for its channel, robot C in room II with the server computer.
 SUBNET_OF = {"A": "I", "B": "I", "channel": "I", "C": "II", "server": "II"}

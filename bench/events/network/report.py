@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.events.network.experiment import FEDERATED, STANDARD, Outcome
-from robocorba.testing.report import Mark, at_most, summarize, write_csv
+from testkit.report import Mark, at_most, summarize, write_csv
 
 #: The figures of the paper's text about Figure 13: mean latencies [ms] at one load, and that they fall with load.
 PAPER_LOAD, PAPER_STANDARD_MS, PAPER_FEDERATED_MS = 0.6, 18.5, 16.9

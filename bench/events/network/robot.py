@@ -24,11 +24,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from bench.events.network import mission
-from robocorba.corba.event_client import Event, EventClient
-from robocorba.corba.orb import Orb
-from robocorba.settings import Address
+from robocorba.events.corba.event_client import Event, EventClient
+from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.testing.json_process import answer_commands
+from robocorba.system.settings import Address
+from testkit.json_process import answer_commands
 
 #: Timeout for another robot, and for the last events of a run [s].
 ANSWER_LIMIT_S = 10.0

@@ -1,4 +1,4 @@
-// Articulated robots and plain bodies for three.js, from the part list of the server (kinematics/appearance.py).
+// Articulated robots and plain bodies for three.js, from the part list of the server (robot/kinematics/appearance.py).
 import { THREE } from "nicegui-scene";
 
 const SEGMENTS = 20;

@@ -1,0 +1,1 @@
+"""RT components in CORBA: conversion, servants, clients."""

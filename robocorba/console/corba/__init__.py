@@ -1,0 +1,1 @@
+"""The running system as windows, films and bridges follow it."""

@@ -1,1 +1,0 @@
-"""Everything that needs the ORB: its life, names, servants, clients of other processes, conversion of values."""

@@ -1,1 +1,0 @@
-"""Clients of objects in other processes, as domain code calls them."""

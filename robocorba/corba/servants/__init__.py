@@ -1,1 +1,0 @@
-"""Servants: arguments converted, the domain called, its answer converted."""

@@ -1,0 +1,1 @@
+"""The map editor in CORBA: conversion, servants, clients."""

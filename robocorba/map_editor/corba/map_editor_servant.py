@@ -1,0 +1,317 @@
+"""Servants of the map building agent: the map editor, its sessions and transactions."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, VersionUnavailable
+from robocorba.map_editor import native
+from robocorba.map_editor.corba import maps
+from robocorba.map_editor.edit_session import EditSession, EditSessions
+from robocorba.map_editor.long_requests import LongRequests
+from robocorba.map_editor.model import ElementKind
+from robocorba.map_editor.pages import MAX_PAGE
+from robocorba.map_editor.time_limit import TimeLimit
+from robocorba.map_editor.transactions import Transaction
+from robocorba.orb.exceptions import translating
+from robocorba.orb.server_release import ServerServant
+from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.system.garbage import collections_paused
+
+#: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
+CLOSED_TRANSACTIONS_KEPT = 100
+#: Maximum number of findings in a reply: each takes about 500 bytes, and a reply is limited to 64 MiB.
+MAX_FINDINGS = 10_000
+#: Maximum number of changes in a reply of changesSince: 2 s of work for the server. readChanges has no such limit.
+MAX_CHANGES = 100_000
+#: Maximum number of elements in a reply: with short names, each takes about 100 bytes of the 64 MiB.
+MAX_ELEMENTS = 500_000
+#: Maximum length of an exported map [bytes]: that of a message, less its header.
+MAX_EXPORT = 64 * 1024 * 1024 - 1024
+
+
+class Activator(Protocol):
+    """Activates and deactivates servants, e.g. robocorba.orb.orb.Orb."""
+
+    def activate(self, servant: Any) -> Any:
+        """Activate a servant; its object reference."""
+
+    def deactivate(self, servant: Any) -> None:
+        """Deactivate a servant."""
+
+
+class TransactionServant(RoboCorba__POA.Transaction):
+    """RoboCorba::Transaction."""
+
+    def __init__(self, transaction: Transaction) -> None:
+        self._transaction = transaction
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is neither committed, rolled back nor timed out."""
+        return self._transaction.is_open
+
+    @translating
+    def create(self, onFloor: str, value: Any) -> None:
+        self._transaction.create(onFloor, maps.element_of(value))
+
+    @translating
+    def change(self, onFloor: str, value: Any, expected: int) -> None:
+        self._transaction.change(onFloor, maps.element_of(value), expected)
+
+    @translating
+    def remove(self, id: Any, expected: int) -> None:
+        self._transaction.remove(*maps.key_of(id), expected)
+
+    @translating
+    def commit(self) -> int:
+        return self._transaction.commit()
+
+    @translating
+    def rollBack(self) -> None:
+        self._transaction.roll_back()
+
+    @translating
+    def problems(self) -> list[Any]:
+        return maps.findings(self._transaction.problems()[:MAX_FINDINGS])
+
+
+class Transactions:
+    """The servants of the transactions that are open or ended lately."""
+
+    def __init__(self, activator: Activator) -> None:
+        self._activator = activator
+        self._servants: list[TransactionServant] = []
+        self._beginning = threading.Lock()
+
+    def begin(self, begin: Callable[[], Transaction]) -> Any:
+        """A reference to the transaction that `begin` returns."""
+        with self._beginning:
+            servant = TransactionServant(begin())
+            ended = [each for each in self._servants if not each.is_open]
+            for oldest in ended[:-CLOSED_TRANSACTIONS_KEPT]:
+                self._servants.remove(oldest)
+                self._activator.deactivate(oldest)
+            self._servants.append(servant)
+            return self._activator.activate(servant)
+
+
+class EditSessionServant(RoboCorba__POA.EditSession):
+    """RoboCorba::EditSession."""
+
+    def __init__(self, session: EditSession, transactions: Transactions, ended: Callable[[], None]) -> None:
+        self._session, self._transactions, self._ended = session, transactions, ended
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it was neither closed nor has timed out."""
+        return self._session.is_open
+
+    def _get_author(self) -> str:
+        return self._session.author
+
+    @translating
+    def _get_undoable(self) -> str:
+        return self._session.undoable
+
+    @translating
+    def _get_redoable(self) -> str:
+        return self._session.redoable
+
+    @translating
+    def create(self, onFloor: str, value: Any) -> int:
+        return self._session.create(onFloor, maps.element_of(value))
+
+    @translating
+    def change(self, onFloor: str, value: Any, expected: int) -> int:
+        return self._session.change(onFloor, maps.element_of(value), expected)
+
+    @translating
+    def remove(self, id: Any, expected: int) -> int:
+        return self._session.remove(*maps.key_of(id), expected)
+
+    @translating
+    def rename(self, id: Any, name: str, expected: int) -> int:
+        return self._session.rename(*maps.key_of(id), name, expected)
+
+    @translating
+    def begin(self) -> Any:
+        return self._transactions.begin(self._session.begin)
+
+    @translating
+    def undo(self) -> int:
+        return self._session.undo()
+
+    @translating
+    def redo(self) -> int:
+        return self._session.redo()
+
+    @translating
+    def close(self) -> None:
+        self._session.close()
+        self._ended()
+
+
+class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
+    """RoboCorba::MapEditor for a BuildingEditor and the sessions of its authors."""
+
+    def __init__(self, sessions: EditSessions, activator: Activator) -> None:
+        self._editor, self._sessions, self._activator = sessions.editor, sessions, activator
+        self._transactions = Transactions(activator)
+        self._session_servants: list[EditSessionServant] = []
+        self._opening = threading.Lock()
+        self._long_requests = LongRequests()
+
+    def _get_buildingName(self) -> str:
+        return self._editor.building.name
+
+    def _get_currentVersion(self) -> int:
+        return self._editor.version
+
+    def floors(self) -> list[str]:
+        return list(self._editor.building.floors)
+
+    @translating
+    def elements(self, kind: Any, onFloor: str) -> list[Any]:
+        kind = maps.kind_of(kind)
+        if self._editor.count(kind, onFloor) <= MAX_PAGE:
+            return self._records(kind, onFloor)
+        with self._long_requests.admitted():
+            return self._records(kind, onFloor)
+
+    def _records(self, kind: ElementKind, floor: str) -> list[Any]:
+        found = self._editor.elements(kind, floor)
+        if len(found) > MAX_ELEMENTS:
+            raise ReplyTooLarge(f"{len(found)} elements don't fit into a message; read them in pages")
+        return [maps.record(floor, value, changed_in) for value, changed_in in found]
+
+    @translating
+    def read(self, id: Any) -> Any:
+        key = maps.key_of(id)
+        return maps.record(key.floor, *self._editor.read(*key))
+
+    @translating
+    def create(self, onFloor: str, value: Any) -> int:
+        return self._editor.create(onFloor, maps.element_of(value))
+
+    @translating
+    def change(self, onFloor: str, value: Any, expected: int) -> int:
+        return self._editor.change(onFloor, maps.element_of(value), expected)
+
+    @translating
+    def remove(self, id: Any, expected: int) -> int:
+        return self._editor.remove(*maps.key_of(id), expected)
+
+    @translating
+    def begin(self) -> Any:
+        return self._transactions.begin(self._editor.begin)
+
+    @translating
+    def rename(self, id: Any, name: str, expected: int) -> int:
+        return self._editor.rename(*maps.key_of(id), name, expected)
+
+    @translating
+    def openSession(self, author: str) -> Any:
+        session = self._sessions.open(author)
+        self._deactivate_ended_sessions()
+        servant = EditSessionServant(session, self._transactions, self._deactivate_ended_sessions)
+        with self._opening:
+            self._session_servants.append(servant)
+            return self._activator.activate(servant)
+
+    def _deactivate_ended_sessions(self) -> None:
+        """At most the limit of open sessions have timed out and are still active."""
+        with self._opening:
+            for servant in [each for each in self._session_servants if not each.is_open]:
+                self._session_servants.remove(servant)
+                self._activator.deactivate(servant)
+
+    @translating
+    def editsSince(self, since: int) -> list[Any]:
+        return maps.edits(self._editor.edits_since(since))
+
+    @translating
+    def getUnderlay(self, onFloor: str) -> Any:
+        return maps.underlay(self._editor.underlay(onFloor))
+
+    @translating
+    def setUnderlay(self, onFloor: str, value: Any) -> None:
+        self._editor.set_underlay(onFloor, maps.underlay_of(value))
+
+    @translating
+    def undo(self, expected: int) -> int:
+        return self._editor.undo(expected)
+
+    @translating
+    def redo(self, expected: int) -> int:
+        return self._editor.redo(expected)
+
+    @translating
+    def changesSince(self, since: int) -> list[Any]:
+        count = self._editor.count_changes(since)
+        if count > MAX_CHANGES:
+            raise VersionUnavailable(since, self._editor.oldest_within(MAX_CHANGES), self._editor.version)
+        if count <= MAX_PAGE:
+            return maps.changes(self._editor.changes_since(since))
+        with self._long_requests.admitted():
+            return maps.changes(self._editor.changes_since(since))
+
+    @translating
+    def readChanges(self, start: Any, part: Any, limit: int) -> Any:
+        position, selection = maps.position_of(start), maps.selection_of(part)
+        return maps.change_page(self._editor.change_page(position, selection, min(limit or MAX_PAGE, MAX_PAGE)))
+
+    @translating
+    def readElements(self, start: int, part: Any, limit: int) -> Any:
+        selection = maps.selection_of(part)
+        return maps.element_page(self._editor.element_page(start, selection, min(limit or MAX_PAGE, MAX_PAGE)))
+
+    @translating
+    def buildTopologicalMap(self, onFloor: str, robotRadius: float) -> int:
+        # Imported here: it takes 0.5 s to load, and a server must restart quickly.
+        from robocorba.map_editor.topology import topological_map
+
+        check_time = TimeLimit(f"the topological map of {onFloor[:80]}").check
+        roads = topological_map(self._editor.building, onFloor, robotRadius, check_time=check_time)
+        return self._editor.replace_topology(onFloor, roads)
+
+    @translating
+    def check(self) -> list[Any]:
+        from robocorba.map_editor.checking import findings  # imported here for the same reason
+
+        check_time = TimeLimit("the check of the building").check
+        return maps.findings(findings(self._editor.building, check_time=check_time)[:MAX_FINDINGS])
+
+    @translating
+    def checkFloor(self, onFloor: str, robotRadius: float) -> list[Any]:
+        from robocorba.map_editor.checking import floor_findings  # imported here for the same reason
+
+        check_time = TimeLimit(f"the check of {onFloor[:80]}").check
+        found = floor_findings(self._editor.building, onFloor, robotRadius, check_time)
+        return maps.findings(found[:MAX_FINDINGS])
+
+    @translating
+    def exportMap(self) -> str:
+        with self._long_requests.admitted():
+            document = native.dumps(self._editor.building)
+        if len(document) > MAX_EXPORT or len(document.encode()) > MAX_EXPORT:
+            raise ReplyTooLarge("the map file does not fit into a message; read the building in pages")
+        return document
+
+    @translating
+    def importMap(self, document: str, expected: int) -> int:
+        with self._long_requests.admitted():
+            return self._import(document, expected)
+
+    def _import(self, document: str, expected: int) -> int:
+        try:
+            with collections_paused():
+                building = native.loads(document, "document")
+        except MapFileError as error:
+            raise RoboCorba.InvalidMap(error.line, error.key, error.reason) from error
+        try:
+            return self._editor.replace(building, expected)
+        except InvalidElement as error:  # valid, but too large
+            raise RoboCorba.InvalidMap(0, "", str(error)) from error

@@ -1,0 +1,243 @@
+"""Conversion between elements of a building, their changes and findings, and IDL types."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from omniORB import CORBA
+
+from robocorba.errors import maps as errors
+from robocorba.map_editor import model
+from robocorba.map_editor.changes import Change, ChangeKind, ElementKey
+from robocorba.map_editor.edits import EditRecord, Finding, MapChange
+from robocorba.map_editor.model import KIND_OF, CabinSide, DoorKind, Element, ElementKind, Shape
+from robocorba.map_editor.pages import ChangePage, ChangePosition, ElementPage, Selection
+from robocorba.map_editor.spatial.pose import XY
+from robocorba.map_editor.underlays import Underlay
+from robocorba.orb.exceptions import register, register_system, register_with
+from robocorba.orb.structs import BOOLEAN, SAME, STRINGS, Converter, enumeration, sequence, struct_converter
+from robocorba.stubs import RoboCorba
+
+if TYPE_CHECKING:
+    from robocorba.map_editor.checking import MapFinding
+
+_KIND = enumeration(ElementKind, suffix="_ELEMENT")
+_POINT = Converter(lambda point: RoboCorba.XY(*point), lambda found: (found.x, found.y))
+_POINTS = sequence(_POINT)
+_ENDS = {"fromPoint": "a", "toPoint": "b"}
+
+#: The discriminator of each kind of shape, and the member of its struct.
+_SHAPES = {
+    model.SegmentShape: (RoboCorba.SEGMENT_SHAPE, "length", SAME),
+    model.BoxShape: (RoboCorba.BOX_SHAPE, "size", _POINT),
+    model.CircleShape: (RoboCorba.CIRCLE_SHAPE, "radius", SAME),
+    model.PolygonShape: (RoboCorba.POLYGON_SHAPE, "points", _POINTS),
+}
+
+
+def xy(point: XY) -> Any:
+    """An XY struct."""
+    return RoboCorba.XY(*point)
+
+
+def xy_of(point: Any) -> XY:
+    """The point of an XY struct."""
+    return (point.x, point.y)
+
+
+def _shape(value: Shape) -> Any:
+    discriminator, member, converter = _SHAPES[type(value)]
+    return RoboCorba.Shape(discriminator, converter.to_idl(getattr(value, member)))
+
+
+def _shape_of(union: Any) -> Shape:
+    for shape, (discriminator, member, converter) in _SHAPES.items():
+        if union._d == discriminator:
+            return shape(**{member: converter.from_idl(union._v)})
+    raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+
+
+_ELEVATOR_DOOR = struct_converter(
+    model.ElevatorDoor, RoboCorba.ElevatorDoor, {"onFloor": "floor"}, side=enumeration(CabinSide)
+)
+_ELEMENTS = {
+    ElementKind.FLOOR: struct_converter(model.Floor, RoboCorba.Floor, outline=_POINTS),
+    ElementKind.WALL: struct_converter(model.Wall, RoboCorba.Wall, _ENDS, a=_POINT, b=_POINT),
+    ElementKind.OBJECT: struct_converter(
+        *(model.MapObject, RoboCorba.MapObject, {"footprint": "shape"}),
+        shape=Converter(_shape, _shape_of),
+        at=_POINT,
+        movable=BOOLEAN,
+    ),
+    ElementKind.DOOR: struct_converter(
+        model.Door, RoboCorba.Door, _ENDS, a=_POINT, b=_POINT, kind=enumeration(DoorKind), locked=BOOLEAN
+    ),
+    ElementKind.AREA: struct_converter(model.Area, RoboCorba.Area, polygon=_POINTS),
+    ElementKind.NODE: struct_converter(model.PathNode, RoboCorba.PathNode, {"inElevator": "elevator"}, at=_POINT),
+    ElementKind.EDGE: struct_converter(
+        *(model.PathEdge, RoboCorba.PathEdge, {"fromNode": "a", "toNode": "b", "directed": "one_way"}),
+        one_way=BOOLEAN,
+        graphs=STRINGS,
+    ),
+    ElementKind.ELEVATOR: struct_converter(
+        model.Elevator, RoboCorba.Elevator, at=_POINT, size=_POINT, doors=sequence(_ELEVATOR_DOOR)
+    ),
+}
+
+
+def element(value: Element) -> Any:
+    """An Element union."""
+    kind = KIND_OF[type(value)]
+    return RoboCorba.Element(_KIND.to_idl(kind), _ELEMENTS[kind].to_idl(value))
+
+
+def element_of(union: Any) -> Element:
+    """The element in an Element union. Raises CORBA.BAD_PARAM for an empty union."""
+    try:
+        kind = kind_of(union._d)
+    except KeyError:
+        raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO) from None
+    found: Element = _ELEMENTS[kind].from_idl(union._v)
+    return found
+
+
+def kind_of(enumerator: Any) -> ElementKind:
+    """The kind of an ElementKind enumerator."""
+    kind: ElementKind = _KIND.from_idl(enumerator)
+    return kind
+
+
+def enumerator_of(kind: ElementKind) -> Any:
+    """The ElementKind enumerator of a kind."""
+    return _KIND.to_idl(kind)
+
+
+def key_of(struct: Any) -> ElementKey:
+    """The key of an ElementId."""
+    return ElementKey(kind_of(struct.kind), struct.onFloor, struct.name)
+
+
+def element_id(kind: str, floor: str, name: str) -> Any:
+    """An ElementId."""
+    return RoboCorba.ElementId(_KIND.to_idl(ElementKind(kind)), floor, name)
+
+
+def record(floor: str, value: Element, changed_in: int) -> Any:
+    """An ElementRecord. changed_in: the version of the building that last changed the element."""
+    return RoboCorba.ElementRecord(floor, element(value), changed_in)
+
+
+def findings(map_findings: Iterable[MapFinding | Finding]) -> list[Any]:
+    """A FindingSeq."""
+    return [
+        RoboCorba.Finding(element_id(one.kind.value, one.floor, one.name), RoboCorba.Point(*one.where), one.reason)
+        for one in map_findings
+    ]
+
+
+def findings_of(found: Iterable[Any]) -> list[Finding]:
+    """The findings of a FindingSeq."""
+    return [Finding(*key_of(one.id), (one.position.floor, one.position.x, one.position.y), one.reason) for one in found]
+
+
+def changes(values: Iterable[Change]) -> list[Any]:
+    """A ChangeSeq."""
+    return [
+        RoboCorba.Change(change.version, getattr(RoboCorba, change.kind.name), change.floor, element(change.element))
+        for change in values
+    ]
+
+
+def changes_of(found: Iterable[Any]) -> list[MapChange]:
+    """The changes of a ChangeSeq."""
+    return [MapChange(one.changedTo, ChangeKind[str(one.kind)], one.onFloor, element_of(one.value)) for one in found]
+
+
+def selection(part: Selection) -> Any:
+    """A MapSelection."""
+    return RoboCorba.MapSelection([_KIND.to_idl(kind) for kind in part.kinds], part.floor)
+
+
+def selection_of(struct: Any) -> Selection:
+    """The part of the building that a MapSelection names."""
+    return Selection(tuple(dict.fromkeys(map(kind_of, struct.kinds))), struct.onFloor)
+
+
+def position(value: ChangePosition) -> Any:
+    """A ChangePosition."""
+    return RoboCorba.ChangePosition(*value)
+
+
+def position_of(struct: Any) -> ChangePosition:
+    """The position of a ChangePosition."""
+    return ChangePosition(struct.since, struct.taken)
+
+
+def change_page(page: ChangePage) -> Any:
+    """A ChangePage."""
+    return RoboCorba.ChangePage(changes(page.changes), position(page.next), page.is_last, page.left)
+
+
+def element_page(page: ElementPage) -> Any:
+    """An ElementPage."""
+    records = [record(*each) for each in page.elements]
+    return RoboCorba.ElementPage(page.read_at, records, page.next, page.is_last)
+
+
+_EDIT_RECORD = struct_converter(EditRecord, RoboCorba.EditRecord, {"changedTo": "version", "time": "time_s"})
+
+
+def edits(values: Iterable[EditRecord]) -> list[Any]:
+    """An EditRecordSeq."""
+    return [_EDIT_RECORD.to_idl(value) for value in values]
+
+
+def edits_of(found: Iterable[Any]) -> list[EditRecord]:
+    """The edits of an EditRecordSeq."""
+    return [_EDIT_RECORD.from_idl(one) for one in found]
+
+
+def underlay(value: Underlay | None) -> Any:
+    """An Underlay struct; without a picture for None."""
+    shown = value or Underlay(b"", (0.0, 0.0), 0.0)
+    return RoboCorba.Underlay(shown.picture, RoboCorba.XY(*shown.origin), shown.resolution)
+
+
+def underlay_of(struct: Any) -> Underlay | None:
+    """The underlay of an Underlay struct, None if it has no picture."""
+    return Underlay(bytes(struct.picture), xy_of(struct.origin), struct.resolution) if struct.picture else None
+
+
+def _register_element_error(error: type[errors.MapError], exception: Any, *fields: str) -> None:
+    """Register an error with the fields kind, floor and name, and `fields` of the same names as the members."""
+    register_with(
+        error,
+        exception,
+        lambda e: exception(element_id(e.kind, e.floor, e.name), *(getattr(e, field) for field in fields)),
+        lambda e: error(*key_of(e.id).words, *(getattr(e, field) for field in fields)),
+    )
+
+
+_register_element_error(errors.InvalidElement, RoboCorba.InvalidElement, "reason")
+_register_element_error(errors.UnknownElement, RoboCorba.UnknownElement)
+_register_element_error(errors.DuplicateElement, RoboCorba.DuplicateElement)
+_register_element_error(errors.StaleEdit, RoboCorba.StaleEdit, "expected", "current")
+_register_element_error(errors.EditedByOthers, RoboCorba.EditedByOthers, "author")
+register_with(
+    errors.MapFileError,
+    RoboCorba.InvalidMap,
+    # From an operation on the served map, of which only few raise InvalidMap: its store failed, such as on a full disk.
+    lambda e: CORBA.PERSIST_STORE(0, CORBA.COMPLETED_NO),
+    lambda e: errors.MapFileError("map", e.line, e.key, e.reason),
+)
+register(errors.StaleVersion, RoboCorba.StaleVersion, "expected", "current")
+register(errors.NothingToUndo, RoboCorba.NothingToUndo)
+register(errors.NothingToRedo, RoboCorba.NothingToRedo)
+register(errors.VersionUnavailable, RoboCorba.VersionUnavailable, "version", "oldest", "current")
+register_system(errors.SessionEnded, CORBA.OBJECT_NOT_EXIST)
+register(errors.TransactionClosed, RoboCorba.TransactionClosed)
+register(errors.TooManyTransactions, RoboCorba.TooManyTransactions, "limit")
+register_system(errors.ServerBusy, CORBA.TRANSIENT)
+register_system(errors.TooSlow, CORBA.TIMEOUT)
+register_system(errors.ReplyTooLarge, CORBA.IMP_LIMIT)

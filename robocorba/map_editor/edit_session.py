@@ -1,0 +1,140 @@
+"""Sessions of the map building agent: the edits of one author, who can undo and redo them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from robocorba.errors.maps import SessionEnded
+from robocorba.map_editor.author_history import AuthorHistory, check_author
+from robocorba.map_editor.idle import Opened, idle_since, longest_idle
+from robocorba.map_editor.map_building_agent import BuildingEditor
+from robocorba.map_editor.model import Element, ElementKind
+from robocorba.map_editor.store import DEFAULT_LIMITS, MapLimits
+from robocorba.map_editor.transactions import Transaction
+
+
+class EditSession(Opened):
+    """The edits of one author. Every method raises SessionEnded after `close`, or after an hour without a call.
+
+    Edits as in BuildingEditor; they return the building's new version. is_open: whether it was neither closed nor has
+    timed out."""
+
+    def __init__(self, sessions: EditSessions, author: str, now: float) -> None:
+        super().__init__(now)
+        self._sessions, self._editor, self._history = sessions, sessions.editor, AuthorHistory(author)
+
+    @property
+    def author(self) -> str:
+        """The author's name."""
+        return self._history.author
+
+    @property
+    def undoable(self) -> str:
+        """A summary of the edit that `undo` would revert; empty if there is none."""
+        return self._editor.last_summary(self._in_use().done)
+
+    @property
+    def redoable(self) -> str:
+        """A summary of the edit that `redo` would repeat; empty if there is none."""
+        return self._editor.last_summary(self._in_use().undone)
+
+    def create(self, floor: str, element: Element) -> int:
+        """As BuildingEditor.create."""
+        return self._editor.create(floor, element, self._in_use())
+
+    def change(self, floor: str, element: Element, expected: int) -> int:
+        """As BuildingEditor.change."""
+        return self._editor.change(floor, element, expected, self._in_use())
+
+    def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> int:
+        """As BuildingEditor.remove."""
+        return self._editor.remove(kind, floor, name, expected, self._in_use())
+
+    def rename(self, kind: ElementKind, floor: str, name: str, new_name: str, expected: int) -> int:
+        """As BuildingEditor.rename."""
+        return self._editor.rename(kind, floor, name, new_name, expected, self._in_use())
+
+    def begin(self) -> Transaction:
+        """As BuildingEditor.begin; its commit is one edit of this author."""
+        return self._editor.begin(self._in_use())
+
+    def undo(self) -> int:
+        """Revert this author's last edit.
+
+        Raises NothingToUndo, InvalidElement if the result would break a rule, and EditedByOthers if somebody else has
+        changed an element of the edit since. The next undo then takes the author's edit before it."""
+        return self._editor.undo_own(self._in_use())
+
+    def redo(self) -> int:
+        """Repeat the edit that this author undid last. Raises NothingToRedo, InvalidElement, EditedByOthers."""
+        return self._editor.redo_own(self._in_use())
+
+    def close(self) -> None:
+        """End the session. Its edits stay."""
+        self._sessions.close(self)
+
+    def _in_use(self) -> AuthorHistory:
+        self._sessions.use(self)
+        return self._history
+
+
+class EditSessions:
+    """The sessions of the authors who edit a building. Safe from any thread. `clock` returns the time [s]."""
+
+    def __init__(
+        self,
+        editor: BuildingEditor,
+        limits: MapLimits = DEFAULT_LIMITS,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.editor, self._limits, self._clock = editor, limits, clock
+        self._lock = threading.Lock()
+        self._open: set[EditSession] = set()
+
+    def open(self, author: str) -> EditSession:
+        """A session for an author, in place of one that its client has forgotten if there are too many.
+
+        Raises InvalidElement for the name, TooManyTransactions."""
+        check_author(author)
+        with self._lock:
+            now, limits = self._end_idle(), self._limits
+            if len(self._open) >= limits.sessions:
+                self._end(longest_idle(self._open, limits.sessions, now - limits.forgotten_session_s))
+            session = EditSession(self, author, now)
+            self._open.add(session)
+            return session
+
+    def use(self, session: EditSession) -> None:
+        """A session is called: its timeout starts again. Raises SessionEnded."""
+        with self._lock:
+            session.used_at = self._check_open(session)
+
+    def close(self, session: EditSession) -> None:
+        """End a session. Raises SessionEnded."""
+        with self._lock:
+            self._check_open(session)
+            self._end(session)
+
+    def end_idle(self) -> None:
+        """End those that have timed out."""
+        with self._lock:
+            self._end_idle()
+
+    def _check_open(self, session: EditSession) -> float:
+        now = self._end_idle()
+        if not session.is_open:
+            raise SessionEnded("the edit session was closed, or was without a call for too long")
+        return now
+
+    def _end_idle(self) -> float:
+        """As `end_idle`. Returns the time. Requires the lock."""
+        now = self._clock()
+        for session in idle_since(self._open, now - self._limits.session_timeout_s):
+            self._end(session)
+        return now
+
+    def _end(self, session: EditSession) -> None:
+        self._open.discard(session)
+        session.is_open = False

@@ -1,0 +1,250 @@
+"""Which parts of a building's roadmap a robot reaches, by elevators and by edges that are free and wide enough."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+from shapely import Polygon, STRtree
+
+from robocorba.errors.maps import describe
+from robocorba.map_editor.collisions import TOUCH_M, all_paths, obstacle_label
+from robocorba.map_editor.geometry import Obstacle, obstacles
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.pose import XY
+from robocorba.map_editor.time_limit import no_limit
+
+IN_ONLY, OUT_ONLY = "entered but not left", "left but not entered"
+APART = "neither entered from the rest of the roadmap nor left for it"
+#: Half side of the window around a point [m]. A robot that reaches its border counts as not enclosed. A larger
+#: window finds larger enclosures; its cost grows with its square.
+WINDOW_M = 30.0
+
+#: Why the robot does not fit, by name of the node.
+Causes = dict[str, str]
+#: Directed connections (n, 2) between node indices.
+Links = NDArray[np.int64]
+
+
+class EdgeClearance(NamedTuple):
+    """The clearance of an edge [m], and what limits it."""
+
+    clearance_m: float
+    cause: str
+
+
+class Reachability:
+    """Reachability on the roadmap of `building` for a robot of `radius_m`."""
+
+    def __init__(self, building: Building, radius_m: float, check_time: Callable[[], None] = no_limit) -> None:
+        """`check_time` is called often, and may raise an error to end the work."""
+        self._building, self.radius_m, self._check_time = building, radius_m, check_time
+        nodes = ((floor, name) for floor, entry in building.floors.items() for name in entry.topological.nodes)
+        self._index = {node: i for i, node in enumerate(nodes)}
+        self._stops = _stops(building)
+        self._closed = {floor: self._edges_closed(floor) for floor in building.floors}
+        drives = np.concatenate([np.empty((0, 2), int), *(self._drives(floor) for floor in building.floors)])
+        links = np.concatenate([drives, self._rides()])
+        self._entered = set(drives[:, 1].tolist())
+        self._part = connected_components(_graph(links, len(self._index)), connection="weak")[1]
+        self._into, self._out = _both_ways(links, self._part)
+        self._too_close = {floor: self._nodes_too_close(floor) for floor in building.floors}
+        self._walled_in = {floor: self._nodes_walled_in(floor) for floor in building.floors}
+
+    def too_close(self, floor: str) -> Causes:
+        """Free nodes that are too close to an obstacle for the robot, with the obstacle."""
+        return {name: cause for name, cause in self._too_close[floor].items() if cause}
+
+    def walled_in(self, floor: str) -> list[str]:
+        """Nodes that obstacles separate from the floor's roadmap and from its elevators."""
+        return self._walled_in[floor]
+
+    def isolated(self, floor: str) -> list[str]:
+        """Nodes without an edge."""
+        topology = self._building.floors[floor].topological
+        joined = {name for edge in topology.edges.values() for name in (edge.a, edge.b)}
+        return [name for name in topology.nodes if name not in joined]
+
+    def separate_parts(self, floor: str) -> list[tuple[list[str], str]]:
+        """Parts of the floor's roadmap without a connection to its largest part, and why. They exclude nodes that are
+        too close to an obstacle, walled in or isolated."""
+        known = {*self._too_close[floor], *self._walled_in[floor], *self.isolated(floor)}
+        parts = ([name for name in part if name not in known] for part in self._parts(floor)[1:])
+        return [(part, self._cause_of_separation(floor, set(part))) for part in parts if part]
+
+    def one_way(self, floor: str) -> dict[str, list[str]]:
+        """Nodes of connected parts that the robot can't both enter and leave because of one-way edges, by direction."""
+        found: dict[str, list[str]] = {}
+        for name in self._building.floors[floor].topological.nodes:
+            i = self._index[floor, name]
+            if not (self._into[i] and self._out[i]):
+                direction = IN_ONLY if self._into[i] else OUT_ONLY if self._out[i] else APART
+                found.setdefault(direction, []).append(name)
+        return found
+
+    def is_cut_off(self, floor: str) -> bool:
+        """Whether the floor's roadmap is not connected with the building's largest part."""
+        parts = self._parts(floor)
+        return bool(parts) and self._part[self._index[floor, parts[0][0]]] != np.bincount(self._part).argmax()
+
+    def enters(self, elevator: str) -> bool:
+        """Whether the robot can drive into the elevator's cabin on some floor."""
+        return any(self._index[stop] in self._entered for stop in self.stops(elevator))
+
+    def stops(self, elevator: str) -> list[tuple[str, str]]:
+        """Floor and name of the nodes in an elevator's cabin."""
+        return self._stops.get(elevator, [])
+
+    def _parts(self, floor: str) -> list[list[str]]:
+        """The nodes of a floor by connected part, the largest part first."""
+        parts: dict[int, list[str]] = {}
+        for name in self._building.floors[floor].topological.nodes:
+            parts.setdefault(int(self._part[self._index[floor, name]]), []).append(name)
+        return sorted(parts.values(), key=len, reverse=True)
+
+    def _cause_of_separation(self, floor: str, part: set[str]) -> str:
+        """What blocks the widest edge between a part and the others."""
+        edges = self._building.floors[floor].topological.edges
+        closed = [
+            (edge, name)
+            for name, edge in self._closed[floor].items()
+            if (edges[name].a in part) != (edges[name].b in part)
+        ]
+        if not closed:
+            return "no edge joins them"
+        edge, name = max(closed, key=lambda found: found[0].clearance_m)
+        return f"{describe('edge', '', name)} {edge.cause}"
+
+    def _drives(self, floor: str) -> Links:
+        """Links of the edges that are wide enough, in each permitted direction."""
+        links = []
+        for name, edge in self._building.floors[floor].topological.edges.items():
+            if name not in self._closed[floor]:
+                a, b = self._index[floor, edge.a], self._index[floor, edge.b]
+                links += [(a, b)] if edge.one_way else [(a, b), (b, a)]
+        return np.array(links, int).reshape(-1, 2)
+
+    def _edges_closed(self, floor: str) -> dict[str, EdgeClearance]:
+        """Edges that are blocked or too narrow for the robot."""
+        self._check_time()
+        paths = all_paths(self._building.floors[floor].topological)
+        closed = {
+            edge.name: EdgeClearance(edge.clearance, f"is for robots of at most {edge.clearance:g} m")
+            for edge in paths.edges
+            if edge.clearance and edge.clearance < self.radius_m
+        }
+        for i, (clearance_m, what) in self._nearest(floor, shapely.linestrings(paths.ends)).items():
+            cause = f"is {clearance_m:.3f} m from {what}" if clearance_m > 0 else f"is blocked by {what}"
+            closed[paths.edges[i].name] = EdgeClearance(clearance_m, cause)
+        return closed
+
+    def _rides(self) -> Links:
+        """Links that connect all stops of each elevator between floors."""
+        rides = [
+            (self._index[start], self._index[end])
+            for stops in self._stops.values()
+            if len({floor for floor, _ in stops}) > 1
+            for a, b in pairwise(stops)
+            for start, end in ((a, b), (b, a))
+        ]
+        return np.array(rides, int).reshape(-1, 2)
+
+    def _nodes_too_close(self, floor: str) -> Causes:
+        """Nodes where the robot does not fit, with the nearest obstacle; with an empty cause if they lie on it."""
+        paths = all_paths(self._building.floors[floor].topological)
+        near = self._nearest(floor, shapely.points(paths.at))
+        return {
+            paths.nodes[i].name: f"{apart_m:.3f} m from {what}" if apart_m > TOUCH_M else ""
+            for i, (apart_m, what) in near.items()
+        }
+
+    def _nodes_walled_in(self, floor: str) -> list[str]:
+        nodes = self._building.floors[floor].topological.nodes
+        parts = self._parts(floor)
+        if not parts or len(parts[0]) == 1:
+            return []  # there is no roadmap to be separated from
+        lifts = [lift.at for lift in self._building.elevators.values() if floor in lift.floors()]
+        anchors = np.array([*(nodes[name].at for name in parts[0]), *lifts])
+        enclosures = _Enclosures(obstacles(self._building, floor), self.radius_m, anchors)
+        enclosed = []
+        for name in (name for part in parts[1:] for name in part if name not in self._too_close[floor]):
+            self._check_time()
+            if enclosures.is_enclosed(nodes[name].at):
+                enclosed.append(name)
+        return enclosed
+
+    def _nearest(self, floor: str, shapes: NDArray[np.object_]) -> dict[int, tuple[float, str]]:
+        """For each shape closer to an obstacle than the radius: the distance [m] and name of the nearest obstacle."""
+        found = obstacles(self._building, floor)
+        tree = STRtree([item.geometry for item in found])
+        which, near = tree.query(shapes, predicate="dwithin", distance=max(self.radius_m - TOUCH_M, 0.0))
+        apart = shapely.distance(shapes[which], tree.geometries[near])
+        by_distance = np.argsort(-apart, kind="stable").tolist()  # the nearest last
+        nearest = {int(which[i]): i for i in by_distance}
+        return {shape: (float(apart[i]), obstacle_label(found[near[i]])) for shape, i in sorted(nearest.items())}
+
+
+class _Enclosures:
+    """The enclosed regions of a floor for a robot of `radius_m`. A region that contains one of the `anchors`
+    (n, 2) is not enclosed."""
+
+    def __init__(self, found: Sequence[Obstacle], radius_m: float, anchors: NDArray[np.float64]) -> None:
+        self._tree = STRtree([item.geometry for item in found])
+        self._growth_m = max(radius_m - TOUCH_M, 0.0)
+        self._anchors = anchors
+        self._known: list[tuple[Polygon, bool]] = []
+
+    def is_enclosed(self, at: XY) -> bool:
+        """Whether a robot at `at` reaches neither an anchor nor the border of the window."""
+        for part, is_enclosed in self._known:
+            if shapely.intersects_xy(part, *at):
+                return is_enclosed
+        window = shapely.box(at[0] - WINDOW_M, at[1] - WINDOW_M, at[0] + WINDOW_M, at[1] + WINDOW_M)
+        near = self._tree.query(window, predicate="dwithin", distance=self._growth_m)
+        # Chords within the arcs approximate round corners, so a gap appears up to 1 % wider.
+        space = window.difference(shapely.union_all(shapely.buffer(self._tree.geometries[near], self._growth_m)))
+        parts = shapely.get_parts(space)
+        local = parts[shapely.dwithin(parts, shapely.Point(at), TOUCH_M)]
+        if not len(local):
+            return True
+        part = local[0]
+        shapely.prepare(part)
+        is_open = shapely.dwithin(part, window.exterior, TOUCH_M) or shapely.intersects_xy(part, self._anchors).any()
+        self._known.append((part, not is_open))
+        return not is_open
+
+
+def _stops(building: Building) -> dict[str, list[tuple[str, str]]]:
+    """Floor and name of the nodes in the cabin of each elevator."""
+    stops: dict[str, list[tuple[str, str]]] = {}
+    for floor, entry in building.floors.items():
+        for node in entry.topological.nodes.values():
+            if node.elevator:
+                stops.setdefault(node.elevator, []).append((floor, node.name))
+    return stops
+
+
+def _graph(links: Links, size: int) -> csr_array:
+    return csr_array((np.ones(len(links), np.int8), (links[:, 0], links[:, 1])), (size, size))
+
+
+def _both_ways(links: Links, part: NDArray[np.int32]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which nodes the largest strongly connected component of their part reaches, and which nodes reach it."""
+    size = len(part)
+    piece = connected_components(_graph(links, size), connection="strong")[1]
+    by_size = np.argsort(-np.bincount(piece)[piece], kind="stable") if size else np.empty(0, int)
+    cores = by_size[np.unique(part[by_size], return_index=True)[1]]
+    start = np.column_stack([np.full(len(cores), size), cores])  # an additional node leads to all cores
+    reached = []
+    for directed in (links, links[:, ::-1]):
+        order = breadth_first_order(
+            _graph(np.concatenate([directed, start]), size + 1), size, return_predecessors=False
+        )
+        reached.append(np.isin(np.arange(size), order))
+    return reached[0], reached[1]

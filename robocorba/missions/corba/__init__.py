@@ -1,0 +1,1 @@
+"""Missions in CORBA: conversion, servants, clients."""

@@ -1,0 +1,214 @@
+"""The connections that clients have to a process: how many there may be, which one ends when there are too many, and
+how many may wait to be accepted.
+
+Each connection takes a descriptor and a thread. A process without a free descriptor can accept no connection and open
+no file, so the connection that has been idle for longest ends before that. Robots call twice a second at least, so
+theirs stay; a client that calls again connects again."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import resource
+import socket
+import struct
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from robocorba.system.repeating import Repeating
+
+#: Soft limit of descriptors that a process asks for; the hard limit may be lower.
+DESCRIPTORS = 16_384
+#: Maximum number of connections: more of them, each with a thread, would need gigabytes.
+MAX_CONNECTIONS = 4096
+#: Connections that may wait to be accepted, as far as the kernel allows: when a server restarts, all its clients
+#: connect at once. Of more than omniORB's 128, those beyond would wait for 1 s, then for 3 s.
+QUEUE = 4096
+#: Share of the descriptors that stays free, for files and for connections within CHECK_INTERVAL_S.
+FREE_SHARE = 0.125
+#: Interval between checks [s].
+CHECK_INTERVAL_S = 1.0
+#: The same after some have ended: others may wait to be accepted, and take their places [s].
+BUSY_INTERVAL_S = 0.1
+#: Time after which a connection that has never got an answer ends first [s].
+UNANSWERED_S = 5.0
+#: Minimum interval between log entries [s].
+LOG_INTERVAL_S = 10.0
+#: Where the kernel lists the descriptors of this process. Other systems than Linux have no limit of ours.
+_LISTING = Path("/proc/self/fd")
+#: GIOP 1.0, CloseConnection: requests without an answer were not executed.
+_CLOSE_CONNECTION = b"GIOP\1\0\1\5\0\0\0\0"
+#: Of struct tcp_info: time since data arrived [ms], and the number of segments with data that were sent.
+_LAST_DATA_RECEIVED, _SEGMENTS_SENT = struct.Struct("52xI"), struct.Struct("156xI")
+_TCP_INFO_BYTES = 232
+#: State of a connection that neither end has closed: the first byte of struct tcp_info.
+_ESTABLISHED = 1
+
+_log = logging.getLogger(__name__)
+
+
+def raise_descriptor_limit(wanted: int = DESCRIPTORS) -> int:
+    """Raise the soft limit of descriptors as far as the hard limit allows, never lower it; return it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY:
+        return wanted
+    raised = max(soft, wanted if hard == resource.RLIM_INFINITY else min(wanted, hard))
+    if raised > soft:
+        with contextlib.suppress(ValueError, OSError):  # a container may forbid it
+            resource.setrlimit(resource.RLIMIT_NOFILE, (raised, hard))
+            soft = raised
+    return soft
+
+
+class Connection(NamedTuple):
+    """A connection that a client has opened. idle_s: since data arrived. is_answered: it has got an answer before."""
+
+    descriptor: int
+    idle_s: float
+    is_answered: bool
+
+    @property
+    def order(self) -> tuple[bool, float]:
+        """Connections end in this order."""
+        return self.is_answered or self.idle_s < UNANSWERED_S, -self.idle_s
+
+
+class ConnectionLimit:
+    """Keeps a process below `connections` that clients have opened, and below `descriptors` in use; None: what the
+    operating system allows, less a reserve. process: this one by default."""
+
+    def __init__(
+        self, descriptors: int | None = None, connections: int = MAX_CONNECTIONS, process: Descriptors | None = None
+    ) -> None:
+        self._process = process or OwnDescriptors()
+        self._most, self._connections = descriptors, connections
+        self._repeating = Repeating("connections", self.check, lambda: self._interval_s)
+        self._interval_s = CHECK_INTERVAL_S
+        self._ended, self._logged_at = 0, -LOG_INTERVAL_S
+
+    def start(self) -> ConnectionLimit:
+        if _LISTING.is_dir():
+            self._repeating.start()
+        return self
+
+    def close(self) -> None:
+        self._repeating.close()
+
+    def check(self) -> None:
+        """End connections if there are too many."""
+        self._process.renew()
+        used, self._interval_s = len(self._process.in_use()), CHECK_INTERVAL_S
+        most = self._most or round(self._process.limit() * (1 - FREE_SHARE))
+        if used > min(most, self._connections):
+            found = sorted(_connections(self._process), key=lambda each: each.order)
+            excess = max(used - most, len(found) - self._connections)
+            if excess > 0:  # a few more, so that not each new connection ends another one
+                ending = found[: excess + len(found) // 20]
+                self._ended += sum(_end(self._process, each.descriptor) for each in ending)
+                self._interval_s = BUSY_INTERVAL_S
+        if self._ended and time.monotonic() >= self._logged_at + LOG_INTERVAL_S:
+            reason = "%d connections%s have ended, the longest idle ones: there were more than %d, or %d descriptors"
+            _log.warning(reason, self._ended, self._process.title, self._connections, most)
+            self._ended, self._logged_at = 0, time.monotonic()
+
+
+class Descriptors(Protocol):
+    """The descriptors of a process. title: which one, for the log, such as " to omniNames"."""
+
+    title: str
+
+    def renew(self) -> None:
+        """Called before each check."""
+
+    def limit(self) -> int:
+        """How many there may be."""
+
+    def in_use(self) -> Sequence[int]:
+        """Those in use; all that may be in use if there is no way to know."""
+
+    def borrowed(self, descriptor: int) -> AbstractContextManager[socket.socket]:
+        """The socket of a descriptor, which stays open. Raises OSError if it is not TCP."""
+
+
+class OwnDescriptors:
+    """Those of this process."""
+
+    title = ""
+
+    def __init__(self) -> None:
+        self._limit = raise_descriptor_limit()
+
+    def renew(self) -> None:
+        """Nothing changes."""
+
+    def limit(self) -> int:
+        return self._limit
+
+    def in_use(self) -> Sequence[int]:
+        try:
+            with os.scandir(_LISTING) as entries:  # each second, and there may be hundreds: without a path for each
+                return [int(entry.name) for entry in entries]
+        except OSError:  # none is free, and the list itself takes one
+            return range(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
+
+    @contextlib.contextmanager
+    def borrowed(self, descriptor: int) -> Iterator[socket.socket]:
+        """Needs no further descriptor."""
+        borrowed = socket.socket(fileno=descriptor)
+        try:
+            check_tcp(borrowed)
+            yield borrowed
+        finally:
+            borrowed.detach()
+
+
+def enlarge_queue(process: Descriptors | None = None) -> None:
+    """Let QUEUE connections wait to be accepted, at each port on which a process (this one by default) listens."""
+    process = process or OwnDescriptors()
+    for descriptor in process.in_use():
+        with contextlib.suppress(OSError), process.borrowed(descriptor) as listener:
+            if listener.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                listener.listen(QUEUE)
+
+
+def check_tcp(connection: socket.socket) -> None:
+    """Raises OSError if it is not TCP."""
+    if connection.family not in (socket.AF_INET, socket.AF_INET6) or connection.type != socket.SOCK_STREAM:
+        raise OSError("not a TCP socket")
+
+
+def is_established(connection: socket.socket) -> bool:
+    """Whether neither end has closed a connection."""
+    return connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0] == _ESTABLISHED
+
+
+def _connections(process: Descriptors) -> Iterator[Connection]:
+    """The connections at ports on which a process listens."""
+    found: list[tuple[int, Connection]] = []
+    ports: set[int] = set()
+    for descriptor in process.in_use():
+        with contextlib.suppress(OSError), process.borrowed(descriptor) as connection:
+            if connection.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                ports.add(connection.getsockname()[1])
+            else:
+                if not is_established(connection):  # such as one that was ended a moment ago
+                    continue
+                info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
+                idle_s = _LAST_DATA_RECEIVED.unpack_from(info)[0] / 1000
+                is_answered = _SEGMENTS_SENT.unpack_from(info)[0] > 0
+                found.append((connection.getsockname()[1], Connection(descriptor, idle_s, is_answered)))
+    yield from (each for port, each in found if port in ports)
+
+
+def _end(process: Descriptors, descriptor: int) -> bool:
+    """End a connection; the thread that serves it closes its descriptor."""
+    with contextlib.suppress(OSError), process.borrowed(descriptor) as connection:
+        with contextlib.suppress(OSError):
+            connection.send(_CLOSE_CONNECTION, socket.MSG_DONTWAIT)
+        connection.shutdown(socket.SHUT_RDWR)
+        return True
+    return False

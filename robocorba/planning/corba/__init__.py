@@ -1,0 +1,1 @@
+"""The path planning agent in CORBA: conversion, servant, client."""

@@ -1,0 +1,25 @@
+"""Client of the path planning agent."""
+
+from __future__ import annotations
+
+from robocorba.orb.orb import Orb
+from robocorba.orb.remote_object import RemoteObject
+from robocorba.planning.corba import paths
+from robocorba.planning.request import Path, PathRequest
+from robocorba.stubs import RoboCorba
+
+#: Timeouts to resolve the agent and for a call [s].
+RESOLVE_TIMEOUT_S, CALL_TIMEOUT_S = 5.0, 5.0
+
+
+class RemotePlanner:
+    """Resolves the agent on first use, and again after a failed call."""
+
+    def __init__(self, orb: Orb) -> None:
+        what, timeouts = "the path planning agent", (RESOLVE_TIMEOUT_S, CALL_TIMEOUT_S)
+        self._agent = RemoteObject(orb, "PathPlanner", RoboCorba.PathPlanner, what, *timeouts)
+
+    def paths(self, request: PathRequest) -> list[Path]:
+        """The best path first. Raises PathError and NotReachable."""
+        found = self._agent.call(lambda agent: agent.findPaths(paths.request(request)))
+        return [paths.path_of(struct) for struct in found]

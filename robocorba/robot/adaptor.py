@@ -1,0 +1,40 @@
+"""The robot adaptor: the control agent's interface to a virtual or an actual robot.
+
+Its four methods are the paper's. A new kind of robot takes one subclass: see docs/adaptors.md."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+
+
+class RobotAdaptor(ABC):
+    """Each method returns True if it did what was requested. False means that the call is invalid now, such as `write`
+    before `start`, and had no effect. Faults of the robot raise AdaptorFailed with the cause.
+
+    `stop` may be called by any thread at any time, all other methods by one thread. No call except `start` takes longer
+    than a second."""
+
+    #: Whether the robot is its body in the simulated building; otherwise the control agent makes that body follow it.
+    is_in_building = False
+    #: Whose answers `read` and `write` wait for, in messages to users.
+    waits_for = "the robot's adaptor"
+
+    @abstractmethod
+    def start(self, argv: Sequence[str]) -> bool:
+        """Connect to the robot, switch it on, and read its position. False if it is started already."""
+
+    @abstractmethod
+    def stop(self) -> bool:
+        """Stop the robot as soon as possible, even while another method hangs, and disconnect. False if it is not
+        started."""
+
+    @abstractmethod
+    def read(self, state: RobotState) -> bool:
+        """Fill in the robot's state."""
+
+    @abstractmethod
+    def write(self, command: ActorCommand) -> bool:
+        """Send a command to the robot."""

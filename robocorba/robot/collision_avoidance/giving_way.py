@@ -1,0 +1,188 @@
+"""Collision avoidance between driving robots: all yield to each other by the same rules.
+
+Hard rule: the braking distances of two robots plus a margin fit between them. If both keep it they don't touch,
+whichever should have yielded; a robot that can't continue stops. Soft rule: if two robots' paths cross, the one whose
+name sorts later lets the other pass first, where stopping suffices for that. Robots that block each other nevertheless
+are in a deadlock: the one with the later name is Blocked first, so that it can step aside and drive around."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from robocorba.errors.robots import MotionFailed
+from robocorba.errors.services import NotReachable
+from robocorba.map_editor.spatial.frames import turned
+from robocorba.map_editor.spatial.pose import XY
+from robocorba.robot.collision_avoidance.neighbours import Nearby, OtherRobot
+from robocorba.robot.collision_avoidance.temporary_obstacles import STATIONARY_M_S
+from robocorba.robot.kinematics.smartpal import BASE_LIMITS, RADIUS_M
+from robocorba.robot.motion.motion import Motion, MotionCommand
+from robocorba.robot.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
+
+#: Gap between two robots' rims [m].
+MARGIN_M = 0.05
+#: The same near the goal [m], where two robots may have places side by side.
+NEAR_MARGIN_M = 0.012
+#: Distance from the goal within which NEAR_MARGIN_M holds [m].
+NEAR_GOAL_M = 0.6
+#: Maximum speed inside the margin [m/s], at which a robot gets past its neighbour.
+CREEP_M_S = 0.02
+#: Braking that the hard rule counts on [m/s^2]. The rest of the limit compensates for the delay of others' data.
+BRAKING_M_S2 = 0.6 * BASE_LIMITS.acceleration
+#: Two paths cross if the robots' rims come within MEET_M [m] during the next MEET_S [s].
+MEET_M, MEET_S = 0.15, 2.5
+#: A robot is blocked while it may drive at less than this share of its wanted speed.
+BLOCKED_SHARE = 0.1
+#: Time for which a robot stands and waits for the positions of others [s].
+UNKNOWN_LIMIT_S = 20.0
+#: Clearance to walls and objects [m], with `avoid_walls`.
+WALL_M = 0.02
+
+
+class Blocked(MotionFailed):
+    """An obstacle blocks the robot: the robot `other`, or a wall or an object if that is None."""
+
+    def __init__(self, state: RobotState, other: OtherRobot | None) -> None:
+        self.other = other
+        blocker = f"{other.name} is" if other else "a wall or an object is"
+        super().__init__(f"blocked at ({state.x:.2f}, {state.y:.2f}): {blocker} in the way")
+
+
+class GiveWay:
+    """A motion of the base that yields to other robots; raises Blocked once they have blocked it for some time.
+
+    goal: its end point [m]; near it robots may be side by side. precise_positioning: NEAR_MARGIN_M holds on the whole
+    path, the motion lets no robot pass first, and waits while it is blocked. avoid_walls: stop before walls and
+    objects, too."""
+
+    def __init__(
+        self,
+        motion: Motion,
+        nearby: Nearby,
+        goal: XY | None = None,
+        precise_positioning: bool = False,
+        avoid_walls: bool = False,
+    ) -> None:
+        self._motion, self._nearby, self._policy, self._goal = motion, nearby, nearby.policy, goal
+        self._precise_positioning, self._avoid_walls = precise_positioning, avoid_walls
+        self._blocked_since: float | None = None
+        #: The last tick, since when the positions of others are unknown, and how long they were in all [s].
+        self._last_s, self._unknown_s = 0.0, 0.0
+        self._unknown_since: float | None = None
+        #: Since when each stationary robot has been stationary [s], by name.
+        self._stationary_since: dict[str, float] = {}
+
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+        """Raises MotionFailed, Blocked."""
+        if self._unknown_since is not None:
+            self._unknown_s += elapsed_s - self._last_s
+        self._last_s = elapsed_s
+        command = self._motion.command(state, elapsed_s - self._unknown_s)
+        if command is None:
+            return None
+        try:
+            share, other = self._allowed_share(state, command.velocity, elapsed_s)
+        except NotReachable as error:
+            self._check_patience(error, elapsed_s)
+            return command._replace(velocity=ZERO_VELOCITY)  # with unknown positions of others the robot does not drive
+        self._unknown_since = None
+        self._check_blocked(state, share, other, elapsed_s)
+        ahead, left, turn = command.velocity
+        return command._replace(velocity=(ahead * share, left * share, turn))
+
+    def _check_patience(self, error: NotReachable, now: float) -> None:
+        """Data that are late for a moment, as on a busy machine, must not end a drive as if the robot were stuck."""
+        if self._unknown_since is None:
+            self._unknown_since = now
+        if now - self._unknown_since >= UNKNOWN_LIMIT_S:
+            raise MotionFailed(f"waited {UNKNOWN_LIMIT_S:g} s: {error}")
+
+    def _allowed_share(self, state: RobotState, velocity: Velocity, now: float) -> tuple[float, OtherRobot | None]:
+        """The share of a velocity that is allowed, and the robot that limits it."""
+        vx, vy = turned(velocity[0], velocity[1], state.heading)
+        others = self._nearby.others(state.x, state.y)
+        stationary = {other.name for other in others if math.hypot(other.vx, other.vy) < STATIONARY_M_S}
+        self._stationary_since = {name: self._stationary_since.get(name, now) for name in stationary}
+        wall_share = _wall_share(self._nearby.clearance_m, state, vx, vy) if self._avoid_walls else 1.0
+        least: tuple[float, OtherRobot | None] = (wall_share, None)
+        margin_m = self._margin_m(state)
+        for other in others:
+            share = safe_share(state, vx, vy, other, margin_m)
+            has_priority = not self._precise_positioning and other.name < self._nearby.name
+            if has_priority and should_yield(state, vx, vy, other):
+                share = 0.0
+            if share < least[0]:
+                least = share, other
+        return least
+
+    def _margin_m(self, state: RobotState) -> float:
+        is_near = self._goal is not None and math.dist(self._goal, (state.x, state.y)) < NEAR_GOAL_M
+        return NEAR_MARGIN_M if is_near or self._precise_positioning else MARGIN_M
+
+    def _check_blocked(self, state: RobotState, share: float, other: OtherRobot | None, now: float) -> None:
+        if share >= BLOCKED_SHARE:
+            self._blocked_since = None
+            return
+        if self._blocked_since is None:
+            self._blocked_since = now
+        if now - self._blocked_since >= self._patience_s(other, self._blocked_since):
+            raise Blocked(state, other)
+
+    def _patience_s(self, other: OtherRobot | None, since: float) -> float:
+        if other is None:
+            return self._policy.blocked_by_parked_s
+        if self._precise_positioning:
+            return math.inf  # the motion itself raises MotionFailed when it is stuck
+        stationary_since = self._stationary_since.get(other.name, math.inf)
+        if since - stationary_since >= self._policy.parked_s:
+            return self._policy.blocked_by_parked_s
+        is_earlier = other.name < self._nearby.name
+        return self._policy.blocked_by_earlier_s if is_earlier else self._policy.blocked_by_later_s
+
+
+def safe_share(state: RobotState, vx: float, vy: float, other: OtherRobot, margin_m: float) -> float:
+    """The share of a velocity (vx, vy) [m/s, along the floor's axes] that leaves both robots room to brake."""
+    dx, dy = other.x - state.x, other.y - state.y
+    distance_m = math.hypot(dx, dy)
+    if distance_m == 0.0:
+        return 1.0
+    closing = (vx * dx + vy * dy) / distance_m
+    if closing <= 0.0:
+        return 1.0
+    other_closing = max(0.0, -(other.vx * dx + other.vy * dy) / distance_m)
+    gap_m = distance_m - RADIUS_M - other.radius_m
+    free_m = gap_m - margin_m - other_closing * other_closing / (2.0 * BRAKING_M_S2)
+    allowed = max(math.sqrt(2.0 * BRAKING_M_S2 * max(free_m, 0.0)), CREEP_M_S if gap_m > NEAR_MARGIN_M else 0.0)
+    return min(1.0, allowed / closing)
+
+
+def should_yield(state: RobotState, vx: float, vy: float, other: OtherRobot) -> bool:
+    """Whether a moving robot would meet this one if both continue, and would not if this one stops."""
+    if math.hypot(other.vx, other.vy) < STATIONARY_M_S:
+        return False
+    at, least_m = (other.x - state.x, other.y - state.y), RADIUS_M + other.radius_m
+    continuing_m = _nearest_m(at, (other.vx - vx, other.vy - vy))
+    stopped_m = _nearest_m(at, (other.vx, other.vy))
+    return continuing_m < least_m + MEET_M and stopped_m > least_m + MARGIN_M and continuing_m < stopped_m
+
+
+def _nearest_m(at: XY, velocity: XY) -> float:
+    """The least distance [m] from the origin, within MEET_S, of a point that moves at a constant velocity."""
+    speed2 = velocity[0] ** 2 + velocity[1] ** 2
+    time = -(at[0] * velocity[0] + at[1] * velocity[1]) / speed2 if speed2 > 0.0 else 0.0
+    time = min(max(time, 0.0), MEET_S)
+    return math.hypot(at[0] + time * velocity[0], at[1] + time * velocity[1])
+
+
+def _wall_share(clearance_m: Callable[[float, float], float], state: RobotState, vx: float, vy: float) -> float:
+    """The share of a velocity that lets the robot stop before the obstacle that it approaches."""
+    speed = math.hypot(vx, vy)
+    if speed == 0.0:
+        return 1.0
+    here_m = clearance_m(state.x, state.y)
+    lookahead_m = WALL_M + speed * speed / (2.0 * BRAKING_M_S2)
+    there_m = clearance_m(state.x + vx / speed * lookahead_m, state.y + vy / speed * lookahead_m)
+    if there_m >= min(here_m, RADIUS_M + WALL_M):
+        return 1.0
+    return min(1.0, math.sqrt(2.0 * BRAKING_M_S2 * max(here_m - RADIUS_M - WALL_M, 0.0)) / speed)

@@ -1,0 +1,1 @@
+"""Robots in CORBA: conversion, servants, clients."""

@@ -1,0 +1,155 @@
+"""Servant of a robot's control agent."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from robocorba.errors.robots import InvalidProgram
+from robocorba.errors.services import NotReachable
+from robocorba.map_editor.element_rules import name_violations
+from robocorba.orb.exceptions import translating
+from robocorba.orb.server_release import ServerServant
+from robocorba.planning.corba import paths
+from robocorba.robot import model_switcher
+from robocorba.robot.agent import ControlAgent
+from robocorba.robot.corba import robot_states
+from robocorba.robot.programs import program
+from robocorba.robot.programs.program import Program
+from robocorba.robot.programs.report import report_of
+from robocorba.stubs import RoboCorba, RoboCorba__POA
+
+
+class Missions(Protocol):
+    """The robot's part in missions. mission: the one that it leads or takes part in; empty for none."""
+
+    @property
+    def mission(self) -> str: ...
+
+    def lead_mission(self, mission: str, program: Program, term: int = 0) -> None:
+        """Lead a mission; term: the one in which it is offered, 0 if that is not known. Raises InvalidProgram,
+        IllegalOrder."""
+
+    def abort_mission(self, mission: str) -> None:
+        """Abort the mission if the robot leads it at present. Raises UnknownMission."""
+
+
+class StopTargetServant(RoboCorba__POA.StopTarget):
+    """RoboCorba::StopTarget of a robot."""
+
+    def __init__(self, agent: ControlAgent) -> None:
+        self._agent = agent
+
+    def stop(self, reason: str) -> Any:
+        self._agent.stop(reason or "emergency stop")  # also one that is stopped until it answers again
+        return self._get_answer()
+
+    def _get_answer(self) -> Any:
+        return RoboCorba.StopAnswer(*self._agent.stop_answer)
+
+    def stopNumbered(self, reason: str, number: int) -> Any:
+        self._agent.stop(reason or "emergency stop", number)
+        return self._get_answer()
+
+
+class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
+    """RoboCorba::RobotAgent. pool: the reference of its data pool. channel: the event channel of its sub-network."""
+
+    def __init__(self, agent: ControlAgent, pool: Any, channel: str, missions: Missions) -> None:
+        self._agent, self._pool, self._channel, self._missions = agent, pool, channel, missions
+
+    def _get_name(self) -> str:
+        return self._agent.name
+
+    @translating
+    def _get_state(self) -> Any:
+        return robot_states.agent_state(self._agent.state)
+
+    def _get_pool(self) -> Any:
+        return self._pool
+
+    def _get_program(self) -> str:
+        loaded = self._agent.program
+        return program.dumps(loaded) if loaded else ""
+
+    def _get_channel(self) -> str:
+        return self._channel
+
+    def _get_path(self) -> list[Any]:
+        return [paths.path_point(point) for point in self._agent.path]
+
+    def _get_mission(self) -> str:
+        return self._missions.mission
+
+    @translating
+    def checkProgram(self, json: str) -> Any:
+        try:
+            return robot_states.program_check(self._agent.check(program.loads(json)))
+        except InvalidProgram as error:  # it can't be read, so there is one finding
+            return robot_states.program_check(report_of(error))
+        except NotReachable as error:  # the path planning agent, without which drives can't be checked
+            return robot_states.program_check(report_of(InvalidProgram("", "", f"can't be checked: {error}")))
+
+    @translating
+    def startMission(self, mission: str, icon: str) -> None:
+        self._lead(mission, icon, 0)
+
+    @translating
+    def leadMission(self, mission: str, icon: str, term: int) -> None:
+        self._lead(mission, icon, term)
+
+    def _lead(self, mission: str, icon: str, term: int) -> None:
+        for reason in name_violations("its name", mission):
+            raise InvalidProgram("", "mission", reason)
+        self._missions.lead_mission(mission, program.of_icon(icon), term)
+
+    @translating
+    def abortMission(self, mission: str) -> None:
+        self._missions.abort_mission(mission)
+
+    @translating
+    def loadProgram(self, json: str) -> None:
+        self._agent.load(program.loads(json))
+
+    @translating
+    def run(self, stepping: bool) -> None:
+        self._agent.run(stepping)
+
+    def iconsFrom(self, number: int) -> list[Any]:
+        return [robot_states.begun(icon) for icon in self._agent.begun(number)]
+
+    @translating
+    def pause(self) -> None:
+        self._agent.pause()
+
+    @translating
+    def resume(self) -> None:
+        self._agent.resume()
+
+    @translating
+    def step(self) -> None:
+        self._agent.step()
+
+    def abort(self) -> None:
+        self._agent.abort()
+
+    def stop(self) -> None:
+        self._agent.stop_durably()
+
+    @translating
+    def resetStop(self) -> None:
+        self._agent.reset_stop()
+
+    @translating
+    def switchAdaptor(self, adaptor: str, arguments: list[str]) -> None:
+        self._agent.switch(adaptor, arguments)
+
+    def adaptors(self) -> list[str]:
+        return model_switcher.installed()
+
+    @translating
+    def drive(self, wanted: Any, valid_for: float) -> None:
+        self._agent.drive((wanted.ahead, wanted.left, wanted.turn), valid_for)
+
+    @translating
+    def setSpeedCap(self, speed: float) -> None:
+        self._agent.cap_speed(speed)

@@ -1,0 +1,159 @@
+"""Client of robots' control agents, for operators and leaders."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import NamedTuple
+
+from robocorba.errors.base import RoboCorbaError
+from robocorba.orb.orb import Orb
+from robocorba.orb.remote_object import Answer, translated
+from robocorba.robot.agent_state import AgentState, IconBegun
+from robocorba.robot.corba import robot_states
+from robocorba.robot.motion.robot_state import Velocity
+from robocorba.robot.programs.report import CheckReport
+from robocorba.stubs import RoboCorba
+from robocorba.system.background import Background
+from robocorba.system.names import ROBOTS
+
+#: Timeout of a call [s].
+CALL_TIMEOUT_S = 3.0
+#: Timeout of calls that check a program or start an adaptor [s].
+SLOW_CALL_TIMEOUT_S = 40.0
+
+
+class OrderLimits(NamedTuple):
+    """How robots get an order together. at_once: of them at a time. Timeouts for finding each, and for all [s]."""
+
+    at_once: int
+    resolve_s: float
+    all_s: float
+
+
+#: An emergency stop: nobody waits for others.
+URGENT = OrderLimits(10_000, 1.0, 5.0)
+#: A restart, which is not urgent: of 200 robots that restart at once, some do not answer within the limits of an
+#: emergency stop, and stayed stopped.
+CALM = OrderLimits(16, 5.0, 60.0)
+
+
+class RemoteAgent:
+    """The agent of the robot `name`. Raises NotReachable if it is not found within `timeout_s`, and in calls that it
+    does not answer."""
+
+    def __init__(self, orb: Orb, name: str, timeout_s: float = 3.0) -> None:
+        self.name = name
+        self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, CALL_TIMEOUT_S)
+        self._slow_agent = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent, SLOW_CALL_TIMEOUT_S)
+
+    def state(self) -> AgentState:
+        return robot_states.agent_state_of(self._call(self._agent._get_state))
+
+    def mission(self) -> str:
+        """The mission that the robot leads or takes part in; empty for none."""
+        return str(self._call(self._agent._get_mission))
+
+    def channel(self) -> str:
+        """The event channel of its sub-network; empty for none."""
+        return str(self._call(self._agent._get_channel))
+
+    def program(self) -> str:
+        """The loaded program in JSON; empty if there is none."""
+        return str(self._call(self._agent._get_program))
+
+    def check(self, json: str) -> CheckReport:
+        """Check a program from the robot's present state, also while another one runs."""
+        return robot_states.program_check_of(self._call(lambda: self._slow_agent.checkProgram(json)))
+
+    def load(self, json: str) -> None:
+        """Raises InvalidProgram, IllegalOrder."""
+        self._call(lambda: self._slow_agent.loadProgram(json))
+
+    def run(self, is_stepping: bool = False) -> None:
+        """Raises IllegalOrder."""
+        self._call(lambda: self._agent.run(is_stepping))
+
+    def begun(self, first: int) -> list[IconBegun]:
+        """Icons that have begun, from number `first`."""
+        return [robot_states.begun_of(struct) for struct in self._call(lambda: self._agent.iconsFrom(first))]
+
+    def pause(self) -> None:
+        """Raises IllegalOrder."""
+        self._call(self._agent.pause)
+
+    def resume(self) -> None:
+        """Raises IllegalOrder."""
+        self._call(self._agent.resume)
+
+    def step(self) -> None:
+        """Raises IllegalOrder."""
+        self._call(self._agent.step)
+
+    def abort(self) -> None:
+        self._call(self._agent.abort)
+
+    def abort_mission(self, mission: str) -> None:
+        """Abort this mission. Raises UnknownMission if the robot does not lead it."""
+        self._call(lambda: self._agent.abortMission(mission))
+
+    def stop(self) -> None:
+        """Emergency stop."""
+        self._call(self._agent.stop)
+
+    def reset_stop(self) -> None:
+        """Raises IllegalOrder, AdaptorFailed."""
+        self._call(self._slow_agent.resetStop)
+
+    def switch(self, adaptor: str, argv: Sequence[str]) -> None:
+        """Raises UnknownAdaptor, IllegalOrder, AdaptorFailed."""
+        self._call(lambda: self._slow_agent.switchAdaptor(adaptor, list(argv)))
+
+    def adaptors(self) -> list[str]:
+        """Names of the installed adaptors."""
+        return list(self._call(self._agent.adaptors))
+
+    def drive(self, velocity: Velocity, valid_for_s: float) -> None:
+        """Drive at a velocity of the base, ahead and to the left [m/s], turn [rad/s], for some time [s] or until the
+        next call. Raises InvalidChoice, IllegalOrder."""
+        self._call(lambda: self._agent.drive(RoboCorba.Velocity(*velocity), valid_for_s))
+
+    def cap_speed(self, speed: float) -> None:
+        """Limit the base's speed [m/s]. Raises InvalidChoice."""
+        self._call(lambda: self._agent.setSpeedCap(speed))
+
+    def _call(self, call: Callable[[], Answer]) -> Answer:
+        with translated(f"robot {self.name}"):
+            return call()
+
+
+def robots(orb: Orb) -> list[str]:
+    """Names of the robots whose agents are bound. Raises NotReachable."""
+    return orb.names(ROBOTS)
+
+
+def order_all(
+    orb: Orb, names: Sequence[str], order: Callable[[RemoteAgent], None], limits: OrderLimits = URGENT
+) -> Iterator[tuple[str, str]]:
+    """Give an order to robots; each name with the reason if the robot did not confirm, else empty."""
+    results: dict[str, str] = {}
+    places, deadline = threading.Semaphore(limits.at_once), time.monotonic() + limits.all_s
+
+    def call(name: str) -> None:
+        with places:
+            if time.monotonic() >= deadline:
+                return
+            try:
+                order(RemoteAgent(orb, name, limits.resolve_s))
+                results[name] = ""
+            except RoboCorbaError as error:
+                results[name] = str(error)
+
+    calls = [Background(f"order to {name}", partial(call, name), partial(results.__setitem__, name)) for name in names]
+    for thread in calls:
+        thread.start()
+    for name, thread in zip(names, calls, strict=True):
+        thread.join(max(0.0, deadline - time.monotonic()))
+        yield name, results.get(name, f"did not answer within {limits.all_s:g} s")

@@ -1,0 +1,40 @@
+"""The model switcher: lists the installed robot adaptors and creates one by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, NamedTuple
+
+from robocorba.errors.robots import UnknownAdaptor
+from robocorba.robot.adaptor import RobotAdaptor
+from robocorba.robot.session import BuildingSession
+
+GROUP = "robocorba.adaptors"
+
+
+class AdaptorContext(NamedTuple):
+    """What the factory of an adaptor gets: the robot's name, its session in the building, and the process's ORB."""
+
+    name: str
+    session: BuildingSession
+    orb: Any
+
+
+def installed() -> list[str]:
+    """Names of the installed adaptors, sorted."""
+    return sorted(_found())
+
+
+def make(name: str, context: AdaptorContext) -> RobotAdaptor:
+    """Create an adaptor with the entry point of this name in the group `robocorba.adaptors`. Raises UnknownAdaptor."""
+    found = _found()
+    if name not in found:
+        raise UnknownAdaptor(name, sorted(found))
+    factory: Callable[[AdaptorContext], RobotAdaptor] = found[name].load()
+    return factory(context)
+
+
+def _found() -> dict[str, EntryPoint]:
+    found: Sequence[EntryPoint] = tuple(entry_points(group=GROUP))
+    return {entry.name: entry for entry in found}

@@ -1,0 +1,151 @@
+"""Checks of the arms in a program: hands reach their poses, and no links collide during a motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from robocorba.errors.robots import InvalidProgram, Unreachable
+from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.robot.kinematics.smartpal import JOINTS, LUMBAR
+from robocorba.robot.programs.hands import BodyModel, HandIcon, Kinematics, home, joint_path, joints_of
+from robocorba.robot.programs.icons import (
+    CooperativeIcon,
+    Gripper,
+    Icon,
+    Lumbar,
+    MhandJoints,
+    MhandOffset,
+    MhandPose,
+    MhandPosture,
+)
+from robocorba.robot.programs.report import CheckReport
+
+#: Maximum change of a joint between two postures that are checked for collisions [rad].
+_STEP_RAD = math.radians(2)
+#: The parameters of each icon that determine its target joints, as a finding names them.
+_TARGET_PARAMETERS: dict[type, str] = {
+    MhandPose: "x, y, z",
+    MhandOffset: "dx, dy, dz",
+    MhandJoints: "joints",
+    MhandPosture: "posture",
+    Lumbar: "lower, upper",
+}
+
+
+class KnownArms(NamedTuple):
+    """What a check knows of the joints (18,) between two icons: their angles [rad], and whether each is known. Unknown
+    joints have the angles of the home posture."""
+
+    joints: tuple[float, ...]
+    is_known: tuple[bool, ...] = (True,) * len(JOINTS)
+
+    def with_unknown(self, joints: Iterable[int], home: Floats) -> KnownArms:
+        """The same, with some joints unknown."""
+        values, known = list(self.joints), list(self.is_known)
+        for joint in joints:
+            values[joint], known[joint] = float(home[joint]), False
+        return KnownArms(tuple(values), tuple(known))
+
+    def merged_with(self, other: KnownArms, home: Floats) -> KnownArms:
+        """What is known if either state is possible: the joints that are equal in both."""
+        one, two = (list(zip(arms.joints, arms.is_known, strict=True)) for arms in (self, other))
+        return self.with_unknown((joint for joint in range(len(JOINTS)) if one[joint] != two[joint]), home)
+
+    @property
+    def is_body_known(self) -> bool:
+        """Whether arms and lumbar are known, the joints that determine collisions."""
+        return all(self.is_known[: LUMBAR.stop])
+
+
+class ArmChecks:
+    """Tracks the arms through a program, and reports impossible motions. Without kinematics it only tracks.
+
+    joints: the robot's angles at the start [rad]; None for the home posture."""
+
+    def __init__(
+        self,
+        report: CheckReport,
+        kinematics: Kinematics | None,
+        postures: Mapping[str, Floats],
+        joints: Floats | None = None,
+    ) -> None:
+        self._report, self._kinematics, self._postures = report, kinematics, postures
+        self.home = home(postures)
+        #: Why this robot can't move arms, or empty.
+        self._reason = "" if joints is None else _reason_against(joints)
+        start = self.home if joints is None or self._reason else joints
+        self.start = KnownArms(tuple(start.tolist()))
+
+    def after(self, path: str, icon: Icon, arms: KnownArms) -> KnownArms:
+        """The arms after an icon that contains no others."""
+        if not isinstance(icon, HandIcon | CooperativeIcon):
+            return arms
+        needs_arms = icon.needs_arms if isinstance(icon, CooperativeIcon) else True
+        if self._reason and needs_arms:
+            self._report.add_finding(path, "icon", self._reason)
+            return arms
+        if isinstance(icon, CooperativeIcon):
+            return arms.with_unknown(range(len(JOINTS)), self.home)
+        unknown = arms.with_unknown(joints_of(icon), self.home)
+        if not self._kinematics:
+            return unknown
+        if isinstance(icon, MhandOffset) and not arms.is_body_known:
+            self._report.add_note(path, "the start of the hand is unknown: this motion is not checked")
+            return unknown
+        try:
+            postures = joint_path(icon, np.array(arms.joints), self._kinematics, self._postures)
+        except Unreachable as error:
+            self._report.add_finding(path, _TARGET_PARAMETERS[type(icon)], str(error))
+            return unknown
+        except InvalidProgram as error:
+            self._report.add_finding(path, error.parameter, error.reason)
+            return unknown
+        known = list(arms.is_known)
+        for joint in joints_of(icon):
+            # Many postures have the same hand pose; which one results depends on the start.
+            known[joint] = arms.is_body_known or not isinstance(icon, MhandPose)
+        end = KnownArms(tuple(postures[-1].tolist()), tuple(known))
+        if isinstance(icon, Gripper) or self._is_clear(path, icon, arms, postures, end, self._kinematics.body):
+            return end
+        return unknown
+
+    def _is_clear(
+        self, path: str, icon: HandIcon, start: KnownArms, postures: Sequence[Floats], end: KnownArms, body: BodyModel
+    ) -> bool:
+        """Whether no links collide that did not collide at the start, as far as the joints are known; reports a
+        collision."""
+        checked: Iterable[Floats] = postures[-1:] if end.is_body_known else ()
+        colliding_before: set[tuple[str, str]] = set()
+        if start.is_body_known:
+            joints = np.array(start.joints)
+            checked, colliding_before = _interpolated(joints, postures), set(body.collisions(joints))
+        else:
+            self._report.add_note(path, "the start of the arms is unknown: collisions on the way are not checked")
+        for posture in checked:
+            if colliding := set(body.collisions(posture)) - colliding_before:
+                one, other = min(colliding)
+                where = "at the end" if posture is postures[-1] else "during the motion"
+                self._report.add_finding(path, _TARGET_PARAMETERS[type(icon)], f"{where} {one} collides with {other}")
+                return False
+        return True
+
+
+def _reason_against(joints: Floats) -> str:
+    """Why a robot with these joints [rad] can't move SmartPal's arms; empty if it can."""
+    if len(joints) != len(JOINTS):
+        return f"this robot has {len(joints)} joints, not SmartPal's {len(JOINTS)}"
+    return "" if np.isfinite(joints).all() else "the robot reports joint angles that are not finite numbers"
+
+
+def _interpolated(start: Floats, postures: Sequence[Floats]) -> Iterator[Floats]:
+    """Postures on the path from `start` through `postures`, these included, at most _STEP_RAD apart."""
+    for goal in postures:
+        count = math.ceil(float(np.abs(goal - start).max()) / _STEP_RAD)
+        for number in range(1, count):
+            yield start + number / count * (goal - start)
+        yield goal
+        start = goal

@@ -1,0 +1,253 @@
+"""Runs a program icon by icon, each as movements of the robot, and reports its progress and result."""
+
+from __future__ import annotations
+
+import contextlib
+import fnmatch
+import re
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from functools import singledispatchmethod
+from typing import Any, NamedTuple, Protocol
+
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import MotionFailed
+from robocorba.robot.agent_state import IconBegun, ProgramReport, ProgramResult
+from robocorba.robot.execution_control import CHECK_INTERVAL_S, Aborted, SensorStop
+from robocorba.robot.programs import hands, icons
+from robocorba.robot.programs.icons import Condition, Icon, Outcome, kind, sides
+from robocorba.robot.programs.program import Program, icons_with_paths
+from robocorba.robot.robot import Robot
+from robocorba.system.background import Background
+
+#: Maximum number of events that are kept until a condition consumes them; the oldest are dropped.
+MAX_EVENTS = 1000
+#: Maximum number of icons that `begun` returns; older ones are dropped.
+MAX_ICONS_BEGUN = 1000
+#: Time without a distance from its sensor after which a stop_if_closer icon fails [s].
+BLIND_LIMIT_S = 1.0
+
+
+class ReceivedEvent(NamedTuple):
+    """An event that the robot's channel has delivered."""
+
+    type: str
+    source: str
+    payload: Any
+
+
+class OtherRobots(Protocol):
+    """A program's access to other robots: events and cooperative icons."""
+
+    def subscribe(self, patterns: Sequence[tuple[str, str]], receive: Callable[[ReceivedEvent], None]) -> None:
+        """Subscribe to events of these types and sources; `receive` consumes them. Raises EventError, NotReachable."""
+
+    def publish(self, type: str, payload: Any) -> None:
+        """Publish an event. Raises EventError, NotReachable."""
+
+    def cooperate(self, icon: Icon, mission: str) -> None:
+        """Perform a cooperative icon as the mission of this name, or of a new one if it is empty. Raises RobotError."""
+
+
+class Runner:
+    """One run of a program on a robot, by one thread; any thread may read its report.
+
+    mission: name of the mission of its first cooperative icon, empty for a new one."""
+
+    def __init__(self, program: Program, robot: Robot, others: OtherRobots, mission: str = "") -> None:
+        self._program, self._robot, self._others, self._mission = program, robot, others, mission
+        self._started_at = time.monotonic()
+        self._last_report = ProgramReport(program.name)
+        self._begun: deque[IconBegun] = deque(maxlen=MAX_ICONS_BEGUN)
+        self._last_outcome: Outcome = "done"
+        self._events: deque[ReceivedEvent] = deque(maxlen=MAX_EVENTS)
+
+    @property
+    def report(self) -> ProgramReport:
+        report = self._last_report
+        if report.result is ProgramResult.NO_RESULT:
+            return report._replace(seconds=time.monotonic() - self._started_at)
+        return report
+
+    def run(self) -> ProgramReport:
+        """Run the program to its end. Its errors are in the returned report."""
+        try:
+            self._others.subscribe(_event_patterns(self._program), self._events.append)
+            self._run_icons("icons", self._program.icons)
+            self._update(result=ProgramResult.DONE, icon="", kind="")
+        except Aborted as error:
+            self._update(result=ProgramResult.ABORTED, reason=str(error))
+        except RoboCorbaError as error:
+            self._update(result=ProgramResult.FAILED, reason=str(error))
+        except Exception as error:
+            self._update(result=ProgramResult.FAILED, reason=f"{type(error).__name__}: {error}")
+            raise
+        return self.report
+
+    def begun(self, first: int) -> list[IconBegun]:
+        """Icons that have begun, from number `first`. Thread-safe."""
+        return [icon for icon in list(self._begun) if icon.number >= first]
+
+    # ---- icons ----
+
+    def _run_icons(self, parent: str, body: Sequence[Icon]) -> None:
+        for number, icon in enumerate(body):
+            path = f"{parent}[{number}]"
+            self._update(icon=path, kind=kind(icon))
+            self._robot.execution.before_icon()
+            count = self._begun[-1].number + 1 if self._begun else 0
+            self._begun.append(IconBegun(count, path, kind(icon), self.report.seconds))
+            self._last_outcome = self._perform(icon, path) or "done"
+            self._update(icons_done=self.report.icons_done + 1)
+
+    @singledispatchmethod
+    def _perform(self, icon: Any, path: str) -> Outcome | None:
+        """Perform an icon; returns its outcome, None for `done`."""
+        raise MotionFailed(f"unsupported icon type {kind(icon)}")
+
+    @_perform.register
+    def _(self, icon: icons.MbasePath, path: str) -> None:
+        self._robot.drive_path(icon.floor, icon.x, icon.y, icon.heading, icon.speed or 0.0)
+
+    @_perform.register
+    def _(self, icon: icons.MbaseTo, path: str) -> None:
+        self._robot.drive_to(icon.x, icon.y, icon.heading, icon.speed or 0.0)
+
+    @_perform.register
+    def _(self, icon: icons.MbaseBy, path: str) -> None:
+        self._robot.drive_by(icon.ahead, icon.left, icon.turn, icon.speed or 0.0)
+
+    @_perform.register
+    def _(self, icon: icons.MbaseVelocity, path: str) -> None:
+        self._robot.drive_at((icon.ahead, icon.left, icon.turn), icon.seconds)
+
+    @_perform.register(icons.MhandJoints)
+    @_perform.register(icons.MhandPosture)
+    @_perform.register(icons.MhandPose)
+    @_perform.register(icons.MhandOffset)
+    @_perform.register(icons.Lumbar)
+    def _(self, icon: Any, path: str) -> None:
+        postures = hands.joint_path(icon, self._robot.joints, self._robot.kinematics)
+        self._robot.move_joints_along(postures, icon.seconds or 0.0)
+
+    @_perform.register
+    def _(self, icon: icons.Gripper, path: str) -> None:
+        if icon.action == "open":
+            self._robot.release(sides(icon.hand), icon.angle_rad)
+        else:
+            self._robot.grip(sides(icon.hand), icon.angle_rad, icon.force, icon.object or "")
+
+    @_perform.register
+    def _(self, icon: icons.WaitUntil, path: str) -> Outcome:
+        return "done" if self._robot.wait(icon.seconds, lambda: self._is_met(icon.condition)) else "timed_out"
+
+    @_perform.register
+    def _(self, icon: icons.Wait, path: str) -> None:
+        self._robot.wait(icon.seconds)
+
+    @_perform.register
+    def _(self, icon: icons.StopIfCloser, path: str) -> Outcome:
+        is_stopped = False
+        with self._watching(icon):
+            try:
+                self._run_icons(f"{path}.icons", icon.icons)
+            except SensorStop as stop:
+                if stop.icon is not icon:
+                    raise
+                is_stopped = True
+        if is_stopped:
+            self._robot.stop_base()
+        return "stopped" if is_stopped else "done"
+
+    @_perform.register
+    def _(self, icon: icons.Repeat, path: str) -> None:
+        for _ in range(icon.times):
+            self._run_icons(f"{path}.icons", icon.icons)
+
+    @_perform.register
+    def _(self, icon: icons.Branch, path: str) -> Outcome:
+        branch = "then" if self._is_met(icon.condition) else "otherwise"
+        self._run_icons(f"{path}.{branch}", getattr(icon, branch))
+        return self._last_outcome
+
+    @_perform.register
+    def _(self, icon: icons.Say, path: str) -> None:
+        self._others.publish(icon.type, icon.payload)
+
+    @_perform.register(icons.CooperativeIcon)
+    def _(self, icon: Icon, path: str) -> None:
+        mission, self._mission = self._mission, ""
+        self._others.cooperate(icon, mission)
+
+    # ---- conditions ----
+
+    def _is_met(self, condition: Condition) -> bool:
+        if isinstance(condition, icons.CloserThan):
+            return self._robot.sensors.nearest_m(condition.sensor) < condition.distance
+        if isinstance(condition, icons.FartherThan):
+            return self._robot.sensors.nearest_m(condition.sensor) >= condition.distance
+        if isinstance(condition, icons.Holding):
+            return all(self._robot.holds(side) for side in sides(condition.hand))
+        if isinstance(condition, icons.Result):
+            return self._last_outcome == condition.result
+        return self._take_event(condition)
+
+    def _take_event(self, condition: icons.Event) -> bool:
+        """Remove the oldest event that matches the condition; returns whether there was one."""
+        for event in list(self._events):
+            if _matches(event.type, condition.type) and _matches(event.source, condition.source):
+                self._events.remove(event)
+                return True
+        return False
+
+    @contextlib.contextmanager
+    def _watching(self, icon: icons.StopIfCloser) -> Iterator[None]:
+        """Monitor the icon's sensor in a thread, which interrupts the program if an obstacle is too close."""
+        ended = threading.Event()
+
+        def watch() -> None:
+            blind_since: float | None = None
+            while not ended.wait(CHECK_INTERVAL_S):
+                try:
+                    nearest = self._robot.sensors.nearest_m(icon.sensor)
+                    blind_since = None
+                except RoboCorbaError as error:
+                    blind_since = blind_since or time.monotonic()
+                    if time.monotonic() - blind_since > BLIND_LIMIT_S:
+                        reason = f"the {icon.sensor} sensor gave no distance for {BLIND_LIMIT_S:g} s: {error}"
+                        self._robot.execution.interrupt(MotionFailed(reason))
+                        return
+                    continue
+                if nearest < icon.distance and not ended.is_set():
+                    reason = f"the {icon.sensor} sensor sees an obstacle at {nearest:.2f} m, within {icon.distance:g} m"
+                    self._robot.execution.interrupt(SensorStop(icon, reason))
+                    return
+
+        def blind(reason: str) -> None:
+            self._robot.execution.interrupt(MotionFailed(reason))
+
+        watcher = Background("sensor stop", watch, blind)
+        watcher.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            watcher.wait_for_end()
+            self._robot.execution.settle(lambda why: isinstance(why, SensorStop) and why.icon is icon)
+
+    def _update(self, **changes: Any) -> None:
+        self._last_report = self.report._replace(seconds=time.monotonic() - self._started_at, **changes)
+
+
+def _event_patterns(program: Program) -> list[tuple[str, str]]:
+    """The patterns of types and sources of the events that a program's conditions wait for."""
+    conditions = [
+        icon.condition for _, icon in icons_with_paths(program) if isinstance(icon, icons.WaitUntil | icons.Branch)
+    ]
+    return sorted({(each.type, each.source) for each in conditions if isinstance(each, icons.Event)})
+
+
+def _matches(text: str, pattern: str) -> bool:
+    return re.fullmatch(fnmatch.translate(pattern.replace("[", "[[]")), text) is not None

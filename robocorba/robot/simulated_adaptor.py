@@ -1,0 +1,97 @@
+"""The adaptor of the virtual SmartPal: its body at the simulation server, and the virtual controller of its joints."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+
+import numpy as np
+
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.robots import AdaptorFailed
+from robocorba.errors.simulation import SimulationError
+from robocorba.robot.adaptor import RobotAdaptor
+from robocorba.robot.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, JOINTS
+from robocorba.robot.model_switcher import AdaptorContext
+from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from robocorba.robot.session import BuildingSession
+from robocorba.robot.virtual_controller import VirtualController
+
+#: Maximum time step of the joints [s].
+JOINT_STEP_S = 0.01
+#: Maximum time for which the joints move between two states [s], after the server did not answer for longer.
+MAX_GAP_S = 0.2
+
+
+def adaptor(context: AdaptorContext) -> RobotAdaptor:
+    """The entry point `simulated` of the adaptors."""
+    return SimulatedAdaptor(context.session)
+
+
+class SimulatedAdaptor(RobotAdaptor):
+    """The joints follow the simulation's time, also when it runs faster or slower or is paused."""
+
+    is_in_building = True
+    waits_for = "the simulation server"
+
+    def __init__(self, session: BuildingSession) -> None:
+        self._session = session
+        self._is_started = False
+        self._lock = threading.Lock()
+        self._time = 0.0
+        self._joints = VirtualController(
+            np.zeros(len(JOINTS)), JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, JOINT_ACCELERATION
+        )
+
+    def start(self, argv: Sequence[str]) -> bool:
+        if self._is_started:
+            return False
+        if argv:
+            raise AdaptorFailed(f"the virtual robot takes no arguments, such as {argv[0][:80]!r}")
+        try:
+            self._session.log_on()
+        except (SimulationError, UnknownFloor) as error:
+            raise AdaptorFailed(f"the simulation server refuses the robot: {error}") from None
+        self._time = self._session.state().time
+        self._is_started = True
+        return True
+
+    def stop(self) -> bool:
+        if not self._is_started:
+            return False
+        self._is_started = False
+        with self._lock:
+            self._joints.stop()
+        self._session.brake()
+        return True
+
+    def read(self, state: RobotState) -> bool:
+        if not self._is_started:
+            return False
+        seen = self._session.state()
+        state.time, state.velocity = seen.time, seen.velocity
+        state.x, state.y, state.heading = seen.at.x, seen.at.y, seen.at.heading
+        with self._lock:
+            self._follow(seen.time)
+            state.joints, state.joint_velocities = self._joints.joints.copy(), self._joints.velocities.copy()
+        return True
+
+    def write(self, command: ActorCommand) -> bool:
+        if not self._is_started:
+            return False
+        if len(command.joints):
+            with self._lock:
+                self._joints.command(command.joints, command.joint_velocities, self._time + command.valid_s)
+        self._session.command(command.velocity, command.valid_s)
+        if not self._is_started:  # another thread has stopped the robot, perhaps before this command arrived
+            self._session.brake()
+        return self._is_started
+
+    def _follow(self, now: float) -> None:
+        passed = min(now - self._time, MAX_GAP_S)
+        if passed < 0.0:  # the server has restored an older state
+            passed = 0.0
+        steps = int(np.ceil(passed / JOINT_STEP_S))
+        for step in range(steps):
+            self._joints.advance(now - passed + passed * (step + 1) / steps, passed / steps)
+        self._time = now

@@ -1,0 +1,108 @@
+"""Teleoperation: the base drives at velocities that a person or another program orders again and again."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.simulation import InvalidChoice
+from robocorba.robot.agent_state import TELEOPERATION, IconBegun, ProgramReport, ProgramResult
+from robocorba.robot.execution_control import Aborted
+from robocorba.robot.motion.driving import is_stationary
+from robocorba.robot.motion.motion import MotionCommand
+from robocorba.robot.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
+from robocorba.robot.robot import Robot
+
+#: Maximum validity of an order [s].
+MAX_VALID_S = 5.0
+#: Time after the last order for which the robot remains teleoperated [s]: short pauses between orders don't end it.
+LINGER_S = 1.0
+
+
+class OrderedVelocity:
+    """A motion at the last ordered velocity while that is valid; otherwise the base stops. It ends LINGER_S after the
+    last order, once the base is stationary. Thread-safe."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._velocity, self._valid_until_s = ZERO_VELOCITY, clock()
+        self._is_ended = False
+
+    def order(self, velocity: Velocity, valid_for_s: float) -> bool:
+        """Order a velocity of the base, ahead and to the left [m/s], turn [rad/s]; returns False if the motion has
+        ended."""
+        with self._lock:
+            if not self._is_ended:
+                self._velocity, self._valid_until_s = velocity, self._clock() + valid_for_s
+            return not self._is_ended
+
+    def end(self) -> None:
+        """Refuse further orders."""
+        with self._lock:
+            self._is_ended = True
+
+    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+        with self._lock:
+            overdue_s = self._clock() - self._valid_until_s
+            if overdue_s < 0.0:
+                return MotionCommand(self._velocity)
+            if overdue_s >= LINGER_S and is_stationary(state):
+                self._is_ended = True
+                return None
+        return MotionCommand(ZERO_VELOCITY)
+
+
+class Teleoperation:
+    """A task of a control agent: the base drives as ordered."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._motion = robot, OrderedVelocity()
+        self._began_at = time.monotonic()
+        self._last_report = ProgramReport(TELEOPERATION)
+
+    def order(self, velocity: Velocity, valid_for_s: float) -> bool:
+        """See OrderedVelocity.order."""
+        return self._motion.order(velocity, valid_for_s)
+
+    @property
+    def report(self) -> ProgramReport:
+        report = self._last_report
+        return report if report.result is not ProgramResult.NO_RESULT else report._replace(seconds=self._seconds())
+
+    def begun(self, first: int) -> list[IconBegun]:
+        """It has no icons."""
+        return []
+
+    def run(self) -> ProgramReport:
+        """Drive until no more orders come. Errors are in the returned report."""
+        try:
+            self._robot.drive_as_ordered(self._motion)
+            self._end(ProgramResult.DONE)
+        except Aborted as error:
+            self._end(ProgramResult.ABORTED, str(error))
+        except RoboCorbaError as error:
+            self._end(ProgramResult.FAILED, str(error))
+        except Exception as error:
+            self._end(ProgramResult.FAILED, f"{type(error).__name__}: {error}")
+            raise
+        return self.report
+
+    def _end(self, result: ProgramResult, reason: str = "") -> None:
+        self._motion.end()
+        self._last_report = ProgramReport(TELEOPERATION, result, reason=reason, seconds=self._seconds())
+
+    def _seconds(self) -> float:
+        return time.monotonic() - self._began_at
+
+
+def check_order(velocity: Velocity, valid_for_s: float) -> None:
+    """Raises InvalidChoice if an order is not possible."""
+    for field, value in zip(("wanted.ahead", "wanted.left", "wanted.turn"), velocity, strict=True):
+        if not math.isfinite(value):
+            raise InvalidChoice(field, f"{value} is not a number")
+    if not 0.0 < valid_for_s <= MAX_VALID_S:
+        raise InvalidChoice("validFor", f"{valid_for_s} is not above 0 and at most {MAX_VALID_S:g} s")

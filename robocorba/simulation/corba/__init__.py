@@ -1,0 +1,1 @@
+"""The simulation server in CORBA: conversion, servants, clients."""

@@ -1,0 +1,1 @@
+"""The supervisor in CORBA: conversion, servant, client."""

@@ -1,0 +1,39 @@
+"""Client of the supervisor of `robocorba up`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robocorba.orb.orb import Orb
+from robocorba.orb.remote_object import FileObject
+from robocorba.stubs import RoboCorba
+from robocorba.system.corba import processes as conversion
+from robocorba.system.processes import ProcessState, RobotOrder
+
+#: Timeout of a call [s]; an order to start a robot asks other servers first.
+CALL_TIMEOUT_S = 8.0
+
+
+class RemoteSupervisor:
+    """robocorba.system.processes.Processes of the system whose supervisor's reference is in `file`. Thread-safe. All
+    methods raise NotReachable; the file is read by the first call."""
+
+    def __init__(self, orb: Orb, file: Path) -> None:
+        self._supervisor = FileObject(orb, file, RoboCorba.Supervisor, "the supervisor", CALL_TIMEOUT_S)
+
+    def processes(self) -> list[ProcessState]:
+        structs = self._supervisor.call(lambda supervisor: supervisor.processes())
+        return [conversion.process_state_of(struct) for struct in structs]
+
+    def start_robot(self, order: RobotOrder) -> None:
+        """Raises InvalidChoice, ProcessExists."""
+        struct = conversion.robot_order(order)
+        self._supervisor.call(lambda supervisor: supervisor.startRobot(struct))
+
+    def end_robot(self, name: str) -> None:
+        """Raises UnknownProcess."""
+        self._supervisor.call(lambda supervisor: supervisor.endRobot(name))
+
+    def log_lines(self, name: str, lines: int) -> list[str]:
+        """Raises UnknownProcess."""
+        return list(self._supervisor.call(lambda supervisor: supervisor.logLines(name, lines)))

@@ -1,0 +1,479 @@
+"""Settings of all processes: the only module that reads RoboCorba's variables from the environment.
+
+Arguments override the environment, which overrides the defaults.
+
+| variable | meaning | default |
+|---|---|---|
+| ROBOCORBA_NAMING | the naming service as HOST:PORT; of a guarded system also the file of a role | 127.0.0.1:2809 |
+| ROBOCORBA_STATE | the folder for stores, maps, logs and mission reports | ~/.local/state/robocorba |
+| ROBOCORBA_VALUETYPES | 1: values of valuetypes in events are accepted, at which ill-formed ones end a process | 0 |
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import ipaddress
+import math
+import os
+import re
+import sys
+from collections.abc import Mapping, MutableMapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import unquote
+
+import platformdirs
+
+from robocorba.errors.services import ServiceError
+from robocorba.system.decoding import read_text
+from robocorba.system.names import ACCESS
+from robocorba.system.roles import Role
+
+DEFAULT_HOST = "127.0.0.1"
+#: The port registered for CORBA naming services.
+DEFAULT_NAMING_PORT = 2809
+
+
+def accepts_valuetypes(environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether every client is trusted to send well-formed values of valuetypes."""
+    return environment.get("ROBOCORBA_VALUETYPES", "0") not in ("", "0")
+
+
+def omniorb_trace(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
+    """omniORB's option `traceLevel`, 0 unless the environment sets it: at its default omniORB writes a line for each
+    connection that sends garbage; 27,000 within twenty seconds filled a log."""
+    return {} if "ORBtraceLevel" in environment else {"traceLevel": "0"}
+
+
+def replace_environment(variables: Mapping[str, str]) -> None:
+    """Let this process have these variables only, as one that was started with them."""
+    os.environ.clear()
+    os.environ.update(variables)
+
+
+def limit_ros_discovery(environment: MutableMapping[str, str] = os.environ) -> None:
+    """ROS looks for nodes on this machine only, unless the environment has chosen another range."""
+    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+
+class InvalidSetting(ServiceError):
+    """`setting` (a variable or an option) has an unusable `value`."""
+
+    def __init__(self, setting: str, value: str, reason: str) -> None:
+        self.setting, self.value, self.reason = setting, value, reason
+        super().__init__(f"{setting} is {value[:100]!r}: {reason}")
+
+
+@dataclass(frozen=True)
+class Address:
+    """A host name or IP address and a TCP port, 1 to 65535."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+    @classmethod
+    def parse(cls, text: str, setting: str = "address") -> Address:
+        """From HOST:PORT or [IPV6]:PORT. setting: its name in errors. Raises InvalidSetting."""
+        match = re.fullmatch(r"(?:\[([^\[\]]+)\]|([^:\[\]]+)):([0-9]{1,5})", text.strip(), re.ASCII)
+        if match is None:
+            raise InvalidSetting(setting, text, "not of the form HOST:PORT")
+        return cls.checked(match[1] or match[2], int(match[3]), setting)
+
+    @classmethod
+    def checked(cls, host: str, port: int, setting: str = "address") -> Address:
+        """An address that clients can use, so no wildcard. Raises InvalidSetting."""
+        if not 1 <= port <= 65535:
+            raise InvalidSetting(setting, str(port), "a port is a number from 1 to 65535")
+        try:
+            wildcard = ipaddress.ip_address(host).is_unspecified
+        except ValueError:
+            wildcard = False
+            if len(host) > 253 or not re.fullmatch(r"[A-Za-z0-9_]([A-Za-z0-9_.-]*[A-Za-z0-9_])?", host):
+                raise InvalidSetting(setting, host, "neither a host name nor an IP address") from None
+        if wildcard:
+            raise InvalidSetting(setting, host, "clients can't call a wildcard address; give the address that they use")
+        return cls(host, port)
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine can reach it."""
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+    @property
+    def scheme(self) -> str:
+        """How URIs name the transport of what is there."""
+        return "iiop"
+
+    @property
+    def setting(self) -> str:
+        """The text from which another process reads the same."""
+        return str(self)
+
+
+@dataclass(frozen=True)
+class RoleNaming(Address):
+    """The naming service of a guarded system, as a role sees it.
+
+    key: the object key of the role's naming context, which is the right to the role; observers need none. file: from
+    which it was read. protocol: iiop, or ssliop for TLS."""
+
+    key: str = field(repr=False)
+    role: Role
+    file: Path
+    protocol: str = "iiop"
+
+    @property
+    def scheme(self) -> str:
+        return self.protocol
+
+    @property
+    def setting(self) -> str:
+        return str(self.file)
+
+    @classmethod
+    def read(cls, file: Path, setting: str = "--naming") -> RoleNaming:
+        """From a file that `robocorba up --guarded` wrote. Raises InvalidSetting."""
+        try:
+            text = read_text(file).strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise InvalidSetting(setting, str(file), getattr(error, "strerror", "") or "not a text") from None
+        match = re.fullmatch(
+            rf"corbaloc:(iiop|ssliop):1\.2@([^/]+)/(NameService|{ACCESS}/([a-z]+)/[0-9a-f]{{64}})", text, re.ASCII
+        )
+        roles = {role.name.lower(): role for role in Role}
+        if match is None or (match[4] or "observer") not in roles:
+            raise InvalidSetting(setting, str(file), "not a file of a role in a guarded system")
+        address = Address.parse(match[2], setting)
+        return cls(address.host, address.port, match[3], roles[match[4] or "observer"], file.absolute(), match[1])
+
+
+def role_file(state: Path, role: Role) -> Path:
+    """The file of a role in a state folder; there while the system is guarded."""
+    return state / ACCESS / f"{role.name.lower()}.ior"
+
+
+def robot_files(access: Path) -> Path:
+    """The folder, in that of the roles' files, with the files of single robots."""
+    return access / "robots"
+
+
+def robot_keys(access: Path) -> dict[str, str]:
+    """The object key of the naming context of each robot that has a file of its own, by the robot's name."""
+    found = {}
+    for file in robot_files(access).glob("*.ior"):
+        with contextlib.suppress(InvalidSetting):  # removed meanwhile, or something else
+            found[unquote(file.stem)] = RoleNaming.read(file).key
+    return found
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The settings of every command."""
+
+    naming: Address
+    state: Path
+
+    @classmethod
+    def read(
+        cls,
+        naming: str | None = None,
+        state: Path | None = None,
+        environment: Mapping[str, str] = os.environ,
+        role: Role = Role.OPERATOR,
+    ) -> Settings:
+        """Settings from arguments, environment and defaults. Raises InvalidSetting.
+
+        role: what this process is in a guarded system, if nothing says where its naming service is."""
+        address = naming or environment.get("ROBOCORBA_NAMING") or ""
+        folder = state or environment.get("ROBOCORBA_STATE") or platformdirs.user_state_dir("robocorba", False)
+        checked = _folder(Path(folder), "--state" if state else "ROBOCORBA_STATE")
+        return cls(_naming(address, "--naming" if naming else "ROBOCORBA_NAMING", role_file(checked, role)), checked)
+
+
+def _naming(address: str, setting: str, default: Path) -> Address:
+    """From HOST:PORT or a file; without a text from the default file, if there is one that this user may read."""
+    if "/" in address or address.endswith(".ior"):
+        return RoleNaming.read(Path(address), setting)
+    if not address and os.access(default, os.R_OK):
+        return RoleNaming.read(default, "the state folder")
+    return Address.parse(address or f"{DEFAULT_HOST}:{DEFAULT_NAMING_PORT}", setting)
+
+
+@dataclass(frozen=True)
+class ServerSettings:
+    """What `robocorba up` passes to each server: its state folder, its endpoint, the naming service, the map."""
+
+    state: Path
+    endpoint: Address
+    naming: Address
+    building: Path | None
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ServerSettings:
+        """From `--state DIR --endpoint HOST:PORT [--naming HOST:PORT] [--building FILE]`.
+
+        Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
+        return cls.from_arguments(cls.parser(description).parse_args(arguments))
+
+    @staticmethod
+    def parser(description: str) -> argparse.ArgumentParser:
+        """The parser for these arguments; a server may add its own."""
+        parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
+        parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
+        parser.add_argument("--endpoint", required=True, metavar="HOST:PORT", help="where to listen")
+        parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
+        parser.add_argument("--building", type=Path, metavar="FILE", help="the map to serve")
+        return parser
+
+    @classmethod
+    def from_arguments(cls, given: argparse.Namespace) -> ServerSettings:
+        """The settings from parsed arguments. Raises InvalidSetting."""
+        common = Settings.read(given.naming, given.state, role=Role.SERVER)
+        return cls(
+            state=common.state,
+            endpoint=Address.parse(given.endpoint, "--endpoint"),
+            naming=common.naming,
+            building=given.building.absolute() if given.building else None,
+        )
+
+
+@dataclass(frozen=True)
+class ChannelSettings:
+    """Settings of an event channel's server: those of every server, the channel's name, and the channels to link with.
+
+    peers: (name, address); the address is empty if the peer is bound in the naming service, else HOST:PORT or a URI.
+    foreign: (name, URI) of channels that support only CosEventChannelAdmin. accepts_callbacks: whether it calls
+    consumers that want it over their own connections."""
+
+    server: ServerSettings
+    name: str
+    peers: tuple[tuple[str, str], ...]
+    foreign: tuple[tuple[str, str], ...]
+    accepts_callbacks: bool = False
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ChannelSettings:
+        """From the arguments of ServerSettings and `--name NAME [--peer NAME[=ADDRESS]]... [--foreign NAME=URI]...`.
+
+        Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
+        parser = ServerSettings.parser(description)
+        parser.add_argument("--name", required=True, metavar="NAME", help="name of the channel and its sub-network")
+        parser.add_argument(
+            "--peer",
+            action="append",
+            default=[],
+            metavar="NAME[=ADDRESS]",
+            help="a channel to link with; HOST:PORT or a URI if it is not in the naming service; repeatable",
+        )
+        parser.add_argument(
+            "--foreign",
+            action="append",
+            default=[],
+            metavar="NAME=URI",
+            help="a channel that supports only CosEventChannelAdmin, such as omniEvents'; repeatable",
+        )
+        parser.add_argument("--bidirectional", action="store_true", help="call consumers over their own connections")
+        given = parser.parse_args(arguments)
+        peers = tuple((name, address) for name, _, address in (text.partition("=") for text in given.peer))
+        foreign = tuple((name, uri) for name, _, uri in (text.partition("=") for text in given.foreign))
+        for name, uri in foreign:
+            if not uri:
+                raise InvalidSetting("--foreign", name, "not of the form NAME=URI")
+        return cls(ServerSettings.from_arguments(given), given.name, peers, foreign, given.bidirectional)
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """Settings of the simulation server: those of every server, and the event channel at which it publishes.
+
+    channel: empty for none."""
+
+    server: ServerSettings
+    channel: str
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SimulationSettings:
+        """From the arguments of ServerSettings and `[--channel NAME]`. Raises as ServerSettings.read does."""
+        parser = ServerSettings.parser(description)
+        parser.add_argument(
+            "--channel", default="", metavar="NAME", help="the event channel at which to publish events"
+        )
+        given = parser.parse_args(arguments)
+        return cls(ServerSettings.from_arguments(given), given.channel)
+
+
+@dataclass(frozen=True)
+class SensorSettings:
+    """Settings of a virtual sensor server: those of every server, and its name."""
+
+    server: ServerSettings
+    name: str
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SensorSettings:
+        """From the arguments of ServerSettings and `--name NAME`. Raises as ServerSettings.read does."""
+        parser = ServerSettings.parser(description)
+        parser.add_argument("--name", required=True, metavar="NAME", help="name of the virtual sensor server")
+        given = parser.parse_args(arguments)
+        if not re.fullmatch(r"[A-Za-z0-9_-]{1,60}", given.name):
+            raise InvalidSetting("--name", given.name, "not 1 to 60 letters, digits or _ -")
+        return cls(ServerSettings.from_arguments(given), given.name)
+
+
+@dataclass(frozen=True)
+class RobotSettings:
+    """Settings of a robot process.
+
+    endpoint: None for any port. floor: empty for the first. at: its start there, x, y [m], heading [rad],
+    None for a free path node. channel: of its sub-network, empty for none. tick_file: CSV file with one row for each
+    control cycle of its programs, None for no file. prints_progress: prints a line whenever what the robot does
+    changes."""
+
+    common: Settings
+    name: str
+    endpoint: Address | None
+    adaptor: str
+    adaptor_arguments: tuple[str, ...]
+    program: Path | None
+    floor: str
+    at: tuple[float, float, float] | None
+    channel: str
+    tick_file: Path | None
+    prints_progress: bool
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
+        """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
+        [--progress] [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR] [-- arguments of the adaptor]`.
+
+        Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
+        given_arguments = list(sys.argv[1:] if arguments is None else arguments)
+        adaptor_arguments: list[str] = []
+        if "--" in given_arguments:
+            cut = given_arguments.index("--")
+            given_arguments, adaptor_arguments = given_arguments[:cut], given_arguments[cut + 1 :]
+        parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
+        parser.add_argument("name", metavar="NAME", help="name of the robot")
+        parser.add_argument(
+            "--adaptor", default="simulated", metavar="A", help="the robot adaptor, such as simulated or smartpal"
+        )
+        parser.add_argument("--program", type=Path, metavar="FILE", help="a program to run immediately")
+        parser.add_argument("--floor", default="", metavar="F", help="the floor on which to start")
+        parser.add_argument("--at", default="", metavar="X,Y[,HEADING]", help="start pose on the floor [m, rad]")
+        parser.add_argument("--channel", default="", metavar="C", help="the event channel of its sub-network")
+        parser.add_argument(
+            "--record",
+            type=Path,
+            metavar="FILE",
+            help="log the control cycles (ticks) to this CSV file, in place of an earlier log; to record floors, see "
+            "`robocorba record`",
+        )
+        parser.add_argument("--progress", action="store_true", help="print a line when what it does changes")
+        parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
+        parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
+        parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
+        given = parser.parse_args(given_arguments)
+        return cls(
+            Settings.read(given.naming, given.state, role=Role.ROBOT),
+            given.name,
+            Address.parse(given.endpoint, "--endpoint") if given.endpoint else None,
+            given.adaptor,
+            tuple(adaptor_arguments),
+            given.program,
+            given.floor,
+            _start(given.floor, given.at),
+            given.channel,
+            given.record,
+            given.progress,
+        )
+
+
+def _start(floor: str, text: str) -> tuple[float, float, float] | None:
+    if not text:
+        return None
+    if not floor:
+        raise InvalidSetting("--at", text, "needs --floor")
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (2, 3):
+        raise InvalidSetting("--at", text, "not of the form X,Y or X,Y,HEADING")
+    return values[0], values[1], values[2] if len(values) == 3 else 0.0
+
+
+@dataclass(frozen=True)
+class SmartPalSettings:
+    """Settings of the stand-in for the actual SmartPal: those of every server. `naming` is the robot's own naming
+    service, not that of `robocorba up`.
+
+    seed: of its encoders' noise. start: the pose that its odometry reports first, x, y [m] and heading [rad].
+    restores_servo, unlocks_by_power, limit_slack: see UnitPolicy."""
+
+    server: ServerSettings
+    seed: int
+    start: tuple[float, float, float]
+    restores_servo: bool
+    unlocks_by_power: bool
+    limit_slack: float
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SmartPalSettings:
+        """From the arguments of ServerSettings and `[--seed N] [--x M] [--y M] [--heading RAD] [--servo-after-fault
+        on|off] [--unlock power|unlock] [--limit-slack SHARE]`. Raises as ServerSettings.read does."""
+        parser = ServerSettings.parser(description)
+        parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the encoders' noise")
+        for coordinate in ("x", "y", "heading"):
+            parser.add_argument(
+                f"--{coordinate}", type=float, default=0.0, metavar="N", help="initial odometry [m, rad]"
+            )
+        parser.add_argument(
+            "--servo-after-fault",
+            choices=("on", "off"),
+            default="on",
+            help="servo once the alarms of a fault are cleared",
+        )
+        parser.add_argument(
+            "--unlock",
+            choices=("power", "unlock"),
+            default="power",
+            help="what unlocks the base: also power off and on",
+        )
+        parser.add_argument(
+            "--limit-slack", type=float, default=1e-7, metavar="SHARE", help="by which speeds may exceed their limits"
+        )
+        given = parser.parse_args(arguments)
+        if given.seed < 0:
+            raise InvalidSetting("--seed", str(given.seed), "less than 0")
+        for coordinate in ("x", "y", "heading"):
+            if not math.isfinite(getattr(given, coordinate)):
+                raise InvalidSetting(f"--{coordinate}", str(getattr(given, coordinate)), "not a finite number")
+        if not 0.0 <= given.limit_slack <= 0.1:
+            raise InvalidSetting("--limit-slack", str(given.limit_slack), "not 0 to 0.1")
+        return cls(
+            ServerSettings.from_arguments(given),
+            given.seed,
+            (given.x, given.y, given.heading),
+            restores_servo=given.servo_after_fault == "on",
+            unlocks_by_power=given.unlock == "power",
+            limit_slack=given.limit_slack,
+        )
+
+
+def _folder(path: Path, setting: str) -> Path:
+    if "\0" in str(path):
+        raise InvalidSetting(setting, str(path), "not a path")
+    try:
+        absolute = path.expanduser().absolute()
+        if absolute.exists() and not absolute.is_dir():
+            raise InvalidSetting(setting, str(path), "not a folder")
+    except (OSError, RuntimeError) as error:
+        raise InvalidSetting(setting, str(path), str(error)) from None
+    return absolute

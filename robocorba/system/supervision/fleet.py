@@ -1,0 +1,172 @@
+"""A fleet: many robots, each a process of its own, started, shown and ended together."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from robocorba.errors.services import NotReachable
+from robocorba.orb.orb import Orb
+from robocorba.simulation.corba.registered_robots import RegisteredRobots
+from robocorba.system.processes import RobotOrder
+from robocorba.system.settings import Address
+from robocorba.system.supervision.process import GRACE_PERIOD_S, ProcessSpec, Supervised
+from robocorba.system.supervision.robots import STARTING, ProgressLines, Robots, robot_spec
+from robocorba.system.supervision.starter import Starter
+
+#: Shortest interval between two views [s].
+VIEW_INTERVAL_S = 0.25
+#: Interval between questions for the floors of all robots [s].
+FLOORS_INTERVAL_S = 2.0
+#: Additional time for each robot of the fleet to log off when all end together [s].
+GRACE_PER_ROBOT_S = 0.2
+#: Interval between views while all robots end [s].
+END_VIEW_INTERVAL_S = 0.5
+
+
+class Row(NamedTuple):
+    """A robot as it is shown. doing: such as starting, idle, running or ended. task: its present or last program or
+    mission. note: how the task ended, or why the robot is stopped or has ended."""
+
+    name: str
+    floor: str
+    doing: str
+    task: str
+    restarts: int
+    note: str
+
+
+class View(Protocol):
+    """Shows a fleet. All robots are in each call, in their order."""
+
+    def show(self, rows: Sequence[Row]) -> None: ...
+
+    def started(self) -> None:
+        """All robots have started, or ended."""
+
+    def end(self, robots: int, running: int) -> None:
+        """All robots end; `running` of them still run."""
+
+
+@dataclass(frozen=True)
+class FleetOptions:
+    """starting: maximum number of robots that start at a time. restarts: whether robots that end are started again.
+    start_limit_s: timeout for a robot to be ready [s]."""
+
+    starting: int = STARTING
+    restarts: bool = False
+    start_limit_s: float = 180.0
+
+
+DEFAULT_OPTIONS = FleetOptions()
+
+
+class Fleet:
+    """orders: the robots. state: the state folder, naming: the naming service of all of them."""
+
+    def __init__(
+        self,
+        orders: Sequence[RobotOrder],
+        state: Path,
+        naming: Address,
+        view: View,
+        options: FleetOptions = DEFAULT_OPTIONS,
+    ) -> None:
+        self._orders, self._state, self._naming, self._view, self._options = orders, state, naming, view, options
+        self._processes: dict[str, Supervised] = {}
+        self._lines: dict[str, ProgressLines] = {}
+        self._floors: Mapping[str, str] = {}
+        #: Set when a row may have changed; made in the event loop.
+        self._changed: asyncio.Event
+
+    def run(self, orb: Orb) -> bool:
+        """Run until a signal, or until all robots have ended. Returns whether all robots ran until the signal."""
+        return asyncio.run(self._run(RegisteredRobots(orb)))
+
+    async def _run(self, registered: RegisteredRobots) -> bool:
+        stop, self._changed = asyncio.Event(), asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        starter, options = Starter(), self._options
+        robots = Robots(self._spec, starter, self._changed.set, options.starting, options.restarts)
+        tasks: list[asyncio.Task[object]] = []
+        try:
+            for order in self._orders:
+                self._processes[order.name] = robots.start(order)
+            tasks = [asyncio.create_task(self._follow()), asyncio.create_task(stop.wait())]
+            tasks.append(asyncio.create_task(self._watch_floors(registered)))
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+            return not any(process.state == "ended" for process in self._processes.values())
+        finally:
+            await self._end(robots, tasks)
+            await starter.close()
+
+    async def _end(self, robots: Robots, tasks: Sequence[asyncio.Task[object]]) -> None:
+        for task in tasks:
+            task.cancel()
+        ending = asyncio.create_task(robots.close())
+        while not ending.done():
+            self._view.end(len(self._orders), sum(process.pid != 0 for process in robots.processes))
+            await asyncio.wait({ending}, timeout=END_VIEW_INTERVAL_S)
+        ending.result()
+        self._view.end(len(self._orders), 0)
+
+    async def _follow(self) -> None:
+        """Show what changes, until all robots have ended."""
+        processes, is_started = list(self._processes.values()), False
+        while True:
+            self._changed.clear()
+            self._view.show(self.rows())
+            if not is_started and all(each.ready.is_set() or each.state == "ended" for each in processes):
+                is_started = True
+                self._view.started()
+            if all(each.state == "ended" for each in processes):
+                return
+            await asyncio.sleep(VIEW_INTERVAL_S)
+            await self._changed.wait()
+
+    async def _watch_floors(self, registered: RegisteredRobots) -> None:
+        while True:
+            with contextlib.suppress(NotReachable):  # the last ones stay
+                floors = await asyncio.to_thread(registered.floors)
+                if floors != self._floors:
+                    self._floors = floors
+                    self._changed.set()
+            await asyncio.sleep(FLOORS_INTERVAL_S)
+
+    def _spec(self, order: RobotOrder) -> ProcessSpec:
+        lines = self._lines[order.name] = ProgressLines(order.process, self._changed.set)
+        grace_period_s = GRACE_PERIOD_S + GRACE_PER_ROBOT_S * len(self._orders)
+        place = self._state, self._naming, self._options.start_limit_s
+        return robot_spec(order, *place, lines, grace_period_s)
+
+    def rows(self) -> list[Row]:
+        """The robots in their order."""
+        return [
+            row_of(order, self._processes[order.name], self._lines[order.name], self._floors.get(order.name, ""))
+            for order in self._orders
+        ]
+
+
+def row_of(order: RobotOrder, process: Supervised, lines: ProgressLines, floor: str) -> Row:
+    """A robot with its floor; a robot that is not logged on yet has that of its order."""
+    floor = floor or order.floor
+    if process.state != "running":
+        return Row(order.name, floor, process.state, "", process.restarts, _short(order.process, process.problem))
+    progress = lines.progress
+    note = progress.reason if progress.condition == "stopped" or not progress.result else progress.result
+    if progress.result and progress.reason and note == progress.result:
+        note += f": {progress.reason}"
+    return Row(order.name, floor, progress.condition, progress.task, process.restarts, note)
+
+
+def _short(process: str, problem: str) -> str:
+    """Why a robot is not running, without its name."""
+    return problem.removeprefix(f"{process} ")

@@ -1,0 +1,125 @@
+"""Goals in frames of ROS as poses in the building; and the times of a robot's messages: those of its own floor, forward
+only."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from typing import Any
+
+import pytest
+
+from robocorba.bridges.ros2.bag import _BagTypes
+from robocorba.bridges.ros2.frames import Frames
+from robocorba.bridges.ros2.goals import InvalidGoal, goal_in_building
+from robocorba.bridges.ros2.messages import MessageTypes, heading_of, yaw
+from robocorba.bridges.ros2.publisher import RosPublisher
+from robocorba.map_editor.spatial.floor_update import FloorUpdate
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.simulation.system_changes import SystemChanges
+from robocorba.simulation.system_view import RobotPlace
+from tests.simulation.test_system_view import HOUSE, update
+
+PLACE = RobotPlace("A", "L2", 3.0, 2.0, 4.0, math.pi / 2, (0.0, 0.0, 0.0))
+FLOORS = {"floor/L1": "L1", "floor/L2": "L2"}
+
+
+@pytest.mark.parametrize(
+    ("frame", "goal"),
+    [
+        ("map", Pose("L2", 1.0, 0.5, 0.25)),
+        ("/map", Pose("L2", 1.0, 0.5, 0.25)),
+        ("A/odom", Pose("L2", 1.0, 0.5, 0.25)),
+        ("A/base_link", Pose("L2", 2.5, 3.0, math.pi / 2 + 0.25)),
+        ("base_link", Pose("L2", 2.5, 3.0, math.pi / 2 + 0.25)),
+        ("floor/L1", Pose("L1", 1.0, 0.5, 0.25)),
+    ],
+)
+def test_frames(frame: str, goal: Pose) -> None:
+    frames = Frames(is_namespaced=frame == "base_link")
+    found = goal_in_building(frame, 1.0, 0.5, 0.25, PLACE, frames, "A", FLOORS)
+    assert found.floor == goal.floor
+    assert found[1:] == pytest.approx(goal[1:])
+
+
+def test_what_is_no_goal() -> None:
+    with pytest.raises(InvalidGoal, match=r"'B/base_link'; known are map, A/odom, A/base_link, floor/L1, floor/L2"):
+        goal_in_building("B/base_link", 1.0, 0.0, 0.0, PLACE, Frames(), "A", FLOORS)
+    with pytest.raises(InvalidGoal, match="not finite"):
+        goal_in_building("map", math.nan, 0.0, 0.0, PLACE, Frames(), "A", FLOORS)
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.0, -3.0, math.pi])
+def test_headings_of_quaternions_of_any_length(heading: float) -> None:
+    x, y, z, w = yaw(heading)
+    assert heading_of(x, y, z, w) == pytest.approx(heading)
+    assert heading_of(3 * x, 3 * y, 3 * z, 3 * w) == pytest.approx(heading)
+
+
+# ---- times ----
+
+
+class Topics:
+    """Keeps messages by topic."""
+
+    def __init__(self) -> None:
+        self.types: MessageTypes = _BagTypes()
+        self.sent: dict[str, list[Any]] = defaultdict(list)
+
+    def publish(self, topic: str, type: str, message: Any, time_s: float, is_latched: bool = False) -> None:
+        self.sent[topic].append(message)
+
+    def close(self, topic: str) -> None:
+        pass
+
+    def odometry(self, robot: str) -> list[tuple[float, float]]:
+        """Times and places x of a robot's messages."""
+        return [(seconds(m.header.stamp), m.pose.pose.position.x) for m in self.sent[f"/{robot}/odom"]]
+
+    def transforms(self, child: str) -> list[float]:
+        """Times of the transforms of a frame."""
+        return [
+            seconds(each.header.stamp)
+            for message in self.sent["/tf"]
+            for each in message.transforms
+            if each.child_frame_id == child
+        ]
+
+
+def seconds(stamp: Any) -> float:
+    return round(float(stamp.sec + stamp.nanosec * 1e-9), 6)
+
+
+def published(*changes: list[FloorUpdate]) -> Topics:
+    topics = Topics()
+    publisher = RosPublisher(topics, HOUSE)
+    for updates in changes:
+        publisher.publish(SystemChanges(updates, [], [], []))
+    return topics
+
+
+def test_robots_have_the_times_of_their_floors() -> None:
+    topics = published(
+        [update("L1", 1, 1.0, came="A", x=3.0), update("L2", 1, 0.98, came="B", x=5.0)],
+        [update("L1", 2, 1.05)],
+        [update("L2", 2, 1.02), update("L1", 3, 1.1)],
+    )
+    assert topics.odometry("A") == [(1.0, 3.0), (1.05, 3.0), (1.1, 3.0)]
+    assert topics.odometry("B") == [(0.98, 5.0), (1.02, 5.0)]  # none of another floor's time, none twice
+    assert topics.transforms("B/base_link") == topics.transforms("B/odom") == [0.98, 1.02]
+    assert [seconds(message.clock) for message in topics.sent["/clock"]] == pytest.approx([1.0, 1.05, 1.1])
+
+
+def test_a_robot_that_comes_to_a_floor_that_lags_behind_waits_for_it() -> None:
+    topics = published(
+        [update("L1", 1, 1.0, came="A"), update("L2", 1, 0.9)],
+        [update("L2", 2, 0.95, came="A", x=7.0), update("L1", 2, 1.05, went=[ord("A")])],
+        [update("L2", 3, 1.01)],
+    )
+    assert topics.odometry("A") == [(1.0, 1.0), (1.01, 7.0)]
+    assert [message.data for message in topics.sent["/A/floor"]] == ["L1", "L2"]
+
+
+def test_a_server_that_begins_again_earlier_is_followed() -> None:
+    topics = published(*([update("L1", 1, time_s, came="A")._replace(since=0)] for time_s in (100.0, 50.0)))
+    assert [time_s for time_s, _ in topics.odometry("A")] == [100.0, 50.0]

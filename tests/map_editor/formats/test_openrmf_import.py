@@ -1,0 +1,393 @@
+"""Open-RMF building files become buildings: scale, alignment, lanes, doors, lifts, and what is reported as lost."""
+
+from __future__ import annotations
+
+import copy
+import math
+import re
+from typing import Any
+
+import networkx as nx
+import pytest
+
+from robocorba.errors.maps import MapFileError
+from robocorba.map_editor import validation
+from robocorba.map_editor.checking import blocked, summaries
+from robocorba.map_editor.formats import read_map
+from robocorba.map_editor.model import Building, CabinSide, DoorKind, ElevatorDoor, PathEdge
+from tests.map_editor.formats.hostile import MISSING, changed
+from tests.map_editor.formats.rmf_files import imported, real_file, small
+
+
+def test_everything_of_a_file() -> None:
+    """Pixels become metres with y up; the upper level is scaled, turned and moved onto the lower one; lanes of several
+    graphs are one edge, one without a graph belongs to all."""
+    result = imported(small())
+    lower, upper = result.building.floors["L1"], result.building.floors["L2"]
+    nodes, walls = lower.topological.nodes, lower.geometrical.walls
+    assert nodes["start"].at == pytest.approx((2.5, -2.5))
+    assert walls["w1"].b == pytest.approx((10.0, -5.0))
+    assert (walls["w0"].height, walls["w1"].height) == (3.5, 2.5)
+    assert [tuple(map(round, point)) for point in lower.floor.outline] == [(0, 0), (10, 0), (10, -5), (0, -5)]
+    assert upper.topological.nodes["n0"].at == pytest.approx(nodes["n9"].at)
+    assert upper.topological.nodes["n1"].at == pytest.approx(nodes["n10"].at)
+    assert (upper.floor.level, upper.floor.elevation) == (1, 4.0)
+    assert lower.topological.edges == {
+        "start-n9": PathEdge(name="start-n9", a="start", b="n9", speed_limit=0.5, graphs=("tiny", "1")),
+        "n9-n10": PathEdge(name="n9-n10", a="n9", b="n10", one_way=True, graphs=("tiny",)),
+    }
+    assert upper.topological.edges["n0-n1"].graphs == ()
+    lift = result.building.elevators["lift"]
+    assert (lift.at, lift.size) == (pytest.approx((9.0, -2.5)), (1.6, 1.4))
+    assert lift.doors == tuple(
+        ElevatorDoor(floor=floor, side=CabinSide.LEFT, width=1.0, offset=0.1) for floor in ("L1", "L2")
+    )
+    assert (nodes["n10"].elevator, upper.topological.nodes["n1"].elevator) == ("lift", "lift")
+    assert len(result.losses) == len(set(result.losses))
+    assert {
+        "models: 3 left out, the file gives no sizes: Chair (x3)",
+        "drawing: not kept: L1",
+        "vertex property is_charger: not kept: L1 start",
+    } <= set(result.losses)
+
+
+#: Places in small(): a level, its vertices, the name of one of them.
+ONE, VERTICES, LIFT = ("levels", "L1"), ("levels", "L1", "vertices"), ("lifts", "lift")
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "about", "losses"),
+    [
+        ((*LIFT, "level_doors"), {}, "lift", ["lifts that open on no level: 1 left out: lift"]),
+        (
+            *(("lifts",), {}, "lift"),
+            ["vertices name a lift that the file does not contain: lift at L1 n10, lift at L2 n1"],
+        ),
+        (
+            (*ONE, "measurements"),
+            [*small()["levels"]["L1"]["measurements"], [1, 2, {"distance": [3, 9.0]}]],
+            "scale of L1",
+            ["scale of L1: levels.L1.measurements[2] gives 0.09000 m per pixel, the median is 0.05000"],
+        ),
+        (
+            *((*VERTICES, 9, 3), "start", "names"),
+            ["names used twice, renamed: vertex of L1: start is now start_2"],
+        ),
+        (
+            *(("levels", "L2", "elevation"), 0, "elevation"),
+            ["elevation: levels of equal elevation are placed 3 m apart: L2"],
+        ),
+    ],
+)
+def test_losses(place: tuple[Any, ...], value: Any, about: str, losses: list[str]) -> None:
+    assert [loss for loss in imported(changed(small(), place, value)).losses if about in loss] == losses
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "names"),
+    [
+        ((*VERTICES, 9, 3), "start", ["start", "start_2", "n10"]),
+        ((*VERTICES, 8, 3), "n9", ["n9", "n9_2", "n10"]),
+        ((*VERTICES, 8, 3), " cafe\u0301 ", ["caf\u00e9", "n9", "n10"]),
+    ],
+)
+def test_names_of_nodes(place: tuple[Any, ...], name: str, names: list[str]) -> None:
+    assert list(imported(changed(small(), place, name)).building.floors["L1"].topological.nodes) == names
+
+
+@pytest.mark.parametrize(
+    ("place", "elevation", "levels", "elevations"),
+    [
+        (("levels", "L2", "elevation"), 0, [0, 1], [0.0, 3.0]),
+        ((*ONE, "elevation"), -3.5, [-1, 0], [-3.5, 4.0]),
+    ],
+)
+def test_levels(place: tuple[Any, ...], elevation: float, levels: list[int], elevations: list[float]) -> None:
+    floors = [entry.floor for entry in imported(changed(small(), place, elevation)).building.floors.values()]
+    assert ([floor.level for floor in floors], [floor.elevation for floor in floors]) == (levels, elevations)
+
+
+def test_keys_that_may_be_missing_or_have_other_names() -> None:
+    data = small()
+    del data["coordinate_system"], data["graphs"], data["name"], data["levels"]["L1"]["measurements"]
+    data["building_name"] = "old"
+    data["levels"]["L2"]["measurements"] = [[0, 1, {"distance": [3, 1.5]}]]
+    building = imported(data).building
+    assert building.name == "old"
+    assert building.floors["L1"].topological.edges["start-n9"].graphs == ("0", "1")
+    assert building.floors["L1"].topological.nodes["start"].at == pytest.approx((2.5, -2.5))  # by the scale of L2
+    assert list(imported({"levels": {"B1/L:1": {"vertices": [[0, 0, 0, "a"]]}}}).building.floors) == ["B1_L_1"]
+
+
+@pytest.mark.parametrize(
+    ("lanes", "expected"),
+    [
+        (
+            [[8, 9, {"graph_idx": [2, 3]}], [9, 8, {"graph_idx": [2, 3]}]],
+            [PathEdge(name="start-n9", a="start", b="n9", graphs=("3",))],
+        ),
+        (
+            [[8, 9, {"graph_idx": [2, 0], "bidirectional": [4, True]}], [9, 8, {"graph_idx": [2, 1]}]],
+            [
+                PathEdge(name="start-n9", a="start", b="n9", graphs=("tiny",)),
+                PathEdge(name="n9-start", a="n9", b="start", one_way=True, graphs=("1",)),
+            ],
+        ),
+    ],
+)
+def test_opposite_lanes_of_one_graph_make_one_edge(lanes: Any, expected: list[PathEdge]) -> None:
+    data = small()
+    data["levels"]["L1"]["lanes"] = lanes
+    assert list(imported(data).building.floors["L1"].topological.edges.values()) == expected
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "motion", "side", "offset"),
+    [
+        (0.2, -0.9, 0.0, CabinSide.FRONT, 0.2),
+        (0.2, 0.9, 0.0, CabinSide.BACK, 0.2),
+        (0.9, -0.1, math.pi / 2, CabinSide.RIGHT, -0.1),
+        (-0.7, 0.7, 0.0, CabinSide.BACK, -0.3),
+        (-0.7, 0.2, -math.pi / 2, CabinSide.LEFT, 0.2),
+    ],
+)
+def test_the_side_of_a_lift_door(x: float, y: float, motion: float, side: CabinSide, offset: float) -> None:
+    data = small()
+    data["levels"] = {"L1": data["levels"]["L1"]}
+    lift = data["lifts"]["lift"]
+    lift.update(highest_floor="", level_doors={"L1": ["d"]})
+    lift["doors"] = {"d": {"x": x, "y": y, "width": 1.0, "motion_axis_orientation": motion}}
+    door = imported(data).building.elevators["lift"].doors[0]
+    assert door.side is side
+    assert door.offset == pytest.approx(offset)
+
+
+@pytest.mark.parametrize(
+    "level_doors",
+    [
+        {"L1": ["west"], "L2": ["west"]},
+        {"L1": "west", "L2": "west"},
+        [{"L1": ["west"]}, {"L2": "west"}],
+        [["L1", "west"], ["L2", "west"]],
+        ["L1", "L2"],
+    ],
+)
+def test_forms_of_level_doors(level_doors: Any) -> None:
+    data = small()
+    data["lifts"]["lift"]["level_doors"] = level_doors
+    assert imported(data).building.elevators["lift"].floors() == ("L1", "L2")
+
+
+def test_nothing_is_lost_to_a_lift_that_was_left_out() -> None:
+    """Of two lifts that overlap one is left out: no outline is extended for it, no edge through its shaft is lost."""
+    data = small()
+    data["levels"]["L1"]["vertices"][1][0] = data["levels"]["L1"]["vertices"][2][0] = 190
+    data["levels"]["L1"]["vertices"] += [[150, 80, 0, "west"], [170, 80, 0, "east"]]
+    data["levels"]["L1"]["lanes"] += [[11, 12, {"graph_idx": [2, 0]}]]
+    deep = {**copy.deepcopy(data["lifts"]["lift"]), "depth": 4.0}
+    data["lifts"] = {"deep": deep, **data["lifts"]}
+    result = imported(data)
+    assert [loss for loss in result.losses if loss.startswith("left out")] == [
+        "left out: elevators (1): its shaft overlaps that of elevator 'lift': deep"
+    ]
+    assert "outline: extended by the shafts of lifts: L1 lift" in result.losses
+    assert "west-east" in result.building.floors["L1"].topological.edges
+
+
+def test_metres_are_read_as_they_are() -> None:
+    data = {
+        **{"name": "plain", "coordinate_system": "cartesian_meters", "parameters": {"offset_x": [3, 100.0]}},
+        "levels": {"G": {"vertices": [[101, 2], [103, 2, 0], [103, 5, 0, "end"]], "lanes": [[0, 1], [1, 2, {}]]}},
+    }
+    nodes = imported(data).building.floors["G"].topological.nodes.values()
+    assert {node.name: node.at for node in nodes} == {"n0": (1.0, 2.0), "n1": (3.0, 2.0), "end": (3.0, 5.0)}
+
+
+def test_what_is_blocked_is_kept() -> None:
+    data = small()
+    level = data["levels"]["L1"]
+    level["vertices"] += [[100, 20, 0, "in_wall"], [50, 20, 0, "beside"], [150, 20, 0, "behind"]]
+    level["lanes"] += [[11, 12, {"graph_idx": [2, 0]}], [12, 13, {"graph_idx": [2, 0]}]]
+    result = imported(data)
+    assert validation.problems(result.building) == []
+    assert not [loss for loss in result.losses if loss.startswith("left out")]
+    assert {"in_wall", "beside", "behind"} <= result.building.floors["L1"].topological.nodes.keys()
+    assert summaries(blocked(result.building)) == (
+        "blocked nodes of L1 (1): in_wall (wall 'w4' near 5, -1)",
+        "blocked edges of L1 (2): in_wall-beside (wall 'w4' near 5, -1), beside-behind (wall 'w4' near 5, -1)",
+    )
+
+
+def test_what_breaks_a_rule_is_left_out_and_counted() -> None:
+    data = small()
+    level = data["levels"]["L1"]
+    first = len(level["vertices"])
+    level["vertices"] += [[50 + i, 150, 0, f"outside{i}"] for i in range(20)]
+    level["lanes"] += [[8, first + i, {"graph_idx": [2, 0]}] for i in range(20)]
+    level["vertices"] += [[20 + i, 20, 0, f"inside{i}"] for i in range(40)]  # most nodes: the outline stands
+    result = imported(data)
+    assert validation.problems(result.building) == []
+    shown = ", ".join(f"outside{i}" for i in range(12))
+    assert [loss for loss in result.losses if loss.startswith("left out")] == [
+        f"left out: nodes of L1 (20): it stands outside the outline of the floor: {shown} and 8 more",
+        "left out: edges of L1 (20): a node at its end is left out: "
+        + ", ".join(f"start-outside{i}" for i in range(12))
+        + " and 8 more",
+    ]
+
+
+def test_floor_polygons_unite_and_holes_become_voids() -> None:
+    data = small()
+    level = data["levels"]["L1"]
+    level["vertices"] += [[20, 10], [40, 10], [40, 30], [20, 30]]
+    level["floors"] = [{"vertices": [0, 4, 7, 3]}, {"vertices": [4, 1, 2, 7]}]
+    level["holes"] = [{"vertices": [11, 12, 13, 14]}]
+    floor = imported(data).building.floors["L1"]
+    assert {tuple(map(round, point)) for point in floor.floor.outline} >= {(0, 0), (10, 0), (10, -5), (0, -5)}
+    void = floor.geometrical.objects["void1"]
+    assert void.at == pytest.approx((1.5, -1.0))
+
+
+@pytest.mark.parametrize(
+    ("vertices", "more", "losses"),
+    [
+        (
+            [[300, 0], [310, 0], [310, 10]],
+            {"floors": [{"vertices": [0, 1, 2, 3]}, {"vertices": [11, 12, 13]}], "walls": [[11, 12], [2, 12]]},
+            [
+                "outline: 1 parts of the floor apart from the largest are left out, no lane leads there: "
+                "L1 0.12 m2 at (15.38, -0.25)",
+                "walls and doors in parts of the floor that are left out: 1: L1 w0",  # the other one stands on both
+            ],
+        ),
+        (
+            [[20, -10], [40, -10], [40, 110], [20, 110]],
+            {"holes": [{"vertices": [11, 12, 13, 14]}]},
+            [
+                "outline: 1 parts of the floor apart from the largest are left out, holes cut them off: "
+                "L1 5.00 m2 at (0.50, -2.50)",
+                "walls and doors in parts of the floor that are left out: 1: L1 w3",
+            ],
+        ),
+    ],
+)
+def test_parts_of_a_floor_that_are_left_out(vertices: list[Any], more: dict[str, Any], losses: list[str]) -> None:
+    data = small()
+    data["levels"]["L1"]["vertices"] += vertices
+    data["levels"]["L1"].update(more)
+    result = imported(data)
+    assert [loss for loss in result.losses if "parts of the floor" in loss] == losses
+    assert max(x for x, _ in result.building.floors["L1"].floor.outline) == pytest.approx(10.0)
+
+
+def test_a_floor_polygon_of_one_rack_is_no_outline() -> None:
+    """It would throw out nearly all nodes, in one line each."""
+    data = small()
+    level = data["levels"]["L1"]
+    level["vertices"] += [[10, 10], [20, 10], [20, 20], [10, 20]]
+    level["floors"] = [{"vertices": [11, 12, 13, 14]}]
+    result = imported(data)
+    floor = result.building.floors["L1"]
+    assert validation.problems(result.building) == []
+    assert list(floor.topological.nodes) == ["start", "n9", "n10"]
+    assert not [loss for loss in result.losses if loss.startswith("left out")]
+    assert [loss for loss in result.losses if loss.startswith("outline")] == [
+        "outline of L1: the floor polygons cover 0.2 m2 and leave out 2 of 3 nodes and 6 of 6 walls; "
+        "the convex hull of all, 50.0 m2, is used instead"
+    ]
+    x, y = zip(*floor.floor.outline, strict=True)
+    assert (min(x), max(x), min(y), max(y)) == pytest.approx((0.0, 10.0, -5.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "key", "reason"),
+    [
+        ((*VERTICES, 2, 0), "far", "levels.L1.vertices[2][0]", "a number"),
+        ((*VERTICES, 2, 0), math.nan, "levels.L1.vertices[2][0]", "finite"),
+        ((*ONE, "walls", 0, 1), 999, "levels.L1.walls[0][1]", "no vertex 999"),
+        (
+            *((*ONE, "measurements", 0, 2, "distance"), [3, -1.0]),
+            *("levels.L1.measurements[0][2].distance[1]", "above zero"),
+        ),
+        ((*LIFT, "x"), MISSING, "lifts.lift", "'x' is missing"),
+        ((*LIFT, "reference_floor_name"), "L9", "lifts.lift.reference_floor_name", "no level 'L9'"),
+        (("coordinate_system",), "wgs84", "coordinate_system", "not supported"),
+        (("levels",), [], "levels", "a mapping"),
+        (("levels",), {}, "levels", "no level"),
+    ],
+)
+def test_errors_name_line_and_key(place: tuple[Any, ...], value: Any, key: str, reason: str) -> None:
+    with pytest.raises(MapFileError, match=reason) as caught:
+        imported(changed(small(), place, value))
+    assert (caught.value.key, caught.value.line > 0) == (key, True)
+    with pytest.raises(MapFileError, match="no level 'X'"):
+        imported({**small(), "reference_level_name": "X"})
+
+
+@pytest.mark.parametrize(
+    ("lane", "reason"),
+    [
+        ([8, 99, {}], r"L1 levels.L1.lanes\[0\]\[1\] \(there is no vertex 99; the level has 11\)"),
+        ([8], r"lanes\[0\] \(expected at least 2 values"),
+        ("8-9", r"lanes\[0\] \(expected a list"),
+        ([8, 9, {"speed_limit": [3, -1.0]}], r"speed_limit\[1\] \(must not be below zero"),
+        ([8, 9, {"speed_limit": [3, "-nan"]}], r"\('-nan' is a text in YAML and no number; write a finite number"),
+        ([8, 9, {"clearance": [3, math.nan]}], r"clearance\[1\] \(expected a finite number"),
+        ([8, 9, {"bidirectional": [4, "maybe"]}], r"bidirectional\[1\] \(expected true or false"),
+        ([8, 9, {"bidirectional": [4]}], r"\(expected \[type, value\]"),
+        ([8, 9, {"name": [1, ["x"]]}], r"name\[1\] \(expected a text"),
+        ([8, 8, {}], "from a vertex to itself: 1 left out: L1 start"),
+    ],
+)
+def test_an_odd_lane_is_left_out_and_named(lane: Any, reason: str) -> None:
+    data, plain = small(), imported(small())
+    data["levels"]["L1"]["lanes"].insert(0, lane)
+    found = imported(data)
+    assert found.building == plain.building
+    (loss,) = set(found.losses) - set(plain.losses)
+    assert re.search(reason, loss)
+
+
+def test_a_lane_without_length_is_left_out() -> None:
+    data = small()
+    data["levels"]["L1"]["vertices"] += [[60, 50, 0, "a"], [60, 50, 0, "b"]]
+    data["levels"]["L1"]["lanes"] += [[11, 12, {"graph_idx": [2, 0]}], [8, 11, {"graph_idx": [2, 0]}]]
+    found = imported(data)
+    assert {"start-n9", "start-a"} <= found.building.floors["L1"].topological.edges.keys()
+    assert any("a-b" in loss for loss in found.losses), found.losses
+
+
+def _graph(building: Building, name: str) -> nx.Graph:
+    """The part of a building that one navigation graph covers, floors joined by elevators."""
+    graph: nx.Graph = nx.Graph()
+    for floor, entry in building.floors.items():
+        for edge in entry.topological.edges.values():
+            if name in edge.graphs:
+                graph.add_edge((floor, edge.a), (floor, edge.b))
+        for node in entry.topological.nodes.values():
+            if node.elevator and (floor, node.name) in graph:
+                graph.add_edge((floor, node.name), node.elevator)
+    return graph
+
+
+def test_the_hotel() -> None:
+    result = read_map(real_file("hotel"))
+    building = result.building
+    assert validation.problems(building) == list(blocked(building)) == []
+    assert not [loss for loss in result.losses if loss.startswith("left out")]
+    assert {name: entry.floor.elevation for name, entry in building.floors.items()} == {"L1": 0, "L2": 8, "L3": 16}
+    assert [len(entry.geometrical.doors) for entry in building.floors.values()] == [5, 7, 7]
+    lower = building.floors["L1"]
+    assert lower.geometrical.doors["L1_door5"].kind is DoorKind.DOUBLE_SLIDING
+    assert (len(lower.topological.nodes), len(lower.topological.edges)) == (41, 40)
+    # 3.4 m between (403.349, 408.257) and (403.379, 469.32) on L1's drawing; the lobby lies at (349.99, 530.733).
+    scale = 3.4 / math.hypot(403.349 - 403.379, 408.257 - 469.32)
+    assert lower.topological.nodes["lobby"].at == pytest.approx((349.99 * scale, -530.733 * scale), abs=1e-6)
+    nodes = [(floor, node) for floor, entry in building.floors.items() for node in entry.topological.nodes.values()]
+    for lift in ("Lift1", "Lift2"):
+        cabins = [node.at for _, node in nodes if node.elevator == lift]
+        assert len(cabins) == 3
+        assert all(math.dist(at, building.elevators[lift].at) < 0.1 for at in cabins)
+    graph = _graph(building, "0")
+    assert nx.is_connected(graph)
+    assert {node[0] for node in graph if isinstance(node, tuple)} == {"L1", "L2", "L3"}

@@ -1,0 +1,317 @@
+"""Giving way: robots never touch, with the rules alone, and in the simulated building."""
+
+from __future__ import annotations
+
+import math
+import random
+from functools import partial
+
+import pytest
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as some
+from shapely import Polygon
+
+from robocorba.errors.robots import MotionFailed
+from robocorba.errors.services import NotReachable
+from robocorba.map_editor.model import BoxShape, Building, Floor, FloorMap, GeometricalMap, MapObject, Wall
+from robocorba.map_editor.samples import load_sample
+from robocorba.map_editor.spatial.frames import turned
+from robocorba.map_editor.spatial.pose import XY
+from robocorba.planning.temporary_obstacles import TemporaryObstacles
+from robocorba.robot.collision_avoidance.giving_way import MARGIN_M, NEAR_MARGIN_M, GiveWay, safe_share, should_yield
+from robocorba.robot.collision_avoidance.neighbours import OtherRobot
+from robocorba.robot.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
+from robocorba.robot.kinematics.smartpal import BASE_LIMITS, RADIUS_M
+from robocorba.robot.motion.driving import STUCK_S, Drive
+from robocorba.robot.motion.robot_state import RobotState
+from robocorba.robot.robot import Robot
+from tests.robot.collision_avoidance.crowd import FLOOR, Crowd
+
+TICK_S, KNOWN_LATE_TICKS = 0.02, 3
+
+
+class Base:
+    """A base with the greatest acceleration, and a record of its states. wall_y: the only obstacle."""
+
+    policy = DEFAULT_POLICY
+
+    def __init__(self, name: str, x: float, y: float, wall_y: float = math.inf) -> None:
+        self.name, self.state, self.wall_y = name, RobotState(0.0, x, y, 0.0), wall_y
+        self.seen: list[OtherRobot] = []
+        self.neighbours: list[Base] = []
+        self.look()
+
+    def look(self) -> None:
+        state = self.state
+        vx, vy = turned(*state.velocity[:2], state.heading)
+        self.seen.append(OtherRobot(self.name, state.x, state.y, vx, vy, state.heading, RADIUS_M))
+
+    def others(self, x: float, y: float) -> list[OtherRobot]:
+        """As they were some ticks ago, extrapolated to the present."""
+        found = [base.seen[-KNOWN_LATE_TICKS:][0] for base in self.neighbours]
+        late_s = KNOWN_LATE_TICKS * TICK_S
+        return [one._replace(x=one.x + one.vx * late_s, y=one.y + one.vy * late_s) for one in found]
+
+    def shaft(self, elevator: str) -> Polygon | None:
+        return None
+
+    def clearance_m(self, x: float, y: float) -> float:
+        return self.wall_y - y
+
+    def movable_objects(self, held: str) -> TemporaryObstacles:
+        return TemporaryObstacles()
+
+    def temporary_obstacles(self, also: str = "", goal: XY | None = None, held: str = "") -> TemporaryObstacles:
+        return TemporaryObstacles()
+
+    def go(self, velocity: tuple[float, float, float]) -> None:
+        state = self.state
+        vx, vy = turned(*state.velocity[:2], state.heading)
+        wx, wy = turned(*velocity[:2], state.heading)
+        share = min(1.0, BASE_LIMITS.acceleration * TICK_S / max(math.hypot(wx - vx, wy - vy), 1e-12))
+        vx, vy = vx + share * (wx - vx), vy + share * (wy - vy)
+        heading = state.heading + velocity[2] * TICK_S
+        moving = *turned(vx, vy, -heading), velocity[2]
+        self.state = RobotState(state.time + TICK_S, state.x + vx * TICK_S, state.y + vy * TICK_S, heading, moving)
+
+
+def drive(bases: list[Base], motions: list[GiveWay], limit_s: float = 60.0) -> tuple[float, list[str]]:
+    """Drive until all have arrived or failed: the least gap between two rims [m], and the end of each drive."""
+    ends = [""] * len(bases)
+    nearest_m = math.inf
+    for base in bases:
+        base.neighbours = [other for other in bases if other is not base]
+    while not all(ends) and bases[0].state.time < limit_s:
+        for number, (base, motion) in enumerate(zip(bases, motions, strict=True)):
+            velocity = (0.0, 0.0, 0.0)
+            if not ends[number]:
+                try:
+                    command = motion.command(base.state, base.state.time)
+                    velocity = command.velocity if command else velocity
+                    ends[number] = "" if command else "there"
+                except MotionFailed as failed:
+                    ends[number] = str(failed)
+            base.go(velocity)
+        for base in bases:
+            base.look()
+        for i, one in enumerate(bases):
+            for other in bases[:i]:
+                apart_m = math.dist((one.state.x, one.state.y), (other.state.x, other.state.y))
+                nearest_m = min(nearest_m, apart_m - 2 * RADIUS_M)
+    return nearest_m, ends
+
+
+PLACES = some.tuples(some.floats(-4.0, 4.0), some.floats(-4.0, 4.0))
+SPEEDS = some.floats(0.1, 1.0)
+
+
+@settings(deadline=None, max_examples=30)
+@given(some.lists(some.tuples(PLACES, PLACES, SPEEDS), min_size=2, max_size=4))
+@example([((-4.0, 0.0), (4.0, 0.0), 1.0), ((4.0, 0.0), (-4.0, 0.0), 1.0)])
+@example([((-4.0, 0.0), (4.0, 0.0), 1.0), ((0.0, -4.0), (0.0, 4.0), 1.0)])
+@example([((0.0, 0.0), (4.0, 0.0), 1.0), ((0.0, 1.0), (4.0, 0.0), 1.0), ((4.0, 0.0), (-4.0, 0.0), 0.5)])
+def test_robots_never_touch(drives: list[tuple[tuple[float, float], tuple[float, float], float]]) -> None:
+    starts = [start for start, _, _ in drives]
+    assume(all(math.dist(a, b) > 2 * RADIUS_M + MARGIN_M for i, a in enumerate(starts) for b in starts[:i]))
+    bases = [Base(f"r{number}", *start) for number, start in enumerate(starts)]
+    motions = [
+        GiveWay(Drive([goal], None, speed, BASE_LIMITS), base, goal)
+        for base, (_, goal, speed) in zip(bases, drives, strict=True)
+    ]
+    nearest_m, ends = drive(bases, motions, 240.0)  # at 0.1 m/s 11 m take a while
+    assert nearest_m > 0.0
+    assert all(ends), ends
+
+
+def test_where_paths_cross_the_robot_with_the_earlier_name_keeps_its_speed() -> None:
+    bases = [Base("a", -3.0, 0.0), Base("b", 0.0, -3.0)]
+    goals = [(3.0, 0.0), (0.0, 3.0)]
+    motions = [
+        GiveWay(Drive([goal], None, 0.4, BASE_LIMITS), base, goal) for base, goal in zip(bases, goals, strict=True)
+    ]
+    nearest_m, ends = drive(bases, motions)
+    assert ends == ["there", "there"]
+    assert nearest_m > MARGIN_M
+    speeds = [[math.hypot(one.vx, one.vy) for one in base.seen if abs(one.x) < 2 and abs(one.y) < 2] for base in bases]
+    assert min(speeds[0]) > 0.39
+    assert min(speeds[1]) < 0.2
+
+
+def test_head_on_both_stop_and_name_the_other() -> None:
+    bases = [Base("a", -2.0, 0.0), Base("b", 2.0, 0.0)]
+    goals = [(2.0, 0.0), (-2.0, 0.0)]
+    motions = [
+        GiveWay(Drive([goal], None, 0.4, BASE_LIMITS), base, goal) for base, goal in zip(bases, goals, strict=True)
+    ]
+    nearest_m, ends = drive(bases, motions)
+    assert NEAR_MARGIN_M - 0.005 < nearest_m < MARGIN_M + 0.02
+    assert ends[0].endswith("b is in the way")
+    assert ends[1].endswith("a is in the way")
+
+
+def test_places_side_by_side_can_be_reached() -> None:
+    bases = [Base("a", 0.0, 0.0), Base("b", 3.0, 0.5)]
+    goal = 0.82, 0.0
+    motion = GiveWay(Drive([goal], 0.0, 0.3, BASE_LIMITS), bases[1], goal)
+    nearest_m, ends = drive(bases, [GiveWay(Drive([(0.0, 0.0)], 0.0, 0.3, BASE_LIMITS), bases[0]), motion])
+    assert ends == ["there", "there"]
+    assert nearest_m >= NEAR_MARGIN_M
+
+
+def test_a_robot_stops_before_a_wall() -> None:
+    base = Base("a", 0.0, 0.0, wall_y=0.6)
+    motion = GiveWay(Drive([(0.0, 0.5)], 0.0, 0.2, BASE_LIMITS), base, precise_positioning=True, avoid_walls=True)
+    _, (end,) = drive([base], [motion])
+    assert end.endswith("a wall or an object is in the way")
+    assert base.state.y == pytest.approx(0.6 - RADIUS_M - 0.02, abs=0.005)
+
+
+class Blind(Base):
+    """Knows where others are only between two times."""
+
+    sees = (math.inf, math.inf)
+
+    def others(self, x: float, y: float) -> list[OtherRobot]:
+        if not self.sees[0] <= self.state.time < self.sees[1]:
+            raise NotReachable("away")
+        return super().others(x, y)
+
+
+def test_a_robot_does_not_drive_without_positions_of_others() -> None:
+    base = Blind("a", 0.0, 0.0)
+    _, (end,) = drive([base], [GiveWay(Drive([(1.0, 0.0)], None, 0.4, BASE_LIMITS), base)])
+    assert end == "waited 20 s: away"
+    assert (base.state.x, base.state.y) == (0.0, 0.0)
+
+
+def test_a_robot_goes_on_when_it_knows_others_again() -> None:
+    """It has waited longer than a robot that is stuck would have."""
+    base = Blind("a", 0.0, 0.0)
+    base.sees = (STUCK_S * 2, math.inf)
+    _, (end,) = drive([base], [GiveWay(Drive([(1.0, 0.0)], None, 0.4, BASE_LIMITS), base)])
+    assert end == "there"
+    assert base.state.x == pytest.approx(1.0, abs=0.01)
+
+
+@given(PLACES, PLACES, some.tuples(some.floats(-1, 1), some.floats(-1, 1)))
+def test_a_robot_inside_the_margin_may_drive_away(
+    here: tuple[float, float], there: tuple[float, float], velocity: tuple[float, float]
+) -> None:
+    state, other = RobotState(0.0, *here), OtherRobot("b", *there, 0.0, 0.0, 0.0, RADIUS_M)
+    share = safe_share(state, *velocity, other, MARGIN_M)
+    assert 0.0 <= share <= 1.0
+    comes = (there[0] - here[0]) * velocity[0] + (there[1] - here[1]) * velocity[1] > 0.0
+    if not comes:
+        assert share == 1.0
+    elif math.dist(here, there) < 2 * RADIUS_M + NEAR_MARGIN_M:
+        assert share == 0.0
+    assert not should_yield(state, *velocity, other)  # a stationary robot needs no path
+
+
+# ---- in the building ----
+
+
+@pytest.fixture(autouse=True)
+def seed() -> None:
+    random.seed(1)
+
+
+def room(width: float, depth: float, *things: MapObject) -> Building:
+    outline = ((0.0, 0.0), (width, 0.0), (width, depth), (0.0, depth))
+    ends = zip(outline, (*outline[1:], outline[0]), strict=True)
+    walls = {f"w{number}": Wall(f"w{number}", a, b) for number, (a, b) in enumerate(ends)}
+    plan = GeometricalMap(walls, {thing.name: thing for thing in things})
+    return Building("room", {FLOOR: FloorMap(Floor(FLOOR, 1, 0.0, outline=outline), plan)})
+
+
+Pose = tuple[float, float, float]
+
+
+def meet(crowd: Crowd, goals: dict[str, Pose], limit_s: float = 150.0) -> None:
+    """All robots reach their goals without a collision."""
+
+    def go(goal: Pose, robot: Robot) -> None:
+        robot.drive_path(FLOOR, *goal, around_obstacles=True)
+
+    wrong = crowd.run(limit_s, **{name: partial(go, goal) for name, goal in goals.items()})
+    assert (wrong, crowd.touched) == ({}, [])
+    for name, goal in goals.items():
+        assert crowd.at(name)[:2] == pytest.approx(goal[:2], abs=0.01)
+
+
+def test_head_on_in_a_corridor_of_two_metres() -> None:
+    crowd = Crowd(room(10.0, 2.0), {"A": (1.0, 1.0, 0.0), "B": (9.0, 1.0, math.pi)})
+    meet(crowd, {"A": (9.0, 1.0, 0.0), "B": (1.0, 1.0, 0.0)})
+
+
+def test_four_change_places_through_the_middle() -> None:
+    corners = {"A": (1.0, 1.0, 0.0), "B": (5.0, 1.0, 0.0), "C": (5.0, 5.0, 0.0), "D": (1.0, 5.0, 0.0)}
+    crowd = Crowd(room(6.0, 6.0), corners)
+    meet(crowd, {"A": corners["C"], "B": corners["D"], "C": corners["A"], "D": corners["B"]})
+
+
+def test_a_robot_waits_until_its_goal_is_free() -> None:
+    crowd = Crowd(room(8.0, 4.0), {"A": (1.0, 2.0, 0.0), "B": (4.0, 2.0, 0.0)})
+
+    def leave(robot: Robot) -> None:
+        robot.wait(15.0)
+        robot.drive_path(FLOOR, 7.0, 2.0)
+
+    def come(robot: Robot) -> None:
+        robot.drive_path(FLOOR, 4.0, 2.0, 0.0)
+
+    assert crowd.run(150.0, A=come, B=leave) == {}
+    assert crowd.touched == []
+    assert crowd.at("A")[:2] == pytest.approx((4.0, 2.0), abs=0.01)
+
+
+def test_a_robot_drives_around_a_parked_one_and_past_an_objects_place_on_the_map() -> None:
+    box = MapObject("box", BoxShape((0.8, 0.8)), (6.0, 2.0), height=0.5, movable=True)
+    crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0), "B": (3.5, 2.0, 0.0)})
+    crowd.carried("box", (1.0, 0.6))
+    meet(crowd, {"A": (6.0, 2.0, 0.0)})
+
+
+def test_a_robot_drives_around_a_moved_object() -> None:
+    box = MapObject("box", BoxShape((0.8, 0.8)), (7.0, 3.4), height=0.5, movable=True)
+    crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0)})
+    crowd.carried("box", (4.0, 2.0))
+    assert crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 2.0)) == {}
+    assert crowd.touched == []
+    assert crowd.at("A")[:2] == pytest.approx((7.0, 2.0), abs=0.01)
+
+
+def test_an_object_on_the_goal_is_named() -> None:
+    box = MapObject("box", BoxShape((0.8, 0.8)), (7.0, 3.4), height=0.5, movable=True)
+    crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0)})
+    crowd.carried("box", (4.0, 2.0))
+    wrong = crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 4.0, 2.0))
+    assert wrong["A"].startswith("goal L1:4,2 is not free: 0.000 m to box, which stands there now")
+
+
+def test_corners_are_passed_with_clearance() -> None:
+    crowd = Crowd(load_sample("paper-scene"), {"A": (11.6, 1.3, 0.0)})
+    crowd.carried("table", (6.7, 3.1))  # a metre from the door's frame, at an angle
+    assert crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.5, 1.2)) == {}
+    assert math.dist(crowd.at("A")[:2], (7.5, 1.2)) < 0.01
+    assert crowd.touched == []
+
+
+def test_corners_are_passed_with_clearance_to_a_place_beside_another_robot() -> None:
+    crowd = Crowd(load_sample("paper-scene"), {"A": (3.9, 0.7, 0.0), "B": (9.02, 5.19, 0.0), "C": (6.66, 1.1, 0.0)})
+    crowd.carried("table", (6.7, 3.1))
+    goals = {"A": (6.7, 4.42), "B": (6.24, 1.78), "C": (7.16, 1.78)}  # where they gather
+
+    def there(robot: Robot, to: XY) -> None:
+        robot.drive_path(FLOOR, *to, around_obstacles=True)
+
+    assert crowd.run(120.0, **{name: partial(there, to=to) for name, to in goals.items()}) == {}
+    assert crowd.touched == []
+
+
+def test_the_blocking_robot_is_named() -> None:
+    policy = GivingWayPolicy(max_blockages=1, max_search_s=1.0)
+    crowd = Crowd(room(8.0, 1.0), {"A": (1.0, 0.5, 0.0), "B": (4.0, 0.5, 0.0)}, policy)
+    wrong = crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 0.5))
+    assert wrong["A"].endswith("B is in the way")
+    assert crowd.touched == []

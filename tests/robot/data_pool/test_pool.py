@@ -1,0 +1,373 @@
+"""The data pool follows one floor of an Omni database exactly, also after changes of floors and failed requests."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import itertools
+import math
+import threading
+import types
+import weakref
+from typing import Any
+
+import hypothesis
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from robocorba.errors.paths import UnknownFloor
+from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import PlaceTaken
+from robocorba.map_editor.model import MapObject, Wall
+from robocorba.map_editor.spatial.floor_update import Body
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.robot.data_pool.pool import DataPool
+from robocorba.simulation.building import SimulatedBuilding
+from tests.robot.data_pool.places import Place, furnished, same
+from tests.simulation.places import robot
+
+
+def test_a_floor_is_loaded_and_followed() -> None:
+    place = Place()
+    place.world.add(robot("A"))
+    place.world.refresh()
+    pool = place.pool()
+    assert not pool.snapshot().is_known
+    pool.follow()
+    assert same(pool, place)
+    first = pool.snapshot()
+    assert (first.floor, pool.problem, pool.lag_s) == ("L1", "", 0.0)
+    place.world.occupants.robots["A"].command(0.5, 0.0, 0.2, 1.0)
+    place.run(0.5)
+    pool.follow()
+    assert same(pool, place)
+    before, now = first.robot("A"), pool.snapshot().robot("A")
+    assert before and now
+    assert before.x == 7.0 < now.x  # what was read before has not changed
+    assert now.vx > 0.1
+    assert first.time < pool.snapshot().time
+
+
+def test_robots_and_objects_by_name() -> None:
+    place = Place()
+    place.world.add(robot("A"))
+    place.world.refresh()
+    pool = place.pool()
+    pool.follow()
+    assert [(item.name, item.is_movable) for item in pool.snapshot().objects()] == [
+        ("S1", False),
+        ("T1", True),
+    ]
+    assert [item.name for item in pool.snapshot().objects("T*")] == ["T1"]
+    assert pool.snapshot().objects("t?") == []
+    table, shelf = pool.snapshot().object("T1"), pool.snapshot().object("S1")
+    assert table and shelf
+    assert (table.x, table.y, table.heading, table.vx) == (2.0, 2.0, 0.3, 0.0)
+    assert (table.mass_kg, shelf.mass_kg) == (pytest.approx(5.4), 0.0)
+    assert np.sort(shelf.corners, axis=0) == pytest.approx(np.array([(7.5, 7.7), (7.5, 7.7), (8.5, 8.3), (8.5, 8.3)]))
+    assert [pool.snapshot().object(name) for name in ("A", "plate", "W1", "")] == [None] * 4
+    assert [pool.snapshot().robot(name) for name in ("T1", "")] == [None] * 2
+    assert list(pool.snapshot().elevators) == ["E1"]
+    with pytest.raises(TypeError):
+        pool.snapshot().elevators["E1"] = pool.snapshot().elevators["E1"]  # type: ignore[index]
+    with pytest.raises(ValueError, match="read-only"):
+        pool.snapshot().motions["x"] = 0.0
+
+
+def test_an_unknown_floor_is_refused() -> None:
+    place = Place()
+    pool = place.pool()
+    pool.follow()
+    before = pool.snapshot()
+    with pytest.raises(UnknownFloor, match="L9"):
+        pool.change_floor("L9")
+    assert pool.snapshot() is before
+    nowhere = place.pool("L9")
+    nowhere.follow()
+    assert "L9" in nowhere.problem
+    assert nowhere.lag_s == math.inf
+
+
+def test_the_floor_changes_during_a_request() -> None:
+    place = Place()
+    pool = place.pool("L1")
+    place.meanwhile = lambda: pool.change_floor("L2")
+    pool.follow()
+    assert pool.floor == "L2"
+    assert same(pool, place)
+
+
+# ---- a source that does not answer ----
+
+
+def test_the_lag_grows_while_the_source_does_not_answer() -> None:
+    place = Place()
+    world, pool = place.world, place.pool()
+    world.add(robot("A"))
+    world.refresh()
+    place.is_away = True
+    pool.follow()
+    assert (pool.lag_s, pool.snapshot().is_known) == (math.inf, False)
+    with pytest.raises(NotReachable, match=r"L1.*away"):
+        pool.loaded_snapshot()
+    place.is_away = False
+    pool.follow()
+    place.clock.now += 0.25
+    assert pool.lag_s == 0.25
+    before = pool.snapshot()
+    place.is_away = True
+    world.occupants.robots["A"].command(0.5, 0.0, 0.0, 1.0)
+    for _ in range(3):
+        place.clock.now += 1.0
+        place.run(0.2)
+        pool.follow()
+    assert (pool.lag_s, pool.snapshot()) == (3.25, before)
+    assert "away" in pool.problem
+    assert pool.snapshot().nearest_non_robot(1.0, 1.0)
+    place.is_away = False
+    pool.follow()
+    assert (pool.lag_s, pool.problem) == (0.0, "")
+    assert same(pool, place)
+
+
+def test_the_floor_can_change_while_source_or_map_do_not_answer() -> None:
+    place = Place()
+    pool = place.pool("L1")
+    for floor, is_away, problem in (("L2", True, "away"), ("L1", False, "editor")):
+        pool.follow()
+        place.is_away, place.is_editor_away = is_away, not is_away
+        assert not pool.change_floor(floor)
+        assert (pool.floor, pool.lag_s, pool.snapshot().bodies.all) == (floor, math.inf, ())
+        assert problem in pool.problem
+        assert not pool.change_floor(floor)
+        place.is_away = place.is_editor_away = False
+        pool.follow()
+        assert same(pool, place)
+        assert pool.change_floor(floor)
+
+
+def test_another_process_serves_another_building() -> None:
+    place = Place()
+    place.world.add(robot("A"))
+    pool = place.pool()
+    pool.follow()
+    place.world = SimulatedBuilding(furnished())  # other numbers for all bodies
+    place.world.add(robot("B"))
+    place.world.refresh()
+    place.start_again()
+    pool.follow()
+    assert same(pool, place)
+
+
+def test_the_floor_is_reloaded_after_an_update_that_does_not_fit() -> None:
+    place = Place()
+    place.world.add(robot("A"))
+    place.world.refresh()
+    pool = place.pool()
+    pool.follow()
+    before, right = pool.snapshot(), place.database
+    for change in (
+        lambda _: right.floor("L1")._replace(came=[]),  # of bodies that nobody knows
+        lambda update: update._replace(since=update.since - 1),
+    ):
+
+        def changes(floor: str, since: int, change: Any = change) -> Any:
+            return change(right.changes(floor, since))
+
+        place.database = types.SimpleNamespace(changes=changes)  # type: ignore[assignment]
+        pool.follow()
+        assert pool.snapshot() is before
+        assert "begins at" in pool.problem
+        place.database = right
+        place.world.occupants.robots["A"].command(0.2, 0.0, 0.0, 1.0)
+        place.run(0.1)
+        pool.follow()
+        assert pool.problem == ""
+        assert same(pool, place)
+        before = pool.snapshot()
+
+
+# ---- the map ----
+
+
+def test_edits_of_this_floor_are_followed() -> None:
+    place = Place()
+    pool = place.pool()
+    pool.follow()
+    near = pool.snapshot().nearest_non_robot(7.0, 3.0)
+    assert near and near.name != "W9"
+    walls = pool.snapshot().walls
+    place.world.update(place.world.building.with_element("L2", Wall("W9", (7.0, 2.0), (9.0, 2.0))))
+    pool.follow_map()
+    pool.follow()
+    assert pool.snapshot().walls is walls  # nothing was done for another floor
+    place.world.update(place.world.building.with_element("L1", Wall("W9", (7.0, 2.0), (9.0, 2.0))))
+    pool.follow_map()
+    pool.follow()
+    assert pool.snapshot().nearest_non_robot(7.0, 3.0) == (1.0, 7.0, 2.0, "W9")
+    shelf = place.world.building.floors["L1"].geometrical.objects["S1"]
+    place.world.update(place.world.building.with_element("L1", MapObject("S1", shelf.shape, shelf.at, movable=True)))
+    pool.follow_map()
+    pool.follow()
+    assert [(item.name, item.is_movable) for item in pool.snapshot().objects()] == [
+        ("S1", True),
+        ("T1", True),
+    ]
+    place.is_editor_away = True
+    with pytest.raises(NotReachable):
+        pool.follow_map()
+
+
+# ---- one floor only ----
+
+
+def reachable(pool: DataPool, place: Place) -> list[Any]:
+    """All Python objects that a pool refers to, except its source."""
+    seen = {id(place), id(place.clock)}
+    found: list[Any] = []
+    waiting: list[Any] = [pool]
+    while waiting:
+        one = waiting.pop()
+        if id(one) in seen or isinstance(one, types.ModuleType | type | types.FunctionType | types.MethodType):
+            continue
+        seen.add(id(one))
+        found.append(one)
+        waiting += gc.get_referents(one)
+    return found
+
+
+def test_the_memory_is_that_of_one_floor() -> None:
+    place = Place()
+    for number, floor in itertools.product(range(4), ("L1", "L2")):
+        place.world.add(robot(f"{floor}-{number}", floor, 4.0 + 1.0 * number, 1.5))
+    place.world.refresh()
+    pool, sizes = place.pool("L1"), []
+    for turn in range(20):
+        before = weakref.ref(pool.snapshot())
+        pool.change_floor("L2")
+        gc.collect(0)
+        assert before() is None
+        pool.change_floor("L1")
+        for number in range(4):
+            place.world.occupants.robots[f"L1-{number}"].command(0.2, 0.0, 1.0, 0.5)
+        place.run(0.1)
+        pool.follow()
+        if turn in (0, 19):
+            sizes.append(len(reachable(pool, place)))
+    held = reachable(pool, place)
+    assert {one.name for one in held if isinstance(one, Body)} == {"T1", *(f"L1-{number}" for number in range(4))}
+    assert {one.name for one in held if isinstance(one, Wall)} == {"W1"}
+    assert {one.name for one in held if isinstance(one, MapObject)} == {"T1", "S1"}
+    fresh = place.pool("L1")
+    fresh.follow()
+    place.world.occupants.robots["L1-0"].command(0.2, 0.0, 1.0, 0.5)
+    place.run(0.1)
+    fresh.follow()  # the pool remembers an update, too
+    assert abs(sizes[-1] - len(reachable(fresh, place))) <= 5
+    assert max(sizes) - min(sizes) <= 5
+
+
+def test_readers_never_see_two_floors_at_once() -> None:
+    place = Place()
+    for floor in ("L1", "L2"):
+        for number in range(3):
+            place.world.add(robot(f"{floor}-{number}", floor, 4.0 + 1.0 * number, 1.5))
+    place.world.refresh()
+    pool = place.pool("L1")
+    pool.follow()
+    is_over = threading.Event()
+    wrong: list[Any] = []
+    floors_seen: set[str] = set()
+
+    def read() -> None:
+        while not is_over.wait(0.0005):
+            snapshot = pool.snapshot()
+            floors_seen.add(snapshot.floor)
+            names = {item.name[:2] for item in snapshot.robots}
+            near = snapshot.robots_near(5.0, 1.5, 0.1)
+            if names != {snapshot.floor} or snapshot.walls is None or snapshot.walls.floor != snapshot.floor:
+                wrong.append((snapshot.floor, names))
+            if [other.robot.name for other in near] != [f"{snapshot.floor}-1"] or len(snapshot.robots) != 3:
+                wrong.append((snapshot.floor, near))
+
+    def follow() -> None:
+        while not is_over.wait(0.001):
+            pool.follow()
+
+    threads = [threading.Thread(target=task, daemon=True) for task in (read, read, follow)]
+    for thread in threads:
+        thread.start()
+    for turn in range(60):
+        pool.change_floor(("L2", "L1")[turn % 2])
+    is_over.set()
+    for thread in threads:
+        thread.join(60.0)
+    assert wrong == []
+    assert floors_seen == {"L1", "L2"}
+    assert pool.floor == "L1"
+    pool.follow()
+    assert same(pool, place)
+
+
+# ---- any events ----
+
+acts = st.lists(
+    st.tuples(
+        st.sampled_from(
+            ["add", "remove", "move", "drive", "run", "follow", "go", "away", "back", "restart", "call", "edit"]
+        ),
+        st.sampled_from("ABCD"),
+        st.integers(0, 3),
+    ),
+    max_size=50,
+)
+
+
+@hypothesis.settings(max_examples=80, deadline=None)
+@hypothesis.given(acts)
+def test_the_pool_equals_the_database_after_any_events(acts: list[tuple[str, str, int]]) -> None:
+    place = Place()
+    world, pool = place.world, place.pool("L1", "A")
+    for act, name, number in acts:
+        floor = ("L1", "L2")[number % 2]
+        world.refresh()
+        known = pool.snapshot()
+        if act == "add" and name not in world.occupants.robots:
+            with contextlib.suppress(PlaceTaken):
+                world.add(robot(name, floor, 4.0 + 1.0 * "ABCD".index(name), 1.0))
+        elif act == "remove" and name in world.occupants.robots:
+            world.remove(name)
+        elif act == "move" and name in world.occupants.robots:
+            with contextlib.suppress(PlaceTaken):
+                world.place(name, Pose(floor, 4.0 + 1.0 * "ABCD".index(name), 1.0, 0.0))
+        elif act == "drive" and name in world.occupants.robots:
+            world.occupants.robots[name].command(0.2 * number, 0.3 * (number - 1), 0.5, 0.5)
+        elif act == "run":
+            place.run(0.1 * number)
+        elif act == "call" and name in world.occupants.robots and name not in world.elevators.cabins["E1"].sessions:
+            world.elevators.call(name, "E1", ("L2", "L1")[world.occupants.robots[name].floor == "L2"])
+        elif act == "edit":
+            wall = Wall("W5", (9.0, 1.0 + number), (9.5, 4.0))
+            world.update(world.building.with_element(floor, wall))
+            if not place.is_editor_away:
+                pool.follow_map()
+        elif act in ("away", "back"):
+            place.is_away = place.is_editor_away = act == "away"
+        elif act == "restart":
+            place.start_again()
+        elif act == "follow":
+            pool.follow()
+            assert pool.snapshot() is known if place.is_away else same(pool, place)
+        elif act == "go" and floor != known.floor:
+            assert pool.change_floor(floor) != place.is_away
+            assert not pool.snapshot().is_known if place.is_away else same(pool, place)
+        assert not pool.snapshot().is_known or pool.snapshot().walls.floor == pool.floor  # type: ignore[union-attr]
+    place.is_away = place.is_editor_away = False
+    world.refresh()
+    pool.follow()
+    assert same(pool, place)
+    assert pool.problem == ""
+    assert {item.name for item in pool.snapshot().robots} == {
+        one.name for one in world.occupants.robots.values() if one.floor == pool.floor
+    }

@@ -1,0 +1,132 @@
+"""The model against the robot's public figures, and the URDF against the model."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from robocorba.commands import command
+from robocorba.robot.kinematics.appearance import PAINTS
+from robocorba.robot.kinematics.body import SmartPalBody
+from robocorba.robot.kinematics.model import specification
+from robocorba.robot.kinematics.smartpal import JOINT_LOWER, JOINT_UPPER, JOINTS, MASS_KG
+from robocorba.robot.kinematics.urdf import urdf
+
+from .postures import anywhere
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return specification().compile()
+
+
+@pytest.fixture(scope="module")
+def of_urdf() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(urdf())
+
+
+@pytest.fixture(scope="module")
+def standing(model: mujoco.MjModel) -> mujoco.MjData:
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def test_its_joints_are_the_robots_with_their_limits(model: mujoco.MjModel, of_urdf: mujoco.MjModel) -> None:
+    for each in (model, of_urdf):
+        assert sorted(each.joint(row).name for row in range(each.njnt)) == sorted(JOINTS)
+        for name, lower, upper in zip(JOINTS, JOINT_LOWER, JOINT_UPPER, strict=True):
+            assert each.joint(name).range == pytest.approx([lower, upper])
+            assert each.joint(name).type == mujoco.mjtJoint.mjJNT_HINGE
+
+
+def test_mass_height_and_footprint(model: mujoco.MjModel, standing: mujoco.MjData) -> None:
+    assert model.body_mass.sum() == pytest.approx(MASS_KG)
+    corners = np.array([corner for geom in range(model.ngeom) for corner in _corners(model, standing, geom)])
+    assert corners[:, 2].max() == pytest.approx(1.325)
+    base = np.array([c for g in np.flatnonzero(model.geom_bodyid == 1) for c in _corners(model, standing, g)])
+    assert base.min(axis=0)[:2] == pytest.approx([-0.376, -0.2775])
+    assert base.max(axis=0)[:2] == pytest.approx([0.237, 0.2775])
+    assert corners[:, 2].min() >= 0.0
+
+
+def test_the_base_has_no_joints_and_takes_those_of_others() -> None:
+    spec = specification()
+    for name, axis in (("ahead", (1, 0, 0)), ("left", (0, 1, 0))):
+        spec.body("base").add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.joint("ahead").qpos[0] = 2.0
+    mujoco.mj_forward(model, data)
+    assert model.nq == len(JOINTS) + 2
+    assert data.site("left_hand").xpos == pytest.approx([1.975, 0.2, 0.4305])
+    assert data.ncon == 0  # neighbours are left out with a moving base too
+
+
+def test_sensors_look_outwards(standing: mujoco.MjData) -> None:
+    assert standing.site("laser").xmat.reshape(3, 3) == pytest.approx(np.eye(3))
+    middle = np.array([(-0.376 + 0.237) / 2, 0.0])
+    for number in range(1, 9):
+        sensor = standing.site(f"proximity_{number}")
+        out, bearing = sensor.xpos[:2] - middle, (number - 1) * math.pi / 4
+        assert sensor.xmat.reshape(3, 3)[:, 0] == pytest.approx([math.cos(bearing), math.sin(bearing), 0])
+        assert max(abs(out / (0.3065, 0.2775))) == pytest.approx(1.0)  # on the border of the footprint
+        assert out @ sensor.xmat.reshape(3, 3)[:2, 0] > 0.2
+
+
+def test_it_moves_by_its_dynamics_without_a_warning(model: mujoco.MjModel) -> None:
+    data = mujoco.MjData(model)
+    data.joint("left_1").qpos[0] = 1.0
+    for _ in range(100):
+        mujoco.mj_step(model, data)
+    assert data.joint("left_1").qpos[0] < 0.9  # the arm falls
+    for _ in range(900):
+        mujoco.mj_step(model, data)
+    assert not any(warning.number for warning in data.warning)
+
+
+# ---- the URDF ----
+
+
+def test_links_are_where_the_model_has_them(body: SmartPalBody, of_urdf: mujoco.MjModel) -> None:
+    data = mujoco.MjData(of_urdf)
+    rows = [of_urdf.joint(name).qposadr[0] for name in JOINTS]
+    for joints in anywhere(100, 7):
+        data.qpos[rows] = joints
+        mujoco.mj_kinematics(of_urdf, data)
+        for name, (position, attitude) in body.links(joints).items():
+            if name == "base":  # the root of a URDF is MuJoCo's world
+                continue
+            found = data.body(name)
+            assert found.xpos == pytest.approx(position, abs=1e-9), name
+            assert abs(found.xquat @ attitude) == pytest.approx(1.0, abs=1e-9), name
+            assert found.xquat * np.sign(found.xquat @ attitude) == pytest.approx(attitude, abs=1e-9), name
+
+
+def test_its_mass_and_its_looks_are_the_robots() -> None:
+    robot = ElementTree.fromstring(urdf())
+    masses = [float(mass.get("value", "")) for mass in robot.iter("mass")]
+    assert sum(masses) == pytest.approx(MASS_KG) and min(masses) > 0
+    assert {material.get("name") for material in robot.findall("link/visual/material")} == set(PAINTS)
+
+
+def test_the_command_writes_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "smartpal.urdf"
+    assert CliRunner().invoke(command(), ["robot-model", "urdf", str(file)]).exit_code == 0
+    assert file.read_text() == urdf()
+    failed = CliRunner().invoke(command(), ["robot-model", "urdf", str(tmp_path)])
+    assert failed.exit_code == 1
+    assert "Is a directory" in failed.output
+
+
+def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> list[np.ndarray]:
+    """Of the box along the axes of a shape that holds it; exact for boxes and round shapes that stand upright."""
+    middle, half = model.geom_aabb[geom].reshape(2, 3)
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
+    return [data.geom_xpos[geom] + data.geom_xmat[geom].reshape(3, 3) @ (middle + sign * half) for sign in signs]

@@ -1,0 +1,510 @@
+"""The high controller on a robot that is one of the documentation's, in real time."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
+from robocorba.errors.services import NotReachable
+from robocorba.robot import high_controller
+from robocorba.robot.adaptor import RobotAdaptor
+from robocorba.robot.high_controller import IDLE_AFTER_S, IDLE_TICK_S, TICK_S, VALID_S, HighController
+from robocorba.robot.kinematics.smartpal import BASE_LIMITS
+from robocorba.robot.motion.driving import DriveAt
+from robocorba.robot.motion.motion import MotionCommand
+from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from robocorba.simulation.registry import Pose
+from robocorba.system.stop_latch import StopLatch
+from tests.robot.places import controller, documented_adaptor, eventually
+from tests.waits import outlast, pause, stays
+
+pytestmark = pytest.mark.slow
+
+HERE = SimpleNamespace(session=SimpleNamespace(latest=SimpleNamespace(at=Pose("L1", 0.0, 0.0))))
+
+
+class Watched(RobotAdaptor):
+    """Wraps the documented adaptor; records commands, and fails with `failure`."""
+
+    def __init__(self) -> None:
+        self.disc = documented_adaptor()(HERE)  # type: ignore[arg-type]
+        self.commands: list[ActorCommand] = []
+        self.failure: BaseException | None = None
+        self.starts = self.stops = 0
+        self.stop_failure: Exception | None = None
+        self.defect: BaseException | None = None
+        self.is_virtual = False
+        self.hangs = threading.Event()
+        self.goes_on = threading.Event()
+        #: What happens at the same time, before the adaptor has started, and before it is read.
+        self.before_start: Callable[[], None] = lambda: None
+        self.before_read: Callable[[], None] = lambda: None
+
+    @property
+    def is_in_building(self) -> bool:  # type: ignore[override]
+        """Asked by the control loop, between the calls of the adaptor."""
+        if self.defect:
+            raise self.defect
+        return self.is_virtual
+
+    @property
+    def waits_for(self) -> str:  # type: ignore[override]
+        """The same, also while it moves."""
+        if self.defect:
+            raise self.defect
+        return "the robot's adaptor"
+
+    def start(self, argv: Sequence[str]) -> bool:
+        self.starts += 1
+        if self.failure:
+            raise self.failure
+        self.before_start()
+        return self.disc.start(argv)
+
+    def stop(self) -> bool:
+        self.stops += 1
+        if self.stop_failure:
+            raise self.stop_failure
+        return self.disc.stop()
+
+    def read(self, state: RobotState) -> bool:
+        if self.failure:
+            raise self.failure
+        self.before_read()
+        return self.disc.read(state)
+
+    def write(self, command: ActorCommand) -> bool:
+        self.commands.append(command)
+        if self.hangs.is_set():
+            self.goes_on.wait(60.0)
+            if self.failure:
+                raise self.failure
+        return self.disc.write(command)
+
+    def hang(self) -> None:
+        """Returns once a call hangs."""
+        count = len(self.commands)
+        self.hangs.set()
+        eventually(lambda: len(self.commands) > count, "a write that hangs")
+
+    def go_on(self) -> None:
+        self.hangs.clear()
+        self.goes_on.set()
+
+
+@pytest.fixture
+def adaptor() -> Watched:
+    return Watched()
+
+
+@pytest.fixture
+def high(adaptor: Watched) -> Iterator[HighController]:
+    high = made(adaptor)
+    yield high
+    adaptor.failure = None
+    high.close()
+    assert adaptor.stops
+
+
+def in_background(call: Any, *arguments: Any) -> tuple[threading.Thread, list[Exception]]:
+    raised: list[Exception] = []
+
+    def run() -> None:
+        try:
+            call(*arguments)
+        except Exception as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    return thread, raised
+
+
+def driving(high: HighController) -> tuple[threading.Thread, list[Exception]]:
+    """A motion that is under way, and what it has raised."""
+    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    return thread, raised
+
+
+def works(high: HighController) -> None:
+    high.move(DriveAt((0.1, 0.0, 0.0), 0.1))
+
+
+def made(adaptor: Watched, **how: Any) -> HighController:
+    """A controller that has started."""
+    high = controller(adaptor, **how)
+    high.start(())
+    return high
+
+
+def test_commands_keep_the_cap_and_the_acceleration(high: HighController, adaptor: Watched) -> None:
+    high.speed_cap = 0.2
+    high.move(DriveAt((5.0, 5.0, 9.0), 0.5))
+    velocities = np.array([command.velocity for command in adaptor.commands])
+    assert np.hypot(velocities[:, 0], velocities[:, 1]).max() == pytest.approx(0.2)
+    assert np.abs(velocities[:, 2]).max() <= BASE_LIMITS.turn_speed
+    turns = np.abs(np.diff(velocities[:, 2]))
+    assert turns.max() <= BASE_LIMITS.turn_acceleration * TICK_S + 1e-9
+
+
+def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor: Watched) -> None:
+    adaptor.is_virtual = True
+    works(high)
+    outlast(IDLE_AFTER_S + 0.2)
+    began, count = time.monotonic(), len(adaptor.commands)
+    pause(1.0)
+    most = (time.monotonic() - began) / IDLE_TICK_S
+    assert 1 <= len(adaptor.commands) - count <= most + 1
+    count = len(adaptor.commands)
+    high.move(DriveAt((0.1, 0.0, 0.0), 1.0))
+    assert len(adaptor.commands) - count > 2 * 1.0 / IDLE_TICK_S
+
+
+def test_a_motion_ends_with_the_defect_of_the_control_loop_and_a_reset_starts_another_loop(
+    high: HighController, adaptor: Watched
+) -> None:
+    for defect, text in ((ValueError("a fault"), "ValueError: a fault"), (SystemExit(3), "SystemExit: 3")):
+        thread, raised = driving(high)
+        adaptor.defect = defect
+        thread.join(60.0)
+        assert f"is stopped: internal fault in 'high controller' ({text})" in str(raised[0])
+        assert text in high.stopped
+        adaptor.defect = None
+        stays(lambda: high.stopped, high_controller.HANG_LIMIT_S)  # a loop that has ended does not hang
+        high.reset_stop()
+        works(high)
+
+
+@pytest.mark.parametrize(
+    ("failure", "text"),
+    [
+        (KeyError("joint"), "KeyError: 'joint'"),
+        (SystemExit("joint"), "SystemExit: joint"),
+        (AdaptorFailed("the arm smokes"), "the arm smokes"),
+    ],
+)
+def test_an_adaptor_that_raises_anything_stops_the_robot_until_a_reset(
+    high: HighController, adaptor: Watched, failure: BaseException, text: str
+) -> None:
+    for where in ("read", "write"):
+        thread, raised = driving(high)
+        if where == "write":
+            adaptor.goes_on.set()
+            adaptor.hangs.set()
+        adaptor.failure = failure
+        thread.join(60.0)
+        assert text in str(raised[0]) and high.stopped == text and not high.is_lost
+        with pytest.raises(AdaptorFailed, match=text):
+            high.reset_stop()  # its start fails
+        adaptor.failure = None
+        adaptor.hangs.clear()
+        high.reset_stop()
+        works(high)
+
+
+def test_an_adaptor_that_was_stopped_after_a_reset_is_started_again(high: HighController, adaptor: Watched) -> None:
+    """As by the thread of a stop that is so slow that a reset is quicker."""
+    thread, raised = driving(high)
+    adaptor.stop()
+    thread.join(60.0)
+    assert str(raised[0]) == "its adaptor was stopped"
+    eventually(lambda: high.stopped == "", "found again")
+    works(high)
+
+
+def test_what_ends_a_motion(high: HighController) -> None:
+    class Wrong:
+        def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+            raise ZeroDivisionError("of its own")
+
+    with pytest.raises(MotionFailed, match="ZeroDivisionError: of its own"):
+        high.move(Wrong())
+    with pytest.raises(MotionFailed, match=r"not done within 0\.2 s"):
+        high.move(DriveAt((0.1, 0.0, 0.0), 60.0), 0.2)
+    thread, raised = driving(high)
+    with pytest.raises(IllegalOrder, match="is moving"):
+        works(high)
+    high.cancel(MotionFailed("enough"))
+    thread.join(60.0)
+    assert [str(error) for error in raised] == ["enough"]
+    eventually(lambda: high.state.velocity[0] == 0.0, "standing")
+
+
+def test_a_lost_robot_shows_why_it_stays_lost_and_obeys_a_stop(
+    high: HighController, adaptor: Watched, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    adaptor.failure = NotReachable("the name is taken")  # no RobotError
+    attempts = adaptor.starts
+    eventually(lambda: adaptor.starts > attempts + 2, "attempts")
+    assert high.stopped == "nobody answers; it can't reconnect: the name is taken"
+    assert sum("the name is taken" in record.getMessage() for record in caplog.records) == 1
+    adaptor.failure = None
+    eventually(lambda: high.stopped == "", "found again")
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    high.emergency_stop("button")
+    assert not high.is_lost
+    with pytest.raises(IllegalOrder, match="is stopped: button"):
+        high.check()  # no RobotLost, after which a program would wait for it
+    adaptor.failure = None
+    stays(lambda: high.stopped == "button", 1.2)
+
+
+def test_the_loop_shows_a_defect_while_the_robot_is_lost_and_who_does_not_answer(
+    high: HighController, adaptor: Watched
+) -> None:
+    def fail() -> None:
+        raise SystemExit("of a library")
+
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    high._before_start = fail
+    eventually(lambda: "SystemExit: of a library" in high.stopped, "the defect")
+    high._before_start, adaptor.failure = lambda: None, None
+    high.reset_stop()
+    works(high)
+    goes_on = threading.Event()
+    high._on_state = lambda state: goes_on.wait(60.0)
+    eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
+    assert high.stopped.startswith("the simulation server did not answer for ")
+    goes_on.set()
+    eventually(lambda: high.stopped == "", "found again")
+
+
+def once(call: Callable[[], None]) -> tuple[Callable[[], None], list[bool]]:
+    """A function that makes this call the first time, and then notes it."""
+    done: list[bool] = []
+
+    def first() -> None:
+        if not done:
+            call()
+            done.append(True)
+
+    return first, done
+
+
+def test_a_stop_works_while_the_adaptor_hangs_or_fails_to_stop(high: HighController, adaptor: Watched) -> None:
+    thread, raised = driving(high)
+    adaptor.hang()
+    adaptor.failure, stops = AdaptorFailed("it was stopped"), adaptor.stops
+    adaptor.stop_failure = KeyError("a unit")
+    high.emergency_stop("button")
+    assert (adaptor.stops, high.stopped, high.is_stop_confirmed) == (stops + 1, "button", False)
+    thread.join(60.0)
+    assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
+    adaptor.go_on()
+    stays(lambda: high.stopped == "button", 0.2)  # what fails now is no other reason
+    with pytest.raises(IllegalOrder, match="is stopped: button"):
+        works(high)
+    adaptor.failure = adaptor.stop_failure = None
+    high.reset_stop()
+    works(high)
+    with pytest.raises(IllegalOrder, match="was not stopped"):
+        high.reset_stop()
+
+
+def test_what_comes_between_leaves_a_robot_stopped(high: HighController, adaptor: Watched) -> None:
+    def refuse(number: int) -> None:
+        raise RobotLost("the server does not answer")
+
+    high.emergency_stop("button")
+    with pytest.raises(RobotLost):
+        high.reset_stop(end=refuse)
+    assert high.stopped == "button" and high.is_stop_confirmed
+    assert not adaptor.disc.read(RobotState())
+    adaptor.before_start, _ = once(lambda: high.lose("nobody answers"))
+    with pytest.raises(IllegalOrder, match="was stopped again: nobody answers"):
+        high.reset_stop()
+    eventually(lambda: high.stopped == "", "found again")
+
+
+def test_a_stop_during_a_reset_or_a_reconnection_stays(high: HighController, adaptor: Watched) -> None:
+    for where in ("before_start", "before_read"):
+        high.emergency_stop("first")
+        setattr(adaptor, where, once(lambda: high.emergency_stop("second"))[0])
+        with pytest.raises(IllegalOrder, match="was stopped again: second"):
+            high.reset_stop()
+        assert high.stopped == "second"
+        assert not adaptor.disc.read(RobotState())
+        high.reset_stop()
+        works(high)
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    adaptor.before_start, done = once(lambda: high.emergency_stop("button"))
+    adaptor.failure = None
+    eventually(lambda: done, "a reconnection")
+    eventually(lambda: high.is_stop_confirmed, "that it stands")  # it has started, and is stopped at once
+    assert (high.stopped, high.is_lost) == ("button", False)
+    assert not adaptor.disc.read(RobotState())
+
+
+@pytest.mark.parametrize("hangs", [False, True])
+def test_a_stop_of_the_latch_reaches_the_adaptor(adaptor: Watched, hangs: bool) -> None:
+    """Whoever has set it, such as while this controller was about to replace another one."""
+    latch = StopLatch()
+    high = made(adaptor, stops=latch, hang_limit_s=600.0)
+    thread, raised = driving(high)
+    if hangs:
+        adaptor.hang()
+    latch.stop("button")
+    thread.join(60.0)
+    assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
+    eventually(lambda: high.is_stop_confirmed, "that it stands")
+    assert adaptor.stops == 1
+    adaptor.go_on()
+    high.close()
+
+
+def test_an_adaptor_that_starts_after_the_end_is_stopped(high: HighController, adaptor: Watched) -> None:
+    adaptor.failure = RobotLost("nobody answers")
+    eventually(lambda: high.stopped == "nobody answers", "lost")
+    adaptor.before_start, done = once(lambda: in_background(high.close)[0].join(0.5))
+    adaptor.failure = None
+    eventually(lambda: done, "a reconnection")
+    eventually(lambda: not adaptor.disc.read(RobotState()), "that it is stopped")
+
+
+def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, adaptor: Watched) -> None:
+    thread, raised = driving(high)
+    adaptor.hangs.set()
+    eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
+    thread.join(60.0)
+    assert isinstance(raised[0], RobotLost) and "the robot's adaptor did not answer for " in str(raised[0])
+    with pytest.raises(RobotLost, match="did not answer"):
+        high.check()
+    high.emergency_stop("button")
+    with pytest.raises(AdaptorFailed, match="still hangs"):
+        high.reset_stop()
+    adaptor.go_on()
+    ticks = len(high.late_s)
+    eventually(lambda: len(high.late_s) > ticks, "ticks again")
+    high.reset_stop()
+    high.check()
+    works(high)
+
+
+class Paused:
+    """A controller whose process can be paused: meanwhile no thread attends, and the loop is between two ticks or in a
+    call of the adaptor."""
+
+    def __init__(self, adaptor: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(high_controller, "LONGEST_CHECK_PAUSE_S", 0.1)
+        monkeypatch.setattr(high_controller, "CHECK_INTERVAL_S", 600.0)
+        self.adaptor, self.pause_s = adaptor, 0.0
+        self._sleep = time.sleep
+        monkeypatch.setattr(high_controller.time, "sleep", self.sleep)
+        self.high = made(adaptor, hang_limit_s=1.0)
+        self.thread, self.raised = in_background(self.high.move, DriveAt((0.2, 0.0, 0.0), 2.0))
+        eventually(lambda: self.high.state.velocity[0] > 0.1, "moving")
+
+    def sleep(self, seconds: float) -> None:
+        pause_s, is_loop = self.pause_s, threading.current_thread().name == "high controller"
+        if is_loop:
+            self.pause_s = 0.0
+        self._sleep(seconds + pause_s * is_loop)
+
+    def pause(self, seconds: float, where: str) -> None:
+        if where == "between ticks":
+            self.pause_s = seconds
+            eventually(lambda: not self.pause_s, "the pause")
+        else:
+            self.adaptor.before_read, _ = once(lambda: self._sleep(seconds))
+        self.thread.join(60.0)
+
+
+@pytest.mark.parametrize("where", ["between ticks", "in a call"])
+def test_after_a_short_pause_of_the_process_the_robot_stops_and_goes_on(
+    adaptor: Watched, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    monkeypatch.setattr(high_controller, "PAUSE_LIMIT_S", 60.0)
+    paused = Paused(adaptor, monkeypatch)
+    paused.pause(1.2, where)
+    assert paused.raised == []
+    assert adaptor.stops == adaptor.starts - 1 >= 1
+    paused.high.close()
+
+
+def test_after_a_long_pause_of_the_process_the_motion_has_failed(
+    adaptor: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(high_controller, "PAUSE_LIMIT_S", 1.1)
+    paused = Paused(adaptor, monkeypatch)
+    paused.pause(1.2, "between ticks")
+    assert "the robot's process was paused for " in str(paused.raised[0])
+    eventually(lambda: paused.high.stopped == "", "found again")
+    paused.high.close()
+
+
+def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, adaptor: Watched) -> None:
+    class Watching:
+        def __init__(self) -> None:
+            self.elapsed: list[float] = []
+
+        def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
+            self.elapsed.append(elapsed_s)
+            return MotionCommand() if elapsed_s < 0.6 else None
+
+    watching = Watching()
+    thread, _ = in_background(high.move, watching)
+    eventually(lambda: len(watching.elapsed) > 5, "running")
+    adaptor.hangs.set()
+    pause(0.5)
+    adaptor.go_on()
+    thread.join(60.0)
+    assert max(np.diff(watching.elapsed)) <= VALID_S + 1e-6
+
+
+def test_the_end_ends_a_motion(adaptor: Watched) -> None:
+    high = made(adaptor, hang_limit_s=1.0)
+    thread, raised = driving(high)
+    high.close()
+    thread.join(60.0)
+    assert [str(error) for error in raised] == ["can't continue: the robot is switched off"]
+    outlast(1.0)  # hang_limit_s
+    high.check_alive()
+    assert high.stopped == ""
+
+
+def test_a_robot_at_rest_is_read_when_somebody_asks_and_wakes_for_a_motion(
+    adaptor: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    adaptor.is_virtual = True
+    high = made(adaptor, rests=lambda: True)
+    eventually(lambda: high.is_idle, "idle")
+    monkeypatch.setattr(high_controller, "REST_TICK_S", 600.0)
+    monkeypatch.setattr(high_controller, "REFRESH_LIMIT_S", 60.0)
+    for _ in range(2):  # a motion ends a rest, and so does the end
+        high.wake()
+        eventually(lambda: high._ticked_at > time.monotonic() + 500.0, "a long rest")
+        state = high.state
+        outlast(2 * high_controller.IDLE_TICK_S)  # older than that of an idle robot
+        high.refresh()
+        assert high.state is not state
+        high.check_alive()  # it rests, and does not hang
+        assert high.stopped == ""
+        eventually(lambda: high._ticked_at > time.monotonic() + 500.0, "a long rest")
+        works(high)
+    high.close()
+
+
+def test_a_stop_at_rest_and_its_end_are_told(adaptor: Watched) -> None:
+    seen: list[str] = []
+    high = controller(adaptor, rests=lambda: True, on_stop=lambda: seen.append(high.stopped))
+    high.start(())
+    high.emergency_stop("button")
+    high.refresh()  # at once: it is not read
+    high.reset_stop()
+    high.close()
+    assert seen == ["", "button", ""]

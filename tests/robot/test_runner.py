@@ -1,0 +1,145 @@
+"""Programs on a virtual robot in one process: a real simulated building, in real time."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from robocorba.robot.agent_state import ProgramReport, ProgramResult
+from robocorba.robot.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, Side
+from robocorba.robot.kinematics.tasks import POSTURES
+from robocorba.robot.programs import icons
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.robot import Robot
+from robocorba.robot.runner import ReceivedEvent, Runner
+from robocorba.simulation.elevator import RidePhase
+from robocorba.simulation.registry import Pose
+from tests.robot.places import Channel, InProcessSession, Place, eventually, robot
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    place = Place(tmp_path_factory.mktemp("place"))
+    yield place
+    place.close()
+
+
+@pytest.fixture
+def session(place: Place, request: pytest.FixtureRequest) -> Iterator[InProcessSession]:
+    session = place.session("A", getattr(request, "param", Pose("L1", 7.0, 2.0)))
+    yield session
+    session.log_off()
+
+
+def at(x: float, y: float, heading: float) -> pytest.MarkDecorator:
+    """Where the robot begins."""
+    return pytest.mark.parametrize("session", [Pose("L1", x, y, heading)], indirect=True)
+
+
+@pytest.fixture
+def smartpal(place: Place, session: InProcessSession) -> Iterator[Robot]:
+    found = robot(place, session)
+    yield found
+    found.controller.close()
+
+
+def run(smartpal: Robot, builder: ProgramBuilder, channel: Channel | None = None) -> tuple[ProgramReport, list[str]]:
+    """How it ended, and the kinds of icons that began."""
+    runner = Runner(builder.program(), smartpal, channel or Channel())
+    report = runner.run()
+    return report, [icon.kind for icon in runner.begun(0)]
+
+
+def test_hands_and_body_go_where_icons_say(smartpal: Robot) -> None:
+    builder = ProgramBuilder("hands").mhand_posture("both", "ready").gripper("left", "open")
+    builder.mhand_pose("right", 0.45, -0.2, 0.95).mhand_offset("right", dz=0.05).lumbar(0.0, 0.2)
+    report, began = run(smartpal, builder)
+    assert (report.result, report.icons_done, report.reason) == (ProgramResult.DONE, 5, "")
+    joints = smartpal.controller.state.joints
+    assert joints[ARM[Side.LEFT]] == pytest.approx(POSTURES["ready"], abs=0.01)
+    assert joints[LUMBAR] == pytest.approx((0.0, 0.2), abs=0.01)
+    assert joints[GRIP[Side.LEFT]] == pytest.approx(OPEN_RAD, abs=0.01)
+    joints[LUMBAR] = 0.0
+    hand = smartpal.kinematics.body.hand(Side.RIGHT, joints)
+    assert hand[:3] == pytest.approx((0.45, -0.2, 1.0), abs=0.005)
+    assert began == ["mhand_posture", "gripper", "mhand_pose", "mhand_offset", "lumbar"]
+
+
+def test_who_calls_from_within_the_cabin_need_not_see_the_doors_open_for_it(tmp_path: Path) -> None:
+    with contextlib.closing(Place(tmp_path)) as place:
+        session = place.session("A", Pose("L1", 5.0, 5.0))
+        smartpal = robot(place, session)
+        with contextlib.closing(smartpal.controller):
+            session.call_elevator("E1", "L2")
+            eventually(lambda: session.state().ride.phase.value > RidePhase.BOARDING.value, "it does not ride")
+            smartpal.wait_for_ride(RidePhase.BOARDING, "E1 did not come", limit_s=1.0)
+            smartpal.wait_for_ride(RidePhase.ALIGHTING, "E1 did not arrive")
+            assert session.latest.at.floor == "L2"
+
+
+@at(6.5, 8.0, 0.0)
+def test_a_sensor_stops_what_is_inside_and_the_program_goes_on(smartpal: Robot) -> None:
+    builder = ProgramBuilder("stop")
+    with builder.stop_if_closer("front", 0.3):
+        builder.mbase_velocity(0.2, 0.0, 0.0, 30.0)
+        builder.say("never", 1)
+    with builder.branch(icons.Result("stopped")):
+        builder.mbase_by(turn=0.5)
+    channel = Channel()
+    report, _ = run(smartpal, builder, channel)
+    assert (report.result, channel.said) == (ProgramResult.DONE, [])
+    state = smartpal.controller.state
+    assert state.heading == pytest.approx(0.5, abs=0.01)
+    assert state.x == pytest.approx(7.5 - 0.4 - 0.3, abs=0.06)  # the shelf, the robot's rim, the distance
+
+
+@at(6.5, 8.0, 0.0)
+def test_a_watch_that_ends_by_a_defect_ends_the_program(smartpal: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The robot would drive on without it."""
+
+    def fail(sensor: str) -> float:
+        raise ValueError("a fault")
+
+    monkeypatch.setattr(smartpal.sensors, "nearest_m", fail)
+    builder = ProgramBuilder("stop")
+    with builder.stop_if_closer("front", 0.3):
+        builder.mbase_velocity(0.2, 0.0, 0.0, 30.0)
+    report, _ = run(smartpal, builder)
+    assert report.result is ProgramResult.FAILED
+    assert "internal fault in 'sensor stop' (ValueError: a fault)" in report.reason
+
+
+def test_events_are_used_up_one_by_one(smartpal: Robot) -> None:
+    builder = ProgramBuilder("events")
+    builder.wait_until(icons.Event("table.*", "B"), 10.0).wait_until(icons.Event("table.*", "B"), 0.2)
+    with builder.branch(icons.Result("timed_out")):
+        builder.say("once", None)
+    channel = Channel()
+    runner = Runner(builder.program(), smartpal, channel)
+    thread = threading.Thread(target=runner.run)
+    thread.start()
+    eventually(lambda: channel.patterns == [("table.*", "B")], "listening")
+    channel.receive(ReceivedEvent("table.up", "C", None))
+    channel.receive(ReceivedEvent("table.up", "B", None))
+    thread.join(60.0)
+    assert channel.said == [("once", None)]
+
+
+@at(2.0, 2.95, -math.pi / 2)
+def test_gripping_carries_an_object(smartpal: Robot, session: InProcessSession) -> None:
+    builder = ProgramBuilder("grip").mhand_posture("both", "reach").gripper("left", "close", force=5.0, object="T1")
+    with builder.branch(icons.Holding("left")):
+        builder.say("held", None)
+    builder.gripper("left", "open")
+    channel = Channel()
+    report, _ = run(smartpal, builder, channel)
+    assert (report.result, report.reason) == (ProgramResult.DONE, "")
+    assert channel.said == [("held", None)]
+    assert session.state().holding == ""
