@@ -61,6 +61,8 @@ def check_both_ways(at: Channels, expiry_s: float = 60.0) -> None:
     for consumer in consumers.values():
         consumer.subscription.end()
     for here, there in (LINK, LINK[::-1]):
+        # What is not acknowledged is sent again to a channel that forgets that it has come.
+        eventually(lambda a=here, b=there: at.outgoing(a, b).events.queued == 0, LIMIT_S, "acknowledgements")
         for state in (at.outgoing(here, there), at.incoming(here, there)):
             counts = Counts.of(state.events)
             assert (counts.discarded, counts.expired) == (0, 0)
