@@ -33,9 +33,13 @@ DOMAIN = {
     "bridges.openrtm": "errors simulation",
     "missions": "errors map_editor planning robot simulation",
 }
-#: Rooms of the package, each with the paper's word for it or that of what the parts share.
-ROOMS = {"bridges", "commands", "console", "errors", "events", "map_editor", "missions", "orb", "planning", "robot"}
-ROOMS |= {"simulation", "system"}
+#: Rooms, bottom up, each with its parts in CORBA: none imports one above it. What starts processes knows all of them.
+LAYERS = (
+    *("errors", "system", "orb", "map_editor", "planning", "events", "simulation", "robot", "missions"),
+    *("system.corba", "system.supervision", "bridges", "console", "commands"),
+)
+#: Rooms that only these import.
+IMPORTED_BY = {"bridges": {"commands"}, "console": {"commands"}}
 #: What every room may use.
 COMMON = {
     "robocorba.__version__",
@@ -107,7 +111,7 @@ def faults(path: str, text: str) -> list[str]:
     if room in DOMAIN:
         allowed = {f"robocorba.{name}" for name in (room, *DOMAIN[room].split())} | COMMON
         strange = used - set(within(used, allowed | PROGRAMS))
-        strange |= {name for name in used if ".corba." in name}
+        strange |= {name for name in used if "corba" in name.split(".")}
         found += [f"domain code imports {name}" for name in within(strange, CORBA | {"robocorba"})]
         if "cached_property" in names:
             found.append("uses cached_property, whose lock robocorba.system.lazy_property does without")
@@ -278,8 +282,24 @@ def test_sources_keep_the_rules() -> None:
 
 def test_there_are_few_rooms() -> None:
     folders = {file.relative_to(ROOT).parts[1] for file in OURS.values() if len(file.relative_to(ROOT).parts) > 2}
-    assert folders == ROOMS
+    assert folders == {layer.split(".")[0] for layer in LAYERS}
     assert {file.name for file in (ROOT / "robocorba").glob("*.py")} == {"__init__.py", "__main__.py"}
+
+
+def test_rooms_import_what_lies_below() -> None:
+    def layer(module: str) -> str:
+        parts = module.split(".")[1:]
+        return found if (found := ".".join(parts[:2])) in LAYERS else parts[0]
+
+    between = {(layer(one), layer(other)): (one, other) for one, other in arrows(OURS).edges if "__main__" not in one}
+    upward = {
+        modules
+        for (one, other), modules in between.items()
+        if LAYERS.index(one) < LAYERS.index(other) or (one != other and one not in IMPORTED_BY.get(other, {one}))
+    }
+    assert upward == set()
+    for room, others in IMPORTED_BY.items():
+        assert {one for one, other in between if other == room} == {room, *others}
 
 
 def test_one_place_escapes_what_programs_print_and_one_decodes_into_types() -> None:

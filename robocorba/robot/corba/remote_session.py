@@ -23,6 +23,7 @@ from robocorba.orb.calls import describe, set_call_timeout
 from robocorba.orb.exceptions import domain_error
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import translated
+from robocorba.robot.corba import robot_states
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.session import SessionState
 from robocorba.simulation.corba import scans, sessions
@@ -107,7 +108,7 @@ class RemoteSession:
                     references.slow_session.deregister()
 
     def state(self) -> SessionState:
-        self._latest = found = sessions.session_state_of(self._repeat(lambda to: to.session.state()))
+        self._latest = found = robot_states.session_state_of(self._repeat(lambda to: to.session.state()))
         return found
 
     def heartbeat(self) -> None:

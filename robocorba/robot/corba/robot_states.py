@@ -1,4 +1,4 @@
-"""Conversion between IDL structs and domain values: adaptors' states and commands, agents' states, program reports."""
+"""Conversion between IDL structs and domain values: states of sessions, adaptors and agents, commands, reports."""
 
 from __future__ import annotations
 
@@ -13,8 +13,22 @@ from robocorba.orb.structs import Converter, enumeration, struct_converter
 from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.robot.programs.report import CheckReport
-from robocorba.simulation.corba.sessions import pose_of
+from robocorba.robot.session import SessionState
+from robocorba.simulation.corba.sessions import pose_of, ride_of
 from robocorba.stubs import RoboCorba
+
+
+def session_state_of(struct: Any) -> SessionState:
+    moving = struct.moving
+    return SessionState(
+        struct.time,
+        pose_of(struct.at),
+        (moving.ahead, moving.left, moving.turn),
+        struct.holding,
+        ride_of(struct.riding),
+        struct.collisions,
+        struct.touched,
+    )
 
 
 def actor_state(state: RobotState) -> Any:

@@ -16,7 +16,6 @@ from robocorba.map_editor.spatial.pose import Limits, Pose, RobotMotion
 from robocorba.map_editor.spatial.posture import Posture
 from robocorba.orb.exceptions import register, register_system, register_with
 from robocorba.orb.structs import Converter, struct_converter
-from robocorba.robot.session import SessionState
 from robocorba.simulation.elevator import RidePhase, RideStatus
 from robocorba.simulation.emergency_stops import StopAnswer, StopHold, StopState
 from robocorba.simulation.load_balance import Load, SensorServer
@@ -80,19 +79,6 @@ def description(about: Description) -> Any:
 def robot_state(state: RobotMotion, holding: str, riding: RideStatus | None, collisions: int, touched: str) -> Any:
     return _RobotStateStruct(
         state.time, state.pose, _VelocityStruct(*state.velocity), holding, ride(riding), collisions, touched
-    )
-
-
-def session_state_of(struct: Any) -> SessionState:
-    moving = struct.moving
-    return SessionState(
-        struct.time,
-        pose_of(struct.at),
-        (moving.ahead, moving.left, moving.turn),
-        struct.holding,
-        ride_of(struct.riding),
-        struct.collisions,
-        struct.touched,
     )
 
 
