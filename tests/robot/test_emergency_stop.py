@@ -236,10 +236,11 @@ class RobotSession:
 
 
 class Stop:
-    """A stop that no later reset has ended. is_durable: it outlives the robot's process."""
+    """A stop that no later reset has ended. is_durable: it outlives the robot's process. is_own: a defect of that
+    process, which ends with it, and is not reported."""
 
-    def __init__(self, began: int, is_durable: bool) -> None:
-        self.began, self.is_durable = began, is_durable
+    def __init__(self, began: int, is_durable: bool, is_own: bool = False) -> None:
+        self.began, self.is_durable, self.is_own = began, is_durable, is_own
 
 
 class World:
@@ -250,7 +251,7 @@ class World:
         self.folder, self._now = folder, 0
         self.standing: list[Stop] = []
         self.script: Script = []
-        self.is_away = self.is_driving = self.body_moves = self.is_all_stopped = False
+        self.is_away = self.is_driving = self.body_moves = self.is_all_stopped = self.is_switching = False
         self._calls_about_stops = self.reset_began = 0
         self._server = contextlib.ExitStack()
         self.start_server()
@@ -296,7 +297,8 @@ class World:
             self._calls_about_stops -= 1
 
     def happen(self, what: str) -> None:
-        if what not in ("report", "reset") or not self._calls_about_stops:
+        is_busy = self._calls_about_stops or (what == "reset" and self.is_switching)  # another thread waits then
+        if what not in ("report", "reset") or not is_busy:
             getattr(self, what)()
 
     def lose(self) -> None:
@@ -399,7 +401,7 @@ class World:
         """A defect ends the control loop."""
         assert Stepped.last
         if Stepped.last._is_looping:
-            self.standing.append(Stop(self.moment(), False))
+            self.standing.append(Stop(self.moment(), False, is_own=True))
             Stepped.last._loop_failed("a defect")
 
     def report(self) -> None:
@@ -428,7 +430,7 @@ class World:
         self.is_driving = self.body_moves = self.is_away = False
         self.expire()
         self.admit()
-        self.standing = [stop for stop in self.standing if stop.is_durable]
+        self.standing = [stop for stop in self.standing if stop.is_durable and not stop.is_own]
         self.start_robot()
 
     @property
@@ -493,9 +495,10 @@ class Stops(RuleBasedStateMachine):
 
     @rule(script=meanwhile, adaptor=st.sampled_from(ADAPTORS))
     def switch(self, script: Script, adaptor: str) -> None:
-        self.world.script = script
-        with contextlib.suppress(Exception):  # a server that is away at the wrong moment ends both attempts
+        self.world.script, self.world.is_switching = script, True
+        with contextlib.suppress(RobotError):  # a server that is away at the wrong moment ends both attempts
             self.world.control.switch(adaptor, ())
+        self.world.is_switching = False
 
     @rule(script=meanwhile, number=st.integers(1, 3))
     def cycle(self, script: Script, number: int) -> None:
@@ -557,6 +560,7 @@ class Stops(RuleBasedStateMachine):
         world.is_driving = world.body_moves = False  # commands hold for 0.1 s
         for _ in range(2):
             controller.cycle()
+        assert world.control.stopped or not world.control._controller.is_closed, "it has no adaptor, and shows no stop"
         if world.control.stopped:
             assert not any(adaptor.write(ActorCommand()) for adaptor in world.adaptors), "an adaptor is started"
         if world.standing:
