@@ -91,10 +91,14 @@ def check_name(name: str, field: str = "name") -> str:
     return name
 
 
-@functools.lru_cache(maxsize=4 * MAX_CHANNELS)
 def is_name(text: str) -> bool:
     """Whether a channel can have this name."""
-    return re.fullmatch(rf"[A-Za-z0-9_][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}", text) is not None
+    return len(text) <= MAX_NAME and _has_valid_characters(text)
+
+
+@functools.lru_cache(maxsize=4 * MAX_CHANNELS)
+def _has_valid_characters(text: str) -> bool:
+    return re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", text) is not None
 
 
 class Federation:

@@ -288,7 +288,8 @@ class Gateway:
                 feed.note_reached()
         self._in_force = interest
         self._problem = ""
-        self._on_advertisements(answer)
+        if not self._is_ended:  # then the channel's store may be closed
+            self._on_advertisements(answer)
 
     def _set_problem(self, problem: str) -> None:
         self._problem, self._is_joined = problem, False
