@@ -24,7 +24,7 @@ from robocorba.planning.request import MAX_ALTERNATIVES, MAX_AREAS, SMARTPAL_RAD
 from robocorba.stubs import RoboCorba
 from robocorba.system.names import SENSORS
 from robocorba.system.settings import Address
-from testkit.json_process import kit_command
+from testkit.json_process import checkout_command
 from testkit.processes import Launcher
 from testkit.simulation import NO_MOUNT, NO_NOISE
 
@@ -105,7 +105,7 @@ def greedy_clients(launch: Launcher, naming: Address, calls: str, count: int) ->
     if not count:
         yield
         return
-    process = launch(*kit_command(__name__, str(naming), calls, str(count)))
+    process = launch(*checkout_command(__name__, str(naming), calls, str(count)))
     assert process.stdout is not None and process.stdin is not None
     assert process.stdout.readline() == "ready\n"
     try:

@@ -69,12 +69,7 @@ class Process(LoggedProcess):
 
 
 def checkout_command(module: str, *arguments: str) -> tuple[str, ...]:
-    """The command line of a module of the repository, which is found by the current directory."""
-    return (sys.executable, "-m", module, *arguments)
-
-
-def kit_command(module: str, *arguments: str) -> tuple[str, ...]:
-    """The command line of a module of testkit, in any directory."""
+    """The command line of a module of the repository, such as one of testkit, in any directory."""
     return ("env", f"PYTHONPATH={ROOT}", *module_command(module, *arguments))
 
 

@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
-from testkit.json_process import Process, kit_command
+from testkit.json_process import Process, checkout_command
 
 CLONE_NEWNET = 0x40000000
 TUNSETIFF = 0x400454CA
@@ -117,7 +117,7 @@ def own_network() -> None:
 
 def start_router(devices: Sequence[int], folder: Path, cores: Sequence[int] = ()) -> Process:
     """Start testkit.router between two TUN devices; it is ready for commands."""
-    command = kit_command("testkit.router", *map(str, devices))
+    command = checkout_command("testkit.router", *map(str, devices))
     router = Process(command, folder / "router.log", cores, pass_fds=devices)
     router.receive(START_LIMIT_S)
     return router

@@ -25,7 +25,7 @@ from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_database import RemoteFloor
 from robocorba.stubs import RoboCorba
 from testkit.heartbeats import heartbeats
-from testkit.json_process import kit_command
+from testkit.json_process import checkout_command
 from testkit.processes import Launcher, Running, eventually, running_system
 
 #: Time within which a dead robot's name, place and slot are free again [s].
@@ -206,7 +206,7 @@ def error_lines(state: Path) -> list[str]:
 
 # ---- kills ----
 
-CLIENT = kit_command("testkit.simulation_client")
+CLIENT = checkout_command("testkit.simulation_client")
 CLIENTS, ROBOTS_EACH = 3, 4
 #: Speed of the clients' robots [m/s].
 CLIENT_SPEED = 0.5

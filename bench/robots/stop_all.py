@@ -31,7 +31,7 @@ from testkit.report import at_most, summarize
 
 #: Time after the fleet's start, and between rounds [s]. Timeout of a command [s], and how often the reset is repeated.
 SETTLE_S, COMMAND_LIMIT_S, MAX_RESETS = 40.0, 120.0, 5
-#: Within so many seconds all robots are shown to stand.
+#: Maximum time until all robots are shown to stand [s].
 MAX_STAND_S = 10.0
 
 
@@ -59,21 +59,19 @@ def round_of(system: Running, fleet: dict[str, Robot]) -> dict[str, Any]:
     stop_s, said = stop_all(system, "--state", str(system.state))
     shown = sum("\tstands" in line for line in said.splitlines())
     stopped = in_condition(fleet.values(), AgentCondition.STOPPED)
-    resets, left, reset_s = 0, len(fleet), 0.0
-    first_left = 0
-    while left and resets < MAX_RESETS:
+    left, reset_s = [len(fleet)], 0.0
+    while left[-1] and len(left) <= MAX_RESETS:
         seconds, _ = stop_all(system, "--reset")
-        resets, reset_s = resets + 1, reset_s + seconds
-        left = len(fleet) - in_condition(fleet.values(), AgentCondition.IDLE, AgentCondition.RUNNING)
-        first_left = left if resets == 1 else first_left
+        reset_s += seconds
+        left.append(len(fleet) - in_condition(fleet.values(), AgentCondition.IDLE, AgentCondition.RUNNING))
     return {
         "robots": len(fleet),
         "shown to stand": shown,
         "stopped": stopped,
         "after, s": stop_s,
-        "left by the first reset": first_left,
-        "resets": resets,
-        "left": left,
+        "left by the first reset": left[1],
+        "resets": len(left) - 1,
+        "left": left[-1],
         "resets took, s": reset_s,
         "load": os.getloadavg()[0],
     }

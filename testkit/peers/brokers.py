@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
-from testkit.json_process import kit_command
+from testkit.json_process import checkout_command
 from testkit.peers.base import START_LIMIT_S, Peer, Receive, Supplier, server, split
 from testkit.peers.forwarders import zenoh_session, zmq_context, zmq_socket
 from testkit.processes import eventually
@@ -17,7 +17,7 @@ from testkit.processes import eventually
 TOPIC = "bench/events"
 #: Number of events after which a flood lets the client of NATS write.
 NATS_TOGETHER = 100
-_FORWARDER = kit_command("testkit.peers.forwarders")
+_FORWARDER = checkout_command("testkit.peers.forwarders")
 
 
 @contextlib.contextmanager

@@ -28,7 +28,7 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.system.settings import Address
 from robocorba.system.supervision.launch import module_command
 from robocorba.system.supervision.system import find_omninames
-from testkit.json_process import kit_command
+from testkit.json_process import checkout_command
 from testkit.peers.base import (
     PAYLOAD_BYTES,
     START_LIMIT_S,
@@ -251,7 +251,7 @@ def relay_ends(address: str) -> Iterator[tuple[Orb, Any]]:
 
 RELAY = Peer(
     "a bare Python relay",
-    server(*kit_command("testkit.peers.forwarders", "relay", "{0}")),
+    server(*checkout_command("testkit.peers.forwarders", "relay", "{0}")),
     partial(plain_supplier, relay_ends),
     partial(consumers, relay_ends, consume_plain),
 )

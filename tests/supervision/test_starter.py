@@ -25,7 +25,7 @@ from robocorba.system.supervision.launch import LoggedProcess, ModuleRun
 from robocorba.system.supervision.output import Pipe
 from robocorba.system.supervision.starter import Child, Starter
 from robocorba.system.supervision.warm_parent import ENVIRONMENT
-from testkit.json_process import kit_command
+from testkit.json_process import checkout_command
 from testkit.nursery import ForkedProcess, Nursery
 from testkit.processes import ROBOCORBA, Launcher, command_line, eventually, is_running, read_json
 
@@ -387,7 +387,7 @@ def test_it_is_a_child_of_this_process(nursery: Nursery, options: dict[str, Any]
 
 
 def test_what_is_not_forked(nursery: Nursery, options: dict[str, Any]) -> None:
-    client = kit_command("testkit.simulation_client", "127.0.0.1:2809")
+    client = checkout_command("testkit.simulation_client", "127.0.0.1:2809")
     for command in ((sys.executable, "-c", ""), ("omniNames", "-start"), (ROBOCORBA, "--help"), client):
         assert nursery.start(command, **options) is None
     options["env"]["NUMBA_CACHE_DIR"] = "/elsewhere"
