@@ -74,5 +74,5 @@ def patient_planners() -> Iterator[None]:
 def kernels(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Compile once what servers and robots use, and load it, before any test's clock runs."""
     assert compile_kernels(lambda progress: None, tmp_path_factory.mktemp("compilation"))
-    for load in STEPS.values():
+    for load in STEPS:
         load()

@@ -117,7 +117,7 @@ def _place_aside(floor: FloorObstacles, area: BaseGeometry, robot: StandingRobot
     box = max(x0, robot.x - RANGE_M), max(y0, robot.y - RANGE_M), min(x1, robot.x + RANGE_M), min(y1, robot.y + RANGE_M)
     here = np.array([robot.x, robot.y, 0.0])
     lattice = lay_lattice(floor.grid, box, here, robot.radius_m + ASIDE_GAP_M + 0.1)
-    low_x, low_y, _, step = lattice.frame[:4].tolist()
+    low_x, low_y, step = lattice.x, lattice.y, lattice.step
     row, column = round((robot.y - low_y) / step), round((robot.x - low_x) / step)
     passing_m = min(robot.radius_m + PASSING_M, float(lattice.open_m[row, column]) - 1e-6)
     path_m = distances_to_goal(lattice, here[None], passing_m)
