@@ -36,7 +36,7 @@ class Reports:
 
     def record_scan(self, robot: str | None, at: Pose, mount: Mount, spec: ScanSpec, result: ScanResult) -> None:
         """Count a scan, and keep it as the last one of `robot`, which is at a pose, unless that is None."""
-        scan = _robot_scan(robot, at, mount, spec, result) if robot is not None else None
+        scan = robot_scan(robot, at, mount, spec, result) if robot is not None else None
         with self._lock:
             self._scans += 1
             if scan:
@@ -66,7 +66,8 @@ class Reports:
         return last.all()
 
 
-def _robot_scan(robot: str, at: Pose, mount: Mount, spec: ScanSpec, result: ScanResult) -> RobotScan:
+def robot_scan(robot: str, at: Pose, mount: Mount, spec: ScanSpec, result: ScanResult) -> RobotScan:
+    """The scan of a robot at a pose, from a result that has one row of distances."""
     fan, noise, distances = spec.fan, spec.noise, result.distances[0]
     return RobotScan(
         *(robot, result.time, at, mount, fan.first_rad, fan.step_rad, fan.range_m, spec.rim_m),

@@ -17,11 +17,11 @@ from robocorba.map_editor.spatial.floor_update import FloorUpdate
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
-from robocorba.simulation.sensing.fan import LASER, PROXIMITY, Fan
+from robocorba.simulation.sensing.fan import Fan
 from robocorba.simulation.sensing.floor_follower import QUIET_INTERVAL_S, SCAN_WINDOW_S, FloorFollower
 from robocorba.simulation.sensing.noise import disturb
 from robocorba.simulation.sensing.reports import Reports
-from robocorba.simulation.sensing.scan import Mount, Noise, ScanSpec
+from robocorba.simulation.sensing.scan import LASER, PROXIMITY, Mount, Noise, ScanSpec
 from robocorba.simulation.sensing.virtual_sensor import LAG_LIMIT_S, MAX_RAYS_AT_ONCE, VirtualSensor
 from tests.clock import Clock
 from tests.simulation.places import robot, tower
