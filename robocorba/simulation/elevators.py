@@ -57,7 +57,8 @@ class Elevators:
         floors = floors or {name: name for name in building.floors}
         before, self._served = self._served, building.elevators
         former_shafts, shafts = dict(self._shafts), {}
-        changed: dict[str, str] = {}
+        #: New cabins, and the floors on which those of the former elevators are.
+        changed: dict[str, tuple[Cabin, str]] = {}
         for name, elevator in building.elevators.items():
             origin = lineage.origin(ElementKind.ELEVATOR, "", name)
             former = origin.name if origin else ""
@@ -72,14 +73,12 @@ class Elevators:
                 shaft.cabin.rename(elevator, floors)
                 shaft.rename(floors)
             else:
-                changed[name] = floors.get(shaft.cabin.floor, "") if shaft else ""
+                changed[name] = Cabin(elevator, heights, now), floors.get(shaft.cabin.floor, "") if shaft else ""
         for shaft in former_shafts.values():
             self._remove(shaft, floors)
-        for name, former_floor in changed.items():
-            elevator = building.elevators[name]
-            heights = {floor: building.floors[floor].floor.elevation for floor in elevator.floors()}
-            landings = {floor: landing_doors(building, name, floor) for floor in heights}
-            shafts[name] = self._added(Cabin(elevator, heights, now), landings, former_floor)
+        for name, (cabin, former_floor) in changed.items():
+            landings = {floor: landing_doors(building, name, floor) for floor in cabin.heights}
+            shafts[name] = self._added(cabin, landings, former_floor)
         self._shafts = shafts
         self.cabins = {name: shafts[name].cabin for name in building.elevators}
 

@@ -64,12 +64,8 @@ MAP_ATTACHMENT = "building.yaml.gz"
 TOPIC_PREFIX = "floor/"
 #: The other topics.
 POSTURES, SCANS, MISSIONS = "postures", "scans", "missions"
-#: Encoding of the messages, but for missions, which are JSON.
-ENCODING = "msgpack"
 #: Interval between chunks [s]: a killed recorder loses no more than this.
 CHUNK_S = 1.0
-#: Maximum gap between two recorded updates of a floor [s].
-MAX_GAP_S = 1.0
 #: Nanoseconds per second.
 NS_PER_S = 1_000_000_000
 #: Maximum size of a map, and of a chunk with its messages, decompressed [bytes]. The recorder writes chunks of 1 MiB,
@@ -80,8 +76,6 @@ MAX_MAP_BYTES, MAX_CHUNK_BYTES = 64 * 2**20, 16 * 2**20
 MAX_FLOORS, MAX_STATE_BYTES = 1000, 64 * 2**20
 #: Maximum time from the first update to any other one [s]: a year. Players step through it.
 MAX_DURATION_S = 366 * 86400.0
-#: Maximum length of a topic [characters]; names of floors have 80.
-_MAX_TOPIC = 200
 
 SCHEMA = b"""// RoboCorba::FloorUpdate of omni_database.idl in msgpack: a struct is a map from the names of its members,
 // an enumerator its number, counted from 0.
@@ -166,6 +160,7 @@ class Recorder:
         self._flushed_at = 0.0
         #: POSIX time of the last update of each floor [s].
         self._written_at: dict[str, float] = {}
+        self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         document = gzip.compress(native.dumps(building).encode(), mtime=0)
         with _translating_write_errors(path):
@@ -173,14 +168,13 @@ class Recorder:
             self._writer = Writer(self._file)
             self._writer.start(PROFILE, f"robocorba {__version__}")
             self._writer.add_attachment(0, 0, MAP_ATTACHMENT, "application/gzip", document)
-            self._schema = self._writer.register_schema("RoboCorba/FloorUpdate", "omgidl", SCHEMA)
+            self._register_schema("RoboCorba/FloorUpdate", SCHEMA)
         self.flush()
 
     def write(self, update: FloorUpdate, at_s: float) -> None:
         """Add an update that was received at POSIX time `at_s` [s]. Raises InvalidRecording."""
-        with _translating_write_errors(self.path):
-            log_time, publish_time = round(at_s * NS_PER_S), round(update.time * NS_PER_S)
-            self._writer.add_message(self._channel(update.floor), log_time, dumps(update), publish_time, self.count)
+        topic = f"{TOPIC_PREFIX}{update.floor}"
+        self._add(topic, "RoboCorba/FloorUpdate", SCHEMA, dumps(update), at_s, update.time, self.count)
         self.count += 1
         if not 0.0 <= at_s - self._flushed_at < CHUNK_S:
             self._flushed_at = at_s
@@ -189,8 +183,8 @@ class Recorder:
     def write_changes(self, changes: SystemChanges, at_s: float) -> None:
         """Add what was received at POSIX time `at_s` [s]. Raises InvalidRecording."""
         for update in changes.updates:
-            # Unchanged floors are recorded too, if rarely, to record the passing of time. POSIX times are rounded.
-            if update.version != update.since or at_s - self._written_at.get(update.floor, 0.0) > MAX_GAP_S - 0.01:
+            # Unchanged floors are recorded each second, to record the passing of time. POSIX times are rounded.
+            if update.version != update.since or at_s - self._written_at.get(update.floor, 0.0) > 1.0 - 0.01:
                 self.write(update, at_s)
                 self._written_at[update.floor] = at_s
         for posture in changes.postures:
@@ -214,26 +208,27 @@ class Recorder:
         InvalidRecording."""
         self._add(MISSIONS, "", b"", dump_mission(name, content), at_s, time_s)
 
-    def _add(self, topic: str, schema: str, text: bytes, data: bytes, at_s: float, time_s: float) -> None:
+    def _add(
+        self, topic: str, schema: str, text: bytes, data: bytes, at_s: float, time_s: float, number: int = 0
+    ) -> None:
+        """schema, text: name and content of the schema of msgpack; without a name the data is JSON."""
         with _translating_write_errors(self.path):
             if topic not in self._channels:
-                number = self._writer.register_schema(schema, "omgidl", text) if schema else 0
-                encoding = ENCODING if schema else "json"
-                self._channels[topic] = self._writer.register_channel(topic, encoding, number)
+                schema_id = self._register_schema(schema, text) if schema else 0
+                self._channels[topic] = self._writer.register_channel(topic, "msgpack" if schema else "json", schema_id)
             log_time, publish_time = round(at_s * NS_PER_S), round(time_s * NS_PER_S)
-            self._writer.add_message(self._channels[topic], log_time, data, publish_time)
+            self._writer.add_message(self._channels[topic], log_time, data, publish_time, number)
+
+    def _register_schema(self, name: str, text: bytes) -> int:
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(name, "omgidl", text)
+        return self._schemas[name]
 
     def flush(self) -> None:
         """Write the current chunk, which then survives a kill of this process. Raises InvalidRecording."""
         with _translating_write_errors(self.path):
             self._writer.flush()
         self.size = self._file.tell()
-
-    def _channel(self, floor: str) -> int:
-        topic = f"{TOPIC_PREFIX}{floor}"
-        if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(topic, ENCODING, self._schema)
-        return self._channels[topic]
 
     def __enter__(self) -> Recorder:
         return self
@@ -394,11 +389,11 @@ class Recording:
                 for record in _records_of(Chunk.read(stream)):
                     self._check()
                     if isinstance(record, Channel):
-                        topics[record.id] = record.topic[: _MAX_TOPIC + 1]
+                        topics[record.id] = record.topic[:201]
                     else:
                         topic = topics[record.channel_id]
-                        if len(topic) > _MAX_TOPIC:
-                            raise LimitExceeded("a topic", f"more than {_MAX_TOPIC}", _MAX_TOPIC, "characters")
+                        if len(topic) > 200:  # names of floors have 80
+                            raise LimitExceeded("a topic", "more than 200", 200, "characters")
                         floor = topic.removeprefix(TOPIC_PREFIX) if topic.startswith(TOPIC_PREFIX) else ""
                         if floor or topic in _LOADERS:
                             yield _RecordedMessage(topic, floor, record.log_time, record.data)

@@ -26,13 +26,6 @@ def world() -> SimulatedBuilding:
     return SimulatedBuilding(tower())
 
 
-def test_closed_landing_doors_stop_a_robot(world: SimulatedBuilding) -> None:
-    enter(world, "A", "L2", 5.0, 2.5, math.pi / 2)
-    world.occupants.robots["A"].command(0.5, 0.0, 0.0, 5.0)
-    run(world, 6.0)
-    assert world.occupants.pose("A").y == pytest.approx(3.6, abs=0.02)
-
-
 def into_the_cabin(world: SimulatedBuilding, name: str, y: float) -> None:
     """Drive a robot that faces the doors of E1 straight in."""
     while world.elevators.rides[name].phase is RidePhase.WAITING:

@@ -3,7 +3,6 @@ the time of leases; sensor servers."""
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections import Counter
 from collections.abc import Iterator
@@ -23,7 +22,6 @@ from robocorba.errors.simulation import (
     SensorRefused,
     ServerFull,
     SessionExpired,
-    UnknownRobot,
 )
 from robocorba.map_editor.model import ElementKind
 from robocorba.map_editor.spatial.pose import Limits, Pose
@@ -46,7 +44,6 @@ from robocorba.simulation.world_record import (
     RobotRecord,
     WorldRecord,
 )
-from testkit.processes import eventually
 from tests.clock import Clock
 from tests.simulation.places import robot, scan, tower
 
@@ -113,26 +110,6 @@ def test_an_exchange_of_areas_that_cannot_be_stored_is_undone(agent: ManagementA
         assert agent.simulated.reservations.requests["B"].areas == (ROOM,)
 
 
-def test_a_silent_robot_is_logged_off_by_the_thread(store: SimulationStore) -> None:
-    gone: list[Session] = []
-    agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)
-    with contextlib.closing(agent):
-        agent.start()
-        agent.begin_leases()
-        silent, alive = agent.register(robot("A")), agent.register(robot("B", x=4.0))
-
-        def is_gone() -> bool:
-            alive.heartbeat()
-            return bool(gone)
-
-        eventually(is_gone)
-        assert gone == [silent]
-        eventually(lambda: [record.name for record in store.clients()] == ["B"])
-        agent.register(robot("A"))
-        with pytest.raises(UnknownRobot):
-            agent.evict("C")
-
-
 def test_robots_on_a_floor_that_the_map_lost_are_logged_off(store: SimulationStore) -> None:
     gone: list[Session] = []
     agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)
@@ -148,23 +125,6 @@ def test_robots_on_a_floor_that_the_map_lost_are_logged_off(store: SimulationSto
     agent.close()
     assert [record.name for record in store.clients()] == ["B"]
     assert (agent.state.robots, agent.state.map_version) == (1, 8)
-
-
-def test_a_robot_does_not_inherit_the_ride_of_an_earlier_robot_of_its_name(store: SimulationStore) -> None:
-    """As after a kill before the state was written again."""
-    agent = ManagementAgent(tower(), 7, store)
-    session = agent.register(robot("A"))
-    session.call_elevator("E1", "L2")
-    session.deregister()
-    agent.register(robot("A"))
-    assert ManagementAgent(tower(), 7, store).simulated.elevators.rides == {}
-
-
-def test_of_two_records_of_a_name_the_later_one_counts(store: SimulationStore) -> None:
-    for key in ("old", "new"):
-        store.save_client(ClientRecord.of(key, 1.0, robot("A")))
-    assert list(ManagementAgent(tower(), 7, store).sessions) == ["new"]
-    assert [record.key for record in store.clients()] == ["new"]
 
 
 def test_invalid_settings_are_refused(agent: ManagementAgent, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon, box
 
 from robocorba.simulation import bodies, physics
-from robocorba.simulation.physics import STEP_S, STILL_CHECK_STEPS, Contact, FloorPhysics, Limits
+from robocorba.simulation.physics import STEP_S, STILL_CHECK_STEPS, FloorPhysics, Limits
 from robocorba.simulation.static_parts import MAX_CHANGES, static_parts
 
 RADIUS_M = 0.4
@@ -28,7 +28,7 @@ def robot(
     floor.add_robot(name, (x, y, heading), RADIUS_M, 127.0, limits or Limits())
 
 
-def run(floor: FloorPhysics, seconds: float) -> list[Contact]:
+def run(floor: FloorPhysics, seconds: float) -> list[tuple[str, str]]:
     return [contact for _ in range(round(seconds / STEP_S)) for contact in floor.step().contacts]
 
 

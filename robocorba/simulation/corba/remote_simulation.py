@@ -19,18 +19,18 @@ from robocorba.simulation.robot_scans import IDLE_INTERVAL_S, LastScan, RobotSca
 from robocorba.simulation.sensor_admission import proof_of
 from robocorba.stubs import RoboCorba
 
-#: Timeouts to resolve the servers at start, and of calls [s].
-START_TIMEOUT_S, CALL_TIMEOUT_S = 300.0, 1.0
+#: Timeout of calls [s].
+CALL_TIMEOUT_S = 1.0
 
 
 class RemoteSimulation:
-    """Raises NotReachable if the servers are not found within `timeout_s`, and in calls while they do not answer."""
+    """Raises NotReachable if the servers are not found within 300 s, and in calls while they do not answer."""
 
-    def __init__(self, orb: Orb, timeout_s: float = START_TIMEOUT_S) -> None:
+    def __init__(self, orb: Orb) -> None:
         self._orb = orb
-        self._server = orb.resolve("SimulationServer", RoboCorba.SimulationServer, timeout_s, CALL_TIMEOUT_S)
+        self._server = orb.resolve("SimulationServer", RoboCorba.SimulationServer, 300.0, CALL_TIMEOUT_S)
         self._registration: Any = None
-        self._database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, timeout_s, CALL_TIMEOUT_S)
+        self._database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, 300.0, CALL_TIMEOUT_S)
 
     def changes(self, floor: str, since: int) -> FloorUpdate:
         """Changes of a floor since a version. Raises UnknownFloor, NotReachable."""

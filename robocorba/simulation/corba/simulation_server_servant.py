@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from omniORB import CORBA
 
@@ -13,6 +13,7 @@ from robocorba.errors.simulation import SensorRefused
 from robocorba.orb.exceptions import translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.simulation.corba import scans, sessions
+from robocorba.simulation.corba.registered_sensors import RegisteredSensors
 from robocorba.simulation.emergency_stops import EmergencyStops
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.session import Session
@@ -30,7 +31,7 @@ class SimulationServerServant(ServerServant, RoboCorba__POA.SimulationServer):
         reference_of: Callable[[Session], Any],
         render: Callable[[str, int], bytes],
         stops: EmergencyStops,
-        sensors: SensorServers,
+        sensors: RegisteredSensors,
     ) -> None:
         self._agent, self._reference_of, self._render = agent, reference_of, render
         self._stops, self._sensors = stops, sensors
@@ -90,21 +91,11 @@ class SimulationServerServant(ServerServant, RoboCorba__POA.SimulationServer):
 
         return {"registerRobot": register_robot}
 
-    def _earlier_version(self, name: str) -> SensorRegistrationServant:
+    def _earlier_version(self, name: str) -> Any:
         try:
             return self._sensors.earlier_version(name)
         except SensorRefused:
             raise CORBA.NO_PERMISSION(0, CORBA.COMPLETED_NO) from None
-
-
-class SensorServers(Protocol):
-    """Admits virtual sensor servers."""
-
-    def register(self, name: str, reference: Any, proof: str) -> Any:
-        """A reference to the registration of a server. Raises SensorRefused."""
-
-    def earlier_version(self, name: str) -> SensorRegistrationServant:
-        """The registration of a server that has no token. Raises SensorRefused."""
 
 
 class SensorRegistrationServant(RoboCorba__POA.SensorRegistration):
@@ -135,7 +126,7 @@ def _measured(method: Callable[..., Any]) -> Callable[..., Any]:
             return translated(self, *arguments)
         finally:
             client.end_call()
-            client.record_latency(time.perf_counter() - began)
+            client.latency_s += 0.05 * (time.perf_counter() - began - client.latency_s)
 
     return call
 
