@@ -4,14 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pymunk
-from pymunk.batch import (
-    ArbiterFields,
-    BodyFields,
-    Buffer,
-    get_space_arbiters,
-    get_space_bodies,
-    set_space_bodies,
-)
+from pymunk.batch import ArbiterFields, BodyFields, Buffer, get_space_arbiters, get_space_bodies, set_space_bodies
 
 from robocorba.map_editor.spatial.arrays import Floats
 

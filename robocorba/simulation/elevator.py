@@ -234,13 +234,10 @@ class Cabin:
 
     def record(self) -> CabinRecord:
         """Floor and sessions, for `restore`."""
-        rides = [
-            RideRecord(
-                *(s.robot, s.origin, s.destination, s.radius_m, s.called_at),
-                *(s.phase in _INSIDE, s.party, s.size, s.limit_s),
-            )
-            for s in self.sessions.values()
-        ]
+        rides = []
+        for s in self.sessions.values():
+            trip = s.robot, s.origin, s.destination, s.radius_m, s.called_at
+            rides.append(RideRecord(*trip, s.phase in _INSIDE, s.party, s.size, s.limit_s))
         return CabinRecord(self.floor, rides, self.doors is Doors.OPEN)
 
     def restore(self, record: CabinRecord, now: float, robots: Container[str]) -> None:

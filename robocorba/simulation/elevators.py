@@ -75,20 +75,17 @@ class Elevators:
             else:
                 changed[name] = Cabin(elevator, heights, now), floors.get(shaft.cabin.floor, "") if shaft else ""
         for shaft in former_shafts.values():
-            self._remove(shaft, floors)
+            for floor in shaft.landings:
+                if physics := self._occupants.floors.get(floors.get(floor, "")):
+                    physics.open_door(shaft.door)
         for name, (cabin, former_floor) in changed.items():
             landings = {floor: landing_doors(building, name, floor) for floor in cabin.heights}
-            shafts[name] = self._added(cabin, landings, former_floor)
+            polygon, last = shaft_polygon(cabin.elevator), (cabin.floor, Doors.CLOSED)
+            shafts[name] = shaft = _Shaft(next(self._numbers), cabin, polygon, landings, last)
+            cabin.doorway = partial(self._doorway, shaft)
+            self._start(shaft, former_floor)
         self._shafts = shafts
         self.cabins = {name: shafts[name].cabin for name in building.elevators}
-
-    def _added(self, cabin: Cabin, landings: dict[str, BaseGeometry], former_floor: str) -> _Shaft:
-        """The shaft of a new cabin."""
-        polygon, last = shaft_polygon(cabin.elevator), (cabin.floor, Doors.CLOSED)
-        shaft = _Shaft(next(self._numbers), cabin, polygon, landings, last)
-        cabin.doorway = partial(self._doorway, shaft)
-        self._start(shaft, former_floor)
-        return shaft
 
     def _start(self, shaft: _Shaft, former_floor: str = "") -> None:
         """Let a new cabin start open on a floor where something is in its doors or its shaft: the former floor if it is
@@ -106,11 +103,6 @@ class Elevators:
         """Whether a body is in a shaft or its doorway on a floor."""
         is_crossed = self._occupants.floors[floor].is_crossed(shaft.landings[floor])
         return is_crossed or bool(self._occupants.within(shaft.polygon, floor))
-
-    def _remove(self, shaft: _Shaft, floors: Mapping[str, str]) -> None:
-        for floor in shaft.landings:
-            if physics := self._occupants.floors.get(floors.get(floor, "")):
-                physics.open_door(shaft.door)
 
     # ---- rides ----
 

@@ -126,11 +126,8 @@ class _Name:
 
     @property
     def record(self) -> StopRecord:
-        latch = self.latch
-        return StopRecord(
-            *(self.registration, self.target, self.stands_with_body),
-            *(latch.reason, latch.number, dict(latch.reasons)),
-        )
+        stops = self.latch.reason, self.latch.number, dict(self.latch.reasons)
+        return StopRecord(self.registration, self.target, self.stands_with_body, *stops)
 
 
 class EmergencyStops:
@@ -390,7 +387,15 @@ class EmergencyStops:
                 is_done = known.is_confirmed and known.called == number
                 if is_done or not reason or not target or self._is_closed:
                     break
-            answer, problem = self._answer_of(target, reason, number)
+            answer, problem = None, ""
+            try:
+                answer = self._call(target, reason, number)
+            except RoboCorbaError as error:
+                problem = str(error)
+            except Exception as error:
+                _log.exception("the call of a stop target ended by a defect")
+                kind = type(error).__name__
+                problem = f"internal fault in the call of its stop target ({kind}: {str(error)[:200]})"
             is_confirmed = answer is not None and answer.is_stopped and answer.is_confirmed
             with self._lock:
                 if known.target == target and known.latch.is_on:
@@ -401,16 +406,6 @@ class EmergencyStops:
                         known.called, known.is_confirmed = number, is_confirmed
         with self._lock:
             known.is_calling = False
-
-    def _answer_of(self, target: str, reason: str, number: int) -> tuple[StopAnswer | None, str]:
-        """Call a stop target. Returns its answer, or None and the reason."""
-        try:
-            return self._call(target, reason, number), ""
-        except RoboCorbaError as error:
-            return None, str(error)
-        except Exception as error:
-            _log.exception("the call of a stop target ended by a defect")
-            return None, f"internal fault in the call of its stop target ({type(error).__name__}: {str(error)[:200]})"
 
     def _write(self) -> None:
         with self._writing:

@@ -119,9 +119,10 @@ class FloorPhysics:
     def change_obstacles(self, change: StaticChange) -> None:
         """Make one of the changes of `changes_to`."""
         self.is_still = False
-        for part in change.removed:
+        removed, added = change
+        for part in removed:
             self._space.remove(*self._static.pop(part))
-        for part in change.added:
+        for part in added:
             if isinstance(part, bytes):
                 polygons = convex_parts(shapely.from_wkb(part))
                 self._static[part] = [pymunk.Poly(self._ground, polygon) for polygon in polygons]

@@ -12,7 +12,6 @@ import contextlib
 import gzip
 import itertools
 import math
-import operator
 import struct
 import zlib
 from collections import Counter
@@ -40,11 +39,10 @@ from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.floor_format import dumps, loads
 from robocorba.map_editor.spatial.floor_update import FloorUpdate, FloorView, memory_of
 from robocorba.map_editor.spatial.posture import Posture
-from robocorba.simulation.mission_record import MissionContent, MissionState
+from robocorba.simulation.mission_record import MissionContent
 from robocorba.simulation.recorded_entries import (
     POSTURE_SCHEMA,
     SCAN_SCHEMA,
-    RecordedMission,
     dump_mission,
     dump_posture,
     dump_scan,
@@ -121,11 +119,6 @@ _DAMAGE: tuple[Any, ...] = (McapError, struct.error, zlib.error, zstandard.ZstdE
 _DAMAGE += (ValueError, KeyError, EOFError, OverflowError, MemoryError, RuntimeError, MapFileError, UpdateMismatch)
 #: Head of an MCAP record: opcode, and length of its content [bytes].
 _RECORD_HEAD = struct.Struct("<BQ")
-
-
-#: What a recording has besides updates of floors.
-Entry = Posture | RobotScan | RecordedMission
-_LOADERS: dict[str, Callable[[bytes], Entry]] = {POSTURES: load_posture, SCANS: load_scan, MISSIONS: load_mission}
 
 
 #: Records that are read, and their maximum sizes in the file [bytes]; others are skipped. One that can't be compressed
@@ -292,38 +285,24 @@ class Recording:
                 if isinstance(record, _RecordedMessage) and record.floor and (not floors or record.floor in floors):
                     yield record.log_time / NS_PER_S - self.began, loads(record.data)
 
-    def entries(self) -> Iterator[tuple[float, FloorUpdate | Entry]]:
-        """Updates of all floors and everything else, in recorded order, each with its time after `began` [s]. Raises
-        InvalidRecording."""
-        for at_s, entry, _ in self._entries():
-            yield at_s, entry
-
-    def _entries(self) -> Iterator[tuple[float, FloorUpdate | Entry, int]]:
-        """As `entries`, with the encoded size [bytes]."""
-        with self._translating_read_errors():
-            for record in self._records():
-                if isinstance(record, _RecordedMessage):
-                    load = loads if record.floor else _LOADERS[record.topic]
-                    yield record.log_time / NS_PER_S - self.began, load(record.data), len(record.data)
-
     def changes(self) -> Iterator[SystemChanges]:
         """Everything, in recorded order, what was received at the same time together. Raises InvalidRecording."""
         with self._translating_read_errors():
-            for _, recorded in itertools.groupby(self._entries(), key=operator.itemgetter(0)):
-                changes = SystemChanges([], [], [], [])
-                size = 0
-                for _, entry, entry_size in recorded:
-                    size += entry_size
+            messages = (record for record in self._records() if isinstance(record, _RecordedMessage))
+            for _, recorded in itertools.groupby(messages, key=lambda message: message.log_time):
+                changes, size = SystemChanges([], [], [], []), 0
+                for message in recorded:
+                    size += len(message.data)
                     if size > MAX_STATE_BYTES:
                         raise LimitExceeded("one moment", size, MAX_STATE_BYTES, "bytes")
-                    if isinstance(entry, FloorUpdate):
-                        changes.updates.append(entry)
-                    elif isinstance(entry, Posture):
-                        changes.postures.append(entry)
-                    elif isinstance(entry, RobotScan):
-                        changes.scans.append(entry)
+                    if message.floor:
+                        changes.updates.append(loads(message.data))
+                    elif message.topic == POSTURES:
+                        changes.postures.append(load_posture(message.data))
+                    elif message.topic == SCANS:
+                        changes.scans.append(load_scan(message.data))
                     else:
-                        changes.missions.append(MissionState(entry.name, 0, entry.content))
+                        changes.missions.append(load_mission(message.data))
                 yield changes
 
     def sampled(
@@ -395,7 +374,7 @@ class Recording:
                         if len(topic) > 200:  # names of floors have 80
                             raise LimitExceeded("a topic", "more than 200", 200, "characters")
                         floor = topic.removeprefix(TOPIC_PREFIX) if topic.startswith(TOPIC_PREFIX) else ""
-                        if floor or topic in _LOADERS:
+                        if floor or topic in (POSTURES, SCANS, MISSIONS):
                             yield _RecordedMessage(topic, floor, record.log_time, record.data)
 
     def _pieces(self) -> Iterator[tuple[int, ReadDataStream]]:

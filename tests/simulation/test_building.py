@@ -8,13 +8,7 @@ import msgspec
 import pytest
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import (
-    CannotGrip,
-    InvalidChoice,
-    InvalidCommand,
-    PlaceTaken,
-    UnknownBody,
-)
+from robocorba.errors.simulation import CannotGrip, InvalidChoice, InvalidCommand, PlaceTaken, UnknownBody
 from robocorba.map_editor.model import BoxShape, ElementKind, Floor, MapObject, Wall
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.building import SimulatedBuilding

@@ -9,9 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from robocorba.errors.simulation import (
-    PlaceTaken,
-)
+from robocorba.errors.simulation import PlaceTaken
 from robocorba.map_editor.model import BoxShape, ElementKind, Floor, MapObject
 from robocorba.map_editor.spatial.elevator_state import Doors
 from robocorba.map_editor.spatial.pose import Pose

@@ -231,7 +231,7 @@ def test_any_change_of_what_a_chunk_holds_is_read_or_reported(tmp_path: Path, dr
         found = Recording(file)
         for _ in found.sampled(MAX_DURATION_S / 10):
             pass
-        for _ in found.entries():
+        for _ in found.changes():
             pass
     except InvalidRecording:
         return

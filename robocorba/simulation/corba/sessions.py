@@ -34,7 +34,9 @@ def pose_of(struct: Any) -> Pose:
 
 
 _DESCRIPTION = struct_converter(
-    *(Description, RoboCorba.RobotDescription, {"start": "pose", "radius": "radius_m", "mass": "mass_kg"}),
+    Description,
+    RoboCorba.RobotDescription,
+    {"start": "pose", "radius": "radius_m", "mass": "mass_kg"},
     pose=Converter(lambda pose: pose, pose_of),
     limits=Converter(
         lambda limits: RoboCorba.MotionLimits(*limits),

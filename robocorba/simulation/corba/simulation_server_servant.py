@@ -190,11 +190,11 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
 
     @_measured
     def callElevatorTogether(self, elevator: str, destination: str, party: str, size: int) -> None:
-        self.session.call_elevator_together(elevator, destination, party, size)
+        self.session.call_elevator(elevator, destination, party, size)
 
     @_measured
     def callElevatorFor(self, elevator: str, destination: str, party: str, size: int, boardingTime: float) -> None:
-        self.session.call_elevator_together(elevator, destination, party, size, boardingTime)
+        self.session.call_elevator(elevator, destination, party, size, boardingTime)
 
     @_measured
     def longestElevatorWait(self) -> float:

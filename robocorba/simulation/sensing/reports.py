@@ -68,11 +68,9 @@ class Reports:
 
 def robot_scan(robot: str, at: Pose, mount: Mount, spec: ScanSpec, result: ScanResult) -> RobotScan:
     """The scan of a robot at a pose, from a result that has one row of distances."""
-    fan, noise, distances = spec.fan, spec.noise, result.distances[0]
-    return RobotScan(
-        *(robot, result.time, at, mount, fan.first_rad, fan.step_rad, fan.range_m, spec.rim_m),
-        *((noise.sigma_m, noise.relative, noise.lost, spec.seed), distances, distances < fan.range_m),
-    )
+    distances, hits = result.distances[0], result.distances[0] < spec.fan.range_m
+    noise = spec.noise.sigma_m, spec.noise.relative, spec.noise.lost, spec.seed
+    return RobotScan(robot, result.time, at, mount, *spec.frame, noise, distances, hits)
 
 
 def _last_scan(robot: str, floor: str, spec: ScanSpec, result: ScanResult) -> LastScan:
