@@ -92,7 +92,7 @@ class SimulatedBuilding:
         lost = self.occupants.update_objects(movables(building), lineage)
         self.reservations.rename_floors(kept)
         self.elevators.update(building, self.time, lineage, kept)
-        self._look_into_cabins()
+        self.refresh(looks_into_cabins=True)
         reason = "the map was edited"
         return [SimulationEvent(self.time, floor, "grip lost", (robot,), reason) for robot, floor in lost]
 
@@ -123,7 +123,7 @@ class SimulatedBuilding:
             SimulationEvent(self.time, floor, "grip lost", (holder,), reason)
             for holder, floor in self.occupants.place(name, pose)
         ]
-        self._look_into_cabins()
+        self.refresh(looks_into_cabins=True)
         return [*events, SimulationEvent(self.time, pose.floor, "placed", (name,))]
 
     def _why_inaccessible(self, pose: Pose) -> str:
@@ -180,15 +180,11 @@ class SimulatedBuilding:
             raise first_error
         return results
 
-    def refresh(self) -> None:
-        """Update the published state after bodies or calls changed, also while time is paused."""
+    def refresh(self, looks_into_cabins: bool = False) -> None:
+        """Update the published state after bodies or calls changed, also while time is paused. looks_into_cabins: see
+        Elevators.refresh."""
         self.occupants.refresh()
-        self.elevators.refresh()
-
-    def _look_into_cabins(self) -> None:
-        """As `refresh`, after bodies or names have changed: an idle cabin opens if an object is in it."""
-        self.occupants.refresh()
-        self.elevators.look_into_cabins()
+        self.elevators.refresh(looks_into_cabins)
 
     # ---- records ----
 
@@ -217,7 +213,7 @@ class SimulatedBuilding:
         same = world.robots.keys() & self.occupants.robots.keys()
         self.elevators.restore(world.cabins, self.time, same)
         self.reservations.restore(world.reservations, self.time, same)
-        self._look_into_cabins()
+        self.refresh(looks_into_cabins=True)
 
 
 @lru_cache(256)

@@ -453,6 +453,12 @@ class Cabin:
             return goal
         here = self.heights[self.floor]
         trip = self.heights[goal] - here
+
+        def is_between(floor: str) -> bool:
+            """Whether a floor lies between the cabin and its goal."""
+            way = self.heights[floor] - here
+            return way * trip >= 0 and abs(way) <= abs(trip) + _TOLERANCE_M
+
         stops = {s.destination for s in self.sessions.values() if s.phase is RidePhase.RIDING} | {goal}
         if leading.phase is not RidePhase.WAITING:
             riders = self._riders_after_stop()
@@ -462,15 +468,9 @@ class Cabin:
                 if s.phase is RidePhase.WAITING
                 and self._has_room(s, riders)
                 and (self.heights[s.destination] - self.heights[s.origin]) * trip > 0
-                and abs(self.heights[s.destination] - here) <= abs(trip) + _TOLERANCE_M
+                and is_between(s.destination)
             }
-        between = [
-            floor
-            for floor in stops
-            if floor != self.floor
-            and (self.heights[floor] - here) * trip >= 0
-            and abs(self.heights[floor] - here) <= abs(trip) + _TOLERANCE_M
-        ]
+        between = [floor for floor in stops if floor != self.floor and is_between(floor)]
         return min(between, key=lambda floor: abs(self.heights[floor] - here))
 
 

@@ -155,18 +155,16 @@ class Elevators:
         self.refresh()
         return events
 
-    def look_into_cabins(self) -> None:
-        """As `refresh`, after bodies or names have changed: an idle cabin opens if an object is in it."""
-        self._idle = set()
-        self.refresh()
-
     def states_on(self, floor: str) -> dict[str, ElevatorState]:
         """States of the elevators that serve a floor, by name. Thread-safe."""
         served = self._served
         return {name: state for name, state in self.states.items() if name in served and floor in served[name].floors()}
 
-    def refresh(self) -> None:
-        """Update `states` and `rides`; skips this while all elevators stay idle."""
+    def refresh(self, looks_into_cabins: bool = False) -> None:
+        """Update `states` and `rides`; skips this while all elevators stay idle. A cabin that gets idle opens if an
+        object is in it; looks_into_cabins: also others that are idle, since bodies or names have changed."""
+        if looks_into_cabins:
+            self._idle = set()
         idle = {name for name, cabin in self.cabins.items() if cabin.is_idle}
         if len(self.states) == len(self.cabins) == len(idle) and idle == self._idle:
             return

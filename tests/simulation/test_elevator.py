@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
@@ -223,6 +224,99 @@ def test_lone_robots_keep_nobody_from_carrying_away_what_obstructs_the_doors() -
     for name in "AB":
         lift.leave(name)
     until(lift, "Z", RidePhase.BOARDING)
+
+
+# ---- any behaviour of robots ----
+
+floors = st.sampled_from(list(HEIGHTS))
+behaviours = st.sampled_from(["goes", "no", "stays"])
+#: When, from where, to where, and the radius, behaviour and delay (s) of each robot: more than one are a party, with
+#: the number of its robots that never call, and the time that it needs to board (s).
+calls = st.lists(
+    st.tuples(
+        st.floats(0, 120),
+        floors,
+        floors,
+        st.lists(
+            st.tuples(st.sampled_from([0.3, 0.4]), behaviours, st.sampled_from([0.0, 1.0, 20.0])),
+            min_size=1,
+            max_size=3,
+        ),
+        st.sampled_from([0, 0, 1]),
+        st.sampled_from([0.0, 25.0, 55.0]),
+    ).filter(lambda call: call[1] != call[2]),
+    min_size=1,
+    max_size=16,
+)
+
+
+class Behaving:
+    """Robots that call a lift and behave as given; `step` checks the invariants."""
+
+    def __init__(self, lift: Cabin) -> None:
+        self.lift = lift
+        self.bounds: dict[str, float] = {}
+        self.does: dict[str, str] = {}
+        self.arrived = self.steps = 0
+
+    def call(self, does: str, *arguments: Any) -> None:
+        name = f"R{len(self.does)}"
+        try:
+            self.lift.call(name, *arguments)
+        except InvalidRide:  # its party has left
+            return
+        self.does[name], self.bounds[name] = does, self.lift.now + longest_wait_s(self.lift, name)
+
+    def step(self) -> None:
+        lift, self.steps = self.lift, self.steps + 1
+        lift.advance(STEP_S)
+        inside = [s for s in lift.sessions.values() if s.phase is not RidePhase.WAITING]
+        assert not inside or fits(LIFT, [s.radius_m for s in inside])
+        aboard = [s for s in inside if s.phase is not RidePhase.ALIGHTING]
+        assert len({s.party for s in aboard}) <= 1, "a party rides alone"
+        assert not any(s.party for s in aboard) or len({s.party for s in inside}) == 1
+        for session in list(lift.sessions.values()):
+            does = self.does[session.robot]
+            if session.phase is RidePhase.WAITING:
+                assert lift.now <= self.bounds[session.robot] + STEP_S
+                if self.steps % 10 == 0:  # later bounds must be kept, too
+                    bound = lift.now + longest_wait_s(lift, session.robot)
+                    self.bounds[session.robot] = min(self.bounds[session.robot], bound)
+            elif session.phase is RidePhase.BOARDING and does != "no":
+                assert (lift.floor, lift.doors) == (session.origin, Doors.OPEN)
+                lift.enter(session.robot)
+            elif session.phase is RidePhase.ALIGHTING and does == "goes":
+                assert (lift.floor, lift.doors) == (session.destination, Doors.OPEN)
+                lift.leave(session.robot)
+                self.arrived += 1
+
+
+@settings(deadline=None, max_examples=25)
+@given(calls)
+def test_no_robot_waits_longer_than_the_bound(calls: list) -> None:
+    robots = Behaving(cabin())
+    due = [
+        (
+            at + late,
+            does,
+            origin,
+            destination,
+            radius,
+            f"P{number}" if len(who) > 1 else "",
+            len(who) + missing,
+            needs_s,
+        )
+        for number, (at, origin, destination, who, missing, needs_s) in enumerate(calls)
+        for radius, does, late in who
+    ]
+    due.sort()
+    while due or robots.lift.sessions:
+        while due and due[0][0] <= robots.lift.now:
+            _, *call = due.pop(0)
+            robots.call(*call)
+        robots.step()
+    assert robots.arrived == list(robots.does.values()).count("goes")
+    assert len(robots.lift.ended) == len(robots.does) - robots.arrived
 
 
 def test_the_longest_wait_depends_on_earlier_calls() -> None:

@@ -15,7 +15,7 @@ from robocorba.orb.remote_object import Answer, translated
 from robocorba.simulation.corba import scans, sessions
 from robocorba.simulation.corba.remote_database import changes
 from robocorba.simulation.load_balance import Load
-from robocorba.simulation.robot_scans import IDLE_INTERVAL_S, LastScan, RobotScan
+from robocorba.simulation.robot_scans import LastScan, RobotScan
 from robocorba.simulation.sensor_admission import proof_of
 from robocorba.stubs import RoboCorba
 
@@ -41,12 +41,8 @@ class RemoteSimulation:
         NotReachable."""
         proof = proof_of(token, name, self._orb.uri(reference))
         with translated("the simulation server"):
-            try:
-                registration = self._server.registerSensor(name, reference, proof)
-            except CORBA.BAD_OPERATION:  # a server of an earlier version
-                registration = _EarlierServer(self._server, name, reference)
-            else:
-                set_call_timeout(registration, CALL_TIMEOUT_S)
+            registration = self._server.registerSensor(name, reference, proof)
+            set_call_timeout(registration, CALL_TIMEOUT_S)
         self._registration = registration
 
     @property
@@ -74,19 +70,3 @@ class RemoteSimulation:
             except (CORBA.OBJECT_NOT_EXIST, CORBA.NO_PERMISSION):  # it was restarted
                 self._registration = None
                 raise
-
-
-class _EarlierServer:
-    """The registration of a sensor server at a simulation server that knows no registrations."""
-
-    def __init__(self, server: Any, name: str, reference: Any) -> None:
-        self._server, self._name, self._reference = server, name, reference
-
-    def report(self, load: Any, latest: Any) -> None:
-        self._server.reportSensor(self._name, self._reference, load, latest)
-
-    def reportScans(self, latest: Any) -> float:
-        try:
-            return float(self._server.reportScans(self._name, latest))
-        except CORBA.BAD_OPERATION:
-            return IDLE_INTERVAL_S

@@ -21,7 +21,7 @@ from robocorba.map_editor.spatial.floor_update import BodyKind, FloorUpdate, Flo
 from robocorba.map_editor.spatial.grids import column_of, row_of
 from robocorba.simulation.sensing.casting import ObstacleGrids, cast
 from robocorba.simulation.sensing.noise import disturb
-from robocorba.simulation.sensing.scan import LASER, Mount, ScanResult, ScanSpec
+from robocorba.simulation.sensing.scan import LASER, Mount, Noise, ScanResult, ScanSpec
 from robocorba.simulation.sensing.visible_obstacles import NO_ROBOT, VisibleObstacles, border_segments
 from robocorba.system.kernels import kernel
 
@@ -71,6 +71,7 @@ class VirtualSensor:
         """Compile or load the kernels, so that the first update and scan take no longer than the others."""
         for floor in list(self._floors.values())[:1]:
             scan_from(floor.obstacles.grids, np.zeros((1, 3)), Mount(), NO_ROBOT, LASER.rays, ScanSpec(LASER).frame)
+        disturb(Noise(0.01), np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64), 0)
 
     def view(self, floor: str) -> FloorView:
         """The copy of a floor. Raises UnknownFloor."""
