@@ -159,6 +159,7 @@ class EmergencyStops:
         self._writing = threading.Lock()
         self._written: object = None
         self._is_failing = self._is_closed = False
+        # Another attempt to write the file after 0.2 s.
         self._writer = Repeating("stops file", self._write, lambda: 0.2 if self._is_failing else math.inf)
 
     def start(self) -> None:
@@ -329,7 +330,8 @@ class EmergencyStops:
             is_confirmed, problem = is_held and known.is_confirmed, known.problem
         ahead, left, turn = session.robot.state().velocity
         speed = math.hypot(ahead, left)
-        body_stands = self._is_paused() or (speed < 0.01 and abs(turn) < 0.03)  # [m/s, rad/s]
+        # Speeds below which a body counts as standing [m/s, rad/s].
+        body_stands = self._is_paused() or (speed < 0.01 and abs(turn) < 0.03)
         waits_for = ""
         if not is_held:
             waits_for = "it is not stopped"

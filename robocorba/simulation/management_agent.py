@@ -372,15 +372,15 @@ class ManagementAgent:
     def _housekeeping(self) -> None:
         self._lease_time.attend()
         now = time.monotonic()
-        if now - self._checked_at >= 0.1:
+        if now - self._checked_at >= 0.1:  # interval between checks of leases [s]
             self._checked_at = now
             for client in self.registry.expired() if self._are_leases_running else ():
                 _log.info("%s logged off: its lease of %g s expired", client.name, self.registry.lease_s)
                 self.simulated.fall_silent(client.name)
                 self._log_off(client)
-        if now - self._written_at >= 0.1:  # a kill loses at most twice as much
+        if now - self._written_at >= 0.1:  # interval between writes [s]; a kill loses at most twice as much
             self._written_at = now
             self._writer.submit(self._record())
-        if now - self._counted_at >= 2.0:
+        if now - self._counted_at >= 2.0:  # window of the average [s]
             self._event_rate = (self._event_count - self._counted_events) / (now - self._counted_at)
             self._counted_events, self._counted_at = self._event_count, now

@@ -37,7 +37,8 @@ class Monitor:
         database = self._agent.database
         view = FloorView(floor)
         view.apply(database.floor(floor))
-        scans = [scan for scan in database.last_scans(floor) if scan.time >= view.time - 1.0]  # [s, simulated]
+        # Scans of the last second of simulated time.
+        scans = [scan for scan in database.last_scans(floor) if scan.time >= view.time - 1.0]
         robots = sum(body.kind is BodyKind.ROBOT for body in view.bodies.values())
         rate = self._agent.state.event_rate
         count = f"{robots} robot{'s' * (robots != 1)}"

@@ -259,7 +259,7 @@ class FloorPhysics:
         for robot, grip in self._grips.items():
             hand = grip.joint.a.local_to_world(grip.joint.anchor_a)
             held = grip.joint.b.local_to_world(grip.joint.anchor_b)
-            if hand.get_distance(held) > 0.05:  # [m]
+            if hand.get_distance(held) > 0.05:  # the grip slips beyond 5 cm
                 lost.append(robot)
         for robot in lost:
             self._remove_grip(robot)

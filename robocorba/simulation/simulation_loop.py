@@ -150,7 +150,7 @@ class SimulationLoop:
 
     def _count(self) -> None:
         now = time.monotonic()
-        if now - self._counted_at >= 2.0:
+        if now - self._counted_at >= 2.0:  # window of the measurement [s]
             self.achieved = (self._steps - self._counted) * STEP_S / (now - self._counted_at)
             self._counted, self._counted_at = self._steps, now
 

@@ -13,8 +13,7 @@ from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import RemoteObject
 from robocorba.simulation.corba import scans
 from robocorba.simulation.robot_scans import RobotScan
-from robocorba.simulation.sensing.reports import robot_scan
-from robocorba.simulation.sensing.scan import LASER, Mount, ScanResult, ScanSpec
+from robocorba.simulation.sensing.scan import LASER, Mount, ScanResult, ScanSpec, robot_scan
 from robocorba.stubs import RoboCorba
 from robocorba.system.names import SENSORS
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.load_balance import Load
 from robocorba.simulation.robot_scans import LastScan, LastScans, RobotScan
-from robocorba.simulation.sensing.scan import Mount, ScanResult, ScanSpec
+from robocorba.simulation.sensing.scan import Mount, ScanResult, ScanSpec, robot_scan
 from robocorba.simulation.sensing.virtual_sensor import VirtualSensor
 
 
@@ -64,13 +64,6 @@ class Reports:
         with self._lock:
             last, self._robot_scans = self._robot_scans, LastScans()
         return last.all()
-
-
-def robot_scan(robot: str, at: Pose, mount: Mount, spec: ScanSpec, result: ScanResult) -> RobotScan:
-    """The scan of a robot at a pose, from a result that has one row of distances."""
-    distances, hits = result.distances[0], result.distances[0] < spec.fan.range_m
-    noise = spec.noise.sigma_m, spec.noise.relative, spec.noise.lost, spec.seed
-    return RobotScan(robot, result.time, at, mount, *spec.frame, noise, distances, hits)
 
 
 def _last_scan(robot: str, floor: str, spec: ScanSpec, result: ScanResult) -> LastScan:

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from robocorba.errors.sensing import InvalidScan
 from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.sensing.fan import MAX_RANGE_M, Fan
 from robocorba.system.lazy_property import lazy_property
 
@@ -101,3 +103,10 @@ class ScanResult(NamedTuple):
     time: float
     sensors: Floats
     distances: Floats
+
+
+def robot_scan(robot: str, at: Pose, mount: Mount, spec: ScanSpec, result: ScanResult) -> RobotScan:
+    """The scan of a robot at a pose, from a result that has one row of distances."""
+    distances, hits = result.distances[0], result.distances[0] < spec.fan.range_m
+    noise = spec.noise.sigma_m, spec.noise.relative, spec.noise.lost, spec.seed
+    return RobotScan(robot, result.time, at, mount, *spec.frame, noise, distances, hits)

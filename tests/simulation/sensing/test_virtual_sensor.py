@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from shapely import LineString, affinity, box
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.sensing import InvalidScan, SensorBehind
@@ -107,7 +108,12 @@ def test_a_robot_sees_the_others_and_not_itself(place: Following) -> None:
 
 def test_changed_walls_objects_and_doors_are_seen(place: Following) -> None:
     assert place.ahead(4.0, 1.0, math.pi) == pytest.approx(1.0)  # the wall W1
-    assert place.ahead(0.5, 2.0, 0.0) == pytest.approx(1.0, abs=0.2)  # the table
+    for x, heading in ((2.0, 0.3), (2.4, 1.0), (1.6, -0.7)):  # the table, on the map and moved
+        place.world.place("T1", Pose("L1", x, 2.0, heading))
+        place.follow()
+        table = affinity.rotate(box(-0.5, -0.3, 0.5, 0.3), heading, (0.0, 0.0), use_radians=True)
+        to_table = LineString([(0.5 - x, 0.0), (9.0, 0.0)]).intersection(table).bounds[0] + x - 0.5
+        assert place.ahead(0.5, 2.0, 0.0) == pytest.approx(to_table)
     place.world.update(place.world.building.without(ElementKind.OBJECT, "L1", "T1"))
     place.follow()
     assert place.ahead(0.5, 2.0, 0.0) == pytest.approx(2.5)
