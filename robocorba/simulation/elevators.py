@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.simulation import InvalidRide
 from robocorba.map_editor.geometry import shaft_polygon
-from robocorba.map_editor.lineage import SAME_NAMES, Lineage
+from robocorba.map_editor.lineage import Lineage
 from robocorba.map_editor.model import Building, ElementKind, Elevator
 from robocorba.map_editor.movable import landing_doors
 from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
@@ -47,14 +47,11 @@ class Elevators:
         self._idle: set[str] = set()
         self._numbers = count()
 
-    def update(
-        self, building: Building, now: float, lineage: Lineage = SAME_NAMES, floors: Mapping[str, str] | None = None
-    ) -> None:
+    def update(self, building: Building, now: float, lineage: Lineage, floors: Mapping[str, str]) -> None:
         """Use an edited map at a simulated time [s]. Rides of an elevator are lost if more than names have changed.
 
         lineage: which of its elevators are those of the present map. floors: names of its floors by their present
-        ones, by default the same."""
-        floors = floors or {name: name for name in building.floors}
+        ones."""
         before, self._served = self._served, building.elevators
         former_shafts, shafts = dict(self._shafts), {}
         #: New cabins, and the floors on which those of the former elevators are.

@@ -151,8 +151,8 @@ class ServerState(NamedTuple):
 class Registry:
     """The logged-on robots, at most `limit`. clock: returns the time of leases [s]."""
 
-    def __init__(self, limit: int, clock: Callable[[], float], lease_s: float = LEASE_S) -> None:
-        self._clock, self.lease_s = clock, lease_s
+    def __init__(self, limit: int, clock: Callable[[], float]) -> None:
+        self._clock, self.lease_s = clock, LEASE_S
         self._by_key: dict[str, RobotClient] = {}
         self._by_name: dict[str, RobotClient] = {}
         self.limit = limit

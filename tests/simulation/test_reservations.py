@@ -35,6 +35,20 @@ def test_neighbours_share_an_edge() -> None:
     assert granted(kept) == {"A", "B", "C"}
 
 
+def test_a_grant_begins_when_the_one_before_it_ends() -> None:
+    """Also in a long step, and not when somebody looks."""
+    kept = Reservations(now=5.0)
+    for owner, limit_s in (("A", 10.0), ("B", 20.0), ("C", 30.0)):
+        kept.reserve(owner, [wanted(box(0, 0), limit_s=limit_s)])
+    assert kept.advance(14.9) == []
+    assert kept.find("A", 14.9) == (True, 0, 0.0, pytest.approx(0.1))
+    assert kept.find("C", 14.9) == (False, 2, pytest.approx(20.1), 30.0)
+    assert [request.owner for request in kept.advance(35.5)] == ["A", "B"]
+    assert kept.requests["C"].granted_at == 35.0
+    assert [request.owner for request in kept.advance(65.0)] == ["C"]
+    assert not kept.requests
+
+
 @pytest.mark.parametrize(
     ("field", "areas", "limit_s"),
     [

@@ -71,7 +71,7 @@ class VirtualSensor:
         """Compile or load the kernels, so that the first update and scan take no longer than the others."""
         for floor in list(self._floors.values())[:1]:
             scan_from(floor.obstacles.grids, np.zeros((1, 3)), Mount(), NO_ROBOT, LASER.rays, ScanSpec(LASER).frame)
-        disturb(Noise(0.01), np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64), 0)
+        disturb(Noise(0.01), np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64))
 
     def view(self, floor: str) -> FloorView:
         """The copy of a floor. Raises UnknownFloor."""
@@ -106,7 +106,7 @@ class VirtualSensor:
         if not is_finite:
             raise InvalidScan("robot", "the pose of the robot or of its sensor is not finite")
         if spec.noise:
-            distances = disturb(spec.noise, distances, fan.range_m, spec.seed, own_robots, 0)
+            distances = disturb(spec.noise, distances, fan.range_m, spec.seed, own_robots)
         return ScanResult(time_s, sensors, distances)
 
     def scan_many(
