@@ -131,6 +131,11 @@ def _measured(method: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
+def _forwarded(method: Callable[..., Any]) -> Callable[..., Any]:
+    """An operation that a method of the session does."""
+    return _measured(lambda self, *arguments: method(self.session, *arguments))
+
+
 class RobotSessionServant(RoboCorba__POA.RobotSession):
     """RoboCorba::RobotSession. sensor: reference of the robot's virtual sensor. uri: of a reference."""
 
@@ -138,6 +143,19 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
         self, session: Session, lease_s: float, sensor: Any, stops: EmergencyStops, uri: Callable[[Any], str]
     ) -> None:
         self.session, self._lease_s, self._sensor, self._stops, self._uri = session, lease_s, sensor, stops, uri
+
+    brake = _forwarded(Session.brake)
+    reportPosture = _forwarded(Session.report_posture)
+    heartbeat = _forwarded(Session.heartbeat)
+    release = _forwarded(Session.release)
+    callElevator = _forwarded(Session.call_elevator)
+    callElevatorTogether = _forwarded(Session.call_elevator)
+    callElevatorFor = _forwarded(Session.call_elevator)
+    longestElevatorWait = _forwarded(Session.longest_elevator_wait_s)
+    giveUpElevator = _forwarded(Session.cancel_elevator)
+    takeOverAreas = _forwarded(Session.take_over_areas)
+    releaseAreas = _forwarded(Session.release_areas)
+    deregister = _forwarded(Session.deregister)
 
     @_measured
     def _get_name(self) -> str:
@@ -154,22 +172,10 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
         self.session.command(wanted.ahead, wanted.left, wanted.turn, valid_for)
 
     @_measured
-    def brake(self) -> None:
-        self.session.brake()
-
-    @_measured
-    def reportPosture(self, joints: list[float]) -> None:
-        self.session.report_posture(joints)
-
-    @_measured
     def state(self) -> Any:
         session = self.session
         robot = session.robot
         return sessions.robot_state(session.state(), robot.holding, session.ride, robot.collisions, robot.touched)
-
-    @_measured
-    def heartbeat(self) -> None:
-        self.session.heartbeat()
 
     @_measured
     def _get_sensor(self) -> Any:
@@ -179,30 +185,6 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
     @_measured
     def grip(self, what: str, place: Any) -> None:
         self.session.grip(what, (place.x, place.y))
-
-    @_measured
-    def release(self) -> None:
-        self.session.release()
-
-    @_measured
-    def callElevator(self, elevator: str, destination: str) -> None:
-        self.session.call_elevator(elevator, destination)
-
-    @_measured
-    def callElevatorTogether(self, elevator: str, destination: str, party: str, size: int) -> None:
-        self.session.call_elevator(elevator, destination, party, size)
-
-    @_measured
-    def callElevatorFor(self, elevator: str, destination: str, party: str, size: int, boardingTime: float) -> None:
-        self.session.call_elevator(elevator, destination, party, size, boardingTime)
-
-    @_measured
-    def longestElevatorWait(self) -> float:
-        return self.session.longest_elevator_wait_s()
-
-    @_measured
-    def giveUpElevator(self) -> None:
-        self.session.cancel_elevator()
 
     @_measured
     def reserveAreas(self, areas: list[Any], limit: float) -> None:
@@ -217,24 +199,12 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
         return self.session.exchange_areas(sessions.areas_of(areas), least)
 
     @_measured
-    def takeOverAreas(self, former: str) -> None:
-        self.session.take_over_areas(former)
-
-    @_measured
     def reservation(self) -> Any:
         return sessions.reservation(self.session.reservation())
 
     @_measured
     def keepAreas(self, areas: list[Any]) -> None:
         self.session.keep_areas(sessions.areas_of(areas))
-
-    @_measured
-    def releaseAreas(self) -> None:
-        self.session.release_areas()
-
-    @_measured
-    def deregister(self) -> None:
-        self.session.deregister()
 
     @_measured
     def reportStopTarget(self, target: Any, standsWithBody: bool) -> None:
