@@ -352,3 +352,18 @@ def test_a_floor_is_drawn_as_wide_as_it_is_wanted(place: Place) -> None:
     for floor, width, error in (("L9", 640, RoboCorba.UnknownFloor), ("L1", 4097, RoboCorba.InvalidPicture)):
         with pytest.raises(error):
             place.server.renderFloor(floor, width)
+
+
+def test_missions_are_kept_by_version(place: Place) -> None:
+    database, record = place.database, RoboCorba.MissionRecord
+    assert database.putMission(record("fetch", 0, b"one")) == 1
+    assert database.putMission(record("fetch", 1, b"two")) == 2
+    with pytest.raises(RoboCorba.StaleMission) as refused:
+        database.putMission(record("fetch", 1, b"three"))
+    assert (refused.value.expected, refused.value.current) == (1, 2)
+    found = [(mission.name, mission.current, bytes(mission.document)) for mission in database.missions()]
+    assert found == [("fetch", 2, b"two")]
+    database.removeMission("fetch")
+    assert database.missions() == []
+    with pytest.raises(RoboCorba.UnknownMission):
+        database.removeMission("fetch")
