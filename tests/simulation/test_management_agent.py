@@ -20,6 +20,7 @@ from robocorba.errors.simulation import (
     InvalidDescription,
     InvalidReservation,
     SensorRefused,
+    ServerFull,
     SessionExpired,
 )
 from robocorba.map_editor.model import ElementKind
@@ -184,7 +185,12 @@ def test_clients_have_secrets_leases_and_call_rates() -> None:
     clients = [registry.register(robot(name)) for name in "ABC"]
     assert len({client.secret for client in clients}) == len({client.key for client in clients}) == 3
     assert all(len(client.secret) >= 32 and client.secret != client.key for client in clients)
-    clock.now += 1.0
+    clock.now += 0.5
+    clients[0].renew_lease()
+    with pytest.raises(ServerFull) as full:
+        registry.register(robot("D"))
+    assert full.value.retry_s == pytest.approx(1.5)  # until the first lease would end
+    clock.now += 0.5
     registry.expired()
     for _ in range(5):
         clock.now += 1.0
