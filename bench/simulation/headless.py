@@ -29,8 +29,8 @@ from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.map_editor.spatial.floor_update import WHOLE, BodyKind, FloorUpdate
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S, warm_up
-from robocorba.simulation.sensing.fan import PROXIMITY, Fan
-from robocorba.simulation.sensing.scan import Mount, ScanSpec
+from robocorba.simulation.sensing.fan import Fan
+from robocorba.simulation.sensing.scan import PROXIMITY, Mount, ScanSpec
 from robocorba.simulation.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation.store import SimulationStore
 from testkit.generated_buildings import RADIUS_M, office, robots

@@ -23,8 +23,10 @@ from robocorba.map_editor.movable import fixed_obstacles, movables, object_outli
 from robocorba.map_editor.samples import load_sample
 from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
 from robocorba.map_editor.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
-from robocorba.simulation.picture import FloorPainter, ScanFan
-from robocorba.simulation.sensing.fan import LASER
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.simulation.picture import FloorPainter
+from robocorba.simulation.robot_scans import LastScan
+from robocorba.simulation.sensing.scan import LASER
 from robocorba.simulation.sensing.visible_obstacles import VisibleObstacles
 from testkit.report import at_most, distribution, summarize, summary, timed_ms
 
@@ -37,7 +39,7 @@ FEW = 5
 MAX_MS = 30.0
 
 
-def floor_states(building: Building) -> list[tuple[FloorView, list[ScanFan]]]:
+def floor_states(building: Building) -> list[tuple[FloorView, list[LastScan]]]:
     """States of the floor: robots at free places, objects near their places on the map, and scans."""
     chance = np.random.default_rng(1)
     space = free_space(building, FLOOR, RADIUS_M)
@@ -66,8 +68,8 @@ def floor_states(building: Building) -> list[tuple[FloorView, list[ScanFan]]]:
         view.apply(FloorUpdate(FLOOR, 0, 1, float(time), 1, bodies, [], motions, cabins))
         scans = scene.scan(poses[:LASERS], LASER)
         fans = [
-            ScanFan(x, y, heading, LASER.first_rad, LASER.step_rad, distances)
-            for (x, y, heading), distances in zip(poses[:LASERS].tolist(), scans, strict=True)
+            LastScan("R", float(time), Pose(FLOOR, *pose), LASER.first_rad, LASER.step_rad, distances)
+            for pose, distances in zip(poses[:LASERS].tolist(), scans, strict=True)
         ]
         found.append((view, fans))
     return found

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable
 from typing import Any, NamedTuple
 
 from robocorba.simulation.robot_scans import RobotScan
-from robocorba.simulation.sensing.fan import LASER, PROXIMITY
+from robocorba.simulation.sensing.scan import RAY_SENSORS
 
 #: Time after which a scan is taken away if its sensor makes no other one, in simulated and in real time [s].
 MAX_AGE_S = 2.0
@@ -124,9 +124,10 @@ class ScanFeed:
 
 def _kind(scan: RobotScan) -> str:
     rays = scan.first_rad, scan.step_rad, len(scan.distances), scan.range_m
-    for name, fan in (("laser", LASER), ("proximity", PROXIMITY)):
+    for sensor in RAY_SENSORS.values():
+        fan = sensor.fan
         if rays == (fan.first_rad, fan.step_rad, fan.count, fan.range_m):
-            return name
+            return sensor.name
     return "sensor"
 
 

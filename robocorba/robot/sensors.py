@@ -6,13 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.motion.robot_state import RobotState
-from robocorba.robot.programs.icons import PROXIMITY_SENSORS
 from robocorba.robot.session import BuildingSession
 from robocorba.simulation.registry import Pose
-from robocorba.simulation.sensing.fan import LASER, PROXIMITY
-from robocorba.simulation.sensing.scan import Mount, ScanSpec
+from robocorba.simulation.sensing.scan import RAY_SENSORS, Mount, ray_sensor
 
 #: Scans are measured from the centre of the robot.
 CENTRE = Mount()
@@ -23,23 +20,14 @@ class Sensors:
 
     def __init__(self, session: BuildingSession, state: Callable[[], RobotState], radius_m: float) -> None:
         self._session, self._state = session, state
-        self._laser, self._ring = ScanSpec(LASER), ScanSpec(PROXIMITY, radius_m)
-
-    def laser(self) -> Floats:
-        """Distances (181,) from the centre [m], from right to left. Raises SensingError, RobotLost."""
-        return self._session.scan(self._at(), CENTRE, self._laser)
-
-    def proximity(self) -> Floats:
-        """Distances (8,) from the rim [m], counter-clockwise from ahead. Raises SensingError, RobotLost."""
-        return self._session.scan(self._at(), CENTRE, self._ring)
+        self._specs = {name: sensor.spec(radius_m) for name, sensor in RAY_SENSORS.items()}
 
     def nearest_m(self, sensor: str) -> float:
         """The least distance that a sensor measures [m]; its range if it sees nothing. sensor: its name in programs.
         Raises SensingError, RobotLost."""
-        if sensor == "laser":
-            return float(np.min(self.laser()))
-        ring = self.proximity()
-        return float(np.min(ring) if sensor == "proximity" else ring[PROXIMITY_SENSORS.index(sensor)])
+        about = ray_sensor(sensor)
+        distances = self._session.scan(self._at(), CENTRE, self._specs[about.name])
+        return float(distances[about.rays.index(sensor)] if sensor in about.rays else np.min(distances))
 
     def _at(self) -> Pose:
         state = self._state()

@@ -30,7 +30,8 @@ from robocorba.map_editor.spatial.posture import Posture
 from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState
 from robocorba.simulation.reservations import Reservation, ReservedAreas
 from robocorba.simulation.robot_scans import RobotScan
-from robocorba.simulation.sensing.fan import LASER, PROXIMITY, Fan
+from robocorba.simulation.sensing.fan import Fan
+from robocorba.simulation.sensing.scan import LASER, PROXIMITY
 from robocorba.system.names import ROBOTS
 from testkit.processes import eventually
 from tests.clock import Clock

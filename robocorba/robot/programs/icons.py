@@ -24,7 +24,7 @@ from robocorba.robot.kinematics.smartpal import (
     Side,
 )
 from robocorba.robot.programs.installed_icons import installed
-from robocorba.simulation.sensing.fan import LASER, PROXIMITY
+from robocorba.simulation.sensing.scan import LASER, ray_sensor
 
 
 def _tag(name: str) -> str:
@@ -94,7 +94,6 @@ Sensor = Literal[
     "right",
     "front_right",
 ]
-PROXIMITY_SENSORS: tuple[str, ...] = get_args(Sensor)[2:]
 
 
 def sides(hand: str) -> tuple[Side, ...]:
@@ -104,7 +103,7 @@ def sides(hand: str) -> tuple[Side, ...]:
 
 def range_m(sensor: str) -> float:
     """Range of a sensor [m]."""
-    return LASER.range_m if sensor == "laser" else PROXIMITY.range_m
+    return ray_sensor(sensor).fan.range_m
 
 
 class Destination(Struct, frozen=True, forbid_unknown_fields=True):
