@@ -259,20 +259,6 @@ def test_any_damage_to_a_sound_file_ends_in_a_building_or_a_typed_error() -> Non
     assert outcomes == {Building, MapFileError}
 
 
-def test_check_lists_what_is_wrong(tmp_path: Path) -> None:
-    file = tmp_path / "house.yaml"
-
-    def found(text: str) -> list[tuple[int, str]]:
-        file.write_text(text)
-        return [(each.line, each.key) for each in native.check(file)]
-
-    assert native.check(file)[0].line == 0
-    assert found(SOUND) == []
-    wrong = SOUND.replace("at: [1, 1]", "at: [1.5, 3]").replace("at: [3, 1]", "at: [2.5, 3]")
-    assert found(wrong)[:2] == [(11, "floors[0].nodes[0]"), (13, "floors[0].nodes[1]")]
-    assert [line for line, _ in found("robocorba: 2")] == [1]
-
-
 CLEARANCE_M = 0.45
 
 

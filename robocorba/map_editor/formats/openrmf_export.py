@@ -29,11 +29,6 @@ from robocorba.map_editor.model import (
 )
 from robocorba.map_editor.spatial.pose import XY
 
-#: Number of navigation graphs that the format's tools support (indices 0 to 8).
-MAX_GRAPHS = 9
-_DEFAULT_HEIGHT = 3.0
-_DEFAULT_SPEED, _DEFAULT_DOOR_TIME = 1.0, 3.0
-
 
 def dumps(building: Building) -> tuple[str, tuple[str, ...]]:
     """The text of a building.yaml, and a sentence for each kind of loss."""
@@ -126,7 +121,7 @@ def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: 
         )
     for name in entry.geometrical.areas:
         losses.add("areas: {n} left out: {names}", f"{floor.name} {name}")
-    if floor.height != _DEFAULT_HEIGHT:
+    if floor.height != 3.0:  # what a reader assumes
         losses.add("height of floors: not kept: {names}", floor.name)
     return level
 
@@ -188,10 +183,8 @@ def _graph_indices(building: Building, losses: Losses) -> dict[str, int]:
         if name not in found:
             found[name] = next(i for i in range(len(names) + 1) if i not in found.values())
     for name, index in found.items():
-        if index >= MAX_GRAPHS:
-            losses.add(
-                f"graphs: the format's tools support only indices 0 to {MAX_GRAPHS - 1}: {{names}}", f"{name} ({index})"
-            )
+        if index > 8:
+            losses.add("graphs: the format's tools support only indices 0 to 8: {names}", f"{name} ({index})")
     if any(not edge.graphs for edge in edges):
         found = found or {"0": 0}
         losses.add(f"edges without a graph are written to every graph: {', '.join(found)}")
@@ -233,7 +226,7 @@ def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, A
     for door in elevator.doors:
         label = doorways.setdefault((door.side, door.width, door.offset), f"{elevator.name}_door{len(doorways) + 1}")
         level_doors[door.floor].append(label)
-    if elevator.speed != _DEFAULT_SPEED or elevator.door_time != _DEFAULT_DOOR_TIME:
+    if (elevator.speed, elevator.door_time) != (1.0, 3.0):  # what a reader assumes
         losses.add("elevators: speed and door time are not kept: {names}", elevator.name)
     by_height = sorted(order, key=lambda name: building.floors[name].floor.elevation)
     return {

@@ -12,9 +12,8 @@ from robocorba.map_editor.geometry import shaft_polygon
 from robocorba.map_editor.losses import Losses
 from robocorba.map_editor.model import Elevator, PathEdge, PathNode, TopologicalMap
 
-#: Parameters of lanes and vertices that a building keeps.
+#: Parameters of lanes that a building keeps.
 _KEPT_LANE_PARAMETERS = {"bidirectional", "is_bidirectional", "graph_idx", "speed_limit", "name", "clearance"}
-_KEPT_VERTEX_PARAMETERS = {"lift_cabin"}
 
 
 class UniqueNames:
@@ -72,7 +71,7 @@ def _nodes(level: Level, lifts: dict[str, Elevator], left_out: Collection[str], 
         cabin = cabin or next((lift for lift, shaft in shafts.items() if shaft.contains(point)), "")
         found[index] = PathNode(name=name, at=vertex.at, elevator=cabin)
         for key, value in vertex.params.items():
-            if key not in _KEPT_VERTEX_PARAMETERS and value.value:
+            if key != "lift_cabin" and value.value:
                 losses.add(f"vertex property {key}: not kept: {{names}}", f"{level.name} {name}")
     return found
 

@@ -7,7 +7,6 @@ pictures, which show a shaft's walls, and its doors in the state during mapping.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -18,15 +17,13 @@ from robocorba.errors.maps import InvalidElement
 from robocorba.map_editor import validation
 from robocorba.map_editor.formats import ros_map
 from robocorba.map_editor.formats.grid import FREE, Canvas
-from robocorba.map_editor.formats.ros_map import RosOptions
+from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions
 from robocorba.map_editor.formats.ros_picture import MapServerSettings, named_file, read_cells, read_settings
 from robocorba.map_editor.formats.yaml_item import STOREY_M, Item
 from robocorba.map_editor.geometry import LANDING_REACH_M, landing_line, shaft_polygon
 from robocorba.map_editor.losses import Imported, Losses
 from robocorba.map_editor.model import Building, Elevator, Floor, FloorMap
 from robocorba.map_editor.yaml_file import YamlFile, read_yaml
-
-FORMAT_VERSION = 1
 
 
 class _FloorEntry(msgspec.Struct, forbid_unknown_fields=True):
@@ -44,16 +41,11 @@ class _ListFile(msgspec.Struct, forbid_unknown_fields=True):
     elevators: tuple[Elevator, ...] = ()
 
 
-def is_ros_floors(data: Any) -> bool:
-    """Whether parsed YAML looks like a list of map_server files."""
-    return isinstance(data, dict) and "ros_maps" in data
-
-
-def read(file: YamlFile, options: RosOptions) -> Imported:
+def _read(file: YamlFile, options: ReadOptions) -> Imported:
     """The building that a list of map_server files describes. Raises MapFileError with file, line and key."""
     version = file.data["ros_maps"]
-    if type(version) is not int or version != FORMAT_VERSION:
-        raise file.error("$.ros_maps", f"this release reads version {FORMAT_VERSION}, not {version!r}")
+    if type(version) is not int or version != 1:
+        raise file.error("$.ros_maps", f"this release reads version 1, not {version!r}")
     content = file.convert(_ListFile)
     if not content.floors:
         raise file.error("$.floors", "no floor is listed")
@@ -66,7 +58,7 @@ def read(file: YamlFile, options: RosOptions) -> Imported:
     ordered = dict(sorted(entries.items(), key=lambda item: item[1].floor.level))
     building = Building(content.name, ordered, elevators)
     _check(file, building)
-    return Imported(building, ros_map.FORMAT, losses.sentences())
+    return Imported(building, FORMAT.name, losses.sentences())
 
 
 def _floors(file: YamlFile, entries: tuple[_FloorEntry, ...]) -> list[Floor]:
@@ -120,7 +112,7 @@ def _key_of(file: YamlFile, wrong: InvalidElement) -> str:
 
 
 def _floor_map(
-    file: YamlFile, index: int, floor: Floor, elevators: dict[str, Elevator], options: RosOptions, losses: Losses
+    file: YamlFile, index: int, floor: Floor, elevators: dict[str, Elevator], options: ReadOptions, losses: Losses
 ) -> FloorMap:
     """The floor at `index` of the list, from its map_server file."""
     named = Item(file, f"$.floors[{index}].map", file.data["floors"][index]["map"])
@@ -168,3 +160,14 @@ def _clear_shaft(
     before_door = ndimage.binary_dilation((landing.cells == FREE) & (inside.cells != FREE)) & ~cleared
     if not (cells[before_door] == FREE).any():
         losses.add(f"elevator {elevator.name!r}: no free cell in front of its doors; check its position and their side")
+
+
+FORMAT = MapFormat(
+    name="ros",
+    title="ROS maps of several floors (.yaml)",
+    files="a YAML file that lists floors, each with its ROS map, and elevators",
+    has_cells=True,
+    mark="a list of ROS maps (ros_maps: 1)",
+    recognises=lambda data: isinstance(data, dict) and "ros_maps" in data,
+    read=_read,
+)

@@ -19,10 +19,8 @@ from scipy import ndimage
 MAX_RING_POINTS = 1000
 #: Connectivity of cells: those that share a side or a corner.
 EIGHT_NEIGHBOURS = np.ones((3, 3), bool)
-_WEST, _SOUTH, _EAST, _NORTH = range(4)
-#: Unit step in each of these directions: x right, y up.
+#: Unit steps west, south, east and north, the headings 0 to 3: x right, y up.
 _STEPS = np.array([(-1, 0), (0, -1), (1, 0), (0, 1)])
-_LEFT, _RIGHT = 1, 3
 
 
 class Solid(NamedTuple):
@@ -142,11 +140,12 @@ def _sides(region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     columns = region.shape[1]
     padded = np.pad(region, 1)
     inside = padded[1:-1, 1:-1]
+    # The headings of the sides of a cell whose neighbour above, left, below or right is open, and where they start.
     open_sides = [
-        (_WEST, inside & ~padded[:-2, 1:-1], (0, 1)),
-        (_SOUTH, inside & ~padded[1:-1, :-2], (0, 0)),
-        (_EAST, inside & ~padded[2:, 1:-1], (1, 0)),
-        (_NORTH, inside & ~padded[1:-1, 2:], (1, 1)),
+        (0, inside & ~padded[:-2, 1:-1], (0, 1)),
+        (1, inside & ~padded[1:-1, :-2], (0, 0)),
+        (2, inside & ~padded[2:, 1:-1], (1, 0)),
+        (3, inside & ~padded[1:-1, 2:], (1, 1)),
     ]
     starts, headings, cells = [], [], []
     for heading, sides, (down, right) in open_sides:
@@ -215,7 +214,7 @@ def _bevelled(region: np.ndarray, corners: _Corners) -> tuple[np.ndarray, np.nda
     at, ring = corners.at, corners.ring
     before, after = _neighbours(ring)
     way_in, way_out = _STEPS[corners.heading_in], _STEPS[corners.heading_out]
-    turn = (corners.heading_out - corners.heading_in) % 4
+    turn, left, right = (corners.heading_out - corners.heading_in) % 4, 1, 3
     unit_in = np.abs(at - at[before]).sum(axis=1) == 1
     unit_out = np.abs(at[after] - at).sum(axis=1) == 1
 
@@ -226,9 +225,9 @@ def _bevelled(region: np.ndarray, corners: _Corners) -> tuple[np.ndarray, np.nda
         | _is_region(region, notch + way_out)
         | _is_region(region, notch - way_in + way_out)
     )
-    inner = (turn == _RIGHT) & wide
-    step = inner & unit_in & unit_out & (turn[before] == _LEFT) & (turn[after] == _LEFT)
-    meeting = (turn == _RIGHT) & ~_is_region(region, at + (way_in - way_out) / 2)
+    inner = (turn == right) & wide
+    step = inner & unit_in & unit_out & (turn[before] == left) & (turn[after] == left)
+    meeting = (turn == right) & ~_is_region(region, at + (way_in - way_out) / 2)
     joined = inner & meeting & ~step
 
     copies = np.where(step, 0, np.where(joined, 2, 1))
