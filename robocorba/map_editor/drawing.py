@@ -55,15 +55,14 @@ class PathMark(NamedTuple):
     label: str = ""
 
 
-#: Marker, colour and size [pixels] by kind. Other kinds have no marker.
-_MARKS: dict[str, tuple[str, str, float]] = {
-    "start": ("o", "#12805c", 13),
-    "goal": ("*", PATH, 20),
-    "elevator_entry": ("^", "#b36b00", 13),
-    "elevator_exit": ("v", "#b36b00", 13),
-    "node": ("o", PATH, 5),
+#: Marker, colour, size [pixels] and text by kind. Other kinds have neither. What has a text is always labelled.
+_MARKS: dict[str, tuple[str, str, float, str]] = {
+    "start": ("o", "#12805c", 13, "start"),
+    "goal": ("*", PATH, 20, "goal"),
+    "elevator_entry": ("^", "#b36b00", 13, "enters"),
+    "elevator_exit": ("v", "#b36b00", 13, "leaves"),
+    "node": ("o", PATH, 5, ""),
 }
-_MARK_TEXTS = {"start": "start", "goal": "goal", "elevator_entry": "enters", "elevator_exit": "leaves"}
 
 
 def draw_floor(
@@ -142,8 +141,9 @@ def write_labels(sheet: Sheet, entry: FloorMap, elevators: Iterable[Elevator], p
     """Write names, the most important first. Names without room are omitted."""
     plan = entry.geometrical
     for mark in path:
-        text = " ".join(filter(None, [_MARK_TEXTS.get(mark.kind, ""), mark.label]))
-        sheet.label(text, (mark.x, mark.y), colour=PATH, bold=True, apart=10, must=mark.kind in _MARK_TEXTS)
+        word = _MARKS[mark.kind][3] if mark.kind in _MARKS else ""
+        text = " ".join(filter(None, [word, mark.label]))
+        sheet.label(text, (mark.x, mark.y), colour=PATH, bold=True, apart=10, must=bool(word))
     for elevator in elevators:
         sheet.label(elevator.name, elevator.at, bold=True, apart=9)
     for area in plan.areas.values():
@@ -232,7 +232,7 @@ def _draw_path(sheet: Sheet, path: Sequence[PathMark]) -> None:
             sheet.arrow((a.x, a.y), (b.x, b.y), PATH, sheet.px(0.6, 14, 22), zorder=10)
     for mark in path:
         if mark.kind in _MARKS:
-            shape, colour, size = _MARKS[mark.kind]
+            shape, colour, size, _ = _MARKS[mark.kind]
             marker: dict[str, Any] = {"markersize": size, "markeredgecolor": GROUND, "markeredgewidth": 1.2}
             sheet.axes.plot(mark.x, mark.y, shape, color=colour, zorder=11, **marker)
 

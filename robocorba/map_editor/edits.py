@@ -8,11 +8,6 @@ from typing import NamedTuple
 from robocorba.map_editor.changes import Change, ChangeKind
 from robocorba.map_editor.model import Element, ElementKind
 
-#: Maximum length of a summary [characters]; names may have 200.
-MAX_SUMMARY = 300
-#: Maximum number of groups of equal changes in a summary.
-MAX_GROUPS = 3
-
 
 class EditRecord(NamedTuple):
     """One edit: a change or a transaction to `version`.
@@ -39,13 +34,18 @@ class MapChange(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """A restriction or a broken rule: the element, `where` it is (floor, x and y [m]), and a sentence."""
+    """A restriction or a broken rule: the element, `where` it is (floor, x and y [m]), and a sentence.
+
+    summary: the sentence for all findings of the same kind, with {n} for their number and {names} for their `subject`s;
+    empty for broken rules, and for findings of another process."""
 
     kind: ElementKind
     floor: str
     name: str
     where: tuple[str, float, float]
     reason: str
+    summary: str = ""
+    subject: str = ""
 
 
 def summary_of(changes: Sequence[Change]) -> str:
@@ -54,8 +54,8 @@ def summary_of(changes: Sequence[Change]) -> str:
     for change in changes:
         groups.setdefault((change.key.kind, change.floor, change.kind), []).append(change.key.name)
     parts = [_group(kind, floor, what, names) for (kind, floor, what), names in groups.items()]
-    if len(parts) > MAX_GROUPS:
-        parts[MAX_GROUPS:] = ["and more"]
+    if len(parts) > 3:
+        parts[3:] = ["and more"]
     return shortened(", ".join(parts))
 
 
@@ -65,8 +65,8 @@ def renamed(kind: ElementKind, floor: str, name: str, new_name: str) -> str:
 
 
 def shortened(summary: str) -> str:
-    """A summary of at most MAX_SUMMARY characters."""
-    return summary if len(summary) <= MAX_SUMMARY else f"{summary[: MAX_SUMMARY - 1]}…"
+    """A summary of at most 300 characters; names may have 200."""
+    return summary if len(summary) <= 300 else f"{summary[:299]}…"
 
 
 def _group(kind: ElementKind, floor: str, what: ChangeKind, names: Sequence[str]) -> str:

@@ -195,7 +195,7 @@ def test_a_transaction_lists_every_rule_that_its_commit_would_break(editor: Buil
     assert transaction.problems() == []
     transaction.change(L1, wall("w", 12.0), 1)
     editor.change(L1, wall("w", 13.0), 1)
-    assert [each[:3] + each[4:] for each in transaction.problems()] == [
+    assert [(each.kind, each.floor, each.name, each.reason) for each in transaction.problems()] == [
         (WALL, L1, "w", "another client has changed it since")
     ]
 

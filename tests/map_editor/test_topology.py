@@ -39,7 +39,7 @@ from robocorba.map_editor.model import (
 )
 from robocorba.map_editor.samples import SAMPLES, load_sample
 from robocorba.map_editor.spatial.pose import XY
-from robocorba.map_editor.time_limit import TimeLimit
+from robocorba.map_editor.time_limit import time_limit
 from robocorba.map_editor.topology import topological_map
 from robocorba.map_editor.topology.roadmap import SAME_POINT_M
 from robocorba.map_editor.topology.sites import Sites
@@ -302,9 +302,9 @@ def test_the_work_follows_the_content_of_a_floor_and_not_its_size(metres: float)
 
 def test_the_work_ends_at_its_time_limit() -> None:
     now = iter(np.arange(0.0, 100.0, 0.5))
-    limit = TimeLimit("the topological map of L1", 10.0, lambda: float(next(now)))
+    check = time_limit("the topological map of L1", 10.0, lambda: float(next(now)))
     with pytest.raises(TooSlow, match="the topological map of L1 takes longer than 10 s"):
-        topological_map(load_sample("five-floors"), "L1", check_time=limit.check)
+        topological_map(load_sample("five-floors"), "L1", check_time=check)
     assert next(now) == 11.0
 
 

@@ -11,10 +11,10 @@ from robocorba.map_editor import native
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.edit_session import EditSession, EditSessions
 from robocorba.map_editor.long_requests import LongRequests
+from robocorba.map_editor.map_building_agent import Transaction
 from robocorba.map_editor.model import ElementKind
 from robocorba.map_editor.pages import MAX_PAGE
-from robocorba.map_editor.time_limit import TimeLimit
-from robocorba.map_editor.transactions import Transaction
+from robocorba.map_editor.time_limit import time_limit
 from robocorba.orb.exceptions import translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.stubs import RoboCorba, RoboCorba__POA
@@ -24,12 +24,6 @@ from robocorba.system.garbage import collections_paused
 CLOSED_TRANSACTIONS_KEPT = 100
 #: Maximum number of findings in a reply: each takes about 500 bytes, and a reply is limited to 64 MiB.
 MAX_FINDINGS = 10_000
-#: Maximum number of changes in a reply of changesSince: 2 s of work for the server. readChanges has no such limit.
-MAX_CHANGES = 100_000
-#: Maximum number of elements in a reply: with short names, each takes about 100 bytes of the 64 MiB.
-MAX_ELEMENTS = 500_000
-#: Maximum length of an exported map [bytes]: that of a message, less its header.
-MAX_EXPORT = 64 * 1024 * 1024 - 1024
 
 
 class Activator(Protocol):
@@ -183,7 +177,7 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     def _records(self, kind: ElementKind, floor: str) -> list[Any]:
         found = self._editor.elements(kind, floor)
-        if len(found) > MAX_ELEMENTS:
+        if len(found) > 500_000:  # with short names, each takes about 100 bytes of the 64 MiB of a reply
             raise ReplyTooLarge(f"{len(found)} elements don't fit into a message; read them in pages")
         return [maps.record(floor, value, changed_in) for value, changed_in in found]
 
@@ -250,9 +244,10 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def changesSince(self, since: int) -> list[Any]:
-        count = self._editor.count_changes(since)
-        if count > MAX_CHANGES:
-            raise VersionUnavailable(since, self._editor.oldest_within(MAX_CHANGES), self._editor.version)
+        # Changes in a reply: 2 s of work for the server. readChanges has no such limit.
+        count, limit = self._editor.count_changes(since), 100_000
+        if count > limit:
+            raise VersionUnavailable(since, self._editor.oldest_within(limit), self._editor.version)
         if count <= MAX_PAGE:
             return maps.changes(self._editor.changes_since(since))
         with self._long_requests.admitted():
@@ -273,7 +268,7 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
         # Imported here: it takes 0.5 s to load, and a server must restart quickly.
         from robocorba.map_editor.topology import topological_map
 
-        check_time = TimeLimit(f"the topological map of {onFloor[:80]}").check
+        check_time = time_limit(f"the topological map of {onFloor[:80]}")
         roads = topological_map(self._editor.building, onFloor, robotRadius, check_time=check_time)
         return self._editor.replace_topology(onFloor, roads)
 
@@ -281,14 +276,14 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     def check(self) -> list[Any]:
         from robocorba.map_editor.checking import findings  # imported here for the same reason
 
-        check_time = TimeLimit("the check of the building").check
+        check_time = time_limit("the check of the building")
         return maps.findings(findings(self._editor.building, check_time=check_time)[:MAX_FINDINGS])
 
     @translating
     def checkFloor(self, onFloor: str, robotRadius: float) -> list[Any]:
         from robocorba.map_editor.checking import floor_findings  # imported here for the same reason
 
-        check_time = TimeLimit(f"the check of {onFloor[:80]}").check
+        check_time = time_limit(f"the check of {onFloor[:80]}")
         found = floor_findings(self._editor.building, onFloor, robotRadius, check_time)
         return maps.findings(found[:MAX_FINDINGS])
 
@@ -296,7 +291,8 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     def exportMap(self) -> str:
         with self._long_requests.admitted():
             document = native.dumps(self._editor.building)
-        if len(document) > MAX_EXPORT or len(document.encode()) > MAX_EXPORT:
+        limit = 64 * 1024 * 1024 - 1024  # bytes of a message, less its header
+        if len(document) > limit or len(document.encode()) > limit:
             raise ReplyTooLarge("the map file does not fit into a message; read the building in pages")
         return document
 

@@ -18,7 +18,8 @@ from robocorba.map_editor.topology.sites import Sites
 
 #: Minimum distance of the two sites of an axis segment [radii]. Segments between closer sites lead into a gap or
 #: away from a single wall, as those between two sites on one side of an obstacle do. Every value below 2 keeps the
-#: connectivity of the free space (lambda medial axis).
+#: connectivity of the free space, by the theorem on the lambda medial axis (Chazal and Lieutier, 2005): sites on both
+#: sides of a passage that the robot fits through are two radii apart.
 MIN_SITE_DISTANCE_RADII = 1.5
 
 #: A node of a bridge: a node of the roadmap, or the midpoint of a triangle's side.
@@ -94,7 +95,7 @@ def _bridge_graph(roadmap: RoadmapGraph, room: Polygon, nodes_in_room: list[int]
     """All connections in a room: between triangles, from each node to the sides of its triangle, and roadmap edges."""
     graph: nx.Graph[BridgePoint] = nx.Graph()
     for a, b in roadmap.graph.subgraph(nodes_in_room).edges:
-        graph.add_edge(a, b, weight=0.01 * roadmap.length(a, b))  # prefers existing edges
+        graph.add_edge(a, b, weight=0.01 * roadmap.length(a, b))  # a choice: existing edges win
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(room)).tolist()
     midpoints: list[list[XY]] = []
     for triangle in triangles:
