@@ -71,27 +71,24 @@ def draw_floor(
     *,
     path: Sequence[PathMark] | None = None,
     width_px: int = 1200,
-    title: str | None = None,
 ) -> Image.Image:
     """A floor as an RGB picture `width_px` wide, +y up; its height follows from the floor (at most MAX_PIXELS).
 
-    `path` holds the marks of a path on this floor, in order. The default title is the
-    building's and the floor's name; an empty title is omitted.
+    `path` holds the marks of a path on this floor, in order. The title is the building's and the floor's name.
     Raises UnknownFloor, and ValueError for a width outside 200 to MAX_PIXELS."""
     if floor not in building.floors:
         raise UnknownFloor("picture", floor, list(building.floors))
     if not 200 <= width_px <= MAX_PIXELS:
         raise ValueError(f"width_px must be 200 to {MAX_PIXELS}, not {width_px}")
-    title = f"{building.name} · {floor}" if title is None else title
     path, entry = path or (), building.floors[floor]
-    sheet = Sheet(Frame(building, floor, width_px, bool(title)))
+    sheet = Sheet(Frame(building, floor, width_px, titled=True))
     # From bottom to top. Names come last and never overlap.
     draw_geometrical_map(sheet, building, floor)
     nodes = {name: node.at for name, node in entry.topological.nodes.items()}
     edges = entry.topological.edges.values()
     _draw_edges(sheet, nodes, [edge for edge in edges if {edge.a, edge.b} <= nodes.keys()])
     _draw_path(sheet, path)
-    draw_title_and_legend(sheet, title)
+    draw_title_and_legend(sheet, f"{building.name} · {floor}")
     for point in [*nodes.values(), *((mark.x, mark.y) for mark in path)]:
         sheet.keep_clear(point)
     write_labels(sheet, entry, building.elevators_through(floor), path)
@@ -103,26 +100,22 @@ def draw_building(
     *,
     paths: Mapping[str, Sequence[PathMark]] | None = None,
     width_px: int = 1200,
-    columns: int = 1,
 ) -> Image.Image:
-    """All floors in one RGB picture, the highest first, in rows of `columns`. `paths` holds marks by floor.
+    """All floors in one RGB picture, the highest first. `paths` holds marks by floor.
 
-    `width_px` is the width of the whole picture. Raises UnknownFloor for a path on an
-    unknown floor, and ValueError as draw_floor does for each column."""
+    Raises UnknownFloor for a path on an unknown floor, and ValueError as draw_floor does."""
     for floor in paths or {}:
         if floor not in building.floors:
             raise UnknownFloor("path", floor, list(building.floors))
-    across = max(1, min(columns, len(building.floors)))
     pictures = [
-        draw_floor(building, floor, path=(paths or {}).get(floor), width_px=width_px // across)
+        draw_floor(building, floor, path=(paths or {}).get(floor), width_px=width_px)
         for floor in reversed(building.floors)
     ]
-    rows = [pictures[i : i + across] for i in range(0, len(pictures), across)]
-    heights = [max(picture.height for picture in row) for row in rows]
-    sheet = Image.new("RGB", (width_px, max(1, sum(heights))), GROUND)
-    for number, row in enumerate(rows):
-        for column, picture in enumerate(row):
-            sheet.paste(picture, (column * (width_px // across), sum(heights[:number])))
+    sheet = Image.new("RGB", (width_px, max(1, sum(picture.height for picture in pictures))), GROUND)
+    top = 0
+    for picture in pictures:
+        sheet.paste(picture, (0, top))
+        top += picture.height
     return sheet
 
 

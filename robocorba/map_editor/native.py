@@ -69,9 +69,15 @@ def is_native(data: Any) -> bool:
 def checked(file: YamlFile) -> Building:
     """The building of a file. Raises MapFileError with line and key."""
     building = parse(file)
+    check_rules(file, building)
+    return building
+
+
+def check_rules(file: YamlFile, building: Building) -> None:
+    """Raise MapFileError with line and key if the building of a file breaks a rule. A list of floors by `name` and one
+    of elevators say where."""
     for wrong in validation.problems(building, limit=1):
         raise file.error(_key_of(file, wrong), str(wrong))
-    return building
 
 
 def parse(file: YamlFile) -> Building:
@@ -116,8 +122,8 @@ def _key_of(file: YamlFile, wrong: InvalidElement) -> str:
     if wrong.kind == "floor" or "]" not in at:
         return at
     _layer, key = COLLECTION_OF[ElementKind(wrong.kind)]
-    entries = file.data["floors"][int(at[len("$.floors[") : -1])].get(key) or []
-    return _index(f"{at}.{key}", entries, wrong.name)
+    entries = file.data["floors"][int(at[len("$.floors[") : -1])].get(key)
+    return _index(f"{at}.{key}", entries, wrong.name) if entries else at
 
 
 def _index(at: str, entries: list[dict[str, Any]], name: str) -> str:

@@ -42,7 +42,7 @@ from robocorba.map_editor.spatial.pose import XY
 from robocorba.map_editor.time_limit import time_limit
 from robocorba.map_editor.topology import topological_map
 from robocorba.map_editor.topology.roadmap import SAME_POINT_M
-from robocorba.map_editor.topology.sites import Sites
+from robocorba.map_editor.topology.sites import sites_of
 from testkit.buildings import with_all
 from tests.map_editor.formats.rmf_files import real_file
 
@@ -293,8 +293,8 @@ def test_the_work_follows_the_content_of_a_floor_and_not_its_size(metres: float)
     width, depth, middle = 20.0 * metres, 10.0 * metres, 10.0 * metres
     wall, door = ((middle, 0.0), (middle, depth)), ((middle, 4.0 * metres), (middle, 4.0 * metres + 0.9))
     building = one_floor(width, depth, [wall], [door])
-    sites = Sites([item.geometry for item in geometry.obstacles(building, "L1")], RADIUS)
-    assert len(sites.xy) < 3000
+    sites, _ = sites_of([item.geometry for item in geometry.obstacles(building, "L1")], RADIUS)
+    assert len(sites) < 3000
     roads = topological_map(building, "L1", RADIUS)
     assert len(list(nx.connected_components(graph_of(roads)))) == 1
     assert any(math.dist(node.at, (middle, 4.0 * metres + 0.45)) < 0.06 for node in roads.nodes.values())

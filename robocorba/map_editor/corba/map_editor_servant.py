@@ -72,30 +72,38 @@ class TransactionServant(RoboCorba__POA.Transaction):
         return maps.findings(self._transaction.problems()[:MAX_FINDINGS])
 
 
-class Transactions:
-    """The servants of the transactions that are open or ended lately."""
+class ActiveServants:
+    """The servants of objects that are open or ended lately; those that ended before are deactivated."""
 
-    def __init__(self, activator: Activator) -> None:
-        self._activator = activator
-        self._servants: list[TransactionServant] = []
-        self._beginning = threading.Lock()
+    def __init__(self, activator: Activator, ended_kept: int) -> None:
+        self._activator, self._ended_kept = activator, ended_kept
+        self._servants: list[Any] = []
+        self._changing = threading.Lock()
 
-    def begin(self, begin: Callable[[], Transaction]) -> Any:
-        """A reference to the transaction that `begin` returns."""
-        with self._beginning:
-            servant = TransactionServant(begin())
-            ended = [each for each in self._servants if not each.is_open]
-            for oldest in ended[:-CLOSED_TRANSACTIONS_KEPT]:
-                self._servants.remove(oldest)
-                self._activator.deactivate(oldest)
+    def activate(self, make: Callable[[], Any]) -> Any:
+        """A reference to the servant that `make` returns."""
+        with self._changing:
+            servant = make()
+            self._deactivate_ended()
             self._servants.append(servant)
             return self._activator.activate(servant)
+
+    def deactivate_ended(self) -> None:
+        """Deactivate those that ended before the ones that are kept."""
+        with self._changing:
+            self._deactivate_ended()
+
+    def _deactivate_ended(self) -> None:
+        ended = [each for each in self._servants if not each.is_open]
+        for oldest in ended[: max(len(ended) - self._ended_kept, 0)]:
+            self._servants.remove(oldest)
+            self._activator.deactivate(oldest)
 
 
 class EditSessionServant(RoboCorba__POA.EditSession):
     """RoboCorba::EditSession."""
 
-    def __init__(self, session: EditSession, transactions: Transactions, ended: Callable[[], None]) -> None:
+    def __init__(self, session: EditSession, transactions: ActiveServants, ended: Callable[[], None]) -> None:
         self._session, self._transactions, self._ended = session, transactions, ended
 
     @property
@@ -132,7 +140,7 @@ class EditSessionServant(RoboCorba__POA.EditSession):
 
     @translating
     def begin(self) -> Any:
-        return self._transactions.begin(self._session.begin)
+        return self._transactions.activate(lambda: TransactionServant(self._session.begin()))
 
     @translating
     def undo(self) -> int:
@@ -152,10 +160,9 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     """RoboCorba::MapEditor for a BuildingEditor and the sessions of its authors."""
 
     def __init__(self, sessions: EditSessions, activator: Activator) -> None:
-        self._editor, self._sessions, self._activator = sessions.editor, sessions, activator
-        self._transactions = Transactions(activator)
-        self._session_servants: list[EditSessionServant] = []
-        self._opening = threading.Lock()
+        self._editor, self._sessions = sessions.editor, sessions
+        self._transactions = ActiveServants(activator, CLOSED_TRANSACTIONS_KEPT)
+        self._session_servants = ActiveServants(activator, 0)
         self._long_requests = LongRequests()
 
     def _get_buildingName(self) -> str:
@@ -200,7 +207,7 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def begin(self) -> Any:
-        return self._transactions.begin(self._editor.begin)
+        return self._transactions.activate(lambda: TransactionServant(self._editor.begin()))
 
     @translating
     def rename(self, id: Any, name: str, expected: int) -> int:
@@ -208,19 +215,11 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def openSession(self, author: str) -> Any:
-        session = self._sessions.open(author)
-        self._deactivate_ended_sessions()
-        servant = EditSessionServant(session, self._transactions, self._deactivate_ended_sessions)
-        with self._opening:
-            self._session_servants.append(servant)
-            return self._activator.activate(servant)
+        def servant() -> EditSessionServant:
+            session = self._sessions.open(author)
+            return EditSessionServant(session, self._transactions, self._session_servants.deactivate_ended)
 
-    def _deactivate_ended_sessions(self) -> None:
-        """At most the limit of open sessions have timed out and are still active."""
-        with self._opening:
-            for servant in [each for each in self._session_servants if not each.is_open]:
-                self._session_servants.remove(servant)
-                self._activator.deactivate(servant)
+        return self._session_servants.activate(servant)
 
     @translating
     def editsSince(self, since: int) -> list[Any]:

@@ -154,18 +154,14 @@ class RemoteFloorMap:
 def _lineage(editor: Any, since: int, until: int) -> Lineage:
     """Which elements of version `until` are those of version `since`; by their names if the changes between are not
     kept any more."""
-    part, changes, position = maps.selection(Selection(FOLLOWED)), list[MapChange](), ChangePosition(since)
+    if since >= until:
+        return SAME_NAMES
     try:
-        while position.since < until:
-            page = editor.readChanges(maps.position(position), part, 0)
-            changes += maps.changes_of(page.changes)
-            position = maps.position_of(page.next)
-            if page.isLast:
-                break
+        changes = [change for change in changes_after(editor, since, Selection(FOLLOWED)) if change.version <= until]
     except RoboCorba.VersionUnavailable:
         _log.warning("the changes of the map since version %d are not kept any more: elements go by names", since)
         return SAME_NAMES
-    return Lineage(change for change in changes if change.version <= until)
+    return Lineage(changes)
 
 
 def path_node_positions(orb: Orb, floor: str) -> Iterator[tuple[str, float, float]]:
@@ -193,11 +189,11 @@ def element_pages(editor: Any, part: Selection) -> Iterator[Any]:
         start, is_last = page.next, page.isLast
 
 
-def changes_after(editor: Any, version: int) -> Iterator[MapChange]:
-    """The changes after a version, in order. Raises RoboCorba.VersionUnavailable."""
+def changes_after(editor: Any, version: int, part: Selection = EVERYTHING) -> Iterator[MapChange]:
+    """The changes of a part of the building after a version, in order. Raises RoboCorba.VersionUnavailable."""
     position, is_last = RoboCorba.ChangePosition(version, 0), False
     while not is_last:
-        page = editor.readChanges(position, maps.selection(EVERYTHING), 0)
+        page = editor.readChanges(position, maps.selection(part), 0)
         yield from maps.changes_of(page.changes)
         position, is_last = page.next, page.isLast
 

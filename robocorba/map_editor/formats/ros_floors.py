@@ -13,8 +13,7 @@ import numpy as np
 import shapely
 from scipy import ndimage
 
-from robocorba.errors.maps import InvalidElement
-from robocorba.map_editor import validation
+from robocorba.map_editor import native
 from robocorba.map_editor.formats import ros_map
 from robocorba.map_editor.formats.grid import FREE, Canvas
 from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions
@@ -52,12 +51,12 @@ def _read(file: YamlFile, options: ReadOptions) -> Imported:
     floors = _floors(file, content.floors)
     elevators = _by_name(file, content.elevators)
     # Checked before the pictures are opened, since these rules need no picture.
-    _check(file, Building(content.name, {floor.name: FloorMap(floor) for floor in floors}, elevators))
+    native.check_rules(file, Building(content.name, {floor.name: FloorMap(floor) for floor in floors}, elevators))
     losses = Losses()
     entries = {floor.name: _floor_map(file, i, floor, elevators, options, losses) for i, floor in enumerate(floors)}
     ordered = dict(sorted(entries.items(), key=lambda item: item[1].floor.level))
     building = Building(content.name, ordered, elevators)
-    _check(file, building)
+    native.check_rules(file, building)
     return Imported(building, FORMAT.name, losses.sentences())
 
 
@@ -94,21 +93,6 @@ def _by_name(file: YamlFile, elevators: Iterable[Elevator]) -> dict[str, Elevato
             raise file.error(f"$.elevators[{i}].name", f"there is an elevator {elevator.name!r} already")
         found[elevator.name] = elevator
     return found
-
-
-def _check(file: YamlFile, building: Building) -> None:
-    """Raise MapFileError with line and key for the first broken rule of a building."""
-    for wrong in validation.problems(building, limit=1):
-        raise file.error(_key_of(file, wrong), str(wrong))
-
-
-def _key_of(file: YamlFile, wrong: InvalidElement) -> str:
-    if wrong.kind == "building":
-        return "$.name"
-    is_elevator = wrong.kind == "elevator"
-    key, name = ("elevators", wrong.name) if is_elevator else ("floors", wrong.floor or wrong.name)
-    names = [entry["name"] for entry in file.data[key]]
-    return f"$.{key}[{names.index(name)}]"
 
 
 def _floor_map(

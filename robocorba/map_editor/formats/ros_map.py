@@ -6,7 +6,6 @@ occupied and unknown cells become solid polygon objects.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -56,13 +55,13 @@ def floor_map(
 ) -> FloorMap:
     """The floor with the outline and the solid objects that its cells show. Raises MapFileError at `image`."""
     cells = _remove_specks(cells, settings, options.specks, losses)
-    space = _crop_to_floor(cells, settings, losses)
-    padded = np.pad(space.blocked, 1)
+    cells, blocked, corner = _crop_to_floor(cells, settings, losses)
+    padded = np.pad(blocked, 1)
     across, down = padded[:, 1:] != padded[:, :-1], padded[1:] != padded[:-1]
     if int(np.count_nonzero(across)) + int(np.count_nonzero(down)) > 2**20:  # maps have far fewer sides, noise has more
         raise image.error(f"the cells are scattered: their contours have more than {2**20} sides")
-    rows, columns = space.blocked.shape
-    corners = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) + space.corner
+    rows, columns = blocked.shape
+    corners = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) + corner
     losses.add(f"shapes follow the cells of {settings.resolution:g} m and exceed them by at most half a cell")
     losses.add("a picture has no nodes, doors, heights or names, so none are imported")
     return FloorMap(
@@ -73,35 +72,28 @@ def floor_map(
             height=floor.height,
             outline=settings.to_map_frame(corners),
         ),
-        GeometricalMap(objects=_objects(space, settings)),
+        GeometricalMap(objects=_objects(cells, blocked, corner, settings)),
     )
 
 
-def _objects(space: _FloorCells, settings: MapServerSettings) -> dict[str, MapObject]:
+def _objects(
+    cells: np.ndarray, blocked: np.ndarray, corner: np.ndarray, settings: MapServerSettings
+) -> dict[str, MapObject]:
     """The blocked regions as objects: `block1`... with occupied cells, `unknown1`... with unknown cells only."""
-    found, regions = solids(space.blocked)
-    occupied = set(np.unique(regions[space.blocked & (space.cells == OCCUPIED)]).tolist())
+    found, regions = solids(blocked)
+    occupied = set(np.unique(regions[blocked & (cells == OCCUPIED)]).tolist())
     counts = {"block": 0, "unknown": 0}
     objects: dict[str, MapObject] = {}
     for solid in found:
         kind = "block" if solid.region in occupied else "unknown"
         counts[kind] += 1
-        points = settings.to_map_frame(solid.points + space.corner)
+        points = settings.to_map_frame(solid.points + corner)
         x, y = points[0]
         shape = PolygonShape(points=tuple((px - x, py - y) for px, py in points))
         name = f"{kind}{counts[kind]}"
         # A picture has no heights: that of a wall.
         objects[name] = MapObject(name=name, shape=shape, at=(x, y), height=2.5)
     return objects
-
-
-@dataclass(frozen=True)
-class _FloorCells:
-    """The rectangle of the picture that contains the floor: its cells, which of them block, its lower left corner."""
-
-    cells: np.ndarray
-    blocked: np.ndarray
-    corner: np.ndarray
 
 
 def _remove_specks(cells: np.ndarray, settings: MapServerSettings, specks: str, losses: Losses) -> np.ndarray:
@@ -135,8 +127,11 @@ def _remove_specks(cells: np.ndarray, settings: MapServerSettings, specks: str, 
     return np.where(removed_cells, np.uint8(FREE), cells)
 
 
-def _crop_to_floor(cells: np.ndarray, settings: MapServerSettings, losses: Losses) -> _FloorCells:
-    """The rectangle around the known space. All cells in it block, except those of the kept free regions.
+def _crop_to_floor(
+    cells: np.ndarray, settings: MapServerSettings, losses: Losses
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The rectangle around the known space: its cells, which of them block, and its lower left corner in the picture.
+    All cells in it block, except those of the kept free regions.
 
     The largest free region is kept, and each of at least MIN_FREE_REGION_M2, with the known
     cells that are connected to it."""
@@ -161,7 +156,7 @@ def _crop_to_floor(cells: np.ndarray, settings: MapServerSettings, losses: Losse
         losses.add("the picture has no free cell, the whole floor is blocked; check negate and the thresholds")
     elif unknown := int(np.count_nonzero(part == UNKNOWN)):
         losses.add(f"unknown space: {settings.area_m2(unknown):.1f} m2 within the outline count as blocked")
-    return _FloorCells(part, blocked, np.array([columns.start, len(cells) - rows.stop]))
+    return part, blocked, np.array([columns.start, len(cells) - rows.stop])
 
 
 def _around(ground: np.ndarray, cells: np.ndarray) -> tuple[slice, slice]:

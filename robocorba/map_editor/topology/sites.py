@@ -22,28 +22,16 @@ from robocorba.map_editor.topology.roadmap import Array
 SPACING_SHARE = 0.2
 
 
-class Sites:
-    """`xy` (n, 2) [m] along straight sides of obstacles."""
-
-    def __init__(self, outlines: Sequence[BaseGeometry], radius_m: float) -> None:
-        segments = segments_of(np.array(outlines, object))[0]
-        segments = segments[np.hypot(*(segments[:, 2:] - segments[:, :2]).T) > 0.0]
-        pieces, of = _pieces(segments, radius_m)
-        ends = np.round(pieces.reshape(-1, 2), 7)  # sites that agree to 0.1 µm are one
-        self.xy, number = np.unique(ends, axis=0, return_inverse=True)
-        member = np.column_stack([number.reshape(-1), np.repeat(of, 2)])
-        member = np.unique(member, axis=0)
-        #: Which sites lie on which segment.
-        self._on = csr_array((np.ones(len(member), np.int32), member.T), (len(self.xy), max(len(segments), 1)))
-
-    def shifted(self, centre: Array) -> Array:
-        """The sites relative to a point, no longer exactly in line: qhull takes thirty times as long for many points on
-        one line, so each is shifted by at most 10 µm, far less than anything that is drawn."""
-        return self.xy - centre + np.random.default_rng(0).uniform(-1e-5, 1e-5, self.xy.shape)
-
-    def on_one_side(self, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether both sites of each pair (m, 2) lie on the same straight side of an obstacle."""
-        return np.asarray(self._on[pairs[:, 0]].multiply(self._on[pairs[:, 1]]).sum(axis=1)).reshape(-1) > 0
+def sites_of(outlines: Sequence[BaseGeometry], radius_m: float) -> tuple[Array, csr_array]:
+    """Sites (n, 2) [m] along the straight sides of obstacles, and which of them lie on which side (n, sides)."""
+    segments = segments_of(np.array(outlines, object))[0]
+    segments = segments[np.hypot(*(segments[:, 2:] - segments[:, :2]).T) > 0.0]
+    pieces, of = _pieces(segments, radius_m)
+    ends = np.round(pieces.reshape(-1, 2), 7)  # sites that agree to 0.1 µm are one
+    sites, number = np.unique(ends, axis=0, return_inverse=True)
+    member = np.unique(np.column_stack([number.reshape(-1), np.repeat(of, 2)]), axis=0)
+    on = csr_array((np.ones(len(member), np.int32), member.T), (len(sites), max(len(segments), 1)))
+    return sites, on
 
 
 def _pieces(segments: Array, radius_m: float) -> tuple[Array, NDArray[np.int64]]:
