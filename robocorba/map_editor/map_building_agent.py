@@ -45,12 +45,11 @@ from robocorba.map_editor.changes import (
     ordered,
 )
 from robocorba.map_editor.draft import Draft
-from robocorba.map_editor.edits import EditRecord, Finding, renamed, shortened, summary_of
+from robocorba.map_editor.edits import EditRecord, Finding, placed, renamed, shortened, summary_of
 from robocorba.map_editor.element_rules import size_of
 from robocorba.map_editor.idle import Opened, OpenedByClients
 from robocorba.map_editor.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap, with_topology
 from robocorba.map_editor.pages import EVERYTHING, MAX_PAGE, ChangePage, ChangePosition, ElementPage, Selection
-from robocorba.map_editor.places import placed
 from robocorba.map_editor.renaming import rename_changes
 from robocorba.map_editor.store import DEFAULT_LIMITS, CommitState, MapLimits, MapStore
 from robocorba.map_editor.underlays import Underlay, check_underlay
@@ -269,15 +268,11 @@ class BuildingEditor:
 
     def changes_since(self, version: int) -> list[Change]:
         """The changes after `version`, in order. Raises VersionUnavailable, MapFileError."""
-        state = self._state
-        if version == state.version:
-            return []
-        return self._store.changes_since(version, state.version)
+        return self._store.changes_since(version, self._state.version)
 
     def count_changes(self, since: int) -> int:
         """The number of changes after version `since`. Raises VersionUnavailable, MapFileError."""
-        state = self._state
-        return self._store.count_changes(since, state.version) if since != state.version else 0
+        return self._store.count_changes(since, self._state.version)
 
     def oldest_within(self, changes: int) -> int:
         """The oldest version after which there are at most so many changes."""
@@ -286,10 +281,7 @@ class BuildingEditor:
     def change_page(self, start: ChangePosition, part: Selection = EVERYTHING, limit: int = MAX_PAGE) -> ChangePage:
         """At most `limit` changes of a part of the building from a position on. Raises VersionUnavailable,
         MapFileError."""
-        state = self._state
-        if start == (state.version, 0):
-            return ChangePage([], start, True, 0)
-        return self._store.change_page(start, part, limit, state.version)
+        return self._store.change_page(start, part, limit, self._state.version)
 
     def element_page(self, start: int, part: Selection = EVERYTHING, limit: int = MAX_PAGE) -> ElementPage:
         """At most `limit` elements of a part of the building from a position on, 0 for the first. Raises MapFileError.
@@ -299,10 +291,7 @@ class BuildingEditor:
 
     def edits_since(self, version: int) -> list[EditRecord]:
         """The edits after `version`, oldest first. Raises VersionUnavailable, MapFileError."""
-        state = self._state
-        if version == state.version:
-            return []
-        return self._store.edits_since(version, state.version)
+        return self._store.edits_since(version, self._state.version)
 
     def underlay(self, floor: str) -> Underlay | None:
         """The picture below a floor. Raises UnknownElement, MapFileError."""
@@ -326,14 +315,6 @@ class BuildingEditor:
         Returns the new version, the current one if nothing differs. Raises StaleVersion, InvalidElement."""
         self._expect(expected)
         elements = difference(self.building, building)
-        self._check_replacement(elements)
-        for wrong in problems(building, limit=1):
-            raise wrong
-        with self._lock:
-            self._expect(expected)  # the building that the difference is from
-            return self._put(elements, building.name)
-
-    def _check_replacement(self, elements: dict[ElementKey, Element | None]) -> None:
         size = sum(map(size_of, elements.values()))
         if size > self._limits.replacement_size:
             reason = (
@@ -341,6 +322,11 @@ class BuildingEditor:
                 "make them by several transactions, or start the system with this building"
             )
             raise InvalidElement(*next(key for key, element in elements.items() if element).words, reason)
+        for wrong in problems(building, limit=1):
+            raise wrong
+        with self._lock:
+            self._expect(expected)  # the building that the difference is from
+            return self._put(elements, building.name)
 
     def replace_topology(self, floor: str, topology: TopologicalMap) -> int:
         """Replace a floor's topological map, as one edit.

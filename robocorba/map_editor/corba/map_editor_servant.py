@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol
 
 from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, VersionUnavailable
@@ -12,7 +13,6 @@ from robocorba.map_editor.corba import maps
 from robocorba.map_editor.edit_session import EditSession, EditSessions
 from robocorba.map_editor.long_requests import LongRequests
 from robocorba.map_editor.map_building_agent import Transaction
-from robocorba.map_editor.model import ElementKind
 from robocorba.map_editor.pages import MAX_PAGE
 from robocorba.map_editor.time_limit import time_limit
 from robocorba.orb.exceptions import translating
@@ -177,16 +177,15 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     @translating
     def elements(self, kind: Any, onFloor: str) -> list[Any]:
         kind = maps.kind_of(kind)
-        if self._editor.count(kind, onFloor) <= MAX_PAGE:
-            return self._records(kind, onFloor)
-        with self._long_requests.admitted():
-            return self._records(kind, onFloor)
+        with self._admitted(self._editor.count(kind, onFloor)):
+            found = self._editor.elements(kind, onFloor)
+            if len(found) > 500_000:  # with short names, each takes about 100 bytes of the 64 MiB of a reply
+                raise ReplyTooLarge(f"{len(found)} elements don't fit into a message; read them in pages")
+            return [maps.record(onFloor, value, changed_in) for value, changed_in in found]
 
-    def _records(self, kind: ElementKind, floor: str) -> list[Any]:
-        found = self._editor.elements(kind, floor)
-        if len(found) > 500_000:  # with short names, each takes about 100 bytes of the 64 MiB of a reply
-            raise ReplyTooLarge(f"{len(found)} elements don't fit into a message; read them in pages")
-        return [maps.record(floor, value, changed_in) for value, changed_in in found]
+    def _admitted(self, size: int) -> AbstractContextManager[None]:
+        """Admission of a request for so many elements or changes: more than a page waits for other long ones."""
+        return self._long_requests.admitted() if size > MAX_PAGE else nullcontext()
 
     @translating
     def read(self, id: Any) -> Any:
@@ -247,9 +246,7 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
         count, limit = self._editor.count_changes(since), 100_000
         if count > limit:
             raise VersionUnavailable(since, self._editor.oldest_within(limit), self._editor.version)
-        if count <= MAX_PAGE:
-            return maps.changes(self._editor.changes_since(since))
-        with self._long_requests.admitted():
+        with self._admitted(count):
             return maps.changes(self._editor.changes_since(since))
 
     @translating
@@ -298,15 +295,12 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     @translating
     def importMap(self, document: str, expected: int) -> int:
         with self._long_requests.admitted():
-            return self._import(document, expected)
-
-    def _import(self, document: str, expected: int) -> int:
-        try:
-            with collections_paused():
-                building = native.loads(document, "document")
-        except MapFileError as error:
-            raise RoboCorba.InvalidMap(error.line, error.key, error.reason) from error
-        try:
-            return self._editor.replace(building, expected)
-        except InvalidElement as error:  # valid, but too large
-            raise RoboCorba.InvalidMap(0, "", str(error)) from error
+            try:
+                with collections_paused():
+                    building = native.loads(document, "document")
+            except MapFileError as error:
+                raise RoboCorba.InvalidMap(error.line, error.key, error.reason) from error
+            try:
+                return self._editor.replace(building, expected)
+            except InvalidElement as error:  # valid, but too large
+                raise RoboCorba.InvalidMap(0, "", str(error)) from error
