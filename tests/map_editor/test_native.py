@@ -173,20 +173,6 @@ def test_errors_name_line_and_key(old: str, new: str, line: int, key: str, reaso
     assert reason in found.reason
 
 
-def test_each_element_is_found_on_its_line() -> None:
-    assert native.dumps(Building("x")) == "robocorba: 1\nname: x\nfloors: []\n"
-    text = native.dumps(grid(3, 3, floors=2))
-    for number, line in enumerate(text.splitlines(), 1):
-        name = re.match(r" +- \{(?:name: (?P<name>[\w.]+)|from: (?P<a>[\w.]+), to: (?P<b>[\w.]+))", line)
-        if name:
-            lines = text.splitlines()
-            lines[number - 1] = line.replace("}", ", extra: 1}")
-            assert wrong("\n".join(lines)).line == number
-            if "at: [" in line:
-                lines[number - 1] = re.sub(r"at: .*\]", "at: [1.0e+9, 0.0]", line)
-                assert (wrong("\n".join(lines)).line, name["name"]) == (number, name["name"])
-
-
 def test_keys_with_points_and_brackets_are_found() -> None:
     file = parse_yaml(b"levels:\n  L:\n    x: 1\n  L.1:\n    x:\n    - 2\n    - {y: 3}\n  'a[0]': 4\n", "f")
     assert [file.line(f"$.levels.{key}") for key in ("L.x", "L.1.x", "L.1.x[1].y", "a[0]", "none", "L.1.x[7]")] == [

@@ -236,16 +236,6 @@ def test_a_radius_must_be_positive_and_the_floor_be_there(radius: float) -> None
         topological_map(one_floor(), "L9")
 
 
-@pytest.mark.parametrize(
-    ("doors", "pieces"), [([], 2), ([((6.0, 3.0), (6.0, 4.2))], 1), ([((6.0, 3.0), (6.0, 3.75))], 2)]
-)
-def test_rooms_are_joined_through_their_door_and_only_there(doors: list[tuple[XY, XY]], pieces: int) -> None:
-    roads = topological_map(one_floor(walls=[((6.0, 0.0), (6.0, 8.0))], doors=doors), "L1")
-    assert nx.number_connected_components(graph_of(roads)) == pieces
-    is_in_door = any(node.at == pytest.approx((6.0, 3.6), abs=0.01) for node in roads.nodes.values())
-    assert is_in_door == (pieces == 1)
-
-
 @pytest.mark.parametrize("turn", [0.0, 0.4])
 def test_a_dead_end_corridor_has_a_node_near_its_end_but_corners_have_none(turn: float) -> None:
     cos, sin = math.cos(turn), math.sin(turn)
