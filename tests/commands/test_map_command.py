@@ -263,7 +263,7 @@ FORMAT = MapFormat(
     recognises=lambda data: "other" in data,
     read=lambda file, options: Imported(Building(file.data["other"]), "other"),
     suffix=".txt",
-    write=lambda building, path, options: Exported({path: building.name.encode()}),
+    write=lambda building, path, resolution_m, image: Exported({path: building.name.encode()}),
 )
 """
 

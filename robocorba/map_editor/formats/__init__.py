@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 from robocorba.errors.maps import MapFileError
-from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions, WriteOptions
+from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions
 from robocorba.map_editor.losses import Exported, Imported
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.yaml_file import read_yaml
@@ -79,4 +79,4 @@ def export_map(
     write = known[format].write if format in known else None
     if write is None:
         raise MapFileError(str(path), 0, "", f"{format!r} can't be written; formats: {', '.join(known)}")
-    return write(building, Path(path), WriteOptions(resolution_m, image))
+    return write(building, Path(path), resolution_m, image)

@@ -30,13 +30,6 @@ class ReadOptions(NamedTuple):
                 raise MapFileError(path, 0, name, f"{value!r} is not supported; {', '.join(allowed)} are")
 
 
-class WriteOptions(NamedTuple):
-    """How pictures are written. resolution_m: side of a cell. image: "pgm" or "png"."""
-
-    resolution_m: float = 0.05
-    image: str = "pgm"
-
-
 class MapFormat(NamedTuple):
     """A kind of map files.
 
@@ -46,7 +39,8 @@ class MapFormat(NamedTuple):
     mark: how its files look, as in "a ROS map (image:)". recognises: whether parsed YAML is of this format. read: makes
     a building of it; None if the format is only written.
 
-    suffix: of a file that is written. write: makes the files of a building; None if the format is only read."""
+    suffix: of a file that is written. write: makes the files of a building, with the side of a cell [m] and the kind
+    of pictures ("pgm" or "png"); None if the format is only read."""
 
     name: str
     title: str
@@ -56,4 +50,4 @@ class MapFormat(NamedTuple):
     recognises: Callable[[Any], bool] = lambda data: False
     read: Callable[[YamlFile, ReadOptions], Imported] | None = None
     suffix: str = ".yaml"
-    write: Callable[[Building, Path, WriteOptions], Exported] | None = None
+    write: Callable[[Building, Path, float, str], Exported] | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from robocorba.map_editor import native
-from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions, WriteOptions
+from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions
 from robocorba.map_editor.losses import Exported, Imported
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.yaml_file import YamlFile
@@ -15,7 +15,7 @@ def _read(file: YamlFile, options: ReadOptions) -> Imported:
     return Imported(native.checked(file), FORMAT.name)
 
 
-def _write(building: Building, path: Path, options: WriteOptions) -> Exported:
+def _write(building: Building, path: Path, resolution_m: float, image: str) -> Exported:
     return Exported({path: native.dumps(building).encode()})
 
 

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from robocorba.map_editor.formats.files import floor_paths
-from robocorba.map_editor.formats.map_format import MapFormat, WriteOptions
+from robocorba.map_editor.formats.map_format import MapFormat
 from robocorba.map_editor.losses import Exported, Losses
 from robocorba.map_editor.model import Building, FloorMap, PathEdge, PathNode
 
 
-def _write(building: Building, path: Path, options: WriteOptions) -> Exported:
+def _write(building: Building, path: Path, resolution_m: float, image: str) -> Exported:
     """A graph for each floor with edges. Ids are unique across all graphs."""
     losses = Losses()
     files: dict[Path, bytes] = {}

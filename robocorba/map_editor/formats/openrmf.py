@@ -15,10 +15,10 @@ import msgspec
 
 from robocorba.errors.places import xy
 from robocorba.map_editor.formats import openrmf_export
-from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions, WriteOptions
+from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions
 from robocorba.map_editor.formats.openrmf_alignment import Alignment, align_levels, metres, reference_level
 from robocorba.map_editor.formats.openrmf_file import Level, flag, params, read_level
-from robocorba.map_editor.formats.openrmf_lanes import UniqueNames, lanes_of
+from robocorba.map_editor.formats.openrmf_lanes import lanes_of, unique_names
 from robocorba.map_editor.formats.openrmf_lifts import read_lifts
 from robocorba.map_editor.formats.openrmf_outline import FloorOutline, floor_outline
 from robocorba.map_editor.formats.yaml_item import STOREY_M, Item
@@ -136,13 +136,13 @@ def _graph_names(graphs: Item, losses: Losses) -> dict[int, str]:
 
 
 def _walls(level: Level, losses: Losses) -> dict[str, Wall]:
-    names = UniqueNames(losses, f"wall of {level.name}", [link.text("name") for link in level.links["walls"]])
+    name_of = unique_names(losses, f"wall of {level.name}", [link.text("name") for link in level.links["walls"]])
     found: dict[str, Wall] = {}
     for i, link in enumerate(level.links["walls"]):
         if link.a == link.b:
             losses.add("walls without length: {n} left out: {names}", f"{level.name} wall {i}")
             continue
-        name = names.take(link.text("name"), f"w{i}")
+        name = name_of(link.text("name"), f"w{i}")
         height = link.params["texture_height"].positive() if "texture_height" in link.params else 2.5
         a, b = level.points((link.a, link.b))
         found[name] = Wall(name=name, a=a, b=b, height=height)
@@ -152,10 +152,10 @@ def _walls(level: Level, losses: Losses) -> dict[str, Wall]:
 
 
 def _doors(level: Level, losses: Losses) -> dict[str, Door]:
-    names = UniqueNames(losses, f"door of {level.name}", [link.text("name") for link in level.links["doors"]])
+    name_of = unique_names(losses, f"door of {level.name}", [link.text("name") for link in level.links["doors"]])
     found: dict[str, Door] = {}
     for i, link in enumerate(level.links["doors"]):
-        name = names.take(link.text("name"), f"d{i}")
+        name = name_of(link.text("name"), f"d{i}")
         written = link.text("type")
         kind = _DOOR_KINDS.get(written, DoorKind.HINGED)
         if written != kind.value:
@@ -192,7 +192,7 @@ def _report_dropped(level: Level, losses: Losses) -> None:
             losses.add(f"{key}: not kept: {{names}}", level.name)
 
 
-def _write(building: Building, path: Path, options: WriteOptions) -> Exported:
+def _write(building: Building, path: Path, resolution_m: float, image: str) -> Exported:
     text, losses = openrmf_export.dumps(building)
     return Exported({path: text.encode()}, losses)
 

@@ -12,15 +12,13 @@ from robocorba.errors.maps import GridTooLarge, MapFileError
 from robocorba.map_editor.formats.files import floor_paths
 from robocorba.map_editor.formats.floor_grid import floor_grid
 from robocorba.map_editor.formats.grid import FREE, OCCUPIED, UNKNOWN, Canvas
-from robocorba.map_editor.formats.map_format import WriteOptions
 from robocorba.map_editor.formats.ros_picture import FREE_BELOW, OCCUPIED_ABOVE
 from robocorba.map_editor.losses import Exported, Losses
 from robocorba.map_editor.model import Building
 
 
-def export(building: Building, path: Path, options: WriteOptions) -> Exported:
+def export(building: Building, path: Path, resolution_m: float, image: str) -> Exported:
     """A YAML file and a picture for each floor. Raises MapFileError if the grid would be too large."""
-    resolution_m, image = options
     if not 1e-3 <= resolution_m <= 10:
         raise MapFileError(str(path), 0, "resolution", "expected metres per cell, from 0.001 to 10")
     if image not in ("pgm", "png"):
