@@ -26,11 +26,6 @@ class Alignment:
     y_down: bool = True
 
     @property
-    def scale(self) -> float:
-        """Metres per unit of the file."""
-        return abs(self.turn)
-
-    @property
     def rotation(self) -> float:
         """Radians counter-clockwise from the level's drawing to the building."""
         return cmath.phase(self.turn)

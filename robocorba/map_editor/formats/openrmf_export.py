@@ -49,8 +49,8 @@ def dumps(building: Building) -> tuple[str, tuple[str, ...]]:
     return text, losses.sentences()
 
 
-class _Row(list):
-    """A list that YAML writes on one line."""
+#: A row of the file: a vertex, or two vertices by index and parameters.
+_Row = tuple[Any, ...]
 
 
 class _Dumper(yaml.SafeDumper):
@@ -58,8 +58,9 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
+# A tuple is a row, which is written on one line.
 _Dumper.add_representer(
-    _Row, lambda dumper, row: dumper.represent_sequence("tag:yaml.org,2002:seq", row, flow_style=True)
+    tuple, lambda dumper, row: dumper.represent_sequence("tag:yaml.org,2002:seq", row, flow_style=True)
 )
 
 
@@ -72,7 +73,7 @@ class _Vertices:
 
     def node(self, name: str, at: XY, params: dict[str, Any]) -> int:
         """Add a vertex with a name; its index."""
-        self.rows.append(_Row([float(at[0]), float(at[1]), 0.0, name, params]))
+        self.rows.append((float(at[0]), float(at[1]), 0.0, name, params))
         return len(self.rows) - 1
 
     def corner(self, at: XY) -> int:
@@ -103,17 +104,17 @@ def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: 
     }
     if floor.outline:
         ring = [vertices.corner(at) for at in floor.outline]
-        level["floors"].append({"vertices": _Row(ring), "parameters": {}})
+        level["floors"].append({"vertices": tuple(ring), "parameters": {}})
     solid_blocks, others = _split(entry.geometrical.objects.values(), "block|unknown")
     holes, others = _split(others, "void")
     if holes and floor.outline:
-        level["holes"] = [{"vertices": _Row([vertices.corner(at) for at in _ring(hole)])} for hole in holes]
+        level["holes"] = [{"vertices": tuple(vertices.corner(at) for at in _ring(hole))} for hole in holes]
     else:
         others = holes + others
     for map_object in solid_blocks:
         corners = [vertices.corner(at) for at in _ring(map_object)]
         height = [3, float(map_object.height)]
-        level["walls"] += [_Row([a, b, {"texture_height": height}]) for a, b in pairwise([*corners, corners[0]])]
+        level["walls"] += [(a, b, {"texture_height": height}) for a, b in pairwise([*corners, corners[0]])]
         losses.add("solid blocks became walls along their outlines: {names}", f"{floor.name} {map_object.name}")
     for map_object in others:
         losses.add(
@@ -141,7 +142,7 @@ def _walls(building: Building, entry: FloorMap, vertices: _Vertices, losses: Los
             name = wall.name if n == 1 else f"{wall.name}_{n}"
             name_param = {} if name == f"w{len(rows)}" else {"name": [1, name]}
             params = {"texture_height": [3, float(wall.height)], **name_param}
-            rows.append(_Row([vertices.corner(a), vertices.corner(b), params]))
+            rows.append((vertices.corner(a), vertices.corner(b), params))
     return rows
 
 
@@ -157,7 +158,7 @@ def _doors(entry: FloorMap, vertices: _Vertices, losses: Losses) -> list[_Row]:
         )
         if door.locked:
             losses.add("doors: their lock is not kept: {names}", where)
-        rows.append(_Row([vertices.corner(door.a), vertices.corner(door.b), _door_params(door)]))
+        rows.append((vertices.corner(door.a), vertices.corner(door.b), _door_params(door)))
     return rows
 
 
@@ -200,7 +201,7 @@ def _lanes(entry: FloorMap, nodes: dict[str, int], graphs: dict[str, int]) -> li
         if edge.clearance:
             params["clearance"] = [3, float(edge.clearance)]
         for graph in edge.graphs or graphs:
-            rows.append(_Row([nodes[edge.a], nodes[edge.b], {**params, "graph_idx": [2, graphs[graph]]}]))
+            rows.append((nodes[edge.a], nodes[edge.b], {**params, "graph_idx": [2, graphs[graph]]}))
     return rows
 
 
@@ -222,7 +223,7 @@ def _ring(map_object: MapObject) -> list[XY]:
 def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, Any]:
     order = [name for name in building.floors if name in elevator.floors()]
     doorways: dict[tuple[CabinSide, float, float], str] = {}
-    level_doors: dict[str, _Row] = {name: _Row() for name in order}
+    level_doors: dict[str, list[str]] = {name: [] for name in order}
     for door in elevator.doors:
         label = doorways.setdefault((door.side, door.width, door.offset), f"{elevator.name}_door{len(doorways) + 1}")
         level_doors[door.floor].append(label)
@@ -241,7 +242,7 @@ def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, A
         "highest_floor": by_height[-1],
         "plugins": True,
         "doors": {label: _doorway(elevator, *doorway) for doorway, label in doorways.items()},
-        "level_doors": level_doors,
+        "level_doors": {name: tuple(labels) for name, labels in level_doors.items()},
     }
 
 
