@@ -19,8 +19,6 @@ from robocorba.map_editor.model import Building, with_topology
 #: Maximum number of uploaded files.
 MAX_FILES = 64
 _SUFFIXES = (".yaml", ".yml", ".json")
-#: Suffix and media type of each format that is written.
-FORMATS = {"native": ".yaml", "openrmf": ".building.yaml", "ros": ".yaml", "nav2": ".geojson"}
 
 
 class InvalidUpload(RoboCorbaError):
@@ -63,16 +61,24 @@ def read_upload(files: Mapping[str, str], unknown: str, specks: str, topology: b
     }
 
 
+def downloads() -> list[dict[str, Any]]:
+    """The formats of `write_download`: `name`, `title`, and whether they consist of `cells`."""
+    from robocorba.map_editor.formats import written_formats
+
+    return [{"name": name, "title": each.title, "cells": each.has_cells} for name, each in written_formats().items()]
+
+
 def write_download(building: Building, format: str, resolution_m: float, image: str) -> dict[str, Any]:
     """The building in a format: `name` of the file, `content` in base64, `losses`. Several files become one archive.
 
     Raises InvalidUpload for an unknown format, MapFileError."""
-    from robocorba.map_editor.formats import export_map
+    from robocorba.map_editor.formats import export_map, written_formats
 
-    if format not in FORMATS:
-        raise InvalidUpload(f"the format {format[:40]!r} can't be written; there are {', '.join(FORMATS)}")
+    known = written_formats()
+    if format not in known:
+        raise InvalidUpload(f"the format {format[:40]!r} can't be written; there are {', '.join(known)}")
     stem = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in building.name)[:60] or "building"
-    exported = export_map(building, stem + FORMATS[format], format, resolution_m=resolution_m, image=image)
+    exported = export_map(building, stem + known[format].suffix, format, resolution_m=resolution_m, image=image)
     name, content = _packed(stem, exported.files)
     return {"name": name, "content": base64.b64encode(content).decode(), "losses": list(exported.losses)}
 
