@@ -26,16 +26,17 @@ class Sensors:
         self._laser, self._ring = ScanSpec(LASER), ScanSpec(PROXIMITY, radius_m)
 
     def laser(self) -> Floats:
-        """Distances (181,) from the centre [m], from right to left. Raises SensingError, RobotLost."""
+        """Distances (181,) from the centre [m], from right to left. Raises InvalidScan, SensorBehind, RobotLost."""
         return self._session.scan(self._at(), CENTRE, self._laser)
 
     def proximity(self) -> Floats:
-        """Distances (8,) from the rim [m], counter-clockwise from ahead. Raises SensingError, RobotLost."""
+        """Distances (8,) from the rim [m], counter-clockwise from ahead. Raises InvalidScan, SensorBehind,
+        RobotLost."""
         return self._session.scan(self._at(), CENTRE, self._ring)
 
     def nearest_m(self, sensor: str) -> float:
         """The least distance that a sensor measures [m]; its range if it sees nothing. sensor: its name in programs.
-        Raises SensingError, RobotLost."""
+        Raises InvalidScan, SensorBehind, RobotLost."""
         if sensor == "laser":
             return float(np.min(self.laser()))
         ring = self.proximity()
