@@ -17,6 +17,10 @@ class InvalidArguments(RoboCorbaError):
     """Arguments that the operation does not have, that it misses, or with impossible values."""
 
 
+class NotPossible(RoboCorbaError):
+    """The console can't do now what a page asks for, or does not have, or no longer, what it asks about."""
+
+
 def checked(name: str, value: Any, wanted: object) -> Any:
     """The value of the parameter `name` if it has the type of it; values of other types than JSON's simple ones are
     left to the operation. Raises InvalidArguments."""

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 
-from robocorba.console.frames import rows_of, update_frame, whole_frame
+from robocorba.console.frames import update_frame, whole_update
 from robocorba.console.history import History
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
@@ -16,10 +16,8 @@ from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.system.repeating import Repeating
 
-#: Interval between updates of floors that somebody watches, and of the others [s].
-WATCHED_S, UNWATCHED_S = 0.045, 0.5
-#: Interval between requests for the names of the floors [s].
-NAMES_S = 2.0
+#: Interval between updates of floors that nobody watches [s].
+UNWATCHED_S = 0.5
 #: Timeout for resolving the Omni database in each round [s].
 RESOLVE_TIMEOUT_S = 0.5
 
@@ -67,13 +65,11 @@ class LiveFloor:
             if version == self._since != WHOLE:
                 return view.version, self._frame
             if self._whole[0] != view.version:
-                bodies, rows = view.bodies.values(), rows_of(view.motions)
-                frame = whole_frame(view.floor, view.time, view.map_version, bodies, view.elevators, rows)
-                self._whole = view.version, frame
+                self._whole = view.version, update_frame(whole_update(view))
             return self._whole
 
 
-class LiveFloors:
+class LiveFloors(Repeating):
     """Follows all floors of a running system in a thread of its own, from `start` to `close`. Thread-safe.
 
     changed: called in that thread with the name of a floor that has changed, or with an empty name when the connection
@@ -88,13 +84,8 @@ class LiveFloors:
         self._names_at_s = 0.0
         #: Why the Omni database does not answer; empty while it does.
         self.problem = "connecting"
-        self._task = Repeating("console floors", self._follow, WATCHED_S)
-
-    def start(self) -> None:
-        self._task.start()
-
-    def close(self) -> None:
-        self._task.close()
+        # About 20 times a second for floors that somebody watches.
+        super().__init__("console floors", self._follow, 0.045)
 
     @property
     def names(self) -> list[str]:
@@ -121,7 +112,7 @@ class LiveFloors:
         try:
             if now_s >= self._names_at_s:
                 self._read_names()
-                self._names_at_s = now_s + NAMES_S
+                self._names_at_s = now_s + 2.0
             with self._lock:
                 watched = frozenset().union(*self._watched.values())
                 due = {name: floor for name, floor in self._floors.items() if name in watched or now_s >= floor.next_s}

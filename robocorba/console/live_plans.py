@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable
 
 from robocorba.console.floor_plan import floor_plan
+from robocorba.console.operations import RESOLVE_TIMEOUT_S
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.corba.remote_map import RemoteMap
@@ -14,13 +15,8 @@ from robocorba.map_editor.model import Building
 from robocorba.orb.orb import Orb
 from robocorba.system.repeating import Repeating
 
-#: Interval between requests for map edits [s].
-INTERVAL_S = 0.25
-#: Timeout of each attempt to find the map editor [s].
-RESOLVE_TIMEOUT_S = 1.0
 
-
-class LivePlans:
+class LivePlans(Repeating):
     """Floor plans of the map editor's building, followed from `start` to `close`. Thread-safe.
 
     changed: called in the thread that follows, when the map has changed or the editor was lost or found."""
@@ -35,13 +31,7 @@ class LivePlans:
         self.version = 0
         #: Why the map editor does not answer; empty while it does.
         self.problem = "connecting"
-        self._task = Repeating("console map", self._follow, INTERVAL_S)
-
-    def start(self) -> None:
-        self._task.start()
-
-    def close(self) -> None:
-        self._task.close()
+        super().__init__("console map", self._follow, 0.25)
 
     @property
     def building(self) -> Building:
