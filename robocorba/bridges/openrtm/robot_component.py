@@ -25,9 +25,6 @@ from robocorba.simulation.system_view import RobotPlace
 
 #: Bounds and initial value of the rate of the execution context [Hz]: the simulation publishes no faster.
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 20.0
-#: Rounding of times of executions, part of a period.
-_EARLY = 0.1
-
 #: The only parameter, and its bounds [s].
 VELOCITY_VALID_FOR, MIN_VALID_S, MAX_VALID_S = "velocity_valid_for", 0.05, 5.0
 
@@ -147,8 +144,8 @@ class RobotComponent:
     # ---- data ----
 
     def show(self, now_s: float, time_s: float, place: RobotPlace) -> None:
-        """Send where the robot is, at most at the rate. now_s: monotonic, time_s: simulated."""
-        if not self._is_executed or (now_s - self._executed_at_s) * self.rate_hz < 1.0 - _EARLY:
+        """Send where the robot is, at most at the rate, to a tenth of a period. now_s: monotonic, time_s: simulated."""
+        if not self._is_executed or (now_s - self._executed_at_s) * self.rate_hz < 0.9:
             return
         self._executed_at_s = now_s
         self._pose.write(TimedPose(time_s, place.x, place.y, place.heading))

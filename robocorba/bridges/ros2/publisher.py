@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from robocorba.bridges.ros2.frames import BASE, LASER, MAP, ODOM, Frames, floor_frame
 from robocorba.bridges.ros2.links import description, link_poses
-from robocorba.bridges.ros2.messages import Messages, MessageTypes, yaw
+from robocorba.bridges.ros2.messages import Messages, Topics, yaw
 from robocorba.map_editor.formats.floor_grid import DEFAULT_RESOLUTION_M, floor_grid
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.movable import movables
@@ -41,20 +41,6 @@ JOINTS_S = 1.0
 BACKWARD_S = 1.0
 
 
-class Topics(Protocol):
-    """Where messages go."""
-
-    @property
-    def types(self) -> MessageTypes:
-        """Makes the messages."""
-
-    def publish(self, topic: str, type: str, message: Any, time_s: float, is_latched: bool = False) -> None:
-        """Publish a message of a simulated time [s]. is_latched: later subscribers get the last one."""
-
-    def close(self, topic: str) -> None:
-        """Nothing more is published on a topic, if anything was."""
-
-
 class RosPublisher:
     """Publishes what it is given. Not thread-safe.
 
@@ -70,7 +56,7 @@ class RosPublisher:
         frames: Frames = Frames(),  # noqa: B008
         resolution_m: float = DEFAULT_RESOLUTION_M,
     ) -> None:
-        self._topics, self._messages, self._frames = topics, Messages(topics.types), frames
+        self._topics, self._messages, self._frames = topics, Messages(topics), frames
         self._wanted, self._floor, self._resolution_m = robots, floor, resolution_m
         self.names, self._floor_names = PlainNames(), PlainNames()
         self._view = SystemView(building)
