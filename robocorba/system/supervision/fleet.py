@@ -19,15 +19,6 @@ from robocorba.system.supervision.process import GRACE_PERIOD_S, ProcessSpec, Su
 from robocorba.system.supervision.robots import STARTING, ProgressLines, Robots, robot_spec
 from robocorba.system.supervision.starter import Starter
 
-#: Shortest interval between two views [s].
-VIEW_INTERVAL_S = 0.25
-#: Interval between questions for the floors of all robots [s].
-FLOORS_INTERVAL_S = 2.0
-#: Additional time for each robot of the fleet to log off when all end together [s].
-GRACE_PER_ROBOT_S = 0.2
-#: Interval between views while all robots end [s].
-END_VIEW_INTERVAL_S = 0.5
-
 
 class Row(NamedTuple):
     """A robot as it is shown. doing: such as starting, idle, running or ended. task: its present or last program or
@@ -114,7 +105,7 @@ class Fleet:
         ending = asyncio.create_task(robots.close())
         while not ending.done():
             self._view.end(len(self._orders), sum(process.pid != 0 for process in robots.processes))
-            await asyncio.wait({ending}, timeout=END_VIEW_INTERVAL_S)
+            await asyncio.wait({ending}, timeout=0.5)
         ending.result()
         self._view.end(len(self._orders), 0)
 
@@ -129,7 +120,7 @@ class Fleet:
                 self._view.started()
             if all(each.state == "ended" for each in processes):
                 return
-            await asyncio.sleep(VIEW_INTERVAL_S)
+            await asyncio.sleep(0.25)  # between two views at least
             await self._changed.wait()
 
     async def _watch_floors(self, registered: RegisteredRobots) -> None:
@@ -139,13 +130,13 @@ class Fleet:
                 if floors != self._floors:
                     self._floors = floors
                     self._changed.set()
-            await asyncio.sleep(FLOORS_INTERVAL_S)
+            await asyncio.sleep(2.0)
 
     def _spec(self, order: RobotOrder) -> ProcessSpec:
         lines = self._lines[order.name] = ProgressLines(order.process, self._changed.set)
-        grace_period_s = GRACE_PERIOD_S + GRACE_PER_ROBOT_S * len(self._orders)
-        place = self._state, self._naming, self._options.start_limit_s
-        return robot_spec(order, *place, lines, grace_period_s)
+        grace_period_s = GRACE_PERIOD_S + 0.2 * len(self._orders)  # they log off all together
+        start_limit_s = self._options.start_limit_s
+        return robot_spec(order, self._state, self._naming, start_limit_s, lines, grace_period_s)
 
     def rows(self) -> list[Row]:
         """The robots in their order."""

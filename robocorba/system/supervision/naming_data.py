@@ -25,7 +25,6 @@ _CHANGE = re.compile(
     rb"|bind IOR:[0-9a-f]+ .* n(object|context) IOR:[0-9a-f]+",
     re.DOTALL,
 )
-_END = b"\n"
 _log = logging.getLogger(__name__)
 
 
@@ -45,10 +44,11 @@ def mend_naming_data(folder: Path) -> None:
         if kept == content:
             return
         former = intact_part(earlier.read_bytes()) if not kept and earlier.exists() else b""
-        lines = content.count(_END) - kept.count(_END)
+        kept_lines = kept.count(b"\n")
+        lines = content.count(b"\n") - kept_lines
         if kept or former:
             _write(new, kept or former)  # first: on a full disk, all stays as it is until there is room
-        set_aside(file, f"line {kept.count(_END) + 1}", _consequence(lines, kept, former))
+        set_aside(file, f"line {kept_lines + 1}", _consequence(lines, kept, former))
         if earlier.exists():
             earlier.replace(earlier.with_name(earlier.name + SUFFIX))
         if new.exists():

@@ -17,21 +17,14 @@ from robocorba.system.processes import RobotOrder
 
 #: Maximum number of arguments for an adaptor, and of characters of all of them.
 MAX_ARGUMENTS, MAX_ARGUMENTS_LENGTH = 64, 4096
-#: Timeout to ask for floors and channels [s].
-ASK_TIMEOUT_S = 2.0
 
 
-class OrderChecker:
-    """Checks orders against the running system. Thread-safe."""
-
-    def __init__(self, orb: Orb) -> None:
-        self._orb, self._database = orb, RemoteDatabase(orb, ASK_TIMEOUT_S)
-
-    def __call__(self, order: RobotOrder) -> RobotOrder:
-        """The order; a placed robot gets its floor by name. Raises InvalidChoice, NotReachable."""
-        check_order(order, model_switcher.installed())
-        channels = self._orb.names(CHANNELS, ASK_TIMEOUT_S) if order.channel else []
-        return checked_places(order, self._database.floors() if order.floor or order.at else [], channels)
+def checked(orb: Orb, order: RobotOrder, timeout_s: float = 2.0) -> RobotOrder:
+    """The order, checked against the running system; a placed robot gets its floor by name. timeout_s: to ask for
+    floors, and for channels [s]. Raises InvalidChoice, NotReachable."""
+    check_order(order, model_switcher.installed())
+    floors = RemoteDatabase(orb, timeout_s).floors() if order.floor or order.at else []
+    return checked_places(order, floors, orb.names(CHANNELS, timeout_s) if order.channel else [])
 
 
 def check_order(order: RobotOrder, adaptors: Collection[str]) -> None:

@@ -12,8 +12,6 @@ from robocorba.errors.services import NotReachable
 
 #: What a process prints that is ready by its own account.
 READY = "ready"
-#: Longer lines are split [bytes].
-MAX_LINE = 16 * 1024
 
 _log = logging.getLogger(__name__)
 _LEVELS = {"WARNING": logging.WARNING, "ERROR": logging.ERROR, "CRITICAL": logging.CRITICAL}
@@ -55,7 +53,7 @@ class Pipe:
         rest = b""
         while chunk := await self._reader.read(65536):
             *lines, rest = (rest + chunk).split(b"\n")
-            if len(rest) > MAX_LINE:
+            if len(rest) > 16 * 1024:  # longer lines are split
                 lines, rest = [*lines, rest], b""
             for line in lines:
                 _handle(line, handle)

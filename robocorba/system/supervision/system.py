@@ -13,7 +13,7 @@ import secrets
 import shutil
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 
@@ -33,7 +33,7 @@ from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemReco
 from robocorba.system.supervision.access import Access, remove_access
 from robocorba.system.supervision.child_descriptors import ChildDescriptors
 from robocorba.system.supervision.console import console_spec
-from robocorba.system.supervision.hangs import DEFAULT, HangLimit
+from robocorba.system.supervision.hangs import HangLimit
 from robocorba.system.supervision.launch import ModuleRun
 from robocorba.system.supervision.naming_data import mend_naming_data
 from robocorba.system.supervision.output import relay
@@ -69,7 +69,7 @@ class System:
     building: Path | None = None
     start_limit_s: float = 60.0
     console: Address | None = None
-    hang_limit: HangLimit = DEFAULT
+    hang_limit: HangLimit = field(default_factory=HangLimit)
     is_guarded: bool = False
     certificates: Path | None = None
 
@@ -167,11 +167,9 @@ class System:
         loop = asyncio.get_running_loop()
 
         def check(order: RobotOrder) -> RobotOrder:
-            from robocorba.system.supervision.order_checker import (
-                OrderChecker,  # loads half of RoboCorba: not before `ready`
-            )
+            from robocorba.system.supervision.order_checker import checked  # loads half of RoboCorba
 
-            return OrderChecker(orb)(order)
+            return checked(orb, order)
 
         supervisor = Supervisor(loop, processes, robots, check, self.folder.logs)
         # Its secret key is the right to call it.
@@ -194,7 +192,10 @@ class System:
         naming = self._naming(Role.SERVER).setting
         arguments = ("--state", str(self.folder.path), "--endpoint", endpoint, "--naming", naming)
         return ProcessSpec(
-            *(name, ModuleRun("robocorba.servers.names", arguments), self.folder.path, orb.check_naming),
+            name,
+            ModuleRun("robocorba.servers.names", arguments),
+            self.folder.path,
+            orb.check_naming,
             functools.partial(relay, name),
             start_limit_s=self.start_limit_s,
             is_alive=orb.check_naming,
@@ -209,7 +210,11 @@ class System:
             log.info("%s", re.sub(r"^omniNames: \(\d+\) [\d-]+ [\d:.]+: ", "", line))  # without its own time
 
         return ProcessSpec(
-            *(NAMING_SERVICE, command, self.folder.path, orb.check_naming, log_line),
+            NAMING_SERVICE,
+            command,
+            self.folder.path,
+            orb.check_naming,
+            log_line,
             start_limit_s=self.start_limit_s,
             is_alive=orb.check_naming,
             endpoint=str(self.naming),
@@ -235,7 +240,11 @@ class System:
 
         # In the state folder, so that files in the user's folder cannot replace modules.
         return ProcessSpec(
-            *(server.name, module, self.folder.path, probe, functools.partial(relay, server.name)),
+            server.name,
+            module,
+            self.folder.path,
+            probe,
+            functools.partial(relay, server.name),
             start_limit_s=self.start_limit_s,
             is_alive=is_alive,
             endpoint=endpoint,
@@ -256,8 +265,9 @@ def _interrupted_by_signals() -> Iterator[None]:
 
 def _row(process: Supervised) -> ProcessRecord:
     spec = process.spec
-    place = spec.endpoint, spec.names
-    return ProcessRecord(spec.name, process.state, process.pid, *place, process.started, process.restarts)
+    return ProcessRecord(
+        spec.name, process.state, process.pid, spec.endpoint, spec.names, process.started, process.restarts
+    )
 
 
 def naming_service_command(naming: Address, data: Path) -> tuple[str, ...]:
