@@ -7,31 +7,27 @@ import threading
 import time
 from collections.abc import Callable
 
+from robocorba.console.following import Following
 from robocorba.console.sensor_feed import Feed
 from robocorba.errors.base import RoboCorbaError
 from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
-from robocorba.system.repeating import Repeating
 
-#: Interval between requests for changes [s], and between requests for all missions, which show what was removed.
-INTERVAL_S, ALL_INTERVAL_S = 0.5, 30.0
+#: Interval between requests for all missions, which show what was removed [s].
+ALL_INTERVAL_S = 30.0
 
 
-class LiveMissions(Repeating):
-    """Follows the missions of a running system from `start` to `close`, while a viewer wants them. Thread-safe.
-
-    changed: called in the thread that follows, after changes of the missions or of `problem`."""
+class LiveMissions(Following):
+    """The missions of a running system, read while a viewer wants them. Thread-safe."""
 
     def __init__(self, source: RemoteMissionControl, changed: Callable[[], None]) -> None:
-        self._source, self._changed = source, changed
+        super().__init__("console missions", 0.5, changed)
+        self._source = source
         self._lock = threading.Lock()
         self._wanted_by: set[object] = set()
         #: The row of each mission.
         self._rows = Feed()
         #: Version of mission control.
         self._remote_version = 0
-        #: Why mission control does not answer; empty while it does, or is not asked.
-        self.problem = ""
-        super().__init__("console missions", self.follow, INTERVAL_S)
 
     def want(self, viewer: object, is_wanted: bool) -> None:
         """Whether a viewer wants the missions from now on."""
@@ -49,18 +45,16 @@ class LiveMissions(Repeating):
         head = f'"whole":{json.dumps(changes.is_whole)},"gone":{gone},"now":{time.time()}'
         return version, f'{{"missions":[{rows}],{head}}}'
 
-    def follow(self) -> None:
-        """Read what has changed, if a viewer wants it."""
+    def _read_news(self) -> bool:
         if not self._wanted_by:
-            return
+            return False
         now_s = time.monotonic()
         is_all = now_s >= self._rows.all_at_s
         try:
             states = self._source.missions_since(0 if is_all else self._remote_version)
-        except RoboCorbaError as error:
+        except RoboCorbaError:
             self._rows.all_at_s = 0.0  # it may come back with other missions
-            self._set_problem(str(error))
-            return
+            raise
         if is_all:
             self._rows.all_at_s = now_s + ALL_INTERVAL_S
         self._remote_version = max((state.version for state in states), default=self._remote_version)
@@ -69,12 +63,4 @@ class LiveMissions(Repeating):
             self._rows.update(
                 {state.name: {"name": state.name, **state.content.state_json()} for state in states}, is_all
             )
-            has_changed = self._rows.version != before
-        if has_changed:
-            self._changed()
-        self._set_problem("")
-
-    def _set_problem(self, problem: str) -> None:
-        if problem != self.problem:
-            self.problem = problem
-            self._changed()
+            return self._rows.version != before

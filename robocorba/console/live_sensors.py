@@ -8,13 +8,12 @@ import time
 from collections.abc import Callable, Collection
 from typing import Any
 
+from robocorba.console.following import Following
 from robocorba.console.sensor_feed import NOTHING, Feed, ScanFeed
-from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.map_editor.spatial.posture import Posture
 from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.simulation.reservations import ReservedAreas
-from robocorba.system.repeating import Repeating
 
 #: Interval between requests for reservations [s].
 RESERVATIONS_S = 0.5
@@ -26,23 +25,19 @@ OVERLAP_S = 0.2
 Topic = tuple[str, str]
 
 
-class LiveSensors(Repeating):
-    """Reads what viewers want in a thread of its own, from `start` to `close`; nothing if nobody wants anything.
-    Thread-safe.
+class LiveSensors(Following):
+    """Reads what viewers want; nothing if nobody wants anything. Thread-safe.
 
-    time_of: returns the simulated time of a floor [s]; may raise UnknownFloor. changed: called in that thread when
-    there is news."""
+    time_of: returns the simulated time of a floor [s]; may raise UnknownFloor."""
 
     def __init__(self, source: RemoteDatabase, time_of: Callable[[str], float], changed: Callable[[], None]) -> None:
-        self._source, self._time_of, self._changed = source, time_of, changed
+        super().__init__("console sensors", 0.1, changed)
+        self._source, self._time_of = source, time_of
         self._lock = threading.Lock()
         self._wanted: dict[object, tuple[Topic, ...]] = {}
         #: The topics that somebody wants.
         self._feeds: dict[Topic, Feed] = {}
         self._read = {"scans": self._read_scans, "postures": self._read_postures, "reservations": self._read_areas}
-        #: Why the Omni database does not answer; empty while it does, or nobody wants anything.
-        self.problem = ""
-        super().__init__("console sensors", self.follow, 0.1)
 
     def want(self, viewer: object, topics: Collection[Topic]) -> None:
         """What a viewer wants from now on; nothing: it may have left."""
@@ -76,22 +71,15 @@ class LiveSensors(Repeating):
 
     # ---- in the thread ----
 
-    def follow(self) -> None:
-        """Read what is wanted once."""
+    def _read_news(self) -> bool:
         now_s, has_changed = time.monotonic(), False
         with self._lock:
             feeds = dict(self._feeds)
-        try:
-            for (kind, floor), feed in feeds.items():
-                before = feed.version if feed.is_known else None
-                self._read[kind](floor, feed, now_s)
-                has_changed |= feed.version != before
-            problem = ""
-        except RoboCorbaError as error:
-            problem = str(error)
-        if has_changed or problem != self.problem:
-            self.problem = problem
-            self._changed()
+        for (kind, floor), feed in feeds.items():
+            before = feed.version if feed.is_known else None
+            self._read[kind](floor, feed, now_s)
+            has_changed |= feed.version != before
+        return has_changed
 
     def _read_scans(self, floor: str, feed: Feed, now_s: float) -> None:
         assert isinstance(feed, ScanFeed)

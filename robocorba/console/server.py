@@ -69,7 +69,7 @@ class Console:
         if settings.recording is not None:
             self.recordings.open(settings.recording, settings.recording.name)
         self.viewers = Viewers(self.state, settings.viewers)
-        self.floors = LiveFloors(orb, self.history, lambda floor: self.viewers.notify())
+        self.floors = LiveFloors(orb, self.history, self.viewers.notify)
         self.plans = LivePlans(orb, self.viewers.notify)
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
         self.sensors = LiveSensors(database, lambda floor: self.floors.floor(floor).time, self.viewers.notify)

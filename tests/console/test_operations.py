@@ -449,23 +449,6 @@ def test_a_program_that_is_refused_does_not_run(operations: ProgramOperations, a
         operations.run_program("A", WAITS)
     assert agent.calls == []
 
-    class Part:
-        @property
-        def _rights(self) -> None:
-            raise NotReachable("nobody")
-
-        def answer(self) -> int:
-            """42."""
-            return 42
-
-    table = Operations(None)  # type: ignore[arg-type]
-    table.add(operations)
-    table.add(Part())
-    assert table.call("adaptors", {"robot": "A"}) == ["simulated", "smartpal"]
-    with pytest.raises(InvalidArguments):
-        table.call("run_program", {"robot": "A"})
-    assert table.call("answer", {}) == 42
-
 
 def test_progress_has_what_is_new_and_the_adaptor_can_be_switched(operations: ProgramOperations, agent: Agent) -> None:
     progress = operations.program_progress("A", 2)
