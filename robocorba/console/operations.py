@@ -69,7 +69,4 @@ class Operations:
 
     def reset_stop(self, robot: str) -> None:
         """Let a stopped robot move again."""
-        self._agent(robot).reset_stop()
-
-    def _agent(self, robot: str) -> RemoteAgent:
-        return RemoteAgent(self._orb, robot, RESOLVE_TIMEOUT_S)
+        RemoteAgent(self._orb, robot, RESOLVE_TIMEOUT_S).reset_stop()

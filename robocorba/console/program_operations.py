@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from robocorba.console.arguments import InvalidArguments, is_number, texts
+from robocorba.console.arguments import InvalidArguments, is_number
 from robocorba.console.operations import RESOLVE_TIMEOUT_S
 from robocorba.errors.robots import InvalidProgram, Unreachable
 from robocorba.map_editor.spatial.arrays import Floats
@@ -133,10 +133,10 @@ class ProgramOperations:
     def switch_adaptor(self, robot: str, adaptor: str, arguments: list[str] | None = None) -> None:
         """Connect another robot to a robot's agent. Raises UnknownAdaptor, AdaptorFailed; IllegalOrder while a program
         runs."""
-        words = texts("arguments", arguments or [])
+        words = arguments or []
         if sum(map(len, words)) > MAX_ARGUMENTS:
             raise InvalidArguments(f"arguments of an adaptor have at most {MAX_ARGUMENTS} characters together")
-        self._agent(robot).switch(adaptor, list(words))
+        self._agent(robot).switch(adaptor, words)
 
     # ---- the arm poser ----
 

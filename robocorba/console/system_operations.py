@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from robocorba.console.arguments import NotPossible, count, number, text, texts
+from robocorba.console.arguments import NotPossible, count, number
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
@@ -47,12 +47,11 @@ class SystemOperations:
 
     def evict(self, robot: str) -> None:
         """Log a robot off."""
-        self._with_rights().evict(text("robot", robot))
+        self._with_rights().evict(robot)
 
     def place(self, body: str, floor: str, x: float, y: float, heading: float = 0.0) -> None:
         """Put a robot or a movable object at a place [m, rad], at rest; an object that is held is released."""
-        at = Pose(text("floor", floor), x, y, heading)
-        self._with_rights().place(text("body", body), at)
+        self._with_rights().place(body, Pose(floor, x, y, heading))
 
     def _with_rights(self) -> RemoteAdministrator:
         if self._administrator is None:
@@ -83,20 +82,18 @@ class SystemOperations:
         by default the first free path node. floor: empty for the lowest one."""
         at = None
         if x is not None or y is not None:
-            at = number("x", x), number("y", y), number("heading", heading)
-        arguments = texts("adaptor_arguments", adaptor_arguments or [])
-        order = RobotOrder(
-            text("name", name), text("adaptor", adaptor), arguments, text("floor", floor), at, text("channel", channel)
-        )
+            at = number("x", x), number("y", y), heading
+        arguments = tuple(adaptor_arguments or ())
+        order = RobotOrder(name, adaptor, arguments, floor, at, channel)
         self._supervisor.start_robot(order)
 
     def end_robot(self, robot: str) -> None:
         """End a robot that was started here; one that has ended is forgotten."""
-        self._supervisor.end_robot(text("robot", robot))
+        self._supervisor.end_robot(robot)
 
     def log_lines(self, process: str, lines: int = 200) -> list[str]:
         """The last lines of a process's log, at most 500."""
-        return self._supervisor.log_lines(text("process", process), count("lines", lines, MAX_LOG_LINES))
+        return self._supervisor.log_lines(process, count("lines", lines, MAX_LOG_LINES))
 
 
 def _row(state: ProcessState) -> dict[str, Any]:

@@ -6,7 +6,7 @@ listed is for servers only; a test checks that all operations of the IDL are lis
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from enum import IntEnum
 
 
@@ -114,8 +114,3 @@ def may_call(role: Role, interface: str, operation: str) -> bool:
 def may_name(role: Role, interface: str, operation: str) -> bool:
     """Whether the first argument of an operation may be other than empty."""
     return role in NAMED.get((interface, operation), EVERYBODY)
-
-
-def operations_for(role: Role, interface: str, operations: Iterable[str]) -> frozenset[str]:
-    """Those of the operations of an interface that a role may call."""
-    return frozenset(operation for operation in operations if may_call(role, interface, operation))

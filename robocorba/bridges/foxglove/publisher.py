@@ -254,14 +254,12 @@ class FoxglovePublisher:
         return self._building.floors[floor].floor.elevation if floor in self._building.floors else 0.0
 
     def _cabin(self, name: str, state: ElevatorState) -> list[FrameTransform]:
+        """Where a cabin is, and the robots in it: they move up and down with it."""
         elevator = self._building.elevators[name]
         x, y = elevator.at
         at = vector((x, y, state.height))
-        return [self._transform(MAP, elevator_frame(name), at, yaw(elevator.heading)), *self._riders(state)]
-
-    def _riders(self, state: ElevatorState) -> list[FrameTransform]:
-        """Robots in a cabin that travels move up and down with it."""
-        return [self._base(view, body) for view, body in self._bodies() if body.name in state.riders]
+        riders = [self._base(view, body) for view, body in self._bodies() if body.name in state.riders]
+        return [self._transform(MAP, elevator_frame(name), at, yaw(elevator.heading)), *riders]
 
     # ---- robots ----
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -139,7 +140,8 @@ class RosPublisher:
             robot = self.names[place.name]
             odom, base = self._frames.of(robot, ODOM), self._frames.of(robot, BASE)
             if place.name not in self._floor_of:
-                self._send(f"/{robot}/robot_description", "std_msgs/msg/String", self._description(robot), True)
+                urdf = self._messages.text(description(partial(self._frames.of, robot)))
+                self._send(f"/{robot}/robot_description", "std_msgs/msg/String", urdf, True)
             if self._floor_of.get(place.name) != place.floor:
                 self._floor_of[place.name] = place.floor
                 self._send(f"/{robot}/floor", "std_msgs/msg/String", self._messages.text(place.floor), True)
@@ -159,9 +161,6 @@ class RosPublisher:
             self._send(topic, "tf2_msgs/msg/TFMessage", self._messages.transforms(each))
         for gone in self._floor_of.keys() - places.keys():
             self._close(gone)
-
-    def _description(self, robot: str) -> Any:
-        return self._messages.text(description(lambda link: self._frames.of(robot, link)))
 
     def _note(self, posture: Posture) -> None:
         """The joints of a posture are published next; none of a robot of another kind."""

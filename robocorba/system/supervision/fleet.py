@@ -150,14 +150,10 @@ def row_of(order: RobotOrder, process: Supervised, lines: ProgressLines, floor: 
     """A robot with its floor; a robot that is not logged on yet has that of its order."""
     floor = floor or order.floor
     if process.state != "running":
-        return Row(order.name, floor, process.state, "", process.restarts, _short(order.process, process.problem))
+        problem = process.problem.removeprefix(f"{order.process} ")
+        return Row(order.name, floor, process.state, "", process.restarts, problem)
     progress = lines.progress
     note = progress.reason if progress.condition == "stopped" or not progress.result else progress.result
     if progress.result and progress.reason and note == progress.result:
         note += f": {progress.reason}"
     return Row(order.name, floor, progress.condition, progress.task, process.restarts, note)
-
-
-def _short(process: str, problem: str) -> str:
-    """Why a robot is not running, without its name."""
-    return problem.removeprefix(f"{process} ")

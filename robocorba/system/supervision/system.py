@@ -25,18 +25,17 @@ from robocorba.system import logs
 from robocorba.system.corba.servers import Server
 from robocorba.system.corba.supervisor_servant import SupervisorServant
 from robocorba.system.endpoints import is_free
-from robocorba.system.names import SUPERVISOR
+from robocorba.system.names import ADMINISTRATOR, CONSOLE, SUPERVISOR
 from robocorba.system.processes import RobotOrder
 from robocorba.system.roles import Role
 from robocorba.system.settings import Address, omniorb_trace
 from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemRecord, started_s
 from robocorba.system.supervision.access import Access, remove_access
 from robocorba.system.supervision.child_descriptors import ChildDescriptors
-from robocorba.system.supervision.console import console_spec
 from robocorba.system.supervision.hangs import HangLimit
 from robocorba.system.supervision.launch import ModuleRun
 from robocorba.system.supervision.naming_data import mend_naming_data
-from robocorba.system.supervision.output import relay
+from robocorba.system.supervision.output import ReadyLine, relay
 from robocorba.system.supervision.process import ProcessSpec, Supervised
 from robocorba.system.supervision.robots import Robots, robot_spec
 from robocorba.system.supervision.starter import Starter
@@ -178,7 +177,14 @@ class System:
         write_reference(orb, reference, self.folder.path / SUPERVISOR)
 
     def _console(self, address: Address) -> ProcessSpec:
-        return console_spec(address, self.folder.path, self._naming(Role.OPERATOR), self.start_limit_s)
+        """With the rights of the administrator and to start robots."""
+        state, naming = self.folder.path, self._naming(Role.OPERATOR).setting
+        options = ["--host", address.host, "--port", str(address.port), "--naming", naming, "--state", str(state)]
+        options += ["--administrator", str(state / ADMINISTRATOR), "--supervisor", str(state / SUPERVISOR)]
+        command, output = ModuleRun("robocorba.clients.console", tuple(options)), ReadyLine(CONSOLE, ignored="http")
+        return ProcessSpec(
+            CONSOLE, command, state, output.probe, output, start_limit_s=self.start_limit_s, endpoint=str(address)
+        )
 
     def _robot(self, order: RobotOrder) -> ProcessSpec:
         return robot_spec(order, self.folder.path, self._naming(Role.ROBOT), self.start_limit_s)
