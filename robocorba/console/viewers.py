@@ -187,8 +187,8 @@ class Viewer:
             self._viewers.floors.watch(self, names)
             self._viewers.sensors.want(self, topics)
             self._viewers.missions.want(self, wants_missions)
-            wanted = [*topics, MISSIONS] if wants_missions else topics
-            self._versions = {topic: self._versions.get(topic, NOTHING) for topic in wanted}
+            all_topics = [*topics, MISSIONS] if wants_missions else topics
+            self._versions = {topic: self._versions.get(topic, NOTHING) for topic in all_topics}
             self.news.set()
 
 

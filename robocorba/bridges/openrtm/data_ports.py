@@ -29,8 +29,8 @@ LOST_S = 10.0
 Value = TypeVar("Value")
 
 
-class InvalidData(RoboCorbaError):
-    """Data of a port are no value of its type."""
+class InvalidValue(RoboCorbaError):
+    """Data of a port are no value of its type, or a parameter is unknown or out of bounds."""
 
 
 class DataType(Protocol[Value]):
@@ -42,7 +42,7 @@ class DataType(Protocol[Value]):
     def encode(self, value: Value, is_little: bool) -> bytes: ...
 
     def decode(self, data: bytes, is_little: bool) -> Value:
-        """Raises InvalidData."""
+        """Raises InvalidValue."""
 
 
 class Channel(Protocol):
@@ -137,7 +137,7 @@ class InPort(DataPort[Value]):
         def put(data: bytes) -> bool:
             try:
                 return self._take(self._type.decode(data, is_little))
-            except InvalidData:
+            except InvalidValue:
                 return False
 
         self._served[connection.id] = ior = self._channel.serve_in_port(put)

@@ -31,7 +31,6 @@ from robocorba.system.processes import RobotOrder
 from robocorba.system.supervision.order_checker import check_order, checked_places
 from robocorba.system.supervision.robots import MAX_ROBOTS
 
-LIMITS = YamlLimits(size_bytes=256 * 1024, values=20_000, depth=8)
 #: Keys of a fleet file, by the fields of orders that they set.
 _KEYS = {"adaptorArguments": "arguments", "onFloor": "floor", "x": "at", "y": "at", "heading": "at"}
 
@@ -98,7 +97,7 @@ def read_fleet(file: Path) -> Callable[[Sequence[str], Sequence[str]], list[Robo
     """Read a file, and check what needs no system; returns `orders_of` for it, which needs floors and channels. Raises
     MapFileError, with line, key and robot."""
     try:
-        source = read_yaml(file, LIMITS)
+        source = read_yaml(file, YamlLimits(size_bytes=256 * 1024, values=20_000, depth=8))
     except MapFileError as error:
         raise _single_line(error) from None
     content = _converted(source)

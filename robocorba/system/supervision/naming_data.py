@@ -9,6 +9,7 @@ Each line is a change; a kill or a full disk can cut the last one. omninames.bak
 
 from __future__ import annotations
 
+import itertools
 import logging
 import re
 from pathlib import Path
@@ -18,7 +19,7 @@ from robocorba.system.damaged_files import SUFFIX, set_aside
 
 DATA, EARLIER = "omninames.dat", "omninames.bak"
 #: Lines that a file begins with.
-_HEADER = (rb"port \d+", rb"persistent [0-9a-f]+", rb"create [0-9a-f]+")
+_HEADER = tuple(map(re.compile, (rb"port \d+", rb"persistent [0-9a-f]+", rb"create [0-9a-f]+")))
 #: Each line after these. In names and kinds, white space is escaped.
 _CHANGE = re.compile(
     rb"create [0-9a-f]+|destroy IOR:[0-9a-f]+|unbind IOR:[0-9a-f]+ .*"
@@ -92,14 +93,6 @@ def _consequence(lines: int, kept: bytes, former: bytes) -> str:
 def intact_part(content: bytes) -> bytes:
     """The complete lines before the first one that omniNames does not write; empty if it is one of the first three."""
     lines = content.split(b"\n")[:-1]  # what follows the last line break is no complete line
-    if len(lines) < len(_HEADER):
-        return b""
-    for line, pattern in zip(lines, _HEADER, strict=False):
-        if not re.fullmatch(pattern, line):
-            return b""
-    size = 0
-    for number, line in enumerate(lines):
-        if number >= len(_HEADER) and not _CHANGE.fullmatch(line):
-            break
-        size += len(line) + 1
-    return content[:size]
+    patterns = itertools.chain(_HEADER, itertools.repeat(_CHANGE))
+    intact = list(itertools.takewhile(lambda each: each[1].fullmatch(each[0]), zip(lines, patterns, strict=False)))
+    return b"".join(line + b"\n" for line, _ in intact) if len(intact) >= len(_HEADER) else b""

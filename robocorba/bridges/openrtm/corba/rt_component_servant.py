@@ -9,8 +9,9 @@ from omniORB import CORBA
 
 from robocorba import __version__
 from robocorba.bridges.openrtm.corba import rt_profiles
+from robocorba.bridges.openrtm.data_ports import InvalidValue
 from robocorba.bridges.openrtm.life_cycle import ReturnCode, State
-from robocorba.bridges.openrtm.robot_component import InvalidParameter, RobotComponent
+from robocorba.bridges.openrtm.robot_component import RobotComponent
 from robocorba.stubs import RTC, RTC__POA, OpenRTM__POA, SDOPackage, SDOPackage__POA
 
 TYPE, VENDOR, CATEGORY = "RoboCorbaRobot", "RoboCorba", "Mobile robot"
@@ -217,7 +218,7 @@ class ConfigurationServant(SDOPackage__POA.Configuration):
     def _configure(self, values: Iterable[Any]) -> bool:
         try:
             self._component.configure(rt_profiles.properties_of(values))
-        except InvalidParameter as error:
+        except InvalidValue as error:
             raise SDOPackage.InvalidParameter(str(error)) from None
         return True
 

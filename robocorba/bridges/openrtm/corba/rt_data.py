@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import omniORB
 from omniORB import CORBA
 
-from robocorba.bridges.openrtm.data_ports import InvalidData
+from robocorba.bridges.openrtm.data_ports import InvalidValue
 from robocorba.bridges.openrtm.robot_component import DataTypes, Ranges, TimedPose, TimedText, Velocity
 from robocorba.stubs import RTC
 
@@ -35,7 +35,7 @@ class _CdrType(Generic[Value]):
         try:
             return self._value(omniORB.cdrUnmarshal(self._typecode, data, int(is_little)))
         except CORBA.SystemException as error:
-            raise InvalidData(f"{len(data)} bytes are no {self.id}: {error}") from None
+            raise InvalidValue(f"{len(data)} bytes are no {self.id}: {error}") from None
 
 
 def _pose(value: TimedPose) -> Any:
