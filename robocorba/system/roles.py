@@ -28,7 +28,6 @@ ROBOTS: Roles = frozenset({Role.ROBOT, Role.ADMINISTRATOR, Role.SERVER})
 OPERATORS: Roles = frozenset({Role.OPERATOR, Role.ADMINISTRATOR, Role.SERVER})
 #: All but observers: those who publish events.
 PUBLISHERS: Roles = ROBOTS | OPERATORS
-ADMINISTRATORS: Roles = frozenset({Role.ADMINISTRATOR, Role.SERVER})
 SERVERS: Roles = frozenset({Role.SERVER})
 
 #: Interfaces of objects without a name. Their reference is the right to call all of their operations, and the operation
@@ -96,7 +95,7 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         (PUBLISHERS, "supply for_suppliers"),
         (OPERATORS, "unsubscribe"),
         # The address of a peer may contain the key of another guarded system.
-        (ADMINISTRATORS, "peers addPeer removePeer destroy"),
+        (frozenset({Role.ADMINISTRATOR, Role.SERVER}), "peers addPeer removePeer destroy"),
         (SERVERS, "joinGateway joinPeer"),
     ),
 }

@@ -24,8 +24,6 @@ MAX_WORKERS = 8
 LIMIT_S = 900.0
 #: Time from SIGTERM to SIGKILL for a worker [s]. It has nothing to put in order.
 GRACE_PERIOD_S = 2.0
-#: Share of the work after which its pace counts as much as the expected one: one kernel alone says little.
-TRUST = 0.1
 
 _log = logging.getLogger(__name__)
 
@@ -69,7 +67,8 @@ class Progress:
         left = None
         if self._began is not None:
             elapsed = self._clock() - self._began
-            left = (elapsed + TRUST * total / self._workers) / (share + TRUST) * (1.0 - share)
+            # After a tenth of the work its pace counts as much as the expected one: one kernel alone says little.
+            left = (elapsed + 0.1 * total / self._workers) / (share + 0.1) * (1.0 - share)
         return CompilationProgress(len(done), len(self._expected), share, left)
 
 

@@ -54,9 +54,6 @@ class FleetOptions:
     start_limit_s: float = 180.0
 
 
-DEFAULT_OPTIONS = FleetOptions()
-
-
 class Fleet:
     """orders: the robots. state: the state folder, naming: the naming service of all of them."""
 
@@ -66,7 +63,7 @@ class Fleet:
         state: Path,
         naming: Address,
         view: View,
-        options: FleetOptions = DEFAULT_OPTIONS,
+        options: FleetOptions,
     ) -> None:
         self._orders, self._state, self._naming, self._view, self._options = orders, state, naming, view, options
         self._processes: dict[str, Supervised] = {}

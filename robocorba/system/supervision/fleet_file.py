@@ -31,9 +31,6 @@ from robocorba.system.processes import RobotOrder
 from robocorba.system.supervision.order_checker import check_order, checked_places
 from robocorba.system.supervision.robots import MAX_ROBOTS
 
-#: Keys of a fleet file, by the fields of orders that they set.
-_KEYS = {"adaptorArguments": "arguments", "onFloor": "floor", "x": "at", "y": "at", "heading": "at"}
-
 
 class InvalidFleet(ServiceError):
     """A robot of a fleet is impossible: `key` names what is wrong, empty for the whole fleet."""
@@ -181,7 +178,8 @@ def orders_of(
         except InvalidFleet as error:
             raise complain(index, error.key, error.reason) from None
         except InvalidChoice as error:
-            raise complain(index, _KEYS.get(error.field, error.field), error.reason) from None
+            keys = {"adaptorArguments": "arguments", "onFloor": "floor", "x": "at", "y": "at", "heading": "at"}
+            raise complain(index, keys.get(error.field, error.field), error.reason) from None
     return orders
 
 

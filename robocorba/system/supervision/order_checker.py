@@ -15,9 +15,6 @@ from robocorba.simulation.registry import Description
 from robocorba.system.names import CHANNELS
 from robocorba.system.processes import RobotOrder
 
-#: Maximum number of arguments for an adaptor, and of characters of all of them.
-MAX_ARGUMENTS, MAX_ARGUMENTS_LENGTH = 64, 4096
-
 
 def checked(orb: Orb, order: RobotOrder, timeout_s: float = 2.0) -> RobotOrder:
     """The order, checked against the running system; a placed robot gets its floor by name. timeout_s: to ask for
@@ -36,9 +33,8 @@ def check_order(order: RobotOrder, adaptors: Collection[str]) -> None:
     if order.adaptor not in adaptors:
         raise InvalidChoice("adaptor", f"{order.adaptor[:80]!r} is not installed; there are {', '.join(adaptors)}")
     arguments = order.adaptor_arguments
-    if len(arguments) > MAX_ARGUMENTS or sum(map(len, arguments)) > MAX_ARGUMENTS_LENGTH:
-        limits = f"{MAX_ARGUMENTS} with {MAX_ARGUMENTS_LENGTH} characters"
-        raise InvalidChoice("adaptorArguments", f"more than {limits} in all")
+    if len(arguments) > 64 or sum(map(len, arguments)) > 4096:
+        raise InvalidChoice("adaptorArguments", "more than 64 with 4096 characters in all")
 
 
 def checked_places(order: RobotOrder, floors: Sequence[str], channels: Sequence[str]) -> RobotOrder:

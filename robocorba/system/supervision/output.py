@@ -14,14 +14,14 @@ from robocorba.errors.services import NotReachable
 READY = "ready"
 
 _log = logging.getLogger(__name__)
-_LEVELS = {"WARNING": logging.WARNING, "ERROR": logging.ERROR, "CRITICAL": logging.CRITICAL}
 
 
 def relay(name: str, line: str) -> None:
     """Log a line of a process with its own level; lines without one are warnings."""
+    levels = {"WARNING": logging.WARNING, "ERROR": logging.ERROR, "CRITICAL": logging.CRITICAL}
     level, _, text = line.partition(" ")
-    text = text if level in _LEVELS else line
-    _log.log(_LEVELS.get(level, logging.WARNING), "%s: %s", name, text)
+    text = text if level in levels else line
+    _log.log(levels.get(level, logging.WARNING), "%s: %s", name, text)
 
 
 class Pipe:
