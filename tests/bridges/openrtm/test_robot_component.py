@@ -154,7 +154,6 @@ def test_the_validity_of_velocities_is_a_parameter() -> None:
     with pytest.raises(InvalidValue, match="there is no parameter speed"):
         component.configure({"velocity_valid_for": "1", "speed": "1"})
     assert component.configuration == {"velocity_valid_for": "2"}  # none was set
-    assert component.configuration == {"velocity_valid_for": "2"}
 
 
 def test_a_component_that_ends_leaves_nothing_and_stands_if_it_was_driven() -> None:
