@@ -33,10 +33,9 @@ from robocorba.orb.orb import Orb
 from robocorba.system.backoff import Backoff
 from robocorba.system.corba.remote_supervisor import RemoteSupervisor
 from robocorba.system.corba.servers import probe_of
-from robocorba.system.names import CHANNELS, ROBOTS, SUPERVISOR
+from robocorba.system.names import CHANNELS, CONSOLE, ROBOTS, SUPERVISOR
 from robocorba.system.processes import ProcessPhase, ProcessState, RobotOrder
 from robocorba.system.state_folder import StateFolder
-from robocorba.system.supervision.console import CONSOLE
 from robocorba.system.supervision.system import NAMING_SERVICE
 from testkit.browser import chromium, headless
 from testkit.json_process import ProcessFailed

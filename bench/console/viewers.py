@@ -21,8 +21,8 @@ from websockets.sync.client import connect
 
 from bench.common.harness import run
 from bench.console.crowd import FLOOR, Clock, crowded_system
+from robocorba.system.names import CONSOLE
 from robocorba.system.state_folder import StateFolder
-from robocorba.system.supervision.console import CONSOLE
 from testkit.browser import chromium, headless
 from testkit.json_process import Cpu, pids_of
 from testkit.report import PROGRESS, RESULTS, at_least, at_most, bars, quantile, summarize

@@ -20,13 +20,13 @@ from bench.common.harness import progress, run
 from bench.starts.outage import LIMIT_S, Client, client
 from bench.starts.systems import BASE, OURS, SERVERS, System, load, systems
 from robocorba.orb.naming import PROBE_TIMEOUT_S
-from robocorba.system.supervision.hangs import DEFAULT
+from robocorba.system.supervision.hangs import HangLimit
 from robocorba.system.supervision.system import NAMING_SERVICE
 from testkit.processes import eventually, hang
 from testkit.report import at_most, bars, summarize
 
 #: Required time until a stopped server is back [s]: the limit, the timeout of the last call, and a start.
-MAX_AWAY_S = DEFAULT.limit_s + PROBE_TIMEOUT_S + 1.2
+MAX_AWAY_S = HangLimit().limit_s + PROBE_TIMEOUT_S + 1.2
 
 
 def stopped(system: System, calls: Client, server: str, seconds: float) -> dict[str, Any]:

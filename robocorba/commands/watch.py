@@ -125,7 +125,7 @@ def film(
     """Film the running simulation; the video is playable however the recording ends. While no picture arrives, the
     video shows the one before. clock: monotonic [s].
 
-    Raises UnknownFloor, InvalidPicture, VideoError, NotReachable."""
+    Raises UnknownFloor, InvalidPicture, OutputError, NotReachable."""
     from PIL import Image  # imported here, since it takes a second to load
 
     from robocorba.console.video import VideoFile

@@ -24,7 +24,7 @@ class Sensors:
 
     def nearest_m(self, sensor: str) -> float:
         """The least distance that a sensor measures [m]; its range if it sees nothing. sensor: its name in programs.
-        Raises SensingError, RobotLost."""
+        Raises InvalidScan, SensorBehind, RobotLost."""
         about = ray_sensor(sensor)
         distances = self._session.scan(self._at(), CENTRE, self._specs[about.name])
         return float(distances[about.rays.index(sensor)] if sensor in about.rays else np.min(distances))

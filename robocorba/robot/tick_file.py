@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import NamedTuple
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.files import OutputExists
+from robocorba.errors.files import OutputError
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.system.background import Background
@@ -50,12 +50,12 @@ class Tick(NamedTuple):
 class TickFile:
     """Creates a file, in place of an earlier one of its kind but of no other. A separate thread writes it, so `add`
     never blocks a robot; ticks beyond the queue or `max_ticks` are dropped, and `close` logs their number. Raises
-    RoboCorbaError if the file can't be created, OutputExists for a file of another kind."""
+    RoboCorbaError if the file can't be created, OutputError for a file of another kind."""
 
     def __init__(self, file: Path, max_ticks: int = MAX_TICKS) -> None:
         try:
             if file.is_file() and not _is_replaceable(file):
-                raise OutputExists(file, "it is no record of control cycles, choose another name")
+                raise OutputError(file, "exists already; it is no record of control cycles, choose another name")
             self._file = file.open("w", newline="")
         except OSError as error:
             raise RoboCorbaError(f"can't create {file}: {error.strerror or error}") from None

@@ -31,12 +31,12 @@ from tests.simulation.places import scan
 
 #: Errors that end within their process: reported in a program's or mission's result, in the log or on stderr.
 LOCAL = {
-    *("AlreadyRunning", "PortInUse", "StateMismatch", "StartFailed"),
-    *("VideoError", "InvalidRecording", "UpdateMismatch", "NoRide", "GridTooLarge"),
+    *("AlreadyRunning", "PortInUse", "StartFailed"),
+    *("InvalidRecording", "UpdateMismatch", "NoRide", "GridTooLarge"),
     *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "RideLost"),
     *("GoalReached", "InTheWay", "MissionTakenOver"),
     *("NotDelivered", "Unconfirmed", "Refused", "InternalFault", "ClientGone", "RobotHeld"),
-    *("OutputExists", "OutputIsInput", "LimitExceeded", "WorkEnded"),
+    *("OutputError", "LimitExceeded", "WorkEnded"),
 }
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.files import OutputExists
+from robocorba.errors.files import OutputError
 from robocorba.robot import tick_file
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
@@ -87,6 +87,6 @@ def test_files_that_can_t_be_written(tmp_path: Path, caplog: pytest.LogCaptureFi
         TickFile(file).close()
     assert file.read_text().startswith("adaptor,program,")
     file.write_text("mine")
-    with pytest.raises(OutputExists, match=r"a\.csv: exists already"):
+    with pytest.raises(OutputError, match=r"a\.csv: exists already"):
         TickFile(file)
     assert file.read_text() == "mine"

@@ -20,16 +20,10 @@ from robocorba.system.supervision.warm_parent import ENVIRONMENT
 WORKER = "robocorba.system.supervision.compile_worker"
 #: Maximum number of workers: more would wait for each other.
 MAX_WORKERS = 8
-#: Memory of a worker [bytes].
-WORKER_MEMORY = 600_000_000
 #: Timeout for all kernels [s]. One slow core takes 150 s.
 LIMIT_S = 900.0
 #: Time from SIGTERM to SIGKILL for a worker [s]. It has nothing to put in order.
 GRACE_PERIOD_S = 2.0
-#: Share of the work after which its pace counts as much as the expected one: one kernel alone says little.
-TRUST = 0.1
-#: Interval between looks at a worker's output [s].
-_INTERVAL_S = 0.05
 
 _log = logging.getLogger(__name__)
 
@@ -73,7 +67,8 @@ class Progress:
         left = None
         if self._began is not None:
             elapsed = self._clock() - self._began
-            left = (elapsed + TRUST * total / self._workers) / (share + TRUST) * (1.0 - share)
+            # After a tenth of the work its pace counts as much as the expected one: one kernel alone says little.
+            left = (elapsed + 0.1 * total / self._workers) / (share + 0.1) * (1.0 - share)
         return CompilationProgress(len(done), len(self._expected), share, left)
 
 
@@ -103,7 +98,7 @@ def compile_kernels(
 def worker_count(kernels: int) -> int:
     """The number of workers for a number of kernels: one for each core, as far as there is memory and work for them."""
     cores = len(os.sched_getaffinity(0))
-    memory = psutil.virtual_memory().available // WORKER_MEMORY
+    memory = psutil.virtual_memory().available // 600_000_000  # bytes that a worker takes
     return max(1, min(cores, memory, kernels, MAX_WORKERS))
 
 
@@ -138,7 +133,7 @@ def _output(workers: Sequence[LoggedProcess]) -> Iterator[list[str]]:
         lines = []
         for worker in list(running):
             with contextlib.suppress(TimeoutError):
-                while line := worker.read_line(_INTERVAL_S):
+                while line := worker.read_line(0.05):
                     lines.append(line)
                 running.remove(worker)
         yield lines
