@@ -7,33 +7,27 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+from shapely import Point
+
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.missions.clearing import Requests
-from robocorba.missions.lookout import STOP_S, Ahead, Lookout
+from robocorba.missions.leader_policy import LeaderPolicy
+from robocorba.missions.lookout import Lookout, Seen
 from robocorba.missions.messages import WayMade
 from robocorba.system.background import Background
-
-#: Interval between looks [s].
-LOOK_INTERVAL_S = 0.1
-#: The body stops once what is around it is unknown for this time [s].
-UNKNOWN_S = 1.0
-#: The body goes on once its way has been free for this time [s].
-SETTLE_S = 0.5
-#: Share of the planned speed with which it approaches what is in its way.
-SLOW_RATE = 0.5
 
 _log = logging.getLogger(__name__)
 
 
 class WayAhead:
-    """Watches the way by `lookout`. ask: returns the requests to a robot in the way, None if it can't be asked; may
-    block, and is called by a thread of its own. Its other methods are called by the leader's thread."""
+    """Watches the way by `lookout`. ask: returns the requests to a robot in the way; may block, and is called by a
+    thread of its own. Its other methods are called by the leader's thread."""
 
-    def __init__(self, lookout: Lookout, ask: Callable[[str], Requests | None]) -> None:
-        self._lookout, self._ask = lookout, ask
+    def __init__(self, lookout: Lookout, ask: Callable[[str], Requests], policy: LeaderPolicy) -> None:
+        self._lookout, self._ask, self._policy = lookout, ask, policy
         #: What the body waits for, without a name if that is unknown; None while it goes on.
-        self.blocker: Ahead | None = None
+        self.blocker: Seen | None = None
         self._since = self._blocked_at = self._known_at = time.monotonic()
         self._looked_at, self._rate = 0.0, 1.0
         self._requests: Requests | None = None
@@ -58,16 +52,16 @@ class WayAhead:
     def rate(self, trajectory_s: float) -> float:
         """The rate at which the body may go on from here, 0 to 1."""
         now = time.monotonic()
-        if now - self._looked_at >= LOOK_INTERVAL_S:
+        if now - self._looked_at >= self._policy.look_interval_s:
             self._looked_at = now
             try:
                 ahead = self._lookout.ahead(trajectory_s)
             except NotReachable as unknown:
-                if now - self._known_at < UNKNOWN_S:
+                if now - self._known_at < self._policy.unknown_timeout_s:
                     return self._rate
                 if self.blocker is None or self.blocker.name:
                     _log.info("the carry waits: %s", unknown)
-                ahead = Ahead("", False, 0.0, 0.0, 0.0)
+                ahead = Seen("", False, Point(), 0.0, 0.0), 0.0
             else:
                 self._known_at = now
             self._rate = self._rate_for(ahead, now)
@@ -80,19 +74,19 @@ class WayAhead:
         if self._requests:
             self._requests.receive(answer)
 
-    def _rate_for(self, ahead: Ahead | None, now: float) -> float:
-        if ahead is None or ahead.after_s > STOP_S:
-            if self.blocker and now - self._blocked_at < SETTLE_S:
+    def _rate_for(self, ahead: tuple[Seen, float] | None, now: float) -> float:
+        if ahead is None or ahead[1] > self._policy.stop_ahead_s:
+            if self.blocker and now - self._blocked_at < self._policy.settle_s:
                 return 0.0
             self.blocker = self._requests = None
-            return SLOW_RATE if ahead else 1.0
-        self._blocked_at = now
-        if self.blocker is None or self.blocker.name != ahead.name:
+            return self._policy.approach_rate if ahead else 1.0
+        self._blocked_at, seen = now, ahead[0]
+        if self.blocker is None or self.blocker.name != seen.name:
             self._since = self._since if self.blocker else now
-            self.blocker, self._requests = ahead, None
-            if ahead.is_robot:
+            self.blocker, self._requests = seen, None
+            if seen.is_robot:
                 # Without an answer it is not asked to step aside, and the carry waits for its limit.
-                Background("aside", partial(self._find_requests, ahead.name), lambda reason: None).start()
+                Background("aside", partial(self._find_requests, seen.name), lambda reason: None).start()
         return 0.0
 
     def _find_requests(self, robot: str) -> None:

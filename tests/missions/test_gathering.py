@@ -102,16 +102,15 @@ def test_carriers_side_by_side_gather_apart() -> None:
 def test_groups_that_drive_simultaneously(
     floors: tuple[str, ...], paths: list[list[tuple[float, float]]], groups: list[set[int]]
 ) -> None:
-    starts = [Place(floor, *path[0]) for floor, path in zip(floors, paths, strict=True)]
-    goals = [Place("L1", *path[-1]) for path in paths]
-    assert driving_groups(starts, goals, paths) == groups
+    drives = [(Place(floor, *path[0]), Place("L1", *path[-1])) for floor, path in zip(floors, paths, strict=True)]
+    assert driving_groups(drives, paths) == groups
 
 
 @settings(deadline=None)
 @given(some.lists(some.tuples(*[some.floats(0, 9)] * 4), min_size=1, max_size=6))
 def test_each_robot_drives_once(paths: list[tuple[float, float, float, float]]) -> None:
-    starts, goals = [Place("L1", x, y) for x, y, _, _ in paths], [Place("L1", x, y) for _, _, x, y in paths]
-    found = driving_groups(starts, goals, [[(x, y), (goal_x, goal_y)] for x, y, goal_x, goal_y in paths])
+    lines = [((x, y), (goal_x, goal_y)) for x, y, goal_x, goal_y in paths]
+    found = driving_groups([(Place("L1", *start), Place("L1", *goal)) for start, goal in lines], lines)
     assert sorted(number for group in found for number in group) == list(range(len(paths)))
 
 
