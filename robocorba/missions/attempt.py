@@ -20,14 +20,13 @@ from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.cooperative_planner import CarriedBody
 from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.leader_policy import LeaderPolicy
-from robocorba.missions.lookout import Look, Lookout
+from robocorba.missions.lookout import Look, Lookout, WayAhead
 from robocorba.missions.messages import MemberState, Message, Order, WayMade
 from robocorba.missions.recorder import LedMission
 from robocorba.missions.report import ENDING
 from robocorba.missions.subplan import Carry, CooperativePlan, holding_steps
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.transport import Transport
-from robocorba.missions.way_ahead import WayAhead
 from robocorba.planning.request import Place
 
 _log = logging.getLogger(__name__)

@@ -14,6 +14,7 @@ from robocorba.errors.robots import GoalReached, MissionFailed
 from robocorba.map_editor.geometry import Obstacle, shaft_polygon
 from robocorba.map_editor.spatial.frames import out_of
 from robocorba.map_editor.spatial.pose import Limits, Pose, Pose2D
+from robocorba.missions import subplan
 from robocorba.missions.carry_control import GOAL_M, GOAL_RAD
 from robocorba.missions.carry_planning import CarryLeg, CarryPlan, plan_carries
 from robocorba.missions.clearing import Way, in_the_way, place_aside, united
@@ -29,21 +30,7 @@ from robocorba.missions.gathering import (
     spread_apart,
 )
 from robocorba.missions.obstacles import placed
-from robocorba.missions.subplan import (
-    Approach,
-    BackOff,
-    CallCabin,
-    Carry,
-    CooperativePlan,
-    Gather,
-    Idle,
-    PhaseSteps,
-    PutDown,
-    Reserve,
-    Ride,
-    TakeHold,
-    plan_of,
-)
+from robocorba.missions.subplan import CooperativePlan, PhaseSteps, plan_of
 from robocorba.missions.swept_area import swept_areas, swept_shapes
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import StandingRobot, World
@@ -106,8 +93,8 @@ class MoveTablePlanner(CooperativePlanner):
         goals = [Place(carried.floor, x, y) for x, y, _ in gathering]
         drives = list(zip(starts, goals, strict=True))
         self._way = clear_way(self._world, carried, swept_shapes(self._carry), drives, others, staying)
-        reserve = Reserve(areas=swept_areas(self._carry), hold_s=MAX_LIMIT_S, limit_s=NEAR_LIMIT_S)
-        idle = Idle(limit_s=NEAR_LIMIT_S)
+        reserve = subplan.Reserve(areas=swept_areas(self._carry), hold_s=MAX_LIMIT_S, limit_s=NEAR_LIMIT_S)
+        idle = subplan.Idle(limit_s=NEAR_LIMIT_S)
         phases = [
             PhaseSteps("reserving", [reserve if name == leader else idle for name in names]),
             *self._gathering_phases(gathering, drives, paths),
@@ -116,8 +103,8 @@ class MoveTablePlanner(CooperativePlanner):
         ]
         for before, leg, after in zip([None, *legs[:-1]], legs, [*legs[1:], None], strict=True):
             phases += self._leg_phases(mission, before.elevator_after if before else "", leg, after)
-        phases.append(PhaseSteps("putting down", [PutDown(limit_s=NEAR_LIMIT_S)] * len(names)))
-        back_off = BackOff(distance_m=self._carry.back_off_m, limit_s=NEAR_LIMIT_S)
+        phases.append(PhaseSteps("putting down", [subplan.PutDown(limit_s=NEAR_LIMIT_S)] * len(names)))
+        back_off = subplan.BackOff(distance_m=self._carry.back_off_m, limit_s=NEAR_LIMIT_S)
         phases.append(PhaseSteps("backing off", [back_off] * len(names)))
         roles = [(name, "leader" if name == leader else "helper") for name in names]
         enough = formation.enough(self._carry.outline, carried.mass_kg, PAYLOAD_KG)
@@ -163,17 +150,21 @@ class MoveTablePlanner(CooperativePlanner):
         """All robots gather simultaneously, or in groups if they would block each other."""
         floor = self._object.floor
         points = [paths.points(start, goal) for start, goal in drives]
-        gathers = [Gather(floor=floor, x=x, y=y, heading=heading, limit_s=GATHER_LIMIT_S) for x, y, heading in poses]
+        gathers = [
+            subplan.Gather(floor=floor, x=x, y=y, heading=heading, limit_s=GATHER_LIMIT_S) for x, y, heading in poses
+        ]
         return [
-            PhaseSteps("gathering", [step if number in group else Idle() for number, step in enumerate(gathers)])
+            PhaseSteps(
+                "gathering", [step if number in group else subplan.Idle() for number, step in enumerate(gathers)]
+            )
             for group in driving_groups(drives, points)
         ]
 
-    def _take_hold(self, grip: GripPoint) -> TakeHold:
+    def _take_hold(self, grip: GripPoint) -> subplan.TakeHold:
         carried = self._object
         x, y = out_of(grip.x, grip.y, carried.pose)
         height_m = carried.height_m - 0.02  # the hands are 2 cm below its top
-        return TakeHold(thing=carried.name, at=carried.pose, x=x, y=y, height_m=height_m, limit_s=NEAR_LIMIT_S)
+        return subplan.TakeHold(thing=carried.name, at=carried.pose, x=x, y=y, height_m=height_m, limit_s=NEAR_LIMIT_S)
 
     def _leg_phases(
         self, mission: str, elevator_before: str, leg: CarryLeg, after: CarryLeg | None
@@ -193,7 +184,7 @@ class MoveTablePlanner(CooperativePlanner):
         count = len(self._carry.formation.grips)
         ways = inside, self._split_at_doors(_poses(after)[::-1], elevator)[1][::-1]
         boarding_s = max(self._trajectory_through_doors(each).duration for each in ways)
-        call = CallCabin(
+        call = subplan.CallCabin(
             elevator=elevator,
             destination=after.floor,
             party=f"{mission} to {after.floor}",  # the carriers ride together
@@ -201,7 +192,7 @@ class MoveTablePlanner(CooperativePlanner):
             boarding_s=min(MAX_BOARDING_S - BOARDING_MARGIN_S, boarding_s + SUCCESSION_S),
             limit_s=1800.0,  # other missions may use the cabin
         )
-        ride = Ride(elevator=elevator, destination=after.floor, limit_s=300.0)
+        ride = subplan.Ride(elevator=elevator, destination=after.floor, limit_s=300.0)
         return [
             *phases,
             *self._carry_phases("carrying", outside),
@@ -219,7 +210,9 @@ class MoveTablePlanner(CooperativePlanner):
             return []
         limit_s = 3.0 * trajectory.duration + 20.0  # it may have to wait for what is in its way
         rows = trajectory.to_rows()
-        return [PhaseSteps(phase, [Carry(rows=rows, place=pose, limit_s=limit_s) for pose in self._carrier_poses])]
+        return [
+            PhaseSteps(phase, [subplan.Carry(rows=rows, place=pose, limit_s=limit_s) for pose in self._carrier_poses])
+        ]
 
     def _through_doors(self, phase: str, poses: Sequence[Pose2D], elevator: str) -> list[PhaseSteps]:
         """The phase that passes the doors. Raises MissionFailed if it takes longer than doors stay open for a party."""
@@ -265,9 +258,9 @@ def _poses(leg: CarryLeg) -> list[Pose2D]:
     return [(x, y, heading) for x, y, heading in leg.poses.tolist()]
 
 
-def _approach(pose: Pose2D) -> Approach:
+def _approach(pose: Pose2D) -> subplan.Approach:
     x, y, heading = pose
-    return Approach(x=x, y=y, heading=heading, limit_s=NEAR_LIMIT_S)
+    return subplan.Approach(x=x, y=y, heading=heading, limit_s=NEAR_LIMIT_S)
 
 
 def _in_building(pose: Pose2D, body: Pose2D) -> Pose2D:

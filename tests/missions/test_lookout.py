@@ -13,14 +13,13 @@ from hypothesis import strategies as st
 from shapely import Point
 
 from robocorba.errors.services import NotReachable
-from robocorba.missions import way_ahead
+from robocorba.missions import lookout as module
 from robocorba.missions.clearing import Requests
 from robocorba.missions.leader_policy import DEFAULT_POLICY
-from robocorba.missions.lookout import Lookout, Seen
+from robocorba.missions.lookout import Lookout, Seen, WayAhead
 from robocorba.missions.messages import WayMade
 from robocorba.missions.obstacles import placed
 from robocorba.missions.trajectory import Trajectory
-from robocorba.missions.way_ahead import WayAhead
 
 PATH = Trajectory([(0.0, 0.0, 0.0), (5.0, 0.0, 0.0)])
 NUMBERED = (("table", 7), ("chair", 8))
@@ -89,8 +88,8 @@ class Scene:
         self.seen: tuple[Seen, float] | NotReachable | None = None
         self.now = 100.0
         self.asked: list[str] = []
-        monkeypatch.setattr(way_ahead, "time", self)
-        monkeypatch.setattr(way_ahead, "Background", _AtOnce)
+        monkeypatch.setattr(module, "time", self)
+        monkeypatch.setattr(module, "Background", _AtOnce)
         self.way = WayAhead(self, self._ask, DEFAULT_POLICY)  # type: ignore[arg-type]
 
     def monotonic(self) -> float:
