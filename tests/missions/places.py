@@ -39,7 +39,6 @@ from tests.robot.places import Channel, Place
 
 #: Interval at which data pools follow the building [s].
 FOLLOW_S = 0.033
-RECORD = MissionContent(kind="test", about="nothing", leader="A", begun=1.0)
 _numbers = itertools.count()
 Receive = Callable[[str, str, Any, str], None]
 
@@ -121,19 +120,20 @@ class Crew:
         self,
         name: str,
         leading: LeaderPolicy | None = None,
-        mission: str = "",
-        content: MissionContent = RECORD,
         look: Look = lambda: (),
         led: type[LedMission] = LedMission,
     ) -> Leader:
-        """content: the mission's record as it begins. led: keeps it."""
+        """led: keeps the mission's record."""
         agent = self.agents[name]
         agent.robot.execution.reset(False)
         robot = LeaderRobot(
-            *(lambda: Spot(*agent.place[:3]), LeaderAreas(agent.robot.session)),
-            *(lambda: str(agent.robot.execution.interruption or ""), look),
+            lambda: Spot(*agent.place[:3]),
+            LeaderAreas(agent.robot.session),
+            lambda: str(agent.robot.execution.interruption or ""),
+            look,
         )
-        kept = led(NoRecorder(), mission or f"m{next(_numbers)}", content)
+        content = MissionContent(kind="test", about="nothing", leader=name, begun=1.0)
+        kept = led(NoRecorder(), f"m{next(_numbers)}", content)
         return Leader(kept, Transport(BusEnd(self.bus, name), name), robot, leading or self._leading)
 
     def close(self) -> None:

@@ -12,11 +12,10 @@ from typing import ClassVar
 
 import pytest
 import shapely
-from msgspec import structs
 from shapely import Point
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors.robots import InTheWay, MissionTakenOver
+from robocorba.errors.robots import InTheWay
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.polygons import FloorArea
 from robocorba.map_editor.spatial.pose import Pose
@@ -34,7 +33,7 @@ from robocorba.planning.request import Place as Spot
 from robocorba.robot.agent_state import AgentCondition, ProgramResult
 from robocorba.robot.collision_avoidance.policy import GivingWayPolicy
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
-from tests.missions.places import RECORD, Crew, Given
+from tests.missions.places import Crew, Given
 from tests.robot.places import Place, eventually
 from tests.waits import patient, work_for
 
@@ -91,12 +90,11 @@ def leading(
     *planners: Given,
     name: str = "A",
     policy: LeaderPolicy = LEADING,
-    mission: str = "",
     led: type[LedMission] = LedMission,
 ) -> tuple[threading.Thread, list[MissionReport]]:
     """A mission in a thread of its own. planners: of its attempts, in turn."""
     reports: list[MissionReport] = []
-    leader, left = crew.leader(name, policy, mission, led=led), iter(planners)
+    leader, left = crew.leader(name, policy, led=led), iter(planners)
     thread = threading.Thread(target=lambda: reports.append(leader.lead("test", lambda: next(left))))
     thread.start()
     return thread, reports
@@ -254,21 +252,6 @@ def test_a_step_that_exceeds_its_limit_ends_the_mission(crew: Crew) -> None:
     eventually(lambda: free(crew), "all are free again")
 
 
-def test_members_obey_the_leader_of_the_latest_term_only(crew: Crew) -> None:
-    """C leads the same mission in a later term: B leaves A, and A finds nobody any more."""
-    thread, reports = leading(crew, Given([Idle()], [near("B", 1.5, 60.0)]), mission="same")
-    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    later = Given([Idle()], [Idle()])
-    later.required = frozenset({"B"})
-    content = structs.replace(RECORD, leader="C", term=2, attempts=7)
-    report = crew.leader("C", LEADING, "same", content).lead("test", lambda: later)
-    assert (report.result, report.reason) == ("done", "")
-    thread.join(60.0)
-    assert reports[0].result == "failed"
-    again = crew.leader("A", LEADING, "same").lead("test", lambda: Given([Idle()], [Idle()]))
-    assert again.reason == "1 helpers are needed; no robot offered to help"
-
-
 @pytest.mark.parametrize("crew", [PATIENT_PART], indirect=True)
 def test_a_member_stops_while_its_leader_is_silent(crew: Crew) -> None:
     thread, reports = leading(crew, Given([Idle()], [near("B", 1.5, 60.0)]), policy=PATIENT)
@@ -317,23 +300,6 @@ def test_a_leader_waits_for_servers_that_are_away_after_a_fault(crew: Crew) -> N
         return answer
 
     assert crew.leader("A", RECOVERING).lead("test", make).result == "done"
-
-
-def test_a_leader_of_which_another_has_taken_over_gives_up(crew: Crew) -> None:
-    begun = []
-
-    class TakenOver(LedMission):
-        def confirm(self) -> None:
-            begun.append(self.attempt)
-            if len(begun) == 2:
-                raise MissionTakenOver("B", 2)
-
-    failing = Given([Idle()], [near("B", 0.6, limit_s=0.01)])
-    leader = crew.leader("A", RECOVERING, "again", structs.replace(RECORD, attempts=4), led=TakenOver)
-    report = leader.lead("test", lambda: failing)
-    assert report.reason.startswith("B has taken the mission over, in term 2; before: ")
-    assert begun == ["again.5", "again.6"]
-    eventually(lambda: free(crew), "all are free again")
 
 
 # ---- the way is cleared ----

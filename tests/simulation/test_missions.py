@@ -374,24 +374,6 @@ def test_the_nearest_robot_that_can_leads(missions: MissionDirectory) -> None:
         control.start("", '{"icon": "move_table", "table": "desk"}')
 
 
-def test_who_starts_a_mission_learns_whether_a_robot_leads_it(missions: MissionDirectory) -> None:
-    """Also if its answer was lost; what nobody leads is no mission."""
-
-    class Mute(Robots):
-        def start(self, leader: str, mission: str, icon: str, term: int) -> None:
-            if leader == "A":  # it has accepted
-                put(missions, mission, RUNNING, missions.stored(mission).version)
-            raise NotReachable(f"the answer of {leader} was lost")
-
-    control = MissionControl(missions, Mute())
-    name = control.start("A", ICON)
-    with pytest.raises(NoLeader, match="the answer of B was lost"):
-        control.start("B", ICON)
-    assert [(mission.name, missions.mission(mission.name).content) for mission in missions.missions()] == [
-        (name, RUNNING)
-    ]
-
-
 def test_a_mission_whose_leader_is_gone_is_given_to_another_robot(missions: MissionDirectory) -> None:
     now, robots = 0.0, Choosy("B", B="", C="")
     watch = LeaderWatch(missions, robots, lambda robot: False, lambda: now, lambda about: ["A", "B", "C"])
