@@ -10,12 +10,12 @@ import typer
 
 from robocorba.commands.options import Naming, State, administrator, connected, only_for, require_extra
 from robocorba.commands.served_map import ServedMap
-from robocorba.commands.simulation_tables import simulation_server
 from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
 from robocorba.console.corba.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
+from robocorba.simulation.corba.remote_simulation import simulation_server
 from robocorba.system.printing import echo
 from robocorba.system.settings import Settings
 
@@ -67,8 +67,7 @@ class SystemInFoxglove:
         self, orb: Orb, system: LiveSystem, served: ServedMap, administrator: RemoteAdministrator | None
     ) -> None:
         self._system, self._served, self._administrator = system, served, administrator
-        self._simulation = simulation_server(orb, CALL_TIMEOUT_S)
-        self._simulation.resolve_timeout_s = RETRY_TIMEOUT_S
+        self._simulation = simulation_server(orb, RETRY_TIMEOUT_S, CALL_TIMEOUT_S)
         self._state_at_s = 0.0
         self._playback: tuple[bool, float] | None = None
 

@@ -13,18 +13,12 @@ import typer
 from rich.live import Live
 
 from robocorba.commands.options import Naming, connected, only_for
-from robocorba.commands.simulation_tables import (
-    RunningSimulation,
-    SimulationTables,
-    as_json,
-    as_tables,
-    show,
-    simulation_server,
-)
+from robocorba.commands.simulation_tables import RunningSimulation, SimulationTables, as_json, as_tables, show
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_database import RemoteDatabase
+from robocorba.simulation.corba.remote_simulation import simulation_server
 from robocorba.system.printing import Console, echo, line
 from robocorba.system.settings import InvalidSetting
 
@@ -107,7 +101,7 @@ class Camera:
             raise InvalidSetting("--floor", ", ".join(floors), "a video shows one floor")
         self._width_px = width_px
         self._database = RemoteDatabase(orb, RETRY_TIMEOUT_S)
-        self._server = simulation_server(orb, PICTURE_TIMEOUT_S)
+        self._server = simulation_server(orb, RETRY_TIMEOUT_S, PICTURE_TIMEOUT_S)
         self._floor = floors[0] if floors else ""
 
     def png(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> bytes:

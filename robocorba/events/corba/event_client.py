@@ -278,6 +278,14 @@ class EventSubscription:
         except CORBA.SystemException:
             return False
 
+    def discarded(self) -> int:
+        """How many events the channel has discarded that waited for this consumer. Raises EventError,
+        NotReachable."""
+        try:
+            return int(self.proxy.state().events.discarded)
+        except CORBA.Exception as error:
+            raise _translated(error) from None
+
     def wait_in_force(self, peer: str, timeout_s: float = 5.0) -> bool:
         """Wait until the channel `peer` forwards the events of this subscription; False after `timeout_s`.
 

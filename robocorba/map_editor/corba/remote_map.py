@@ -180,6 +180,13 @@ def path_node_positions(orb: Orb, floor: str) -> Iterator[tuple[str, float, floa
             yield chosen, record.value._v.at.x, record.value._v.at.y
 
 
+def exported(orb: Orb, timeout_s: float) -> str:
+    """The map as the text of a map file. timeout_s: to resolve the map editor. Raises NotReachable."""
+    editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
+    with translated("the map editor"):
+        return str(editor.exportMap())
+
+
 def element_pages(editor: Any, part: Selection) -> Iterator[Any]:
     """The ElementPages of a part of the building."""
     start, is_last = 0, False

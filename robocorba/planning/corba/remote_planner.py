@@ -8,15 +8,12 @@ from robocorba.planning.corba import paths
 from robocorba.planning.request import Path, PathRequest
 from robocorba.stubs import RoboCorba
 
-#: Timeouts to resolve the agent and for a call [s].
-RESOLVE_TIMEOUT_S, CALL_TIMEOUT_S = 5.0, 5.0
-
 
 class RemotePlanner:
-    """Resolves the agent on first use, and again after a failed call."""
+    """Resolves the agent on first use, and again after a failed call. Timeouts to resolve it, and for a call [s]."""
 
-    def __init__(self, orb: Orb) -> None:
-        what, timeouts = "the path planning agent", (RESOLVE_TIMEOUT_S, CALL_TIMEOUT_S)
+    def __init__(self, orb: Orb, resolve_timeout_s: float = 5.0, call_timeout_s: float = 5.0) -> None:
+        what, timeouts = "the path planning agent", (resolve_timeout_s, call_timeout_s)
         self._agent = RemoteObject(orb, "PathPlanner", RoboCorba.PathPlanner, what, *timeouts)
 
     def paths(self, request: PathRequest) -> list[Path]:

@@ -120,10 +120,6 @@ class RemoteAgent:
         next call. Raises InvalidChoice, IllegalOrder."""
         self._call(lambda: self._agent.drive(RoboCorba.Velocity(*velocity), valid_for_s))
 
-    def cap_speed(self, speed: float) -> None:
-        """Limit the base's speed [m/s]. Raises InvalidChoice."""
-        self._call(lambda: self._agent.setSpeedCap(speed))
-
     def _call(self, call: Callable[[], Answer]) -> Answer:
         with translated(f"robot {self.name}"):
             return call()

@@ -1,4 +1,4 @@
-"""Client of the simulation server and its Omni database, for virtual sensor servers."""
+"""Clients of the simulation server, one of them with its Omni database for virtual sensor servers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.floor_update import FloorUpdate
 from robocorba.orb.calls import set_call_timeout
 from robocorba.orb.orb import Orb
-from robocorba.orb.remote_object import Answer, translated
+from robocorba.orb.remote_object import Answer, RemoteObject, translated
 from robocorba.simulation.corba import scans, sessions
 from robocorba.simulation.corba.remote_database import changes
 from robocorba.simulation.load_balance import Load
@@ -21,6 +21,12 @@ from robocorba.stubs import RoboCorba
 
 #: Timeout of calls [s].
 CALL_TIMEOUT_S = 1.0
+
+
+def simulation_server(orb: Orb, resolve_timeout_s: float, call_timeout_s: float) -> RemoteObject:
+    """The RoboCorba::SimulationServer of a running system, resolved again after each failure."""
+    timeouts = resolve_timeout_s, call_timeout_s
+    return RemoteObject(orb, "SimulationServer", RoboCorba.SimulationServer, "the simulation server", *timeouts)
 
 
 class RemoteSimulation:
