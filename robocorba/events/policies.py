@@ -13,6 +13,19 @@ class DeliveryPolicy:
 
     #: Timeout of a call from the proxy's own thread [s].
     call_timeout_s: float = 10.0
+    #: Timeout of a call from a supplier's thread [s]. A consumer that hangs delays the others once by this time.
+    inline_timeout_s: float = 0.05
+    #: A consumer is fast while its mean call duration is below this [s].
+    fast_call_s: float = 0.002
+    #: Maximum size of a call to a consumer that takes batches [events, bytes].
+    call_events: int = 1000
+    call_bytes: int = 2**20
+    #: Maximum number of calls that the proxy's thread makes in one slot of the limit of simultaneous calls.
+    calls_per_slot: int = 16
+    #: The proxy's thread ends after this time without work [s].
+    idle_s: float = 5.0
+    #: A call to an idempotent consumer that gets no answer is repeated this many times: its events could be the cause.
+    max_repeats: int = 3
     #: Timeout of a probe of a stalled consumer [s].
     probe_timeout_s: float = 1.0
     #: Pauses between the probes of a stalled consumer.
@@ -59,11 +72,45 @@ class ProxyPolicy:
 
 
 @dataclass(frozen=True)
+class ChannelPolicy:
+    """Limits of what a channel passes on."""
+
+    #: Maximum time for which one call of a supplier waits for room in queues [s]. Clients with a call timeout of
+    #: 5 s get an answer within it; without one they would not know whether their event was received.
+    max_blocked_s: float = 4.0
+    #: Maximum time that an event waits for earlier ones [s]. These may be on their way by a link that has just been
+    #: cut: the channel before it notices that after 5 s at most (LinkPolicy.silence_s), and sends them by another way.
+    #: What a killed channel held never comes.
+    max_held_s: float = 6.0
+    #: Maximum number of events that wait for earlier ones. Beyond that the missing ones are not waited for.
+    max_held: int = 10_000
+    #: A copy of an event that has crossed this many links is discarded. For the milliseconds in which a change of the
+    #: links spreads, two channels may send a copy to each other.
+    max_hops: int = 1000
+
+
+@dataclass(frozen=True)
 class LinkPolicy:
     """How the two ends of a link behave: the feed, which supplies, and the gateway, which consumes."""
 
     #: Maximum number of events that wait in the feed; beyond that the oldest are discarded.
     max_queued: int = 100_000
+    #: Maximum number of packets in flight. A supplier's thread sends only while fewer than inline_window are.
+    window: int = 64
+    inline_window: int = 16
+    #: Maximum size of a packet [events, bytes]; a single larger event is a packet of its own.
+    packet_events: int = 1000
+    packet_bytes: int = 2**20
+    #: Timeout of a send by the feed's thread, and by a supplier's thread [s].
+    send_timeout_s: float = 2.0
+    inline_timeout_s: float = 0.05
+    #: After a send slower than this, a supplier's thread leaves its other calls to their own threads [s].
+    fast_send_s: float = 0.005
+    #: Maximum number of packets that the gateway keeps until an earlier, missing packet arrives.
+    max_early: int = 64
+    #: The gateway acknowledges after this many packets, or with the first packet after this time [s].
+    acknowledge_packets: int = 4
+    acknowledge_s: float = 0.02
     #: The feed regards the link as down when the gateway has not called for this time [s].
     lease_s: float = 3.0
     #: Interval at which the gateway renews its session [s]; several renewals may fail within a lease.

@@ -23,9 +23,6 @@ from robocorba.events.policies import PollingPolicy
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 from robocorba.system.background import Background
 
-#: What the name of a supplier begins with whose events all have the rest as their source. Names are stored, so that it
-#: holds after a restart too.
-_OWN = "only:"
 #: Types of events that order others to do something: such a supplier may not publish them.
 ORDERS = frozenset({"robot.stop"})
 
@@ -33,8 +30,9 @@ _log = logging.getLogger(__name__)
 
 
 def own_supplier(name: str) -> str:
-    """The name of the supplier that publishes with the source `name` only."""
-    return f"{_OWN}{name}"
+    """The name of the supplier that publishes with the source `name` only. Names are stored, so that this holds after a
+    restart too."""
+    return f"only:{name}"
 
 
 class ProxyConsumer(Proxy):
@@ -54,7 +52,7 @@ class ProxyConsumer(Proxy):
     ) -> None:
         super().__init__(lock, id, name)
         #: The only source of its events, None for any.
-        self._source = name.removeprefix(_OWN) if name.startswith(_OWN) else None
+        self._source = name.removeprefix("only:") if name.startswith("only:") else None
         self._publish, self._has_had = publish, has_had
         self._is_looping = False
 

@@ -16,6 +16,7 @@ from typing import Any
 from omniORB import CORBA
 
 from robocorba.orb.texts import refuse_unreadable_texts
+from robocorba.orb.workarounds import operations_of
 
 #: Maximum number of waiting calls, unless CallLimit sets another one.
 MAX_WAITING = 2000
@@ -38,7 +39,7 @@ class CallLimit:
         """Limit these operations of a servant, or all; attributes are called _get_NAME and _set_NAME."""
         kind: Any = type(servant)
         refuse_unreadable_texts(kind)  # before the operations are replaced
-        for name in operations or tuple(servant._omni_op_d):
+        for name in operations or tuple(operations_of(servant)):
             setattr(servant, name, self.limited(getattr(servant, name)))
 
     def limited(self, call: Callable[..., Any]) -> Callable[..., Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from omniORB import tcInternal as tc
+from robocorba.orb.workarounds import tc
 
 #: Maximum size of an encoded type [bytes]: about 10,000 members, which take tens of milliseconds to read.
 MAX_BYTES = 256 * 1024

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robocorba.errors.events import InvalidPeer
-from robocorba.events.federation import Advertisement, Federation, check_name
-from robocorba.events.known_advertisements import KnownAdvertisements
+from robocorba.events.federation import Advertisement, Federation, KnownAdvertisements, check_name
 from robocorba.events.subscription import Pattern
 
 WANTS_T = (Pattern("t"),)

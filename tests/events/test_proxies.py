@@ -60,7 +60,7 @@ class Lab:
         self.removed: list[str] = []
         self.proxies = Proxies(channel, store, POLICY, lambda: None, self.removed.append, policy)
 
-    def find(self, kind: str, reference: str) -> Any:
+    def find(self, kind: ProxyKind, reference: str) -> Any:
         return self.clients[reference]
 
     def known(self, client: Any) -> Any:
@@ -77,7 +77,7 @@ class Lab:
 def lab_in(folder: Path, clients: dict[str, Any] | None = None, policy: ProxyPolicy = DEFAULTS) -> Iterator[Lab]:
     with ChannelStore(folder / "lab.sqlite") as store, open_channel(folder, store.first_number()) as channel:
         lab = Lab(channel, store, clients if clients is not None else {}, policy)
-        lab.proxies.restore(lab)
+        lab.proxies.restore(lab.find)
         yield lab
         with channel.lock:
             for state in lab.proxies._all.values():
