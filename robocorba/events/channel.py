@@ -22,13 +22,12 @@ from robocorba.events.event import EventBatch, EventHeader, merged
 from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Federation
 from robocorba.events.feed import Feed
-from robocorba.events.interest import Interest
 from robocorba.events.policies import ChannelPolicy
 from robocorba.events.proxy_consumer import ORDERS
 from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.resequencer import Arrival, Resequencer
 from robocorba.events.seen_events import SeenEvents
-from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription
+from robocorba.events.subscription import Interest, Pattern, SubscriptionMatch, match_subscription
 
 _DEFAULTS = ChannelPolicy()
 _log = logging.getLogger(__name__)

@@ -9,7 +9,7 @@ from robocorba.system.backoff import Backoff
 
 @dataclass(frozen=True)
 class DeliveryPolicy:
-    """How a proxy delivers to a consumer that it calls."""
+    """How a proxy calls its client: a consumer to which it delivers, or a supplier that it polls."""
 
     #: Timeout of a call from the proxy's own thread [s].
     call_timeout_s: float = 10.0
@@ -20,17 +20,15 @@ class DeliveryPolicy:
     #: Maximum size of a call to a consumer that takes batches [events, bytes].
     call_events: int = 1000
     call_bytes: int = 2**20
-    #: Maximum number of calls that the proxy's thread makes in one slot of the limit of simultaneous calls.
-    calls_per_slot: int = 16
     #: The proxy's thread ends after this time without work [s].
     idle_s: float = 5.0
     #: A call to an idempotent consumer that gets no answer is repeated this many times: its events could be the cause.
     max_repeats: int = 3
     #: Timeout of a probe of a stalled consumer [s].
     probe_timeout_s: float = 1.0
-    #: Pauses between the probes of a stalled consumer.
+    #: Pauses between the probes of a stalled consumer, and after failed polls.
     backoff: Backoff = field(default=Backoff(0.05, 1.0))
-    #: A consumer is disconnected after this many failures in a row; with the backoff, a dead one after 17 s.
+    #: A client is disconnected after this many failures in a row; with the backoff, a dead one after 17 s.
     max_failures: int = 20
     #: Pause after a stall of a consumer that is not idempotent [s]: in general the call that timed out ends in this
     #: time, so that the next event does not overtake it.
@@ -41,20 +39,9 @@ class DeliveryPolicy:
     max_flood_gap_s: float = 0.0005
     #: Coalescing pause [s]: more events are waiting for a consumer that takes batches, so the next call can be larger.
     coalesce_s: float = 0.001
-
-
-@dataclass(frozen=True)
-class PollingPolicy:
-    """How a proxy polls a supplier."""
-
-    #: Intervals between polls while the supplier has no events.
-    intervals: Backoff = field(default=Backoff(0.001, 0.01))
-    #: Timeout of a poll [s].
-    call_timeout_s: float = 2.0
-    #: Pauses after failed polls.
-    backoff: Backoff = field(default=Backoff(0.05, 1.0))
-    #: A supplier is disconnected after this many failures in a row.
-    max_failures: int = 20
+    #: Intervals between polls while a supplier has no events, and timeout of a poll [s].
+    poll_intervals: Backoff = field(default=Backoff(0.001, 0.01))
+    poll_timeout_s: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -68,7 +55,6 @@ class ProxyPolicy:
     #: [s]: clients that forget theirs must not keep others out.
     forgotten_s: float = 10.0
     delivery: DeliveryPolicy = field(default=DeliveryPolicy())
-    polling: PollingPolicy = field(default=PollingPolicy())
 
 
 @dataclass(frozen=True)

@@ -159,13 +159,10 @@ class Proxies:
         """Disconnect the client and notify it once. A durable subscription stays. Raises ProxyGone."""
         if isinstance(proxy, ProxyPushSupplier) and proxy.name:
             with self._lock:
-                self._check_not_ended(proxy)
                 client = proxy.client
                 if client is None:
                     raise ProxyGone(f"proxy {proxy.id} has no client")
-                with self._channel.lock:
-                    proxy.leave()
-                self._save(proxy)
+                self._leave(proxy)
                 self._on_removed(proxy.id)  # before the next client of this name can take over the subscription
             client.disconnect()
         else:
@@ -254,7 +251,7 @@ class Proxies:
         if kind is ProxyKind.PUSH_CONSUMER:
             return ProxyConsumer(lock, id, publish, has_had, name)
         if kind is ProxyKind.PULL_CONSUMER:
-            return ProxyPullConsumer(lock, id, publish, has_had, policy.polling, self._client_lost)
+            return ProxyPullConsumer(lock, id, publish, has_had, policy.delivery, self._client_lost)
         if kind is ProxyKind.PULL_SUPPLIER:
             return ProxyPullSupplier(lock, id, subscription, queue)
         return ProxyPushSupplier(lock, id, subscription, queue, policy.delivery, self._client_lost, name)
@@ -321,10 +318,7 @@ class Proxies:
         try:
             if isinstance(proxy, ProxyPushSupplier) and proxy.name:
                 with self._lock:
-                    self._check_not_ended(proxy)
-                    with self._channel.lock:
-                        proxy.leave()
-                    self._save(proxy)
+                    self._leave(proxy)
             else:
                 self._remove(proxy)
             self.lost_clients += 1
@@ -332,6 +326,13 @@ class Proxies:
             return
         except RoboCorbaError as error:
             _log.error("%s", error)
+
+    def _leave(self, proxy: ProxyPushSupplier) -> None:
+        """The consumer of a durable subscription has left, or is lost."""
+        self._check_not_ended(proxy)
+        with self._channel.lock:
+            proxy.leave()
+        self._save(proxy)
 
     def _save(self, proxy: Proxy) -> None:
         stored = StoredProxy(

@@ -149,10 +149,6 @@ class ProxyPushSupplier(ProxySupplier):
                 continue
             with _call_limiter.slot():
                 self._call(client, items, delivery.call_timeout_s)
-                for _ in range(delivery.calls_per_slot - 1):
-                    if not (items := self._next_of_slot(client)):
-                        break
-                    self._call(client, items, delivery.call_timeout_s)
             if client.takes_batches and 1 < self._queue.length < min(delivery.call_events, self.policy.size // 2):
                 time.sleep(delivery.coalesce_s)
 
@@ -190,14 +186,6 @@ class ProxyPushSupplier(ProxySupplier):
                 self._changed.wait(left)
             self._thread = None
             return None
-
-    def _next_of_slot(self, client: ConsumerPort) -> list[QueueItem]:
-        """Items of the next call in the same slot, for a client that takes single events; empty to end the slot."""
-        with self._lock:
-            is_over = (
-                client.takes_batches or client is not self.client or self.condition is not ProxyCondition.CONNECTED
-            )
-            return [] if is_over or self._busy or not self._queue.length else self._claim_next(client)
 
     def _claim_next(self, client: ConsumerPort) -> list[QueueItem]:
         """Items to deliver in one call; empty if all waiting events have expired."""

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from robocorba.errors.events import Disconnected, ProxyGone
 from robocorba.events.account import Account
 from robocorba.events.blocking_budget import STEADY_S, BlockingBudget
-from robocorba.events.correlation import Selection
+from robocorba.events.correlation import Correlator
 from robocorba.events.event import CorrelatedEvents, EventBatch
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 from robocorba.events.queue import EventQueue, OverflowRule, QueueItem, QueuePolicy
@@ -33,7 +33,10 @@ class ProxySupplier(Proxy):
         self._changed = threading.Condition(lock)
         self._room = threading.Condition(lock)
         self._queue = EventQueue(policy, self.account)
-        self._selection = Selection(subscription, policy.size)
+        self.subscription: Subscription = ()
+        #: Of its conjunctions, by their indices in the subscription.
+        self._correlators: dict[int, Correlator] = {}
+        self.select(subscription)
         self._in_flight = 0
         #: Whether it let a supplier wait in vain since it last took an event.
         self._is_too_slow = False
@@ -42,8 +45,9 @@ class ProxySupplier(Proxy):
         self._events_taken = 0
 
     @property
-    def subscription(self) -> Subscription:
-        return self._selection.subscription
+    def _waiting(self) -> int:
+        """Number of events of conjunctions that are not complete yet."""
+        return sum(map(len, self._correlators.values()))
 
     @property
     def policy(self) -> QueuePolicy:
@@ -59,19 +63,27 @@ class ProxySupplier(Proxy):
         return self.policy.when_full is OverflowRule.BLOCK_SUPPLIER
 
     def select(self, subscription: Subscription) -> None:
-        """Change the subscription; queued events stay."""
-        waited = len(self._selection)
-        self._selection = Selection(subscription, self.policy.size, self._selection)
-        self.account.discarded += waited - len(self._selection)
+        """Change the subscription; queued events stay, and what waits in conjunctions that it has, too."""
+        waited, kept = self._waiting, {correlator.clause: correlator for correlator in self._correlators.values()}
+        self.subscription, self._correlators = subscription, {}
+        for number, clause in enumerate(subscription):
+            if clause.is_conjunction:
+                correlator = kept.pop(clause) if clause in kept else Correlator(number, clause, self.policy.size)
+                correlator.clause_number, correlator.limit = number, self.policy.size
+                self._correlators[number] = correlator
+        self.account.discarded += waited - self._waiting
 
     def resize(self, policy: QueuePolicy) -> None:
         self._queue.resize(policy)
 
     def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
         """Queue a batch, or let the caller claim it: see channel.Claims."""
-        if match.conjunctions:
-            for together in self._selection.correlate(batch, match, self.account, now):
-                self._queue.put(together)
+        for number, pattern_numbers in match.conjunctions:
+            self.account.received += len(batch)
+            for index in range(len(batch)):
+                event = batch.part(index, index + 1)
+                if together := self._correlators[number].add(pattern_numbers, event, now, self.account):
+                    self._queue.put(together)
         if match.single:
             self.account.received += len(batch)
             self._queue.put(batch)
@@ -114,7 +126,7 @@ class ProxySupplier(Proxy):
         raise NotImplementedError
 
     def totals(self) -> Account:
-        return self.account.snapshot(self._queue.length + self._in_flight + len(self._selection))
+        return self.account.snapshot(self._queue.length + self._in_flight + self._waiting)
 
     def oldest_s(self) -> float:
         """Age of the next event in the queue [s], 0 if there is none."""
@@ -125,8 +137,7 @@ class ProxySupplier(Proxy):
         """Stop deliveries and wake all waiting threads. Queued events count as discarded."""
         super().end()
         self._queue.discard_all()
-        self.account.discarded += len(self._selection)
-        self._selection = Selection((), 1)
+        self.select(())
         self._changed.notify_all()
         self._room.notify_all()
 

@@ -35,8 +35,6 @@ from omniORB import CORBA, BiDirPolicy
 
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.orb import tls
-from robocorba.orb.accepting import Door
-from robocorba.orb.allocator import TRIM_INTERVAL_S, return_freed_memory, trim
 from robocorba.orb.bounded_any import read_bounded
 from robocorba.orb.calls import describe, set_call_timeout
 from robocorba.orb.connections import ConnectionLimit, enlarge_queue
@@ -45,7 +43,14 @@ from robocorba.orb.naming import PROBE_TIMEOUT_S, BoundNames, NamingService, res
 from robocorba.orb.references import object_at
 from robocorba.orb.robot_objects import RobotObjects
 from robocorba.orb.texts import refuse_unreadable_texts
-from robocorba.orb.workarounds import wait_for_call_threads
+from robocorba.orb.workarounds import (
+    hold_connections,
+    let_connections_wait,
+    return_freed_memory,
+    serve_connections,
+    trim,
+    wait_for_call_threads,
+)
 from robocorba.system.endpoints import is_free
 from robocorba.system.repeating import Repeating
 from robocorba.system.roles import Role
@@ -156,7 +161,6 @@ class Orb:
             self._bound_names = HeldNames(self._names, self._guard)
         self._connections = ConnectionLimit()
         self._trimming: Repeating | None = None
-        self._door = Door()
         self._active_keys: set[str] = set()
         self._options = {
             **OPTIONS,
@@ -181,11 +185,12 @@ class Orb:
         for option, value in self._options.items():
             arguments += [f"-ORB{option}", value]
         try:
+            let_connections_wait()
             self._orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)
             if self.endpoint:
                 if return_freed_memory():
-                    self._trimming = Repeating("trim", trim, TRIM_INTERVAL_S).start()
-                self._door.close()
+                    self._trimming = Repeating("trim", trim, 30.0).start()
+                hold_connections()
                 _ = self._named_adapter  # listens from here on, so that a port in use is detected now; callers wait
                 enlarge_queue()
             self._connections.start()
@@ -211,7 +216,7 @@ class Orb:
             self.__dict__.pop(adapter, None)
         if self._trimming:
             self._trimming.close()
-        self._door.open()
+        serve_connections()
         try:
             if orb:
                 orb.shutdown(True)  # waits for calls in progress
@@ -390,7 +395,7 @@ class Orb:
         """Accept calls of active objects; for a process that has objects, but no names for `serve`."""
         for adapter in (self._named_adapter, self._root_adapter):
             adapter._get_the_POAManager().activate()
-        self._door.open()
+        serve_connections()
 
     @cached_property
     def _named_adapter(self) -> Any:

@@ -1,4 +1,5 @@
-"""Private parts of omniORBpy that this system uses, and corrections of its faults: all of them are in this file.
+"""Private parts of omniORBpy that this system uses, and corrections of faults of omniORB and the C library: all of them
+are in this file.
 
 Seen in omniORB 4.3.3 and omniORBpy 4.3.3. tests/orb/test_workarounds.py fails where a part is gone or a fault is cured;
 then what stands here for it can go, too.
@@ -6,6 +7,9 @@ then what stands here for it can go, too.
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import functools
 import threading
 import time
 from collections import deque
@@ -14,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import omniORB
-from omniORB import CORBA, WTHREAD_CREATED, WorkerThread, addWThreadHook
+from omniORB import CORBA, WTHREAD_CREATED, WorkerThread, addWThreadHook, interceptors
 from omniORB import tcInternal as tc
 
 # ---- types: tcInternal and typeMapping ----
@@ -91,6 +95,58 @@ def correct_omniorb() -> None:
     omniORB.createUnknownValue = unknown_value
     omniORB.typeMapping.pop("", None)
     tc.typeCodeMapping.pop("", None)
+
+
+# ---- connections that arrive while a process starts ----
+#
+# omniORB accepts calls as soon as its first adapter exists, and answers OBJECT_NOT_EXIST, which means permanently gone,
+# for objects that are not active yet. So the threads of connections wait before they read the first request. To report:
+# an adapter in state HOLDING should hold calls of unknown keys.
+
+#: Whether connections are served; at first they are.
+_serves = threading.Event()
+_serves.set()
+
+
+def _await_service() -> None:
+    _serves.wait()
+
+
+@functools.cache
+def let_connections_wait() -> None:
+    """Make `hold_connections` possible; to be called before the ORB starts."""
+    with contextlib.suppress(CORBA.BAD_INV_ORDER):  # others have started one already: then no connection waits
+        interceptors.addAssignUpcallThread(_await_service)
+
+
+def hold_connections() -> None:
+    """Serve no connection until `serve_connections`; to be called before the first adapter exists."""
+    _serves.clear()
+
+
+def serve_connections() -> None:
+    _serves.set()
+
+
+# ---- memory ----
+
+
+def return_freed_memory() -> bool:
+    """Let this process return freed blocks of 4 MiB and more to the operating system; False where the C library has no
+    such setting.
+
+    After large blocks were freed, glibc takes blocks of up to 32 MB from the heaps of threads, which keep them. Ten
+    clients that asked for large pictures once made a server keep 250 MB for good."""
+    try:
+        return bool(ctypes.CDLL(None).mallopt(-3, 4 * 2**20))  # M_MMAP_THRESHOLD of mallopt(3)
+    except (AttributeError, OSError):
+        return False
+
+
+def trim() -> None:
+    """Return the free pages of all heaps, also those in the middle, for example of thousands of connections that have
+    ended: 17 of 30 MB in a channel. It takes up to 10 ms. Only where `return_freed_memory` is True."""
+    ctypes.CDLL(None).malloc_trim(0)
 
 
 # ---- threads that execute calls ----

@@ -34,7 +34,7 @@ from robocorba.events.channel_store import ChannelStore, Peer
 from robocorba.events.event import EventBatch
 from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Advertisement
-from robocorba.events.policies import PollingPolicy, ProxyPolicy
+from robocorba.events.policies import DeliveryPolicy, ProxyPolicy
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 from robocorba.events.proxy_consumer import ORDERS, ProxyConsumer, ProxyPullConsumer, own_supplier
@@ -262,7 +262,7 @@ def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> Non
 # ---- suppliers ----
 
 #: Shorter pauses, and fewer failures, than the defaults.
-POLLING = PollingPolicy(backoff=Backoff(0.001, 0.002), max_failures=4)
+POLLING = DeliveryPolicy(backoff=Backoff(0.001, 0.002), max_failures=4)
 
 
 class Published:
@@ -284,7 +284,7 @@ class Published:
     def lost(self, proxy: ProxyPullConsumer, reason: str) -> None:
         self.reasons.append(reason)
 
-    def polled(self, supplier: Supplier, policy: PollingPolicy = POLLING) -> ProxyPullConsumer:
+    def polled(self, supplier: Supplier, policy: DeliveryPolicy = POLLING) -> ProxyPullConsumer:
         one = ProxyPullConsumer(self.lock, "1", self.publish, self.has_had, policy, self.lost)
         one.connect(supplier)
         return one
@@ -332,7 +332,7 @@ def test_a_supplier_is_polled_continuously(published: Published) -> None:
 
 def test_polls_become_rare_after_an_event(published: Published) -> None:
     supplier = Supplier(supplied("t", b"a"))
-    one = published.polled(supplier, PollingPolicy(intervals=Backoff(0.001, 3600.0, factor=1e7)))
+    one = published.polled(supplier, DeliveryPolicy(poll_intervals=Backoff(0.001, 3600.0, factor=1e7)))
     eventually(lambda: supplier.asked == 3, what="the poll with the event and two without")
     stays(lambda: supplier.asked == 3, 0.2)
     one.end()
@@ -405,7 +405,7 @@ def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
 
 
 def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(tmp_path: Path) -> None:
-    policy = ProxyPolicy(polling=PollingPolicy(intervals=Backoff(0.0, 0.01)))
+    policy = ProxyPolicy(delivery=DeliveryPolicy(poll_intervals=Backoff(0.0, 0.01)))
     clients: dict[str, Any] = {}
     with lab_in(tmp_path, clients, policy) as lab:
         supplier = lab.known(Supplier())

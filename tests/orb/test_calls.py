@@ -313,7 +313,7 @@ from robocorba.stubs import RoboCorba__POA
 
 class Planner(RoboCorba__POA.PathPlanner):
     def _get_mapVersion(self):
-        return len(sys._current_frames())
+        return 1
 
 with Orb(Address("127.0.0.1", 9), Address("127.0.0.1", {port})) as orb:
     print("listens", flush=True)
@@ -419,16 +419,6 @@ def test_calls_wait_while_a_server_starts(starting: StartingServer) -> None:
         late = Client(stack, starting.port)
         late.ask()
         assert late.answer(60.0)[0] == 0
-    assert starting.end() == 0
-
-
-def test_python_knows_no_threads_of_connections_without_calls(starting: StartingServer) -> None:
-    """Hundreds of such threads stop a process for seconds when they end at the same time."""
-    starting.start()
-    with contextlib.ExitStack() as stack:
-        *_, last = (Client(stack, starting.port) for _ in range(CONNECTIONS + 1))
-        last.ask()
-        assert last.answer(60.0)[1] < 20
     assert starting.end() == 0
 
 

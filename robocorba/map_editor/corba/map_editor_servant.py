@@ -18,7 +18,6 @@ from robocorba.map_editor.transactions import Transaction
 from robocorba.orb.exceptions import translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.system.garbage import collections_paused
 
 #: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
 CLOSED_TRANSACTIONS_KEPT = 100
@@ -307,8 +306,7 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     def _import(self, document: str, expected: int) -> int:
         try:
-            with collections_paused():
-                building = native.loads(document, "document")
+            building = native.loads(document, "document")
         except MapFileError as error:
             raise RoboCorba.InvalidMap(error.line, error.key, error.reason) from error
         try:
