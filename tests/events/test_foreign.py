@@ -126,6 +126,7 @@ def test_a_channel_that_returns_nothing_is_down_until_it_pushes(
     stays(lambda: link.problem)  # a connection alone shows nothing
     peer.push("an event")
     eventually(lambda: not link.problem, what="the link")
+    assert totals(link.proxy).received == 1, "it does not get its own event back"
     connections = link.connections
     peer.connections[-1].on_disconnected()
     eventually(lambda: link.connections > connections and not link.problem, what="the next connection")

@@ -32,7 +32,7 @@ from robocorba.events.seen_events import SeenEvents
 from robocorba.system.backoff import Backoff
 from testkit.processes import eventually
 from tests.events.network import DEFAULTS, Consumer, GatewayWire, Network, Node, Weather
-from tests.events.samples import is_balanced
+from tests.events.samples import arrive, is_balanced
 from tests.waits import pause, stays
 
 
@@ -171,6 +171,16 @@ def test_a_channel_that_ends_does_not_remove_itself_from_its_peers() -> None:
         let_go.set()
         eventually(lambda: b.links.snapshots(), what="the join")
         stays(lambda: [(record.name, record.removed) for record in b.store.peers()] == [("A", False)])
+
+
+def test_nothing_waits_for_peers_that_are_gone(pair: Network) -> None:
+    """What waits for earlier events is delivered when the last link is removed."""
+    consumer = pair["A"].consume("t")
+    late = EventBatch(EventHeader("t", "s", "B"), [1.0], [b"late"], 5)
+    arrive(pair["A"].channel, late, before=4)
+    assert consumer.read() == []
+    pair["A"].links.remove("B")
+    eventually(lambda: consumer.read() == ["late"], what="the event that has waited")
 
 
 # ---- wires that lose, repeat and reorder packets and fail calls: nothing is lost, nothing comes twice ----

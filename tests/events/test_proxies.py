@@ -110,6 +110,9 @@ CLIENTS = {
 def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: ProxyKind, client: Any) -> None:
     proxy = lab.proxies.obtain(kind)
     assert lab.proxies.snapshot(proxy).condition is ProxyCondition.WAITING
+    with lab.channel.lock:
+        lab.channel.update_routes()
+    assert lab.channel.interest() == ()
     lab.proxies.connect(proxy, client)
     with pytest.raises(AlreadyConnected):
         lab.proxies.connect(proxy, client and CLIENTS[kind]())

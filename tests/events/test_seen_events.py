@@ -86,6 +86,8 @@ def test_the_most_recent_lives_are_remembered(tmp_path: Path, monkeypatch: pytes
     with SeenEvents(tmp_path / "seen") as again:
         assert [life for life in range(1, 9) if again.has_seen("lab", first_number_of(life))] == [1, *range(3, 9)]
         assert again.has_seen("hall", 1)
+        add(again, "yard", 1, 1)  # which one was used last is known after a restart, too
+        assert [life for life in range(1, 9) if again.has_seen("lab", first_number_of(life))] == [1, *range(4, 9)]
 
 
 ROOM = 4

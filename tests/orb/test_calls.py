@@ -326,35 +326,6 @@ with Orb(Address("127.0.0.1", 9), Address("127.0.0.1", {port})) as orb:
 """
 
 
-RESTARTS = """
-import socket, threading
-from robocorba.orb.orb import Orb
-from robocorba.system.settings import Address
-from robocorba.stubs import RoboCorba__POA
-
-class Planner(RoboCorba__POA.PathPlanner):
-    def _get_mapVersion(self):
-        return 1
-
-def connect():
-    while not is_over.is_set():
-        try:
-            socket.create_connection(("127.0.0.1", {port})).close()
-        except OSError:
-            pass
-
-is_over = threading.Event()
-connecting = threading.Thread(target=connect)
-connecting.start()
-for _ in range({times}):
-    with Orb(Address("127.0.0.1", 9), Address("127.0.0.1", {port})) as orb:
-        orb.activate(Planner(), "Planner")
-        orb.accept_calls()
-is_over.set()
-connecting.join()
-"""
-
-
 class StartingServer:
     """A server that serves its object when `start` is called."""
 
@@ -427,10 +398,3 @@ def test_a_server_ends_although_it_has_not_served_yet(starting: StartingServer) 
         client = Client(stack, starting.port)
         client.ask()
         assert starting.end() == 0
-
-
-def test_a_server_opens_while_clients_connect() -> None:
-    """omniORB frees what its accepting thread uses, when its reports are ended by its own function."""
-    with claimed_ports() as port:
-        command = [sys.executable, "-c", RESTARTS.format(port=port, times=150)]
-        assert subprocess.run(command, timeout=120.0, check=False).returncode == 0
