@@ -113,11 +113,11 @@ class NamingService:
         deadline = time.monotonic() + timeout_s
         try:
             bindings = BACKOFF.call(
-                lambda: self._bindings(path, deadline), timeout_s, CORBA.SystemException, _ContextAway
+                lambda: self._bindings(path, deadline), timeout_s, CORBA.SystemException, _Retryable
             )
         except CosNaming.NamingContext.NotFound:
             return []
-        except _ContextAway as away:
+        except _Retryable as away:
             raise NotReachable(f"the naming context {self.path(path)} is {away}") from None
         except CORBA.SystemException as error:
             raise self._unanswered(error) from None
@@ -186,7 +186,7 @@ class NamingService:
         try:
             return self._listed(found, deadline)
         except CORBA.SystemException as error:  # it may be another server's, or have a wrong address
-            raise _ContextAway(self._unanswered_by(found, error)) from None
+            raise _Retryable(self._unanswered_by(found, error)) from None
 
     def _listed(self, found: Any, deadline: float) -> list[Any]:
         context = found._unchecked_narrow(CosNaming.NamingContext)
@@ -384,11 +384,7 @@ def _failures_of(do: Callable[..., None], arguments: Iterable[tuple[Any, ...]]) 
 
 
 class _Retryable(Exception):
-    """An attempt to resolve failed for a reason that may be temporary."""
-
-
-class _ContextAway(Exception):
-    """The server of a naming context does not answer."""
+    """An attempt to resolve or to list failed for a reason that may be temporary."""
 
 
 class _OtherKind(_Retryable):

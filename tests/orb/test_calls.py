@@ -148,7 +148,7 @@ def test_who_has_waited_longest_goes_first() -> None:
         for number in range(6):
             pool.submit(call, number)
             assert call_first.wait(60.0)
-            eventually(lambda waiting=number: len(limit._places._waiting) == waiting)
+            eventually(lambda waiting=number: len(limit._waiting) == waiting)
         go_on.set()
     assert order == list(range(6))
 
