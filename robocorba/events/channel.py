@@ -309,6 +309,11 @@ class Channel:
         """The union of the subscriptions of this channel's own consumers; peers do not count."""
         return self._interest.patterns()
 
+    def forget_routes(self) -> None:
+        """A proxy supplier has ended or has another subscription; to be called before the lock is released. What else
+        follows from it may be updated later."""
+        self._routes = {}
+
     def update_routes(self, changed: ProxySupplier | None = None) -> bool:
         """Drop all cached routes: consumers, subscriptions, peers or advertisements have changed. changed: the only
         proxy that may have come, changed or gone; all by default.

@@ -124,6 +124,7 @@ class Proxies:
                 proxy.resize(queue)
                 proxy.select(subscription)
                 proxy.connect(client)
+                self._channel.forget_routes()
             self._save(proxy)
         self._update_routes(proxy)
         if before:
@@ -144,6 +145,7 @@ class Proxies:
             self._check_not_ended(proxy)
             with self._channel.lock:
                 proxy.select(subscription)
+                self._channel.forget_routes()
             self._save(proxy)
         self._update_routes(proxy)
 
@@ -297,6 +299,7 @@ class Proxies:
             with self._channel.lock:
                 proxy.end()
                 self._channel.proxy_suppliers.pop(proxy.id, None)
+                self._channel.forget_routes()
             self._all.pop(proxy.id, None)
             try:
                 self._store.forget_proxy(proxy.id)

@@ -45,7 +45,7 @@ from robocorba.events.subscription import ALL
 from robocorba.system.backoff import Backoff
 from robocorba.system.names import STOP_EVENT
 from testkit.processes import eventually
-from tests.events.samples import Consumer, Supplier, failing, open_channel, supplied, wanting
+from tests.events.samples import BOTH, Consumer, Supplier, failing, open_channel, supplied, wanting
 from tests.waits import stays
 
 POLICY = QueuePolicy(100)
@@ -254,6 +254,23 @@ def test_a_named_supplier_gets_its_proxy_again_and_that_of_its_own_events_publis
     assert STOP_EVENT in ORDERS
     with pytest.raises(InvalidEvent, match=STOP_EVENT):
         lab.proxies.supply(own_supplier("A")).push(supplied(STOP_EVENT, b"1"))
+
+
+@pytest.mark.parametrize("change", ["select", "end"])
+def test_events_that_come_during_a_change_of_a_conjunction_reach_the_others(lab: Lab, change: str) -> None:
+    """Their route was found before."""
+    other = Consumer()
+    proxy = lab.proxies.subscribe("", Consumer(), (*wanting("u"), *BOTH), POLICY)
+    lab.proxies.subscribe("", other, wanting("a"), POLICY)
+    supplier = lab.proxies.supply("A")
+    supplier.push(supplied("a", b"before"))
+    lab.proxies._store.save_proxy = lambda stored: supplier.push(supplied("a", b"meanwhile"))  # type: ignore[method-assign]
+    lab.proxies._store.forget_proxy = lambda id: supplier.push(supplied("a", b"meanwhile"))  # type: ignore[method-assign]
+    if change == "select":
+        lab.proxies.change(proxy, ALL)
+    else:
+        lab.proxies.disconnect(proxy)
+    eventually(lambda: other.payloads == [b"before", b"meanwhile"], what="both events")
 
 
 def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> None:
