@@ -4,6 +4,7 @@ only."""
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
@@ -111,6 +112,8 @@ class ForeignChannel:
             raise NotReachable(str(error) if isinstance(error, NotReachable) else describe(error)) from None
         self.consumer = _ForeignProxyConsumer(orb, orb.uri(proxy_consumer), echoes)
         self._proxy_consumer = proxy_consumer
+        #: Taken by the first call of `disconnect`: the thread of the link and whoever removes it both make one.
+        self._ending = threading.Lock()
 
     def is_alive(self) -> bool:
         try:
@@ -123,6 +126,8 @@ class ForeignChannel:
         return True
 
     def disconnect(self) -> None:
+        if not self._ending.acquire(blocking=False):
+            return
         for disconnect_proxy in (
             self._proxy_consumer.disconnect_push_consumer,
             self._proxy_supplier.disconnect_push_supplier,
