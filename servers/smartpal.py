@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     use_realtime_scheduling()  # inherited by threads started later; a robot's own computers do nothing else
     faults = robot.faults
     with (
-        Orb(settings.server.naming, settings.server.endpoint, context="", with_kinds=True) as orb,
+        Orb(settings.server.naming, settings.server.endpoint, context="") as orb,
         contextlib.closing(faults),
         contextlib.closing(RealTime(robot.step)) as clock,
     ):

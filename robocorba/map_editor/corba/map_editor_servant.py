@@ -18,7 +18,6 @@ from robocorba.map_editor.time_limit import time_limit
 from robocorba.orb.exceptions import translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.system.garbage import collections_paused
 
 #: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
 CLOSED_TRANSACTIONS_KEPT = 100
@@ -296,8 +295,7 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     def importMap(self, document: str, expected: int) -> int:
         with self._long_requests.admitted():
             try:
-                with collections_paused():
-                    building = native.loads(document, "document")
+                building = native.loads(document, "document")
             except MapFileError as error:
                 raise RoboCorba.InvalidMap(error.line, error.key, error.reason) from error
             try:
