@@ -24,7 +24,7 @@ from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.robot.agent import AgentCondition, AgentState, ControlAgent
-from robocorba.robot.collision_avoidance.neighbours import PoolNearby
+from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.corba.control_agent_servant import RobotAgentServant, StopTargetServant
 from robocorba.robot.corba.data_pool_servant import DataPoolServant
 from robocorba.robot.corba.remote_data_pool import PoolFollower, floor_now
@@ -155,7 +155,9 @@ def run(arguments: Sequence[str] | None) -> None:
         reports = settings.common.state / MISSIONS
         others = Cooperation(orb, settings.channel, settings.name, plans, reports)
         stack.callback(others.close)
-        ticks = stack.enter_context(TickFile(settings.tick_file)) if settings.tick_file else None
+        ticks = TickFile(settings.tick_file) if settings.tick_file else None
+        if ticks:
+            stack.callback(ticks.close)
         # What follows the robot rests while it does; the first task, or a reader of the pool, wakes it.
         follower = PoolFollower(
             *(orb, session.state().at.floor, settings.name),
@@ -171,7 +173,7 @@ def run(arguments: Sequence[str] | None) -> None:
             follower.attend()
             postures.wake()
 
-        nearby = PoolNearby(follower.pool, settings.name)
+        nearby = Nearby(follower.pool, settings.name)
 
         def check_now(wanted: Program, state: AgentState) -> CheckReport:
             follower.attend()
@@ -196,7 +198,8 @@ def run(arguments: Sequence[str] | None) -> None:
         # One that was logged off must leave the name to another robot that has logged on by it.
         servants = {path: RobotAgentServant(agent, pool, settings.channel, others)}
         orb.serve(servants, owns_names=lambda: session.is_logged_on)
-        stack.callback(StopListener(orb, settings.channel, settings.name, agent).start().close)
+        if settings.channel:
+            stack.callback(StopListener(orb, settings.channel, settings.name, agent.stop).start().close)
         others.start(agent, follower.pool)
         if wanted:
             agent.load(wanted)

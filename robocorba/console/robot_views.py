@@ -35,7 +35,7 @@ Message = bytes | dict[str, Any]
 
 
 class WatchedRobot(Protocol):
-    """The robot as these views need it, `RemoteRobotView`. Its methods raise RoboCorbaError."""
+    """The robot as these views need it, `RemotePool`. Its methods raise RoboCorbaError."""
 
     @property
     def floor(self) -> str: ...

@@ -49,7 +49,7 @@ from robocorba.errors.simulation import InvalidRecording
 from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
 from robocorba.orb.orb import Orb
-from robocorba.robot.corba.robot_view import RemoteRobotView
+from robocorba.robot.corba.remote_data_pool import RemotePool
 from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.system.decoding import Work
 
@@ -81,7 +81,7 @@ class Console:
         self.sensors = LiveSensors(database, lambda floor: self.floors.floor(floor).time, self.viewers.notify)
         self.missions = LiveMissions(RemoteMissionControl(orb, MISSIONS_RESOLVE_S), self.viewers.notify)
         self.viewers.missions = self.missions
-        self.robot_views = RobotViews(lambda robot: RemoteRobotView(orb, robot))
+        self.robot_views = RobotViews(lambda robot: RemotePool(orb, robot, 1.0))
         self.operations = Operations(orb, settings.common.state)
         for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb, self.state.rows)):
             self.operations.add(part)

@@ -18,8 +18,6 @@ from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
-from robocorba.simulation.emergency_stops import StopHold
-from robocorba.simulation.registry import Pose
 from tests.robot.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
 pytestmark = pytest.mark.slow
@@ -108,19 +106,6 @@ def test_a_program_is_checked_while_another_one_runs(agent: ControlAgent) -> Non
             order()
 
 
-def test_a_stop_outlives_a_switch_of_the_adaptor(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch) -> None:
-    agent.stop("fire")
-    for switch in (lambda: agent.switch("simulated", ()), lambda: switch_to_disc(agent, monkeypatch)):
-        switch()
-        assert (agent.state.condition, agent.state.reason) == (AgentCondition.STOPPED, "fire")
-        assert agent.stop_answer == (True, True, "fire")
-    agent.load(SHORT)
-    with pytest.raises(IllegalOrder, match="is stopped: fire"):
-        agent.run()
-    agent.reset_stop()
-    run(agent, SHORT)
-
-
 def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, session: InProcessSession) -> None:
     assert not agent.path
     start = session.latest.at
@@ -136,26 +121,12 @@ def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, sessio
     assert not agent.path
 
 
-def test_a_stop_while_an_adaptor_starts_holds_the_robot(
-    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The agent has another controller already, or none yet."""
-    log_on = session.log_on
-
-    def stop_meanwhile(at: Pose | None = None) -> None:
-        agent.stop("fire")
-        log_on(at)
-
-    monkeypatch.setattr(session, "log_on", stop_meanwhile)
-    agent.switch("simulated", ())
-    assert agent.stop_answer == (True, True, "fire")
-    monkeypatch.undo()
-    agent.reset_stop()
-
-
 def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
-    """It outlives the robot's process, which has no time to log off; only its lease ends."""
+    """It outlives a switch, and the robot's process, which has no time to log off; only its lease ends."""
     agent.stop_durably("fire")
+    agent.switch("simulated", ())
+    assert (agent.state.condition, agent.state.reason) == (AgentCondition.STOPPED, "fire")
+    assert agent.stop_answer == (True, True, "fire")
     place.agent.evict("A")
     later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel(), check)
     later.start("simulated")
@@ -165,41 +136,6 @@ def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
     later.reset_stop()
     later.drive((0.0, 0.0, 0.1), 1.0)
     later.close()
-
-
-def test_a_stop_of_the_server_is_reset_with_its_number_only(
-    agent: ControlAgent, place: Place, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    place.stops.stop(["A"], "fire")
-    agent.stop("fire", 1)
-    end_stops = session.end_stops
-
-    def stop_meanwhile(number: int) -> StopHold:
-        place.stops.stop(["A"], "smoke")
-        return end_stops(number)
-
-    monkeypatch.setattr(session, "end_stops", stop_meanwhile)
-    with pytest.raises(IllegalOrder, match="is held by the simulation server: smoke"):
-        agent.reset_stop()
-    assert agent.state.condition is AgentCondition.STOPPED
-    monkeypatch.undo()
-    agent.reset_stop()
-    assert agent.state.condition is AgentCondition.IDLE
-
-
-def test_a_stop_is_reported_once_the_server_answers(
-    agent: ControlAgent, place: Place, session: InProcessSession
-) -> None:
-    session.is_away = True
-    agent.stop("fire")
-    with pytest.raises(RobotLost):
-        agent.reset_stop()
-    assert agent.stop_answer.is_stopped
-    session.is_away = False
-    (held,) = [each for each in place.agent.sessions.values() if each.name == "A"]
-    eventually(lambda: place.stops.hold(held).is_held, "reported")
-    agent.reset_stop()
-    assert not place.stops.hold(held).is_held
 
 
 def test_another_robot_behind_the_same_agent(

@@ -15,7 +15,7 @@ from robocorba.robot.agent import ControlAgent
 from robocorba.robot.corba import robot_states
 from robocorba.robot.programs import program
 from robocorba.robot.programs.program import Program
-from robocorba.robot.programs.report import report_of
+from robocorba.robot.programs.report import CheckReport
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 
@@ -85,9 +85,9 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
         try:
             return robot_states.program_check(self._agent.check(program.loads(json)))
         except InvalidProgram as error:  # it can't be read, so there is one finding
-            return robot_states.program_check(report_of(error))
+            return robot_states.program_check(CheckReport(error))
         except NotReachable as error:  # the path planning agent, without which drives can't be checked
-            return robot_states.program_check(report_of(InvalidProgram("", "", f"can't be checked: {error}")))
+            return robot_states.program_check(CheckReport(InvalidProgram("", "", f"can't be checked: {error}")))
 
     @translating
     def startMission(self, mission: str, icon: str) -> None:

@@ -14,8 +14,6 @@ from robocorba.events.queue import QueuePolicy
 from robocorba.orb.orb import Orb
 from robocorba.system.repeating import Repeating
 
-#: Timeout to resolve the channel [s].
-RESOLVE_TIMEOUT_S = 1.0
 #: Interval between checks that the channel still has the subscription [s].
 CHECK_INTERVAL_S = 5.0
 #: Queue of a robot in the channel; beyond its size the oldest events are discarded.
@@ -84,5 +82,5 @@ class RobotChannel:
         if not self._channel:
             raise NotReachable("the robot has no event channel")
         if self._client is None:
-            self._client = EventClient(self._orb, self._channel, self._name, RESOLVE_TIMEOUT_S)
+            self._client = EventClient(self._orb, self._channel, self._name, 1.0)
         return self._client

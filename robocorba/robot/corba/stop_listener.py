@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any
 
 from robocorba.errors.events import EventError
 from robocorba.errors.services import NotReachable
@@ -19,21 +20,18 @@ RETRY_S = 2.0
 _log = logging.getLogger(__name__)
 
 
-class Stoppable(Protocol):
-    def stop(self, reason: str) -> None:
-        """Emergency stop."""
-
-
 class StopListener:
-    """Stops `agent` when the event arrives at `channel` (empty for none) that names the robot, or names no robot.
+    """Calls `stop` with a reason when the event arrives at `channel` that names the robot, or names no robot.
 
     The event comes again for later stops of the same robot; it has no effect on a robot that is stopped."""
 
-    def __init__(self, orb: Orb, channel: str, name: str, agent: Stoppable) -> None:
-        self._channel = RobotChannel(orb, channel, name) if channel else None
-        self._name, self._agent, self._is_subscribed = name, agent, False
+    def __init__(self, orb: Orb, channel: str, name: str, stop: Callable[[str], None]) -> None:
+        self._channel = RobotChannel(orb, channel, name)
+        self._name, self._stop, self._is_subscribed = name, stop, False
         self._problem = ""
-        self._repeating = Repeating("stop events", self._subscribe, self._pause_s)
+        self._repeating = Repeating(
+            "stop events", self._subscribe, lambda: math.inf if self._is_subscribed else RETRY_S
+        )
 
     def start(self) -> StopListener:
         self._repeating.start()
@@ -41,15 +39,9 @@ class StopListener:
 
     def close(self) -> None:
         self._repeating.close()
-        if self._channel:
-            self._channel.close()
-
-    def _pause_s(self) -> float:
-        return math.inf if self._is_subscribed or self._channel is None else RETRY_S
+        self._channel.close()
 
     def _subscribe(self) -> None:
-        if self._channel is None:
-            return
         try:
             self._channel.subscribe([(STOP_EVENT, "*")], self._receive)
             self._is_subscribed = True
@@ -62,4 +54,4 @@ class StopListener:
         if not isinstance(payload, dict) or not isinstance(robots := payload.get("robots"), (list, tuple)):
             return
         if not robots or self._name in robots:
-            self._agent.stop(str(payload.get("reason") or "emergency stop")[:200])
+            self._stop(str(payload.get("reason") or "emergency stop")[:200])
