@@ -23,7 +23,7 @@ from robocorba.orb.orb import Orb
 from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
-from robocorba.robot.agent import AgentCondition, AgentState, ControlAgent
+from robocorba.robot.agent import AgentCalls, AgentCondition, AgentState, ControlAgent
 from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.corba.control_agent_servant import RobotAgentServant, StopTargetServant
 from robocorba.robot.corba.data_pool_servant import DataPoolServant
@@ -181,7 +181,7 @@ def run(arguments: Sequence[str] | None) -> None:
             return checker(wanted, state, objects, nearby.parked_robots())
 
         context = AdaptorContext(settings.name, session, orb)
-        agent = ControlAgent(context, planner, others, check_now, ticks, nearby, prepare, progress.wake)
+        agent = ControlAgent(context, planner, others, nearby, ticks, AgentCalls(check_now, prepare, progress.wake))
         stack.callback(agent.close)
         session.stop_target = orb.activate(StopTargetServant(agent), f"stop/{secrets.token_urlsafe(24)}")
         session.floors_since = follower.floors_since

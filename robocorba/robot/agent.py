@@ -8,6 +8,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from robocorba.errors.base import RoboCorbaError
@@ -66,27 +67,33 @@ class Task(Protocol):
 TaskT = TypeVar("TaskT", bound=Task)
 
 
-class ControlAgent:
-    """Thread-safe. others: for events and cooperative icons. check: checks a program from the present state. ticks:
-    records programs. nearby: other robots and obstacles; see Robot.
+@dataclass(frozen=True)
+class AgentCalls:
+    """What a control agent calls."""
 
-    prepare: called before each task, to bring up to date what rests while the robot has none. changed: called after
-    changes of condition and task; must not block."""
+    #: Checks a program from the present state.
+    check: Callable[[Program, AgentState], CheckReport] = lambda program, state: CheckReport()
+    #: Before each task, to bring up to date what rests while the robot has none.
+    prepare: Callable[[], None] = lambda: None
+    #: After changes of condition and task; must not block.
+    changed: Callable[[], None] = lambda: None
+
+
+class ControlAgent:
+    """Thread-safe. others: for events and cooperative icons. ticks: records programs. nearby: other robots and
+    obstacles; see Robot."""
 
     def __init__(
         self,
         context: AdaptorContext,
         planner: Planner,
         others: OtherRobots,
-        check: Callable[[Program, AgentState], CheckReport] = lambda program, state: CheckReport(),
-        ticks: TickFile | None = None,
         nearby: Nearby | None = None,
-        prepare: Callable[[], None] = lambda: None,
-        changed: Callable[[], None] = lambda: None,
+        ticks: TickFile | None = None,
+        calls: AgentCalls = AgentCalls(),
     ) -> None:
-        self._prepare, self._changed = prepare, changed
-        self._context, self._planner, self._others, self._check = context, planner, others, check
-        self._ticks, self._nearby = ticks, nearby
+        self._context, self._planner, self._others = context, planner, others
+        self._nearby, self._ticks, self._calls = nearby, ticks, calls
         self.name, self.session = context.name, context.session
         self._kinematics = InverseKinematics()
         self._lock = threading.RLock()
@@ -164,7 +171,7 @@ class ControlAgent:
 
     def check(self, program: Program) -> CheckReport:
         """Check a program from the present state, also while another one runs. Raises NotReachable."""
-        return self._check(program, self.state)
+        return self._calls.check(program, self.state)
 
     def load(self, program: Program) -> None:
         """Check and keep a program. Raises InvalidProgram; IllegalOrder while a program runs."""
@@ -223,17 +230,17 @@ class ControlAgent:
     def pause(self) -> None:
         """Raises IllegalOrder if no program runs."""
         self._running_robot("pause").execution.pause()
-        self._changed()
+        self._calls.changed()
 
     def resume(self) -> None:
         """Raises IllegalOrder if no program runs."""
         self._running_robot("resume").execution.resume()
-        self._changed()
+        self._calls.changed()
 
     def step(self) -> None:
         """Raises IllegalOrder if no program runs."""
         self._running_robot("step").execution.step()
-        self._changed()
+        self._calls.changed()
 
     def abort(self) -> None:
         """End the running program, if any; the robot slows down and stops."""
@@ -398,7 +405,7 @@ class ControlAgent:
             on_command=self._record,
             before_start=self._log_on,
             rests=lambda: not self._is_running,
-            on_stop=self._changed,
+            on_stop=self._calls.changed,
             on_held=self.stop,
         )
         controller = HighController(made, self._emergency.latch, calls)
@@ -434,13 +441,13 @@ class ControlAgent:
 
     def _begin(self, task: Task) -> None:
         self.refresh()
-        self._prepare()
+        self._calls.prepare()
 
         def run() -> None:
             try:
                 task.run()
             finally:
-                self._changed()
+                self._calls.changed()
 
         self._task = task
         self._thread = Background("program", run, functools.partial(self._task_failed, task))
@@ -449,7 +456,7 @@ class ControlAgent:
             controller.wake()
         if (reason := self.stopped) and self._robot:  # the stop may have come before there was a task to abort
             self._robot.execution.abort(reason)
-        self._changed()
+        self._calls.changed()
 
     def _task_failed(self, task: Task, reason: str) -> None:
         """A task has ended by a defect: stop the robot, unless the task has ended safely and reports why."""

@@ -11,13 +11,14 @@ import pytest
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.robot import model_switcher
-from robocorba.robot.agent import BODY_BLOCKED_M, BODY_LOST_M, ControlAgent
+from robocorba.robot.agent import BODY_BLOCKED_M, BODY_LOST_M, AgentCalls, ControlAgent
 from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramResult
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
+from robocorba.simulation.emergency_stops import StopHold
 from tests.robot.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
 pytestmark = pytest.mark.slow
@@ -49,7 +50,7 @@ def check(program: Program, state: AgentState) -> CheckReport:
 
 @pytest.fixture
 def agent(place: Place, session: InProcessSession) -> Iterator[ControlAgent]:
-    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel(), check)
+    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel(), calls=AgentCalls(check))
     agent.start("simulated")
     yield agent
     session.is_away = False
@@ -128,7 +129,7 @@ def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
     assert (agent.state.condition, agent.state.reason) == (AgentCondition.STOPPED, "fire")
     assert agent.stop_answer == (True, True, "fire")
     place.agent.evict("A")
-    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel(), check)
+    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel(), calls=AgentCalls(check))
     later.start("simulated")
     assert later.stop_answer == (True, True, "fire")
     with pytest.raises(IllegalOrder, match="is stopped: fire"):
@@ -136,6 +137,26 @@ def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
     later.reset_stop()
     later.drive((0.0, 0.0, 0.1), 1.0)
     later.close()
+
+
+def test_a_stop_of_the_server_is_reset_with_its_number_only(
+    agent: ControlAgent, place: Place, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place.stops.stop(["A"], "fire")
+    agent.stop("fire", 1)
+    end_stops = session.end_stops
+
+    def stop_meanwhile(number: int) -> StopHold:
+        place.stops.stop(["A"], "smoke")
+        return end_stops(number)
+
+    monkeypatch.setattr(session, "end_stops", stop_meanwhile)
+    with pytest.raises(IllegalOrder, match="is held by the simulation server: smoke"):
+        agent.reset_stop()
+    assert agent.state.condition is AgentCondition.STOPPED
+    monkeypatch.undo()
+    agent.reset_stop()
+    assert agent.state.condition is AgentCondition.IDLE
 
 
 def test_another_robot_behind_the_same_agent(

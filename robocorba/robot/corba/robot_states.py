@@ -81,7 +81,9 @@ def actor_command_of(struct: Any) -> ActorCommand:
 
 _REPORT = struct_converter(ProgramReport, RoboCorba.ProgramReport, result=enumeration(ProgramResult))
 _AGENT_STATE = struct_converter(
-    *(AgentState, RoboCorba.AgentState, {"tickJitter": "jitter_s"}),
+    AgentState,
+    RoboCorba.AgentState,
+    {"tickJitter": "jitter_s"},
     condition=enumeration(AgentCondition),
     at=Converter(lambda pose: pose, pose_of),
     actor=Converter(actor_state, actor_state_of),

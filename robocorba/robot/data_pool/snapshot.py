@@ -243,7 +243,4 @@ def merged(updates: Sequence[FloorUpdate], last: FloorUpdate) -> FloorUpdate:
         elevators.update(update.elevators)
     first = updates[0].since if updates else last.version
     motions = np.array(list(rows.values()), MOTION) if rows else np.empty(0, MOTION)
-    return FloorUpdate(
-        *(last.floor, first, last.version, last.time, last.map_version),
-        *(list(came.values()), list(went), motions, elevators),
-    )
+    return last._replace(since=first, came=list(came.values()), went=list(went), motions=motions, elevators=elevators)

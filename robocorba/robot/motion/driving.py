@@ -106,7 +106,10 @@ class Drive:
         return offset[0] / distance * speed, offset[1] / distance * speed
 
     def _corner_speed(self, segment: tuple[float, float]) -> float:
-        """Maximum speed at the next corner at which the base deviates from the path by at most CORNER_TOLERANCE_M."""
+        """Maximum speed at the next corner at which the base deviates from the path by at most CORNER_TOLERANCE_M.
+
+        An acceleration a turns a velocity v by the corner's angle c along a parabola, v^2 sin^2(c/2) / (2a) off the
+        corner; this speed leaves half of the tolerance."""
         limit = self._speeds[self._next + 1]
         after = _minus(self._points[self._next + 1], self._points[self._next])
         lengths = math.hypot(*segment) * math.hypot(*after)
