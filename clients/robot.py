@@ -29,7 +29,8 @@ from robocorba.robot.corba.control_agent_servant import RobotAgentServant, StopT
 from robocorba.robot.corba.data_pool_servant import DataPoolServant
 from robocorba.robot.corba.remote_data_pool import PoolFollower, floor_now
 from robocorba.robot.corba.remote_session import RemoteSession
-from robocorba.robot.corba.stop_listener import StopListener
+from robocorba.robot.corba.robot_channel import RobotChannel
+from robocorba.robot.corba.stop_listener import listen_for_stops
 from robocorba.robot.data_pool.plans import Plans
 from robocorba.robot.data_pool.start_places import start_places
 from robocorba.robot.kinematics.inverse import InverseKinematics
@@ -199,7 +200,9 @@ def run(arguments: Sequence[str] | None) -> None:
         servants = {path: RobotAgentServant(agent, pool, settings.channel, others)}
         orb.serve(servants, owns_names=lambda: session.is_logged_on)
         if settings.channel:
-            stack.callback(StopListener(orb, settings.channel, settings.name, agent.stop).start().close)
+            stops = RobotChannel(orb, settings.channel, settings.name)
+            stack.callback(stops.close)
+            listen_for_stops(stops, settings.name, agent.stop)
         others.start(agent, follower.pool)
         if wanted:
             agent.load(wanted)

@@ -119,9 +119,7 @@ class RemoteSmartPalUnits:
 
     def pose(self) -> Frame:
         """x, y [m] and heading [rad] by odometry."""
-        done, x, y, theta = self._call("Mobility", "getPosition")
-        if not done:
-            self._refuse("Mobility", ReturnCode.FAILED, "it does not report its position")
+        x, y, theta = self._position("Mobility", "getPosition")
         return x / _MM, y / _MM, math.radians(theta)
 
     def set_pose(self, x: float, y: float, heading: float) -> None:
@@ -164,10 +162,7 @@ class RemoteSmartPalUnits:
 
     def lumbar(self) -> Floats:
         """Joint angles (2,) [rad]."""
-        done, lower, upper = self._call("Lumbar", "getFeedback")
-        if not done:
-            self._refuse("Lumbar", ReturnCode.FAILED, "it does not report its position")
-        return np.radians([lower, upper])
+        return np.radians(self._position("Lumbar", "getFeedback"))
 
     def move_lumbar(self, lower: float, upper: float, speed: float, acceleration: float) -> None:
         """[rad], [rad/s], [rad/s^2]."""
@@ -175,10 +170,7 @@ class RemoteSmartPalUnits:
 
     def grip(self, side: Side) -> float:
         """Angle [rad]; open is negative."""
-        done, position = self._call(_GRIPPERS[side], "getFeedback")
-        if not done:
-            self._refuse(_GRIPPERS[side], ReturnCode.FAILED, "it does not report its position")
-        return math.radians(position)
+        return math.radians(*self._position(_GRIPPERS[side], "getFeedback"))
 
     def move_grip(self, side: Side, position: float, speed: float, acceleration: float) -> None:
         """[rad], [rad/s], [rad/s^2]."""
@@ -212,6 +204,12 @@ class RemoteSmartPalUnits:
                 self._refuse(unit, ReturnCode.FAILED, f"it refuses {operation}")
         elif answer not in (ReturnCode.OK, ReturnCode.SPEED_WARNING, ReturnCode.ACCELERATION_WARNING):
             self._refuse(unit, answer, f"it refuses {operation}: {_REASONS.get(answer, 'unknown return code')}")
+
+    def _position(self, unit: str, operation: str) -> list[float]:
+        done, *position = self._call(unit, operation)
+        if not done:
+            self._refuse(unit, ReturnCode.FAILED, "it does not report its position")
+        return position
 
     def _state(self, unit: str) -> tuple[int, str]:
         _, state, text = self._call(unit, "getState")
