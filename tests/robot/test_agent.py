@@ -28,13 +28,6 @@ LONG = ProgramBuilder("long").mbase_velocity(0.1, 0.0, 0.0, 60.0).program()
 WRONG = ProgramBuilder("wrong").wait(1).program()
 
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    place = Place(tmp_path_factory.mktemp("place"))
-    yield place
-    place.close()
-
-
 @pytest.fixture
 def session(place: Place) -> InProcessSession:
     return place.session()

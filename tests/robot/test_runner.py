@@ -24,13 +24,6 @@ from tests.robot.places import Channel, InProcessSession, Place, eventually, rob
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    place = Place(tmp_path_factory.mktemp("place"))
-    yield place
-    place.close()
-
-
 @pytest.fixture
 def session(place: Place, request: pytest.FixtureRequest) -> Iterator[InProcessSession]:
     session = place.session("A", getattr(request, "param", Pose("L1", 7.0, 2.0)))

@@ -54,13 +54,6 @@ def agent(place: Place) -> Iterator[ControlAgent]:
     agent.close()
 
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    place = Place(tmp_path_factory.mktemp("place"))
-    yield place
-    place.close()
-
-
 def test_the_robot_drives_while_orders_come(agent: ControlAgent) -> None:
     start = agent.state.at
     orders = itertools.count()
