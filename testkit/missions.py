@@ -233,7 +233,7 @@ class MissionSystem:
 
     def kept(self, leader: str) -> StoredPlan | None:
         """The plan of the mission that a robot leads, or led last."""
-        plans = RemotePool.of_robot(self.orb, leader, 3.0).plans()
+        plans = RemotePool(self.orb, leader, 3.0).plans()
         return StoredPlan.decode(plans[-1].content) if plans else None
 
     def at_phase(self, leader: str, phase: str, user: subprocess.Popen[str]) -> None:

@@ -23,7 +23,7 @@ from robocorba.robot.kinematics.tasks import POSTURES
 from robocorba.robot.programs import program as programs
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.python_source import python_source
-from robocorba.robot.programs.report import CheckReport, report_of
+from robocorba.robot.programs.report import CheckReport
 
 if TYPE_CHECKING:
     from robocorba.robot.kinematics.inverse import InverseKinematics
@@ -72,7 +72,7 @@ class ProgramOperations:
         try:
             read = programs.loads(program)
         except InvalidProgram as error:
-            return _checked(report_of(error), None)
+            return _checked(CheckReport(error), None)
         if robot:
             return _checked(self._agent(robot).check(program), read)
         report = CheckReport()

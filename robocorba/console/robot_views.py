@@ -18,7 +18,7 @@ from robocorba.console.frames import update_frame
 from robocorba.console.viewers import serve_page
 from robocorba.errors.base import RoboCorbaError
 from robocorba.map_editor.spatial.floor_update import WHOLE
-from robocorba.robot.corba.robot_view import RemoteRobotView
+from robocorba.robot.corba.remote_data_pool import RemotePool
 
 #: Interval between requests for path and postures [s].
 SLOW_INTERVAL_S = 0.4
@@ -32,9 +32,9 @@ Message = bytes | dict[str, Any]
 class RobotView:
     """What has changed of a robot since the last call; `poll` blocks. with_pool: also the floor in its data pool."""
 
-    def __init__(self, connect: Callable[[], RemoteRobotView], with_pool: bool) -> None:
+    def __init__(self, connect: Callable[[], RemotePool], with_pool: bool) -> None:
         self._connect, self._with_pool = connect, with_pool
-        self._robot: RemoteRobotView | None = None
+        self._robot: RemotePool | None = None
         self._path: list[dict[str, Any]] | None = None
         self._version, self._floor, self._posture_time = WHOLE, "", -1.0
         self._problem = ""
@@ -61,7 +61,7 @@ class RobotView:
             messages.append({"problem": problem})
         return messages, pause_s
 
-    def _pool_frames(self, robot: RemoteRobotView) -> list[Message]:
+    def _pool_frames(self, robot: RemotePool) -> list[Message]:
         update = robot.changes(self._version)
         if update.floor != self._floor and update.since != WHOLE:  # versions of two floors don't compare
             update = robot.changes(WHOLE)
@@ -70,7 +70,7 @@ class RobotView:
         self._floor, self._version = update.floor, update.version
         return [update_frame(update)]
 
-    def _slow(self, robot: RemoteRobotView) -> list[Message]:
+    def _slow(self, robot: RemotePool) -> list[Message]:
         messages: list[Message] = []
         path = robot.path()
         if path != self._path:
@@ -87,7 +87,7 @@ class RobotView:
 class RobotViews:
     """Serves the views of all pages until `close`. connect: finds a robot by name; raises NotReachable."""
 
-    def __init__(self, connect: Callable[[str], RemoteRobotView]) -> None:
+    def __init__(self, connect: Callable[[str], RemotePool]) -> None:
         self._connect = connect
         self._count = 0
         # Threads of its own: a robot that hangs holds up its own pages only.

@@ -48,7 +48,7 @@ from robocorba.errors.simulation import InvalidRecording
 from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
 from robocorba.orb.orb import Orb
-from robocorba.robot.corba.robot_view import RemoteRobotView
+from robocorba.robot.corba.remote_data_pool import RemotePool
 from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.system.decoding import Work
 
@@ -74,7 +74,7 @@ class Console:
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
         self.sensors = LiveSensors(database, lambda floor: self.floors.floor(floor).time, self.viewers.notify)
         self.missions = LiveMissions(RemoteMissionControl(orb, RESOLVE_TIMEOUT_S), self.viewers.notify)
-        self.robot_views = RobotViews(lambda robot: RemoteRobotView(orb, robot))
+        self.robot_views = RobotViews(lambda robot: RemotePool(orb, robot, 1.0))
         self.operations = Operations(orb, settings.common.state)
         for part in (
             MonitorOperations(self.state, self.history, lambda: self.plans.building, self.recordings, self.films),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import math
@@ -38,7 +39,7 @@ from robocorba.map_editor.validation import problems
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.smartpal import JOINTS, Side
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
-from robocorba.robot.tick_file import Tick, TickFile
+from robocorba.robot.tick_file import TickFile
 from testkit import report
 from testkit.grid_maps import FLOOR, KINDS, OctileGraph, building_of, maze, place_of, random_cells, rooms
 from testkit.json_process import ROOT, ProcessFailed
@@ -327,21 +328,21 @@ ICONS = ("icons[0]", "icons[2].icons[0]", "icons[3]")
 
 def ticks(file: Path, moved_m: float = 0.0, turned_rad: float = 0.0, more: int = 0, hold: bool = False) -> None:
     """A robot that drives ahead icon by icon at 1 m/s, facing backwards. hold: with a tick of the icon that holds."""
-    with TickFile(file) as made:
+    with contextlib.closing(TickFile(file)) as made:
         for number, icon in enumerate(ICONS):
             if hold and "." in icon:
-                made.add(tick("icons[2]", 1, 5.0, 1.0, 0.0, 0.0))
+                made.add(*tick("icons[2]", 1, 5.0, 1.0, 0.0, 0.0))
             for step in range(50):
-                made.add(tick(icon, number, 10.0 * number + step / 50, number + step / 50, moved_m, turned_rad))
+                made.add(*tick(icon, number, 10.0 * number + step / 50, number + step / 50, moved_m, turned_rad))
             for step in range(50, 50 + more):
-                made.add(tick(icon, number, 10.0 * number + step / 50, number + 49 / 50, moved_m, turned_rad))
+                made.add(*tick(icon, number, 10.0 * number + step / 50, number + 49 / 50, moved_m, turned_rad))
 
 
-def tick(icon: str, done: int, time: float, x: float, y: float, turned_rad: float) -> Tick:
+def tick(icon: str, done: int, time: float, x: float, y: float, turned_rad: float) -> Any:
     joints = np.zeros(len(JOINTS))
     heading = np.pi - 0.01 + turned_rad
     state = RobotState(time, x, y, heading if heading < np.pi else heading - 2 * np.pi, joints=joints)
-    return Tick("simulated", "p", icon, done, "L1", state, ActorCommand(joints=joints))
+    return ("simulated", "p", icon, done, "L1"), state, ActorCommand(joints=joints)
 
 
 def test_ticks_are_compared_icon_by_icon(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from robocorba.missions.transport import Transport
 from robocorba.planning.request import Place as Spot
 from robocorba.robot.agent import ControlAgent
 from robocorba.robot.collision_avoidance import policy
-from robocorba.robot.collision_avoidance.neighbours import PoolNearby
+from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.collision_avoidance.policy import GivingWayPolicy
 from robocorba.robot.data_pool.pool import DataPool
 from robocorba.robot.model_switcher import AdaptorContext
@@ -107,10 +107,10 @@ class Crew:
         self._missions = []
         self._followers = []
         for name, at in robots.items():
-            pool = DataPool(place.agent.database, lambda floor: place.building, at.floor, name)
+            pool = DataPool(place.agent.database.changes, lambda floor: place.building, at.floor, name)
             self._followers.append(Repeating(f"pool of {name}", pool.follow, FOLLOW_S).start())
             surroundings = AdaptorContext(name, place.session(name, at), None)
-            agent = ControlAgent(surroundings, place.planner, Channel(), nearby=PoolNearby(pool, name, giving_way))
+            agent = ControlAgent(surroundings, place.planner, Channel(), nearby=Nearby(pool, name, giving_way))
             agent.start("simulated")
             self.agents[name] = agent
             transport = Transport(BusEnd(self.bus, name), name)

@@ -237,7 +237,7 @@ def test_the_pool_of_another_process_is_read_over_corba(place: Place) -> None:
     where = ("--floor", "L1", "--at", "4,14.5", "--naming", str(place.running.naming))
     robot = place.launch(ROBOCORBA, "robot", "leader", *where, "--state", str(place.launch.folder / "robot"))
     assert robot.stdout is not None and robot.stdout.readline() == "ready\n"
-    pool = RemotePool.of_robot(place.orb, "leader", 20.0)
+    pool = RemotePool(place.orb, "leader", 20.0)
     eventually(lambda: pool.lag_s < math.inf, what="it knows its floor")
     whole = pool.content()
     assert (pool.floor, whole.floor, whole.since) == ("L1", "L1", 0)
@@ -255,7 +255,7 @@ def test_the_pool_of_another_process_is_read_over_corba(place: Place) -> None:
         with pytest.raises(NotReachable, match="data pool"):
             ask()
     with pytest.raises(NotReachable):
-        RemotePool.of_robot(place.orb, "nobody", 0.2)
+        RemotePool(place.orb, "nobody", 0.2)
 
 
 # ---- sessions ----
