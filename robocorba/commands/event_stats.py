@@ -22,7 +22,6 @@ ACCOUNT = ("received", "delivered", "unconfirmed", "discarded", "expired", "queu
 PROXY = ("proxy", "name", "client", "condition", "subscribed to")
 LINK = ("link", "condition", "lag", "packets", "bytes", "repeated", "unseen")
 NUMBERS = {"lag", "packets", "bytes", "repeated", "unseen", *ACCOUNT}
-PROXY_NOTE = "A consumer proxy serves a supplier, a supplier proxy serves a consumer."
 #: Rows of a table, each with its cells.
 Rows = list[tuple[str, ...]]
 
@@ -72,7 +71,8 @@ def _show(console: Console, name: str, state: StateOrProblem) -> None:
     )
     for kind, header, rows in _tables(state, _brief_link):
         if rows:
-            table = Table(caption=PROXY_NOTE if kind == "proxy" else None)
+            note = "A consumer proxy serves a supplier, a supplier proxy serves a consumer."
+            table = Table(caption=note if kind == "proxy" else None)
             for column in header:
                 table.add_column(column, justify="right" if column in NUMBERS else "left")
             for row in rows:

@@ -24,10 +24,6 @@ from robocorba.system.settings import InvalidSetting
 
 #: Interval between updates of the tables in a terminal [s].
 SHOW_INTERVAL_S = 0.25
-#: Interval between printed tables without a terminal [s].
-PRINT_INTERVAL_S = 1.0
-#: Timeout of a call that renders a picture [s]; the first picture of a floor is slow.
-PICTURE_TIMEOUT_S = 15.0
 
 
 def watch(
@@ -80,7 +76,7 @@ def show_live(simulation: RunningSimulation, tables: SimulationTables, stop: Sto
 def print_tables(simulation: RunningSimulation, tables: SimulationTables, stop: StopSignal) -> None:
     """Print tables to a pipe or file, each followed by an empty line, until stopped. Raises as `show_live`."""
     outage = Outage()
-    for _ in stop.ticks(PRINT_INTERVAL_S):
+    for _ in stop.ticks(every_s=1.0):
         try:
             tables = simulation.read()
             outage.note_answer()
@@ -101,7 +97,8 @@ class Camera:
             raise InvalidSetting("--floor", ", ".join(floors), "a video shows one floor")
         self._width_px = width_px
         self._database = RemoteDatabase(orb, RETRY_TIMEOUT_S)
-        self._server = simulation_server(orb, RETRY_TIMEOUT_S, PICTURE_TIMEOUT_S)
+        # The first picture of a floor is slow.
+        self._server = simulation_server(orb, RETRY_TIMEOUT_S, call_timeout_s=15.0)
         self._floor = floors[0] if floors else ""
 
     def png(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> bytes:
