@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 else:  # of Python 3.11 and later
 
     def dataclass_transform(**_: object) -> Any:
+        """Only type checkers need it."""
         return lambda kind: kind
 
 

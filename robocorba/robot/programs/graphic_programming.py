@@ -13,6 +13,7 @@ other methods return the builder, so that calls can be chained. The classes in `
 from __future__ import annotations
 
 import contextlib
+import inspect
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,19 +51,9 @@ class ProgramBuilder:
         """Write the finished program's file. Raises InvalidProgram, OSError."""
         Path(file).write_text(dumps(self.program()))
 
-    def __getattr__(self, tag: str) -> Callable[..., ProgramBuilder]:
-        """The method that adds an icon of this tag; its parameters are the fields of the icon's class in `icons`."""
-        if tag not in ICONS:
-            raise AttributeError(f"there is no icon {tag}; known are {', '.join(ICONS)}")
+    if TYPE_CHECKING:
 
-        def add(*parameters: Any, **named: Any) -> ProgramBuilder:
-            self._icons.append(ICONS[tag](*parameters, **named))
-            return self
-
-        return add
-
-    def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *ICONS})
+        def __getattr__(self, tag: str) -> Callable[..., ProgramBuilder]: ...
 
     # ---- icons that contain others ----
 
@@ -90,3 +81,22 @@ class ProgramBuilder:
         finally:
             inside, self._icons = self._icons, outside
         self._icons.append(icon(tuple(inside)))
+
+
+def _method(icon: type[Icon]) -> Callable[..., ProgramBuilder]:
+    """The method that adds an icon; it has the parameters and the documentation of the icon's class."""
+
+    def add(self: ProgramBuilder, *parameters: Any, **named: Any) -> ProgramBuilder:
+        self._icons.append(icon(*parameters, **named))
+        return self
+
+    fields = inspect.signature(icon).parameters.values()
+    builder = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    add.__doc__ = icon.__doc__
+    add.__signature__ = inspect.Signature([builder, *fields])  # type: ignore[attr-defined]
+    return add
+
+
+for _tag, _icon in ICONS.items():
+    if not hasattr(ProgramBuilder, _tag):
+        setattr(ProgramBuilder, _tag, _method(_icon))
