@@ -98,9 +98,9 @@ class Session(InProcessSession):
         self.calls = 0
         self.log_on()
 
-    def call_elevator(self, elevator: str, destination: str, *party: Any) -> None:
+    def call_elevator(self, elevator: str, destination: str, party: str = "", *group: Any) -> None:
         self.calls += 1
-        self._session.call_elevator(elevator, destination, *party)
+        self._session.call_elevator(elevator, destination, party or None, *group)
 
 
 class Controller:
