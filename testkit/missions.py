@@ -12,7 +12,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import msgspec
 from omniORB import CORBA
 
+from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor import native
 from robocorba.map_editor.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
@@ -327,6 +328,27 @@ class MissionSystem:
         time.sleep(seconds)
         after = self.poses()
         return all(name in after and math.dist(before[name][1:3], after[name][1:3]) < 0.005 for name in names)
+
+    def left_behind(self, names: Sequence[str], items: Sequence[str], limit_s: float) -> list[str]:
+        """Errors in the state of robots and objects after missions; emergency stops are reset."""
+        wrong: list[str] = []
+
+        def is_free(name: str) -> bool:
+            with contextlib.suppress(RoboCorbaError):
+                agent = self.agent(name)
+                if agent.state().condition is AgentCondition.STOPPED:
+                    agent.reset_stop()
+            return self.is_free(name)
+
+        try:
+            eventually(lambda: all(map(is_free, names)), limit_s)
+        except AssertionError:
+            wrong.append(f"not free: {[name for name in names if not self.is_free(name)]}")
+        if held := self.holding():
+            wrong.append(f"still held: {held}")
+        if not self.is_stationary((*names, *items)):
+            wrong.append("something moves")
+        return wrong
 
     # ---- inside ----
 

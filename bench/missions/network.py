@@ -15,13 +15,12 @@ import itertools
 import json
 import math
 import os
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.common.harness import NotMeasured, run
+from bench.common.harness import NotMeasured, folder_of_bench, run
 from bench.missions.carry import BUILDING, CREW, SKEW_MS, Carried, carries, draw, marks
 from robocorba.events.corba.event_client import EventClient
 from robocorba.map_editor.samples import sample_path
@@ -179,9 +178,9 @@ def clock_error_ms(one: Carried) -> float:
 
 def main(seeds: int = 1, delay: float = 5.0) -> bool:
     """Raises NotMeasured without network namespaces."""
-    with tempfile.TemporaryDirectory() as temporary, contextlib.ExitStack() as stack:
+    with folder_of_bench() as folder, contextlib.ExitStack() as stack:
         try:
-            both = stack.enter_context(two_networks(Path(temporary), delay, sample_path(BUILDING)))
+            both = stack.enter_context(two_networks(folder, delay, sample_path(BUILDING)))
         except OSError as error:
             raise NotMeasured(f"network namespaces are not available ({error}); run it as root") from None
         place = both.place
