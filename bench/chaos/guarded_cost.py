@@ -9,14 +9,13 @@ rounds is compared: other processes on the machine make calls longer, never shor
 from __future__ import annotations
 
 import contextlib
-import tempfile
 import threading
 import time
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
-from bench.common.harness import progress, run
+from bench.common.harness import folder_of_bench, progress, run
 from robocorba.events.corba.event_client import EventClient
 from robocorba.map_editor import native
 from robocorba.orb.orb import Orb
@@ -98,9 +97,9 @@ def client(folder: Path, is_guarded: bool) -> Iterator[Client]:
 def main(rounds: int = 100) -> bool:
     systems = {"plain": False, "another plain": False, "guarded": True}
     took: dict[tuple[str, str], list[float]] = defaultdict(list)
-    with tempfile.TemporaryDirectory(prefix="robocorba-cost-") as name, contextlib.ExitStack() as stack:
+    with folder_of_bench() as folder, contextlib.ExitStack() as stack:
         clients = {
-            system: stack.enter_context(ObjectProcess(client, Path(name) / system, is_guarded))
+            system: stack.enter_context(ObjectProcess(client, folder / system, is_guarded))
             for system, is_guarded in systems.items()
         }
         for number in progress(range(rounds), "rounds"):

@@ -9,22 +9,19 @@ import contextlib
 import os
 import statistics
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
-
-from bench.common.harness import run
+from bench.common.harness import folder_of_bench, run
 from bench.simulation.robots_client import FULL, NO_MOUNT, START_LIMIT_S, Clients, office_system
 from robocorba.simulation.corba import scans, sessions
 from robocorba.simulation.sensing.fan import Fan
 from robocorba.simulation.sensing.scan import ScanSpec
 from testkit.generated_buildings import office, robots
 from testkit.json_process import Cpu, Process, pids_of
-from testkit.report import PROGRESS, Mark, at_most, bars, quantile, summarize, summary, timed_ms
+from testkit.report import PROGRESS, Mark, at_most, bars, distribution, quantile, summarize, summary, timed_ms
 
 NAME = "simulation_sensors"
 SENSORS = (1, 2)
@@ -79,10 +76,10 @@ def throughput(server: Any, clients: Clients, state: Path, seconds: float, runs:
     clients.log_on(robots(office(), ROBOTS), ROBOTS)
     rows = []
     pids = pids_of(state, "sensor_")
-    clients.all("scan", begin=time.monotonic(), seconds=SETTLE_S, threads=THREADS)
+    clients.all("scan", time.monotonic(), SETTLE_S, THREADS)
     for number in range(1, runs + 1):
         worked = Cpu(pids)
-        found = clients.all("scan", begin=time.monotonic() + 0.2, seconds=seconds, threads=THREADS)
+        found = clients.all("scan", time.monotonic() + 0.2, seconds, THREADS)
         cpu = worked.spent_s()
         rows.append(
             {
@@ -133,16 +130,14 @@ def main(seconds: float = 10.0, runs: int = 3) -> bool:
     rows: list[dict[str, Any]] = []
     rounds: dict[str, list[dict[str, list[float]]]] = {}
     for sensors in SENSORS:
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            with office_system(folder, "--sensors", str(sensors)) as (naming, _, server):
-                if not rounds:
-                    with PROGRESS.status("latency"):
-                        rounds[ALONE] = latency(server)
-                        with awake(folder):
-                            rounds[AWAKE] = latency(server)
-                with Clients(naming, PROCESSES, folder) as clients, PROGRESS.status(f"{sensors} sensors"):
-                    rows += throughput(server, clients, folder / "state", seconds, runs)
+        with folder_of_bench() as folder, office_system(folder, "--sensors", str(sensors)) as (naming, _, server):
+            if not rounds:
+                with PROGRESS.status("latency"):
+                    rounds[ALONE] = latency(server)
+                    with awake(folder):
+                        rounds[AWAKE] = latency(server)
+            with Clients(naming, PROCESSES) as clients, PROGRESS.status(f"{sensors} sensors"):
+                rows += throughput(server, clients, folder / "state", seconds, runs)
     medians = {
         f"{column}, {sensors} sensors": statistics.median(row[column] for row in rows if row["sensors"] == sensors)
         for column in ("scans/s", "scans a sensor's CPU s")
@@ -151,18 +146,13 @@ def main(seconds: float = 10.0, runs: int = 3) -> bool:
     title = f"{ROBOTS} robots of {PROCESSES} x {THREADS} clients, {FULL.fan.count} rays, as fast as possible"
     summarize(NAME, title, rows, [], bars(medians, "scans"))
     calls = [row for cores, found in rounds.items() for row in latency_rows(cores, found)]
-
-    def draw(axes: Axes) -> None:
-        for cores, style in ((ALONE, "-"), (AWAKE, ":")):
-            for number, what in enumerate(rounds[cores][0]):
-                ordered = sorted(ms for took in rounds[cores] for ms in took[what])
-                shares = [i / len(ordered) for i in range(len(ordered))]
-                axes.plot(ordered, shares, style, color=f"C{number}", label=f"{what}, cores {cores}")
-        axes.set(xscale="log", xlabel="ms", ylabel="share of calls that took less")
-        axes.legend()
-
+    samples = {
+        f"{what}, cores {cores}": [ms for took in found for ms in took[what]]
+        for cores, found in rounds.items()
+        for what in found[0]
+    }
     title = f"one client, idle system, medians of {ROUNDS} rounds of {CALLS} calls"
-    return summarize(f"{NAME}_latency", title, calls, marks_of(calls), draw)
+    return summarize(f"{NAME}_latency", title, calls, marks_of(calls), distribution(samples, "ms"))
 
 
 if __name__ == "__main__":
