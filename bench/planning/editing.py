@@ -7,19 +7,17 @@ from __future__ import annotations
 
 import itertools
 import multiprocessing
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
-from bench.common.harness import progress, run
+from bench.common.harness import folder_of_bench, progress, run
 from robocorba.clients.robot_processes import servers
 from robocorba.map_editor import native
 from robocorba.map_editor.changes import ElementKey, elements_of, key_of
@@ -74,7 +72,7 @@ class Edited(NamedTuple):
 
 def main(rounds: int = 3, edits: int = 1000) -> bool:
     rows, lost, samples = [], [], {}
-    with tempfile.TemporaryDirectory() as state, servers(Path(state)) as naming, Orb(naming) as orb:
+    with folder_of_bench() as state, servers(state) as naming, Orb(naming) as orb:
         editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
         editor.create(TALLY_FLOOR, maps.element(TALLY))
         trips = _reachable(orb.resolve("PathPlanner", RoboCorba.PathPlanner))

@@ -13,16 +13,14 @@ import os
 import re
 import signal
 import statistics
-import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import psutil
 from matplotlib.axes import Axes
 
-from bench.common.harness import run
+from bench.common.harness import folder_of_bench, run
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
 from robocorba.robot.agent_state import AgentCondition
@@ -139,8 +137,8 @@ def row(when: str, measured: Measured, robots: Mapping[str, Robot], names: Seque
 
 def main(robots: int = 100, driving: int = 40, seconds: float = 30.0) -> bool:
     with (
-        tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder,
-        running_system(Path(folder)) as (system, launch),
+        folder_of_bench() as folder,
+        running_system(folder) as (system, launch),
         Orb(system.naming) as orb,
         fleet_of(system, orb, launch, robots) as fleet,
     ):
