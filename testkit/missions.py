@@ -92,11 +92,12 @@ class BodyPose(NamedTuple):
 
 
 @contextlib.contextmanager
-def missions(folder: Path, building: Path, subnets: str = "lab,hall") -> Iterator[MissionSystem]:
+def missions(folder: Path, building: Path | Building, subnets: str = "lab,hall") -> Iterator[MissionSystem]:
     """`robocorba up` on a building; ended with all its robots. One at a time in a process."""
+    file = saved(building, folder)
     with (
         forked_processes(),
-        running_system(folder, "--building", str(building), "--subnets", subnets) as (running, launch),
+        running_system(folder, "--building", str(file), "--subnets", subnets) as (running, launch),
         Orb(running.naming, call_timeout_s=5.0) as orb,
         MissionSystem(folder, running, orb, launch) as place,
     ):
@@ -416,6 +417,13 @@ def _hand_on(table: BodyPose, robot: BodyPose, ahead_m: float = 0.62) -> tuple[f
 
 
 def save_three_rooms(folder: Path) -> Path:
-    file = folder / "three-rooms.yaml"
-    native.save(three_rooms(), file)
+    return saved(three_rooms(), folder)
+
+
+def saved(building: Path | Building, folder: Path) -> Path:
+    """The file of a building, in a folder if it has none yet."""
+    if isinstance(building, Path):
+        return building
+    file = folder / "building.yaml"
+    native.save(building, file)
     return file

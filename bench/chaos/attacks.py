@@ -30,7 +30,6 @@ from bench.chaos.crowd import CARRYING, EXPIRED, Carrier, Drivers, Names, places
 from bench.common.harness import folder_of_bench, run
 from bench.missions.many import rooms
 from robocorba.events.blocking_budget import BUDGET_S
-from robocorba.map_editor import native
 from robocorba.stubs import RoboCorba
 from robocorba.system.backoff import Backoff
 from testkit.json_process import ObjectProcess, Process, checkout_command
@@ -204,8 +203,7 @@ def main(
     of, complain = rooms(ROOMS), Complaints()
     found: list[dict[str, Needs]] = []
     with folder_of_bench() as folder, contextlib.ExitStack() as stack:
-        native.save(two_floors(of), folder / "rooms.yaml")
-        place = stack.enter_context(mission_system(folder, folder / "rooms.yaml", f"{HERE},{THERE}"))
+        place = stack.enter_context(mission_system(folder, two_floors(of), f"{HERE},{THERE}"))
         starts = places(of, drivers)
         place.start(starts)
         points = (f"{of[4].x},{of[4].y}", f"{of[4].x},{of[4].y - 3}")

@@ -26,13 +26,12 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-from bench.common.harness import NotMeasured, folder_of_bench, progress, run
+from bench.common.harness import folder_of_bench, progress, run
 from bench.missions.in_the_way import CASES, STRANGER, Obstacles
 from bench.missions.network import TwoNetworks, two_networks
 from bench.missions.sites import SITES, Site
 from bench.missions.witness import Witness
 from robocorba.errors.services import NotReachable
-from robocorba.map_editor import native
 from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.simulation.mission_record import MissionContent
 from robocorba.simulation.registry import Pose
@@ -323,15 +322,8 @@ def trials(name: str, fault: str, phase: str, seed: int) -> Iterator[Trials]:
     """At a site, in one network or in two."""
     site = SITES[name]()
     with folder_of_bench() as folder, contextlib.ExitStack() as stack:
-        file = folder / "site.yaml"
-        native.save(site.building, file)
-        both = None
-        if fault == "cut":
-            try:
-                both = stack.enter_context(two_networks(folder, DELAY_MS, file))
-            except OSError as error:
-                raise NotMeasured(f"network namespaces are not available ({error}); run it as root") from None
-        place = both.place if both else stack.enter_context(mission_system(folder, file))
+        both = stack.enter_context(two_networks(folder, DELAY_MS, site.building)) if fault == "cut" else None
+        place = both.place if both else stack.enter_context(mission_system(folder, site.building))
         yield Trials(place, site, phase, seed, both)
 
 

@@ -28,13 +28,11 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from bench.common.harness import folder_of_bench, run
 from robocorba.errors.base import RoboCorbaError
 from robocorba.events.corba.event_client import Event, EventClient
-from robocorba.map_editor import native
 from robocorba.map_editor.model import BoxShape, Building, CabinSide, Door, Elevator, ElevatorDoor, MapObject, Wall
 from robocorba.missions.subplan import Ride
 from robocorba.robot.agent_state import ProgramReport, ProgramResult
@@ -433,14 +431,6 @@ def states_mixed(outcomes: Sequence[Outcome]) -> list[str]:
     return [f"{robot}: {missions}" for robot, missions in runs.items() if len(missions) != len(set(missions))]
 
 
-@contextlib.contextmanager
-def started(folder: Path, plan: Building, starts: dict[str, RobotStart]) -> Iterator[MissionSystem]:
-    native.save(plan, folder / "site.yaml")
-    with mission_system(folder, folder / "site.yaml", ",".join(SUBNETS)) as place:
-        place.start(starts)
-        yield place
-
-
 def main(site: str = "rooms", missions: int = 10, robots: int = 30, riders: int = 4, seed: int = 1) -> bool:
     of, alone, observer = rooms(missions), list[str](), None
     if has_lifts := site == "elevators":
@@ -451,7 +441,12 @@ def main(site: str = "rooms", missions: int = 10, robots: int = 30, riders: int 
         plan, starts = building(of), in_rooms(of, robots)
         errands = [Errand(room.leader, room.item, Pose(FLOOR, *room.goal)) for room in of]
     found: list[Service] = []
-    with folder_of_bench() as folder, started(folder, plan, starts) as place, contextlib.ExitStack() as stack:
+    with (
+        folder_of_bench() as folder,
+        mission_system(folder, plan, ",".join(SUBNETS)) as place,
+        contextlib.ExitStack() as stack,
+    ):
+        place.start(starts)
         before = place.collisions
         if has_lifts:
             observer = stack.enter_context(Observer(place, alone))

@@ -18,7 +18,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import psutil
-from matplotlib.axes import Axes
 
 from bench.common.harness import folder_of_bench, run
 from robocorba.errors.services import NotReachable
@@ -29,7 +28,7 @@ from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
 from testkit.json_process import ProcessFailed
 from testkit.processes import ROBOCORBA, Launcher, Running, command_line, drain, running_system
-from testkit.report import at_most, quantile, summarize
+from testkit.report import at_most, distribution, quantile, summarize
 
 START_LIMIT_S = 300.0
 #: Time before a measurement begins [s].
@@ -170,12 +169,8 @@ def main(robots: int = 100, driving: int = 40, seconds: float = 30.0) -> bool:
         at_most("moving robots that stopped", len(stopped), 0),
     ]
 
-    def draw(axes: Axes) -> None:
-        for found, label in ((idle, "nobody moves"), (moving, f"{len(drivers)} move")):
-            axes.hist(found.answers_ms, bins=100, histtype="step", label=label)
-        axes.set(xlabel="ms until a robot's answer", ylabel="calls", yscale="log")
-        axes.legend()
-
+    samples = {"nobody moves": idle.answers_ms, f"{len(drivers)} move": moving.answers_ms}
+    draw = distribution(samples, "ms until a robot's answer")
     return summarize("fleet", f"{robots} robots, {len(drivers)} of which move", rows, marks, draw)
 
 

@@ -206,7 +206,9 @@ class Clients(contextlib.ExitStack):
 
     def __init__(self, naming: Address, count: int) -> None:
         super().__init__()
-        self._fleets = [self.enter_context(ObjectProcess(fleet, naming)) for _ in range(count)]
+        self._fleets = [ObjectProcess(fleet, naming) for _ in range(count)]  # they start side by side
+        for each in self._fleets:
+            self.enter_context(each)
 
     def log_on(self, robots: Sequence[Description], count: int, at_once: bool = True) -> dict[str, Any]:
         """Log on the first `count` robots whose place is free, spread over the processes.

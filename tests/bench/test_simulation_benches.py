@@ -197,7 +197,7 @@ def test_every_run_must_refuse_the_one_too_many_and_a_scan_is_compared_with_null
     null, scan = bench_sensors.NULL, bench_sensors.SCAN
     for scan_ms, is_fast in ((0.3, True), (0.5, False)):
         rounds = [{null: [0.2 * slow] * 3, scan: [scan_ms * slow] * 3} for slow in (1.0, 5.0, 1.0)]
-        rows = bench_sensors.latency_rows(bench_sensors.ALONE, rounds)
+        rows = bench_sensors.latency_rows(rounds)
         assert [row["null calls"] for row in rows] == pytest.approx([1.0, scan_ms / 0.2])
         (mark,) = bench_sensors.marks_of(rows)
         assert mark.is_reached is is_fast
@@ -249,8 +249,7 @@ def test_a_small_run_of_sensors(system: tuple[Any, Clients, Path], monkeypatch: 
     assert row["sensors"] == 2
     assert row["scans/s"] > 20 and row["scans a sensor's CPU s"] > 20
     assert sum(map(int, row["robots of sensors"].split(" + "))) == 6
-    with bench_sensors.awake(state):
-        rounds = bench_sensors.latency(server)
+    rounds = bench_sensors.latency(server)
     assert len(rounds) == 2
     assert {len(took) for each in rounds for took in each.values()} == {10}
     assert server._get_state().robots == 0

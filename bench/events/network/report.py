@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.events.network.experiment import FEDERATED, STANDARD, Outcome
-from testkit.report import Mark, at_most, summarize, write_csv
+from testkit.report import Mark, at_most, summarize
 
 #: The figures of the paper's text about Figure 13: mean latencies [ms] at one load, and that they fall with load.
 PAPER_LOAD, PAPER_STANDARD_MS, PAPER_FEDERATED_MS = 0.6, 18.5, 16.9
@@ -118,25 +118,6 @@ def row(cell: Cell) -> dict[str, Any]:
     return {**found, "runs": len(cell.standard), "events": sum(len(run.all_us) for run in cell.standard)}
 
 
-def run_row(run: Outcome) -> dict[str, Any]:
-    """A run as a row of the files."""
-    return {
-        "set-up": run.set_up,
-        "delay, ms": run.delay_us / 1e3,
-        "load, %": round(100 * run.load),
-        "busy, %": round(100 * run.busy, 1),
-        **latencies_ms([run]),
-        "lost": run.lost,
-        "sent": run.sent,
-        "wanted across": run.wanted_across,
-        "packets over the link": run.packets,
-        "bytes over the link": run.bytes,
-        "events forwarded": run.forwarded,
-        "bytes forwarded": run.forwarded_bytes,
-        "events not forwarded": run.unseen,
-    }
-
-
 def marks(found: Sequence[Cell]) -> list[Mark]:
     """The worst cells compared with the limits."""
     runs = [run for cell in found for run in cell.runs]
@@ -179,13 +160,10 @@ def write_report(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
     held = max((abs(cell.busy - cell.load) for cell in found if cell.load), default=0.0)
     print(f"load of the leader's core: off by at most {100 * held:.0f} points where there was load to add")
     print("", *(f"{key}: {value}" for key, value in about.items()), sep="\n")
-    runs = [run_row(run) for run in outcomes]
-    write_csv(f"{NAME}_runs", runs)
     rows = [row(cell) for cell in found]
-    more = {**about, "runs": runs}
     delays = [row(cell) for cell in by_delay(found)]
     summarize(f"{NAME}_delays", f"{TITLE}, over all loads", delays, [], draw(by_delay(found)), SHOWN)
-    return summarize(NAME, TITLE, rows, marks(found), draw(found), SHOWN, **more)
+    return summarize(NAME, TITLE, rows, marks(found), draw(found), SHOWN, **about)
 
 
 def draw(found: Sequence[Cell]) -> Figure:
