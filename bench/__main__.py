@@ -29,6 +29,9 @@ ROOT = Path(__file__).resolve().parents[1]
 def main(subjects: list[str]) -> int:
     """Returns the exit code: 0 if every bench reached its marks, 1 if one did not, 2 for an unknown subject, 3 if one
     could not measure and the others reached theirs."""
+    if {"--help", "-h"} & set(subjects):
+        print(__doc__, *(f"{subject}: {', '.join(names)}" for subject, names in BENCHES.items()), sep="\n")
+        return 0
     unknown = [subject for subject in subjects if subject not in BENCHES]
     if unknown:
         print(f"bench: unknown subject {', '.join(unknown)}; choose from {', '.join(BENCHES)}", file=sys.stderr)

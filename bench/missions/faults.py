@@ -125,6 +125,7 @@ class Trials:
     def mission(self, fault: str, deadline_s: float = math.inf) -> Outcome:
         self._restore()
         at = self._at()
+        wrong: list[str] = []
         goal = max(self._site.goals, key=lambda each: (each.floor != at.floor, math.dist(each[1:3], at[1:3])))
         with Witness(self._place) as witness:
             with contextlib.ExitStack() as stack:
@@ -134,13 +135,17 @@ class Trials:
                 began = time.monotonic()
                 leader = self._random.choice([name for name in self._members if not (case and name == self._other)])
                 user = self._place.mission(leader, self._site.item, f"{goal.floor}:{goal.x},{goal.y},{goal.heading}")
-                if case or fault == "blocked":
-                    struck = self._obstruct(stack, case, leader, user, goal)
-                else:
-                    struck = self._strike(fault, leader, user, witness)
+                try:
+                    if case or fault == "blocked":
+                        struck = self._obstruct(stack, case, leader, user, goal)
+                    else:
+                        struck = self._strike(fault, leader, user, witness)
+                except AssertionError as late:
+                    struck = Struck("not reached", began, time.monotonic())
+                    wrong.append(f"did not reach its fault: {str(late)[:300]}")
                 result, reason = self._place.result(user, LIMIT_S)
                 ended = time.monotonic()
-            wrong = self._left_behind(LOOKS if fault == "cut" else 1)
+            wrong += self._left_behind(LOOKS if fault == "cut" else 1)
         off_m = math.dist(self._at()[1:3], goal[1:3]) if self._at().floor == goal.floor else math.inf
         wrong += self._errors(fault, result, reason, off_m, struck, witness)
         if ended - struck.over > deadline_s:

@@ -75,7 +75,9 @@ def fleet_of(system: Running, orb: Orb, launch: Launcher, count: int) -> Iterato
     """So many robots, spread over all floors; all have started."""
     file = system.state / "fleet.yaml"
     sizes = [count // len(FLOORS) + (number < count % len(FLOORS)) for number in range(len(FLOORS))]
-    groups = [f"- {{prefix: {floor}-, count: {n}, floor: {floor}}}" for floor, n in zip(FLOORS, sizes, strict=True)]
+    groups = [
+        f"- {{prefix: {floor}-, count: {n}, floor: {floor}}}" for floor, n in zip(FLOORS, sizes, strict=True) if n
+    ]
     file.write_text("\n".join(["robots:", *groups, ""]))
     process = launch(ROBOCORBA, "robots", str(file), "--naming", str(orb.naming), "--state", str(system.state))
     drain(process)
