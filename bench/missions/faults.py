@@ -112,7 +112,8 @@ class Trials:
         self._started = 0
         self._took_s: list[float] = []
         self._restore()
-        self._other = list(self._members)[-1]
+        last = site.starts[-1]
+        self._other = next(name for name, at in self._members.items() if (at.x, at.y) == (last.x, last.y))
         self._obstacles = Obstacles(place, self._random, self._other)
         self._strikes: dict[str, Callable[[str], Struck]] = {
             "robots": self._kill_robot,

@@ -91,7 +91,8 @@ def storehouse() -> Site:
 
 
 def hall() -> Site:
-    """A hall with a table for three of four robots, and a chair that can be put in their way."""
+    """A hall with a table for three of four robots. The last one is so far away that it does not carry: it and a chair
+    can be put in their way."""
     goals = Pose(FLOOR, 3.5, 4.5, 0.0), Pose(FLOOR, 11.5, 4.5, 0.0)
     building = rectangular(
         *("hall", (15.0, 9.0), [FLOOR]),
