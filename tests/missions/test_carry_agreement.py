@@ -30,7 +30,7 @@ class Carrier:
     """What a carrier does with its progress, and how it moved."""
 
     def __init__(self) -> None:
-        self.progress, self.late = CarryProgress(), []  # type: tuple[CarryProgress, list[tuple[Rhythm, float]]]
+        self.progress, self.late = CarryProgress(), []  # type: tuple[CarryProgress, list[tuple[Any, float]]]
         self.progress.hold()
         #: Error of the carrier's estimate of the leader's clock [s].
         self.off_s = 0.0
