@@ -252,7 +252,7 @@ def test_the_pool_of_another_process_is_read_over_corba(place: Place) -> None:
     robot.kill()
     robot.wait()
     for ask in (pool.content, pool.plans, lambda: pool.lag_s):
-        with pytest.raises(NotReachable, match="data pool"):
+        with pytest.raises(NotReachable, match="leader"):
             ask()
     with pytest.raises(NotReachable):
         RemotePool(place.orb, "nobody", 0.2)
