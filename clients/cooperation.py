@@ -21,11 +21,12 @@ from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
 from robocorba.map_editor.spatial.pose import Pose2D
 from robocorba.missions import carry_planning
+from robocorba.missions.attempt import LeaderRobot
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.corba.remote_leaders import RemoteLeaders
 from robocorba.missions.corba.remote_world import RemoteWorld
 from robocorba.missions.execution import pose_in_robot_frame
-from robocorba.missions.leader import Inherited, Leader
+from robocorba.missions.leader import Leader
 from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.leader_policy import DEFAULT_POLICY, LeaderPolicy
 from robocorba.missions.lookout import Seen
@@ -174,10 +175,10 @@ class Cooperation:
             content = claimed(self._records, mission, content, term, self._leaders.leads)
         else:
             mission = new_mission_name(self._name)
-        led = LedMission(self._recorder, mission, content)
+        led = LedMission(self._recorder, mission, content, store_plan=self._store_plan)
         self._lead_as(mission)
         try:
-            report, is_aborted = self._lead(icon, mission, led, content)
+            report, is_aborted = self._lead(icon, led, content)
             report.save(self._reports)  # before others see that it has ended
             led.end(report, is_aborted)
         except Exception as error:
@@ -194,19 +195,19 @@ class Cooperation:
         with self._lock:
             self._led = mission
 
-    def _inherited(self, mission: str, content: MissionContent, areas: LeaderAreas) -> Inherited | None:
+    def _inherited(self, mission: str, content: MissionContent, areas: LeaderAreas) -> RemainingCarry | None:
         """What the robots of a former leader hold; None if they do not, or if it is not known what they do."""
         has_areas = self._takes_over_areas([each.robot for each in content.leaders[:-1]], areas)
         if not self.is_holding_for(mission) or self._missions is None or content.plan is None:
             return None
         try:
             plan = convert(content.plan, CooperativePlan)
-            body = RemainingCarry(self._world, plan)
+            inherited = RemainingCarry(self._world, plan)
             self._missions.take_over_reservation(reservation(plan), has_areas)
         except (msgspec.ValidationError, RoboCorbaError) as error:
             _log.warning("mission %s is not carried on: %s", mission, error)
             return None
-        return Inherited(plan, body)
+        return inherited
 
     def _takes_over_areas(self, leaders: Sequence[str], areas: LeaderAreas) -> bool:
         """Take over what the last of these leaders has reserved. Returns whether there was something."""
@@ -221,7 +222,7 @@ class Cooperation:
         _log.info("areas of %s: %s", former, "taken over" if is_taken else "nothing is kept")
         return is_taken
 
-    def _lead(self, icon: Icon, mission: str, led: LedMission, content: MissionContent) -> tuple[MissionReport, bool]:
+    def _lead(self, icon: Icon, led: LedMission, content: MissionContent) -> tuple[MissionReport, bool]:
         """The report, and whether a user has aborted the mission."""
         agent = self._agent
         if agent is None:
@@ -239,24 +240,11 @@ class Cooperation:
             return str(why or "")
 
         with contextlib.closing(RobotChannel(self._orb, self._channel_name, self._name)) as channel:
-            leader = Leader(
-                mission,
-                Transport(channel, self._name),
-                lambda: Place(*agent.place[:3]),
-                areas,
-                self._store_plan,
-                interruption,
-                _policy(icon),
-                on_progress=led.update,
-                term=led.term,
-                attempts=led.attempts,
-                begin_attempt=led.begin_attempt,
-                look=self._look,
-            )
-            report = leader.lead(
+            robot = LeaderRobot(lambda: Place(*agent.place[:3]), areas, interruption, self._look)
+            report = Leader(led, Transport(channel, self._name), robot, _policy(icon)).lead(
                 kind(icon).replace("_", " "),
-                lambda: make_planner(icon, self._world, self._name, Place(*agent.place[:3])),
-                self._inherited(mission, content, areas),
+                lambda: make_planner(icon, self._world, self._name, robot.place()),
+                self._inherited(led.name, content, areas),
             )
         return report, is_aborted
 

@@ -23,13 +23,14 @@ from robocorba.orb.orb import Orb
 from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
-from robocorba.robot.agent import AgentCondition, AgentState, ControlAgent
-from robocorba.robot.collision_avoidance.neighbours import PoolNearby
+from robocorba.robot.agent import AgentCalls, AgentCondition, AgentState, ControlAgent
+from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.corba.control_agent_servant import RobotAgentServant, StopTargetServant
 from robocorba.robot.corba.data_pool_servant import DataPoolServant
 from robocorba.robot.corba.remote_data_pool import PoolFollower, floor_now
 from robocorba.robot.corba.remote_session import RemoteSession
-from robocorba.robot.corba.stop_listener import StopListener
+from robocorba.robot.corba.robot_channel import RobotChannel
+from robocorba.robot.corba.stop_listener import listen_for_stops
 from robocorba.robot.data_pool.plans import Plans
 from robocorba.robot.data_pool.start_places import start_places
 from robocorba.robot.kinematics.inverse import InverseKinematics
@@ -155,7 +156,9 @@ def run(arguments: Sequence[str] | None) -> None:
         reports = settings.common.state / MISSIONS
         others = Cooperation(orb, settings.channel, settings.name, plans, reports)
         stack.callback(others.close)
-        ticks = stack.enter_context(TickFile(settings.tick_file)) if settings.tick_file else None
+        ticks = TickFile(settings.tick_file) if settings.tick_file else None
+        if ticks:
+            stack.callback(ticks.close)
         # What follows the robot rests while it does; the first task, or a reader of the pool, wakes it.
         follower = PoolFollower(
             *(orb, session.state().at.floor, settings.name),
@@ -171,7 +174,7 @@ def run(arguments: Sequence[str] | None) -> None:
             follower.attend()
             postures.wake()
 
-        nearby = PoolNearby(follower.pool, settings.name)
+        nearby = Nearby(follower.pool, settings.name)
 
         def check_now(wanted: Program, state: AgentState) -> CheckReport:
             follower.attend()
@@ -179,7 +182,7 @@ def run(arguments: Sequence[str] | None) -> None:
             return checker(wanted, state, objects, nearby.parked_robots())
 
         context = AdaptorContext(settings.name, session, orb)
-        agent = ControlAgent(context, planner, others, check_now, ticks, nearby, prepare, progress.wake)
+        agent = ControlAgent(context, planner, others, nearby, ticks, AgentCalls(check_now, prepare, progress.wake))
         stack.callback(agent.close)
         session.stop_target = orb.activate(StopTargetServant(agent), f"stop/{secrets.token_urlsafe(24)}")
         session.floors_since = follower.floors_since
@@ -196,7 +199,10 @@ def run(arguments: Sequence[str] | None) -> None:
         # One that was logged off must leave the name to another robot that has logged on by it.
         servants = {path: RobotAgentServant(agent, pool, settings.channel, others)}
         orb.serve(servants, owns_names=lambda: session.is_logged_on)
-        stack.callback(StopListener(orb, settings.channel, settings.name, agent).start().close)
+        if settings.channel:
+            stops = RobotChannel(orb, settings.channel, settings.name)
+            stack.callback(stops.close)
+            listen_for_stops(stops, settings.name, agent.stop)
         others.start(agent, follower.pool)
         if wanted:
             agent.load(wanted)

@@ -25,9 +25,10 @@ from robocorba.events.corba.event_proxy_servants import (
 )
 from robocorba.events.corba.foreign_channel import ForeignChannel
 from robocorba.events.corba.remote_clients import RemoteClients
-from robocorba.events.corba.remote_gateway import PeerJoiner, RemoteGateway
+from robocorba.events.corba.remote_gateway import PeerJoiner, forwarding_to
 from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Federation, check_name
+from robocorba.events.feed import Forward
 from robocorba.events.links import Links
 from robocorba.events.policies import LinkPolicy, ProxyPolicy
 from robocorba.events.proxies import Proxies
@@ -63,8 +64,8 @@ class ChannelServer:
         self.links = Links(channel, store, self._join, self._attach, LinkPolicy())
         self.servant = EventChannelServant(channel, self.proxies, self.links, self, self._destroyed)
         reference = orb.activate(self.servant, self.path)
-        self.consumer_admin = self._activate(ConsumerAdminServant(self.proxies, self), "consumers")
-        self.supplier_admin = self._activate(SupplierAdminServant(self.proxies, self), "suppliers")
+        self.consumer_admin = self._activate(ConsumerAdminServant(self.proxies, self.of), "consumers")
+        self.supplier_admin = self._activate(SupplierAdminServant(self.proxies, self.of), "suppliers")
         self.feed = self._activate(PeerFeedServant(self.links), "feed")
         gateway = self._activate(PeerGatewayServant(self.links), "gateway")
         self.callback_route: Any = None
@@ -72,7 +73,7 @@ class ChannelServer:
 
     def start(self, peers: Sequence[Peer]) -> None:
         """Restore proxies and links from the store, link with `peers`, and accept calls."""
-        for proxy in self.proxies.restore(self.clients):
+        for proxy in self.proxies.restore(self.clients.find):
             self.of(proxy)
         self.links.restore()
         for peer in peers:
@@ -95,8 +96,8 @@ class ChannelServer:
     def event_consumer(self, reference: Any) -> Any:
         return self.clients.event_consumer(reference)
 
-    def gateway(self, reference: Any) -> RemoteGateway:
-        return RemoteGateway(self._orb, reference)
+    def gateway(self, reference: Any) -> Forward:
+        return forwarding_to(self._orb, reference)
 
     def uri(self, reference: Any) -> str:
         return self._orb.uri(reference)
@@ -105,12 +106,12 @@ class ChannelServer:
 
     def _servant(self, proxy: Proxy) -> Any:
         if isinstance(proxy, ProxyPushSupplier):
-            return PushSupplierServant(proxy, self.proxies, self.clients, self.links.is_in_force)
+            return PushSupplierServant(proxy, self.proxies, self.clients.of, self.links.is_in_force)
         if isinstance(proxy, ProxyPullSupplier):
-            return PullSupplierServant(proxy, self.proxies, self.clients)
+            return PullSupplierServant(proxy, self.proxies, self.clients.of)
         assert isinstance(proxy, ProxyConsumer)
         servant = PullConsumerServant if isinstance(proxy, ProxyPullConsumer) else PushConsumerServant
-        return servant(proxy, self.proxies, self.clients)
+        return servant(proxy, self.proxies, self.clients.of)
 
     def _activate(self, servant: Any, key: str) -> Any:
         return self._orb.activate(servant, f"{self.path}/{key}")
@@ -121,7 +122,7 @@ class ChannelServer:
         self._orb.deactivate_key(f"{self.path}/proxies/{id}")
 
     def _join(self, record: Peer) -> Any:
-        return self._joiner(record)
+        return self._joiner.join(record)
 
     def _attach(self, record: Peer) -> Any:
         return functools.partial(ForeignChannel, self._orb, record.address)

@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from robocorba.errors.maps import MapFileError
-from robocorba.errors.services import StateMismatch
+from robocorba.errors.services import ServiceError
 from robocorba.map_editor.samples import sample_path
 from robocorba.map_editor.store import FIRST_VERSION, MapStore
 from robocorba.system.damaged_files import set_aside
@@ -35,7 +35,7 @@ def open_store(path: Path, building: Path | None) -> MapStore:
     """Open the store at `path`, or create it from the file `building` (any readable format).
 
     An existing store has priority over its own source file. A store without edits is recreated
-    from a different file. Raises StateMismatch if edits would be lost, MapFileError if a file
+    from a different file. Raises ServiceError if edits would be lost, MapFileError if a file
     is invalid, AlreadyRunning if another process has the store open."""
     path.parent.mkdir(parents=True, exist_ok=True)
     origin_file = path.with_suffix(".origin.json")
@@ -48,7 +48,7 @@ def open_store(path: Path, building: Path | None) -> MapStore:
         with MapStore(path) as store:
             stored = store.load()
             if stored.version != FIRST_VERSION:
-                raise StateMismatch(
+                raise ServiceError(
                     f"{path.parent} holds edits of the map {stored.building.name!r}, which was not created from "
                     f"the present {building}; choose another --state, or omit --building to keep those edits"
                 )

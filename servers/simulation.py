@@ -18,6 +18,7 @@ from robocorba.missions.mission_control import LeaderWatch, MissionControl
 from robocorba.orb.call_limit import CallLimit
 from robocorba.orb.orb import Orb
 from robocorba.orb.reference_file import key_in_file, write_reference
+from robocorba.orb.workarounds import operations_of
 from robocorba.robot.corba.stop_target import stop_at
 from robocorba.simulation import omni_database, physics
 from robocorba.simulation.corba.announcer import Announcer
@@ -74,7 +75,7 @@ def limit_calls(server: SimulationServerServant, database: OmniDatabaseServant, 
     """Let calls of these three servants wait for their own kind only."""
     reading = CallLimit(READING)
     reading.apply(server, "_get_state", "clients", "sensors")
-    reading.apply(database, *set(database._omni_op_d).difference(MISSION_WRITES, FLOOR_CHANGES))
+    reading.apply(database, *set(operations_of(database)).difference(MISSION_WRITES, FLOOR_CHANGES))
     CallLimit(FOLLOWING).apply(database, *FLOOR_CHANGES)
     CallLimit(WRITING).apply(database, *MISSION_WRITES)
     CallLimit(LOGGING_ON).apply(server, "registerRobot")

@@ -15,10 +15,11 @@ from robocorba.robot.corba.smartpal_unit_servants import (
 )
 from robocorba.robot.kinematics.smartpal import Side
 from robocorba.robot.realtime import raise_process_priority, use_realtime_scheduling
-from robocorba.robot.smartpal_stand_in.robot import RealTime, SmartPal
+from robocorba.robot.smartpal_stand_in.robot import SmartPal
 from robocorba.robot.smartpal_stand_in.unit import UnitPolicy
 from robocorba.system import logs
 from robocorba.system.private_files import claim_state
+from robocorba.system.repeating import Repeating
 from robocorba.system.settings import SmartPalSettings
 
 
@@ -33,9 +34,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     use_realtime_scheduling()  # inherited by threads started later; a robot's own computers do nothing else
     faults = robot.faults
     with (
-        Orb(settings.server.naming, settings.server.endpoint, context="", with_kinds=True) as orb,
+        Orb(settings.server.naming, settings.server.endpoint, context="") as orb,
         contextlib.closing(faults),
-        contextlib.closing(RealTime(robot.step)) as clock,
+        contextlib.closing(Repeating("dynamics", robot.catch_up, 0.003)) as clock,
     ):
         clock.start()
         orb.serve(

@@ -6,7 +6,7 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -73,11 +73,11 @@ class VirtualSensorServer:
 
     def start(self) -> None:
         """Start the updates, and accept calls."""
-        self._servant = VirtualSensorServant(self._sensor, self._reports, self, self._large)
-        self._reference = self._orb.activate(self._servant, self._path)
+        servant = self._servant_of(None)
+        self._reference = self._orb.activate(servant, self._path)
         for task in self._tasks:
             task.start()
-        self._orb.serve({self._path: self._servant})
+        self._orb.serve({self._path: servant})
 
     def close(self) -> None:
         for task in self._tasks:
@@ -91,16 +91,14 @@ class VirtualSensorServer:
             if name not in self._assigned:
                 self._number += 1  # keys are unique: a deactivated object may still serve a call
                 key = f"{self._path}/robots/{name}/{self._number}"
-                servant = VirtualSensorServant(self._sensor, self._reports, self, self._large, name)
-                self._assigned[name] = key, self._orb.activate(servant, key)
+                self._assigned[name] = key, self._orb.activate(self._servant_of(name), key)
             for oldest in list(self._assigned)[: len(self._assigned) - MAX_ROBOTS]:
                 self._deactivate(oldest)
             self._reports.robots = len(self._assigned)
             return self._assigned[name][1]
 
-    def prepare(self, floors: Collection[str]) -> None:
-        """Update the copies of floors that nobody has scanned lately."""
-        self._follower.prepare(floors)
+    def _servant_of(self, robot: str | None) -> VirtualSensorServant:
+        return VirtualSensorServant(self._follower, self._reports, self.for_robot, self.dismiss, self._large, robot)
 
     def dismiss(self, name: str) -> None:
         """Deactivate a robot's sensor."""

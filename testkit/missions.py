@@ -12,7 +12,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import msgspec
 from omniORB import CORBA
 
+from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor import native
 from robocorba.map_editor.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
@@ -91,11 +92,12 @@ class BodyPose(NamedTuple):
 
 
 @contextlib.contextmanager
-def missions(folder: Path, building: Path, subnets: str = "lab,hall") -> Iterator[MissionSystem]:
+def missions(folder: Path, building: Path | Building, subnets: str = "lab,hall") -> Iterator[MissionSystem]:
     """`robocorba up` on a building; ended with all its robots. One at a time in a process."""
+    file = saved(building, folder)
     with (
         forked_processes(),
-        running_system(folder, "--building", str(building), "--subnets", subnets) as (running, launch),
+        running_system(folder, "--building", str(file), "--subnets", subnets) as (running, launch),
         Orb(running.naming, call_timeout_s=5.0) as orb,
         MissionSystem(folder, running, orb, launch) as place,
     ):
@@ -233,7 +235,7 @@ class MissionSystem:
 
     def kept(self, leader: str) -> StoredPlan | None:
         """The plan of the mission that a robot leads, or led last."""
-        plans = RemotePool.of_robot(self.orb, leader, 3.0).plans()
+        plans = RemotePool(self.orb, leader, 3.0).plans()
         return StoredPlan.decode(plans[-1].content) if plans else None
 
     def at_phase(self, leader: str, phase: str, user: subprocess.Popen[str]) -> None:
@@ -328,6 +330,27 @@ class MissionSystem:
         after = self.poses()
         return all(name in after and math.dist(before[name][1:3], after[name][1:3]) < 0.005 for name in names)
 
+    def left_behind(self, names: Sequence[str], items: Sequence[str], limit_s: float) -> list[str]:
+        """Errors in the state of robots and objects after missions; emergency stops are reset."""
+        wrong: list[str] = []
+
+        def is_free(name: str) -> bool:
+            with contextlib.suppress(RoboCorbaError):
+                agent = self.agent(name)
+                if agent.state().condition is AgentCondition.STOPPED:
+                    agent.reset_stop()
+            return self.is_free(name)
+
+        try:
+            eventually(lambda: all(map(is_free, names)), limit_s)
+        except AssertionError:
+            wrong.append(f"not free: {[name for name in names if not self.is_free(name)]}")
+        if held := self.holding():
+            wrong.append(f"still held: {held}")
+        if not self.is_stationary((*names, *items)):
+            wrong.append("something moves")
+        return wrong
+
     # ---- inside ----
 
     def _robocorba(self, user: str, *arguments: str, within: tuple[str, ...] = ()) -> subprocess.Popen[str]:
@@ -394,6 +417,13 @@ def _hand_on(table: BodyPose, robot: BodyPose, ahead_m: float = 0.62) -> tuple[f
 
 
 def save_three_rooms(folder: Path) -> Path:
-    file = folder / "three-rooms.yaml"
-    native.save(three_rooms(), file)
+    return saved(three_rooms(), folder)
+
+
+def saved(building: Path | Building, folder: Path) -> Path:
+    """The file of a building, in a folder if it has none yet."""
+    if isinstance(building, Path):
+        return building
+    file = folder / "building.yaml"
+    native.save(building, file)
     return file

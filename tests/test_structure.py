@@ -51,11 +51,6 @@ COMMON = {
         )
     ),
 }
-#: What may know the ORB and the classes that omniidl made: orb/, each `corba` in a room, and these, fewer by time.
-ORB_ELSEWHERE = {
-    *(f"robocorba/commands/{name}.py" for name in ("event_stats", "events", "options", "path", "reporting")),
-    "robocorba/commands/simulation_tables.py",
-}
 SERVANTS = re.compile(r"robocorba/.+_servants?\.py")
 #: A servant gets what it needs handed over.
 AROUND_SERVANTS = {
@@ -115,7 +110,7 @@ def faults(path: str, text: str) -> list[str]:
         found += [f"domain code imports {name}" for name in within(strange, CORBA | {"robocorba"})]
         if "cached_property" in names:
             found.append("uses cached_property, whose lock robocorba.system.lazy_property does without")
-    elif not knows_orb(path) and path not in ORB_ELSEWHERE:
+    elif not knows_orb(path):
         found += [f"imports {name}, which orb/ is for" for name in within(used, CORBA | {"robocorba.stubs"})]
     if SERVANTS.fullmatch(path):
         around = AROUND_SERVANTS | {name for name in used if re.search(r"\.corba\.(remote_\w+|\w+_servants?)\b", name)}
@@ -268,8 +263,6 @@ def test_sources_keep_the_rules() -> None:
     for part in (*(f"robocorba/{name.replace('.', '/')}/" for name in DOMAIN), *ENVIRONMENT_IN):
         assert any(path.startswith(part) for path in paths), part
     assert any(SERVANTS.fullmatch(path) for path in paths)
-    for path in ORB_ELSEWHERE:
-        assert within(set(imports_of(paths[path])), CORBA | {"robocorba.stubs"}), path
     used = defaultdict(set)
     for one, other in arrows(OURS).edges:
         used[room_of(OURS[one].relative_to(ROOT).as_posix())].add(f"{other}.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import itertools
 import math
 import os
@@ -12,14 +11,12 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 
 import pytest
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.system import cores
 from robocorba.system.background import Background, Workers
-from robocorba.system.garbage import collections_paused
 from robocorba.system.last_order import LastOrder
 from robocorba.system.lazy_property import lazy_property
 from robocorba.system.repeating import Repeating
@@ -179,22 +176,3 @@ def test_a_thread_and_those_that_it_starts_share_a_core_until_it_leaves_it(monke
     assert [len(each) for each in found[:3]] == [1, 1, 1]
     assert found[0] == found[1] <= every
     assert [*found[3:], cores.usable()] == [every] * 3
-
-
-def test_the_search_for_cycles_pauses_until_the_last_pause_ends_and_then_finds_all() -> None:
-    searched: list[str] = []
-    gc.callbacks.append(lambda phase, about: searched.append(phase))
-    try:
-        with collections_paused():
-            with suppress(ValueError), collections_paused():
-                raise ValueError
-            assert not gc.isenabled()
-            made: list[list[object]] = [[] for _ in range(2000)]
-            for each in made:
-                each.append(each)
-            assert searched == []
-        assert gc.isenabled()
-        del made, each
-        assert gc.collect() >= 2000
-    finally:
-        gc.callbacks.pop()

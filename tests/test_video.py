@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from robocorba.console.video import VideoFile
-from robocorba.errors.simulation import VideoError
+from robocorba.errors.files import OutputError
 
 COLOURS = ["red", "lime", "blue", "white", "black"]
 
@@ -64,13 +64,13 @@ def test_an_exception_leaves_a_video_that_plays(tmp_path: Path) -> None:
         pass
     with pytest.raises(KeyboardInterrupt), VideoFile(tmp_path / "a.mp4", 64, 64, 10) as video:
         for content in (b"", b"no picture", png("red", 64, 64)[:60]):
-            with pytest.raises(VideoError, match="not a picture"):
+            with pytest.raises(OutputError, match="not a picture"):
                 video.add(content)
         video.add(png("red", 64, 64), times=7)
         raise KeyboardInterrupt
     assert len(decoded(tmp_path / "a.mp4")) == 7
     (tmp_path / "full.mp4").symlink_to("/dev/full")
-    with pytest.raises(VideoError, match="No space left"), VideoFile(tmp_path / "full.mp4", 64, 64, 10) as video:
+    with pytest.raises(OutputError, match="No space left"), VideoFile(tmp_path / "full.mp4", 64, 64, 10) as video:
         video.add(png("red", 64, 64))
 
 
@@ -95,5 +95,5 @@ def test_bad_videos_are_named(tmp_path: Path) -> None:
         ("a.mp4", (64, 10_000), 10, "64 x 10000 is not"),
         *(("a.mp4", (64, 64), fps, f"{fps} is not") for fps in (0, 1000)),
     ):
-        with pytest.raises(VideoError, match=reason):
+        with pytest.raises(OutputError, match=reason):
             VideoFile(tmp_path / name, *size, fps)

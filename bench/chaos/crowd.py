@@ -1,4 +1,4 @@
-"""Those who do nothing wrong while others attack: driving robots, missions, clients; and what happens to them."""
+"""Those who do nothing wrong while others attack: driving robots, missions, names that lead to the right objects."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ import math
 import re
 import threading
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 
 import CosNaming
-import msgspec
 from omniORB import CORBA
 
-from bench.chaos.attackers import EMPTY_FLOOR, EMPTY_FLOOR_M, HERE, THERE
-from bench.chaos.beside import ANSWER_LIMIT_S, Complaints
+from bench.chaos.attackers import EMPTY_FLOOR, EMPTY_FLOOR_M, HERE, ROBOT, THERE
+from bench.chaos.beside import Complaints
 from bench.missions.many import Room, building
 from robocorba.errors.base import RoboCorbaError
 from robocorba.map_editor.model import Building, Floor, FloorMap
@@ -24,39 +22,23 @@ from robocorba.robot.programs.icons import Destination
 from robocorba.robot.programs.program import dumps
 from robocorba.system.names import CHANNELS, ROBOTS
 from robocorba.system.repeating import Repeating
-from testkit.json_process import Process, checkout_command
 from testkit.missions import FLOOR, MissionSystem, RobotStart
 
 #: Rooms in which tables are carried; robots drive in the other ones, each on its own lane.
 CARRYING = (0, 2)
-#: Lanes in a room without a mission.
-LANES = 5
-#: Distance between two lanes [m]: all of them fit into a room of 6 m.
-LANE_M = 1.1
-#: Length of a lane [m]: within a room of 5 m, away from its door.
-LENGTH_M = 1.6
-#: Largest distance of a carried table from its goal [m].
-NEAR_M = 0.05
-#: Time limit for one mission [s].
-MISSION_S = 300.0
-#: Interval between two looks at all driving robots, and at the events [s].
-LOOK_INTERVAL_S = 2.0
-#: Interval between two looks at all names [s]: a name that is stolen for less is no harm.
-NAME_INTERVAL_S = 0.1
+#: Lanes in a room without a mission, their distance, and their length away from the door [m].
+LANES, LANE_M, LENGTH_M = 5, 1.1, 1.6
+#: Largest distance of a carried table from its goal [m], and time limit for one mission [s].
+NEAR_M, MISSION_S = 0.05, 300.0
+#: Interval between two looks at all driving robots, and at all names: one that is stolen for less is no harm [s].
+LOOK_INTERVAL_S, NAME_INTERVAL_S = 2.0, 0.1
 #: What the simulation server logs of a robot, whose name is the group.
 EXPIRED = re.compile(r"(\S+) logged off: its lease of .* expired")
 
 
 def two_floors(of: Sequence[Room]) -> Building:
     """The rooms, of which only some have a table; above them an empty floor."""
-    found = building(of)
-    items = {room.item for room in of if room.number not in CARRYING}
-    entry = found.floors[FLOOR]
-    plan = msgspec.structs.replace(
-        entry.geometrical,
-        objects={name: each for name, each in entry.geometrical.objects.items() if name not in items},
-    )
-    found.floors[FLOOR] = msgspec.structs.replace(entry, geometrical=plan)
+    found = building(of, [room.item for room in of if room.number not in CARRYING])
     size = EMPTY_FLOOR_M
     outline = ((0.0, 0.0), (size, 0.0), (size, size), (0.0, size))
     found.floors[EMPTY_FLOOR] = FloorMap(Floor(EMPTY_FLOOR, 2, 4.0, outline=outline))
@@ -66,12 +48,11 @@ def two_floors(of: Sequence[Room]) -> Building:
 def places(of: Sequence[Room], drivers: int) -> dict[str, RobotStart]:
     """Three robots in each room with a table, and one on each lane until there are enough."""
     found: dict[str, RobotStart] = {}
-    for room in of:
-        if room.number in CARRYING:
-            corners = [(-2.3, 1.7, 0.0), (2.3, 1.7, math.pi), (2.3, -1.7, math.pi)]
-            for number, (x, y, heading) in enumerate(corners):
-                name = room.leader if number == 0 else f"c{room.number}-{number}"
-                found[name] = RobotStart(room.x + x, room.y + y, heading, (HERE, THERE)[number % 2])
+    for room in (room for room in of if room.number in CARRYING):
+        corners = [(-2.3, 1.7, 0.0), (2.3, 1.7, math.pi), (2.3, -1.7, math.pi)]
+        for number, (x, y, heading) in enumerate(corners):
+            name = room.leader if number == 0 else f"c{room.number}-{number}"
+            found[name] = RobotStart(room.x + x, room.y + y, heading, (HERE, THERE)[number % 2])
     for number, (x, y) in enumerate(lanes(of)[:drivers]):
         found[f"d{number}"] = RobotStart(x, y - LENGTH_M / 2, math.pi / 2, (HERE, THERE)[number % 2])
     return found
@@ -84,44 +65,30 @@ def lanes(of: Sequence[Room]) -> list[tuple[float, float]]:
 
 
 class Drivers:
-    """Robots that drive to and fro by paths of the planner. metres: that all have driven since the start."""
+    """Robots that drive to and fro by paths of the planner."""
 
     def __init__(self, place: MissionSystem, of: Sequence[Room], count: int, complain: Complaints) -> None:
         self._complain = complain
-        # Resolved once: attackers steal names.
-        self._agents = [place.agent(f"d{number}") for number in range(count)]
-        self._seen: dict[str, tuple[float, float]] = {}
-        self.metres = 0.0
+        self._agents = [place.agent(f"d{number}") for number in range(count)]  # once: attackers steal names
         for agent, (x, y) in zip(self._agents, lanes(of), strict=False):
-            agent.load(_to_and_fro(x, y))
+            builder = ProgramBuilder("to and fro")
+            with builder.repeat(10_000):
+                builder.mbase_path(FLOOR, x, y + LENGTH_M / 2).mbase_path(FLOOR, x, y - LENGTH_M / 2)
+            agent.load(dumps(builder.program()))
             agent.run()
         self._looking = Repeating("drivers", self._look, LOOK_INTERVAL_S).start()
-
-    def close(self) -> None:
-        self._looking.close()
+        self.close = self._looking.close
 
     def _look(self) -> None:
         for agent in self._agents:
-            name = agent.name
             try:
                 state = agent.state()
                 if state.condition is not AgentCondition.RUNNING:
-                    self._complain.add(f"{name} is {state.condition.name}: {state.program.reason or state.reason}")
+                    reason = state.program.reason or state.reason
+                    self._complain.add(f"{agent.name} is {state.condition.name}: {reason}")
                     agent.run()
             except RoboCorbaError as error:
-                self._complain.add(f"{name}: {error}")
-                continue
-            at = (state.at.x, state.at.y)
-            self.metres += math.dist(at, self._seen.get(name, at))
-            self._seen[name] = at
-
-
-def _to_and_fro(x: float, y: float) -> str:
-    """A program that ends after hours."""
-    builder = ProgramBuilder("to and fro")
-    with builder.repeat(10_000):
-        builder.mbase_path(FLOOR, x, y + LENGTH_M / 2).mbase_path(FLOOR, x, y - LENGTH_M / 2)
-    return dumps(builder.program())
+                self._complain.add(f"{agent.name}: {error}")
 
 
 class Carrier(threading.Thread):
@@ -138,16 +105,18 @@ class Carrier(threading.Thread):
     def run(self) -> None:
         goals = [self._room.goal, (*self._room.start, 0.0)]
         while not self._ending.is_set():
-            goal = goals[0]
             try:
-                fault = self._carry(goal)
+                fault = self._carry(goals[0])
             except (RoboCorbaError, AssertionError) as error:
                 fault = str(error)
             if fault:
                 self.failed += 1
                 self._complain.add(f"mission of {self._room.leader}: {fault}")
-            if math.dist(self._place.body(self._room.item)[:2], goal[:2]) < 0.3:
+            if self._off_m(goals[0]) < 0.3:
                 goals.reverse()
+
+    def _off_m(self, goal: tuple[float, float, float]) -> float:
+        return math.dist(self._place.body(self._room.item)[:2], goal[:2])
 
     def _carry(self, goal: tuple[float, float, float]) -> str:
         """Carry the table; returns what was wrong."""
@@ -162,8 +131,7 @@ class Carrier(threading.Thread):
             time.sleep(0.5)
         if report.result is not ProgramResult.DONE:
             return report.reason
-        off_m = math.dist(self._place.body(self._room.item)[:2], goal[:2])
-        if off_m >= NEAR_M:
+        if (off_m := self._off_m(goal)) >= NEAR_M:
             return f"the table is {1000 * off_m:.0f} mm off"
         self.seconds.append(report.seconds)
         return ""
@@ -174,51 +142,18 @@ class Carrier(threading.Thread):
         self.join(MISSION_S)
 
 
-class Stream:
-    """A client in a process of its own that sends numbered events from one channel to the other. delivered_s: the
-    longest time for one [s]; held_up_s: the same while consumers hold up suppliers (`is_held_up`)."""
-
-    def __init__(self, place: MissionSystem, complain: Complaints, is_held_up: Callable[[], bool]) -> None:
-        command = checkout_command("bench.chaos.stream", str(place.running.naming), HERE, THERE)
-        self._process = Process(command, place.folder / "stream.log")
-        self._complain, self._is_held_up = complain, is_held_up
-        self.delivered_s = self.held_up_s = 0.0
-        self._process.receive(ANSWER_LIMIT_S)
-        self._looking = Repeating("events", partial(self._look, "news"), LOOK_INTERVAL_S).start()
-
-    def close(self) -> None:
-        """Wait for the last events."""
-        with self._process:
-            self._looking.close()
-            self._look("last")
-
-    def _look(self, command: str) -> None:
-        is_held_up = self._is_held_up()
-        longest_s, slow, wrong = self._process.ask({"do": command}, ANSWER_LIMIT_S)
-        for each in wrong:
-            self._complain.add(each)
-        if is_held_up:
-            self.held_up_s = max(self.held_up_s, longest_s)
-            return
-        self.delivered_s = max(self.delivered_s, longest_s)
-        for each in slow:
-            self._complain.note(each)
-
-
 class Names:
     """Names that a client resolves again and again. wrong_s: the longest time for which one led to somebody else."""
 
-    def __init__(self, place: MissionSystem, robot: str) -> None:
-        names = ("PathPlanner", "SimulationServer", "MapEditor", f"{CHANNELS}/{HERE}", f"{ROBOTS}/{robot}")
+    def __init__(self, place: MissionSystem) -> None:
+        names = ("PathPlanner", "SimulationServer", "MapEditor", f"{CHANNELS}/{HERE}", f"{ROBOTS}/{ROBOT}")
         uri = f"corbaloc::{place.running.naming}/NameService"
         self._orb, self._root = place.orb, place.orb.reference(uri, CosNaming.NamingContext)
         self._right = {name: self._bound(name) for name in names}
         self._since: dict[str, float] = {}
         self.wrong_s = 0.0
         self._looking = Repeating("names", self._look, NAME_INTERVAL_S).start()
-
-    def close(self) -> None:
-        self._looking.close()
+        self.close = self._looking.close
 
     def _bound(self, name: str) -> str:
         parts = [CosNaming.NameComponent(part, "") for part in ("RoboCorba", *name.split("/"))]

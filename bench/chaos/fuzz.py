@@ -11,13 +11,11 @@ those that analyse the whole building."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from bench.chaos.beside import Complaints, beside
-from bench.common.harness import progress, run
+from bench.common.harness import folder_of_bench, progress, run
 from testkit.fuzzing.calls import Tally, Target, call_many
 from testkit.fuzzing.fuzzed_system import FuzzedSystem, fuzzed_system
 from testkit.fuzzing.operations import Operation, operations
@@ -52,9 +50,8 @@ def main(inputs: int = 1000, seconds: float = 60.0, only: str = "", seed: int = 
     by_target: dict[str, list[Tally]] = {}
     faults: list[str] = []
     complain = Complaints()
-    with tempfile.TemporaryDirectory(prefix="robocorba-fuzz-") as name, fuzzed_system(Path(name)) as system:
-        folder = Path(name)
-        with beside(folder, system.running.naming, ("a", "B", "3,3", "6,5"), complain) as bystander:
+    with folder_of_bench() as folder, fuzzed_system(folder) as system:
+        with beside(system.running.naming, ("a", "B", "3,3", "6,5"), complain) as bystander:
             everything = list(_calls(system, only))
             bystander.begin()
             for target, operation in progress(everything, "operations"):

@@ -10,12 +10,11 @@ map, names, links, missions, robots and processes must be as before."""
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
 from typing import Any
 
-from bench.common.harness import progress, run
+from bench.common.harness import folder_of_bench, progress, run
 from robocorba.events.corba.event_client import Event, EventClient
+from testkit.fuzzing.simulation_targets import end_missions
 from testkit.intrusion.guarded_system import ONE_ROBOT, ROBOT, ROLES, GuardedSystem, forgeries, guarded_system
 from testkit.intrusion.intruder import Findings
 from testkit.report import at_least, at_most, bars, summarize
@@ -54,13 +53,13 @@ def row(who: str, findings: Findings) -> dict[str, Any]:
 
 def main() -> bool:
     events: list[Event] = []
-    with tempfile.TemporaryDirectory(prefix="robocorba-roles-") as name, guarded_system(Path(name)) as system:
+    with folder_of_bench() as folder, guarded_system(folder) as system:
         with EventClient(system.orb, "a") as client:
             client.subscribe(events.append)
             before = system.state()
             found = {who: attack(system, who) for who in progress(list(ROLES), "roles")}
             forged = [each for who in (ROBOT, ONE_ROBOT) for each in forgeries(system, who)]
-            system.fuzzed.end_missions("putMission", None)  # robots may write records
+            end_missions(system.fuzzed, "putMission", None)  # robots may write records
             after = system.state()
         texts = {"events": repr(events), "command lines": system.command_lines()}
         texts["printed by up"] = "\n".join(system.running.printed)
@@ -68,7 +67,7 @@ def main() -> bool:
             for what, secret in system.secrets().items():
                 if secret in text:
                     found[ROBOT].secrets.append(f"{where}: {what}")
-        logged = error_lines(Path(name) / "state")
+        logged = error_lines(folder / "state")
     rows = [row(who, findings) for who, findings in found.items()]
     complaints = [f"{who}: beyond the table: {each}" for who, findings in found.items() for each in findings.more]
     complaints += [f"{who}: refused: {each}" for who, findings in found.items() for each in findings.less]

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import inspect
 import signal
 import sys
-from collections.abc import Callable, Iterable
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import NoReturn, TypeVar
 
 from rich.progress import track
@@ -58,3 +61,10 @@ def run(measure: Callable[..., bool], **texts: str) -> NoReturn:
 def progress(items: Iterable[T], what: str, total: int | None = None) -> Iterable[T]:
     """The items, with a progress bar on stderr."""
     return track(items, what, total, console=PROGRESS, transient=True)
+
+
+@contextlib.contextmanager
+def folder_of_bench() -> Iterator[Path]:
+    """A folder for all files of a bench but its results."""
+    with tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder:
+        yield Path(folder)

@@ -98,7 +98,7 @@ def crowded_system(folder: Path, count: int, *options: str) -> Iterator[tuple[Ad
     with (
         servers(folder, "--building", str(building), *options) as naming,
         Orb(naming) as orb,
-        Clients(naming, 1, folder) as clients,
+        Clients(naming, 1) as clients,
     ):
         server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
         clients.log_on(crowd[LASERS:], count - LASERS)
@@ -106,7 +106,7 @@ def crowded_system(folder: Path, count: int, *options: str) -> Iterator[tuple[Ad
 
         def drive() -> None:
             while not ended.is_set():
-                clients.all("drive", begin=time.monotonic(), seconds=5.0, rate=RATE, threads=4)
+                clients.all("drive", time.monotonic(), 5.0, RATE, 4)
 
         with (
             ThreadPoolExecutor(1) as driver,

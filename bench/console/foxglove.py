@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import subprocess
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -20,7 +19,7 @@ from typing import Any
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from bench.common.harness import progress, run
+from bench.common.harness import folder_of_bench, progress, run
 from bench.console.crowd import Clock, crowded_system
 from robocorba.orb.naming import Address
 from robocorba.simulation.recording import Recording
@@ -113,8 +112,8 @@ def messages(file: Path) -> int:
 
 def measure(seconds: float = 60.0, recorded: float = 0.0, robots: int = 50) -> bool:
     with (
-        tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder,
-        crowded_system(Path(folder), robots) as (naming, clock, _),
+        folder_of_bench() as folder,
+        crowded_system(folder, robots) as (naming, clock, _),
     ):
         time.sleep(SETTLE_S)
         since = len(clock.samples) - 1
@@ -125,7 +124,7 @@ def measure(seconds: float = 60.0, recorded: float = 0.0, robots: int = 50) -> b
             if what == "live":
                 rows.append(live(naming, clock, seconds))
             else:
-                rows += recordings(naming, clock, recorded or seconds, Path(folder))
+                rows += recordings(naming, clock, recorded or seconds, folder)
     shown, _, written, converted = rows
     marks = [
         at_most("live server, share of a core", shown["cores"], 0.2),

@@ -13,19 +13,18 @@ import os
 import random
 import signal
 import socket
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
 import psutil
-from matplotlib.axes import Axes
 
-from bench.common.harness import progress, run
+from bench.common.harness import folder_of_bench, progress, run
 from robocorba.clients.robot_processes import servers
 from robocorba.console.corba.system_state import server_state
 from robocorba.errors.services import NotReachable
@@ -33,17 +32,15 @@ from robocorba.orb.orb import Orb
 from robocorba.system.backoff import Backoff
 from robocorba.system.corba.remote_supervisor import RemoteSupervisor
 from robocorba.system.corba.servers import probe_of
-from robocorba.system.names import CHANNELS, ROBOTS, SUPERVISOR
+from robocorba.system.names import CHANNELS, CONSOLE, ROBOTS, SUPERVISOR
 from robocorba.system.processes import ProcessPhase, ProcessState, RobotOrder
 from robocorba.system.state_folder import StateFolder
-from robocorba.system.supervision.console import CONSOLE
 from robocorba.system.supervision.system import NAMING_SERVICE
 from testkit.browser import chromium, headless
 from testkit.json_process import ProcessFailed
 from testkit.processes import is_running
-from testkit.report import PROGRESS, at_most, summarize
+from testkit.report import PROGRESS, at_most, distribution, summarize
 
-NAME = "console_returns"
 #: Longest time from the return of a process until a page shows it [s].
 TARGET_S = 3.0
 #: A page works again once it has shown no problem for this time [s]: longer than any pause before it asks again.
@@ -97,11 +94,11 @@ class Case(NamedTuple):
 
 class Round(NamedTuple):
     """away_s: from the kill to the return. late_s: from there until a page showed it, by page; LIMIT_S if it did not.
-    last: the last problem that each page showed; empty for a page that showed none."""
+    problems: the last one that each page showed; empty for a page that showed none."""
 
     away_s: float
     late_s: dict[str, float]
-    last: dict[str, str]
+    problems: dict[str, str]
 
 
 class Sight(NamedTuple):
@@ -187,38 +184,35 @@ class System:
     # ---- whether a process is there ----
 
     def answers(self, *names: str) -> bool:
-        for name in names:
-            probe = probe_of(name)
-            assert probe is not None
-            try:
-                probe.call_object(self._orb, name, PROBE_S)
-            except NotReachable:
-                return False
-        return True
+        return all(_is_there(partial(self._probe, name)) for name in names)
+
+    def _probe(self, name: str) -> None:
+        probe = probe_of(name)
+        assert probe is not None
+        probe.call_object(self._orb, name, PROBE_S)
 
     def robots(self) -> set[str]:
         """The robots that the simulation has; none while it does not answer."""
-        try:
+        with suppress(NotReachable):
             return {client["name"] for client in self._simulation()["clients"]}
-        except NotReachable:
-            return set()
+        return set()
 
     def has_names(self) -> bool:
-        try:
-            self._orb.check_naming(PROBE_S)
-        except NotReachable:
-            return False
-        return True
+        return _is_there(lambda: self._orb.check_naming(PROBE_S))
 
     def has_console(self) -> bool:
-        try:
-            socket.create_connection(self._console, PROBE_S).close()
-        except OSError:
-            return False
-        return True
+        return _is_there(lambda: socket.create_connection(self._console, PROBE_S).close())
 
     def _row(self, process: str) -> ProcessState:
         return next(row for row in self._supervisor.processes() if row.name == process)
+
+
+def _is_there(call: Callable[[], object]) -> bool:
+    try:
+        call()
+    except (NotReachable, OSError):
+        return False
+    return True
 
 
 def until(condition: Callable[[], bool], what: str) -> None:
@@ -236,8 +230,7 @@ def console_address(state: Path) -> str:
 def running_system(browser: str) -> Iterator[System]:
     """A system of its own with two robots, and its pages in a browser."""
     options = ("--subnets", "a,b", "--console", "--console-port", "0")
-    with tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder, ExitStack() as stack:
-        state = Path(folder)
+    with folder_of_bench() as state, ExitStack() as stack:
         orb = stack.enter_context(Orb(stack.enter_context(servers(state, *options))))
         started = stack.enter_context(headless(browser))
         pages = {name: started.new_page(viewport=SIZE) for name in PAGES}  # type: ignore[arg-type]
@@ -259,26 +252,8 @@ def row_of(name: str, rounds: Sequence[Round]) -> dict[str, Any]:
     for page in PAGES:
         late_s = [each.late_s[page] for each in rounds]
         row |= {f"{page}: median s": median(late_s), f"{page}: worst s": max(late_s)}
-        row[f"{page}: said so"] = sum(bool(each.last[page]) for each in rounds)
+        row[f"{page}: said so"] = sum(bool(each.problems[page]) for each in rounds)
     return row
-
-
-def draw(found: Mapping[str, Sequence[Round]]) -> Callable[[Axes], None]:
-    """Draws a dot for each round and page."""
-
-    def draw_axes(axes: Axes) -> None:
-        for page, marker, shift in zip(PAGES, "os", (-0.12, 0.12), strict=True):
-            dots = [
-                (each.late_s[page], number + shift) for number, rounds in enumerate(found.values()) for each in rounds
-            ]
-            axes.plot(*zip(*dots, strict=True), marker, alpha=0.6, label=page)
-        axes.axvline(TARGET_S, linestyle="--", color="gray", label="target")
-        axes.set(yticks=range(len(found)), yticklabels=list(found), xlabel="s from its return until the page shows it")
-        axes.set_xlim(left=0.0)
-        axes.invert_yaxis()
-        axes.legend(fontsize="small")
-
-    return draw_axes
 
 
 def measure(rounds: int = 5) -> bool:
@@ -296,8 +271,11 @@ def measure(rounds: int = 5) -> bool:
         for row in rows
         for page in PAGES
     ]
-    each = {name: [one._asdict() for one in of_case] for name, of_case in found.items()}
-    return summarize(NAME, "From the return of a process until a page shows it", rows, marks, draw(found), each=each)
+    samples = {
+        f"{name}, {page}": [one.late_s[page] for one in of_case] for name, of_case in found.items() for page in PAGES
+    }
+    draw = distribution(samples, "s from its return until the page shows it", "share of rounds")
+    return summarize("console_returns", "From the return of a process until a page shows it", rows, marks, draw)
 
 
 if __name__ == "__main__":

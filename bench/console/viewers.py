@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -19,10 +18,10 @@ from typing import Any
 
 from websockets.sync.client import connect
 
-from bench.common.harness import run
+from bench.common.harness import folder_of_bench, run
 from bench.console.crowd import FLOOR, Clock, crowded_system
+from robocorba.system.names import CONSOLE
 from robocorba.system.state_folder import StateFolder
-from robocorba.system.supervision.console import CONSOLE
 from testkit.browser import chromium, headless
 from testkit.json_process import Cpu, pids_of
 from testkit.report import PROGRESS, RESULTS, at_least, at_most, bars, quantile, summarize
@@ -113,8 +112,8 @@ def measure(seconds: float = 20.0, robots: int = 50, viewers: int = 8) -> bool:
     if browser is None:
         PROGRESS.print("Chromium is missing: only viewers without a browser are measured")
     with (
-        tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder,
-        crowded_console(Path(folder), robots) as (address, pid, clock),
+        folder_of_bench() as folder,
+        crowded_console(folder, robots) as (address, pid, clock),
     ):
         time.sleep(SETTLE_S)
         rows: list[dict[str, Any]] = [

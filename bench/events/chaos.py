@@ -8,12 +8,10 @@ under traffic and restarted. Times are from the restart to the first answer, and
 from __future__ import annotations
 
 import itertools
-import tempfile
-from pathlib import Path
 from statistics import median
 from typing import Any
 
-from bench.common.harness import progress, run
+from bench.common.harness import folder_of_bench, progress, run
 from testkit.federation import channels
 from testkit.federation_chaos import NAMING, Chaos, Outcome
 from testkit.report import at_most, distribution, summarize
@@ -45,7 +43,7 @@ def row(victim: str, outcomes: list[Outcome]) -> dict[str, Any]:
 
 def main(rounds: int = 20, seed: int = 1) -> bool:
     victims = list(itertools.islice(itertools.cycle(VICTIMS), rounds))
-    with tempfile.TemporaryDirectory() as folder, channels(Path(folder), *"ABC") as started:
+    with folder_of_bench() as folder, channels(folder, *"ABC") as started:
         chaos = Chaos(started, seed)
         outcomes = [chaos.round(victim) for victim in progress(victims, "kills")]
     of = {victim: [one for one in outcomes if one.victim == victim] for victim in dict.fromkeys(victims)}

@@ -14,14 +14,12 @@ import contextlib
 import math
 import random
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.common.harness import run
+from bench.common.harness import folder_of_bench, run
 from robocorba.errors.robots import InvalidProgram
 from robocorba.events.corba.event_client import EventClient
 from robocorba.map_editor.samples import load_sample, sample_path
@@ -167,8 +165,7 @@ def main(seeds: int = 5, first: int = 1, loaded: bool = False, actual: str = "")
     names = [name for name in actual.split(",") if name]
     if unknown := sorted(set(names) - CREW.keys()):
         sys.exit(f"--actual: unknown robot {', '.join(unknown)}; known: {', '.join(CREW)}")
-    with tempfile.TemporaryDirectory() as temporary, contextlib.ExitStack() as stack:
-        folder = Path(temporary)
+    with folder_of_bench() as folder, contextlib.ExitStack() as stack:
         place = stack.enter_context(missions(folder, sample_path(BUILDING)))
         if loaded:
             stack.enter_context(busy_process(folder))

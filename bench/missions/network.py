@@ -15,15 +15,15 @@ import itertools
 import json
 import math
 import os
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.common.harness import NotMeasured, run
+from bench.common.harness import NotMeasured, folder_of_bench, run
 from bench.missions.carry import BUILDING, CREW, SKEW_MS, Carried, carries, draw, marks
 from robocorba.events.corba.event_client import EventClient
+from robocorba.map_editor.model import Building
 from robocorba.map_editor.samples import sample_path
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
@@ -33,7 +33,7 @@ from robocorba.system.repeating import Repeating
 from robocorba.system.settings import Address
 from robocorba.system.supervision.launch import module_command
 from testkit.json_process import Process
-from testkit.missions import MissionSystem
+from testkit.missions import MissionSystem, saved
 from testkit.namespaces import Namespace, start_router
 from testkit.processes import Launcher, Running, drain, eventually, real_system
 from testkit.report import Mark, at_least, at_most, summarize
@@ -113,11 +113,14 @@ class TwoNetworks:
 
 
 @contextlib.contextmanager
-def two_networks(folder: Path, delay_ms: float, plan: Path) -> Iterator[TwoNetworks]:
-    """Two namespaces with a running system on the map in the file `plan`; this process enters lab. Raises OSError if
-    namespaces are not permitted."""
+def two_networks(folder: Path, delay_ms: float, plan: Path | Building) -> Iterator[TwoNetworks]:
+    """Two namespaces with a running system on a building; this process enters lab. Raises NotMeasured if namespaces are
+    not permitted."""
     with contextlib.ExitStack() as stack:
-        lab, hall = (stack.enter_context(Namespace()) for _ in range(2))
+        try:
+            lab, hall = (stack.enter_context(Namespace()) for _ in range(2))
+        except OSError as error:
+            raise NotMeasured(f"network namespaces are not available ({error}); run it as root") from None
         devices = [host.add_tun(f"{other}/32", own) for host, own, other in ((lab, HERE, THERE), (hall, THERE, HERE))]
         router = stack.enter_context(start_router(devices, folder))
         router.ask({"delay_us": 1000 * delay_ms})
@@ -125,7 +128,7 @@ def two_networks(folder: Path, delay_ms: float, plan: Path) -> Iterator[TwoNetwo
         port = stack.enter_context(claimed_ports())
         launch = stack.enter_context(Launcher(folder))
         naming = Address(HERE, port)
-        building = ("--host", HERE, "--building", str(plan), "--subnets", "lab")
+        building = ("--host", HERE, "--building", str(saved(plan, folder)), "--subnets", "lab")
         up = real_system(launch, folder / "state", port, *building).wait_ready()
         drain(up.process)
         channel = (*module_command("robocorba.servers.event_channel"), "--name", "hall", "--peer", "lab")
@@ -178,12 +181,8 @@ def clock_error_ms(one: Carried) -> float:
 
 
 def main(seeds: int = 1, delay: float = 5.0) -> bool:
-    """Raises NotMeasured without network namespaces."""
-    with tempfile.TemporaryDirectory() as temporary, contextlib.ExitStack() as stack:
-        try:
-            both = stack.enter_context(two_networks(Path(temporary), delay, sample_path(BUILDING)))
-        except OSError as error:
-            raise NotMeasured(f"network namespaces are not available ({error}); run it as root") from None
+    with folder_of_bench() as folder, contextlib.ExitStack() as stack:
+        both = stack.enter_context(two_networks(folder, delay, sample_path(BUILDING)))
         place = both.place
         place.start({name: at._replace(within=both.within) if name == "C" else at for name, at in CREW.items()})
         time.sleep(WATCH_S)

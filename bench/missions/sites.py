@@ -1,4 +1,4 @@
-"""Buildings in which robots carry something to and fro, for benches that kill while they do."""
+"""Buildings in which robots carry something to and fro, and the robots' start poses."""
 
 from __future__ import annotations
 
@@ -12,36 +12,57 @@ from testkit.buildings import rectangular, two_storeys
 from testkit.missions import FLOOR, RobotStart, three_rooms
 
 UPPER = "L2"
+CHAIR = "chair"
+#: Sizes of what teams of two to six robots can just lift [m].
+TEAM_SIZES = {2: (1.0, 0.8), 3: (1.2, 1.0), 4: (1.6, 1.0), 5: (2.0, 1.05), 6: (2.0, 1.3)}
 
 
 class Site(NamedTuple):
-    """item: what is carried between `goals`. starts: of robots; more than carry it, and far from its way."""
+    """item: what is carried between `goals`. starts: of robots, far from its way, in both sub-networks in turns."""
 
-    building: Callable[[], Building]
+    building: Building
     item: str
     goals: tuple[Pose, Pose]
     starts: tuple[RobotStart, ...]
 
 
-def two_halls() -> Building:
+def _starts(
+    *places: tuple[float, float, float], upper: tuple[tuple[float, float, float], ...] = ()
+) -> tuple[RobotStart, ...]:
+    everywhere = [*((place, FLOOR) for place in places), *((place, UPPER) for place in upper)]
+    return tuple(
+        RobotStart(*place, ("lab", "hall")[number % 2], floor=floor) for number, (place, floor) in enumerate(everywhere)
+    )
+
+
+def rooms() -> Site:
+    places = (0.5, 0.5, 0.0), (9.4, 2.6, math.pi), (5.4, 4.5, math.pi), (8.5, 1.0, math.pi), (8.5, 4.0, math.pi)
+    return Site(three_rooms(), "table", (Pose(FLOOR, 2.2, 2.6, 0.0), Pose(FLOOR, 3.8, 2.6, 0.0)), _starts(*places))
+
+
+def door() -> Site:
     """Two halls of 7 m by 7 m with a door of 2 m between them, and a box for two robots."""
-    return rectangular(
-        "two halls",
-        (14.0, 7.0),
-        [FLOOR],
+    halls = rectangular(
+        *("two halls", (14.0, 7.0), [FLOOR]),
         (FLOOR, MapObject("box", BoxShape((0.6, 0.4)), (3.5, 3.5), height=0.8, movable=True)),
         (FLOOR, Wall("wall", (7.0, 0.0), (7.0, 7.0))),
         (FLOOR, Door("door", (7.0, 2.5), (7.0, 4.5))),
     )
+    places = (0.6, 0.6, 0.0), (0.6, 6.4, 0.0), (13.4, 0.6, math.pi), (13.4, 6.4, math.pi)
+    return Site(halls, "box", (Pose(FLOOR, 3.5, 3.5, 0.0), Pose(FLOOR, 10.5, 3.5, 0.0)), _starts(*places))
 
 
-def workshop() -> Building:
+def elevator() -> Site:
+    corners = (0.6, 0.6, 0.0), (0.6, 6.4, 0.0)
+    goals = Pose(FLOOR, 5.4, 3.5, -0.785), Pose(UPPER, 5.4, 3.5, -0.785)
+    return Site(two_storeys(), "box", goals, _starts(*corners, upper=corners))
+
+
+def workshop() -> Site:
     """A workshop with a gate to a yard with a goods lift, and a store upstairs: a building that nothing is tuned to."""
     doors = tuple(ElevatorDoor(floor, CabinSide.FRONT, 2.6) for floor in (FLOOR, UPPER))
-    return rectangular(
-        "workshop",
-        (14.2, 8.6),
-        [FLOOR, UPPER],
+    building = rectangular(
+        *("workshop", (14.2, 8.6), [FLOOR, UPPER]),
         (FLOOR, MapObject("crate", BoxShape((0.8, 0.5)), (2.6, 6.4), 0.5, height=0.7, movable=True)),
         (FLOOR, MapObject("shelf", BoxShape((1.4, 0.6)), (4.9, 0.5))),
         (FLOOR, MapObject("workbench", BoxShape((0.7, 2.0)), (0.5, 2.2))),
@@ -51,77 +72,57 @@ def workshop() -> Building:
         (UPPER, MapObject("rack", BoxShape((2.2, 0.6)), (3.4, 1.0), 0.2)),
         ("", Elevator("goods lift", (12.0, 2.4), (3.2, 3.2), doors, heading=math.pi, speed=1.0, door_time=2.0)),
     )
+    starts = _starts((1.8, 3.6, 0.0), (0.7, 7.8, 0.0), (13.4, 7.8, math.pi), upper=((0.7, 7.8, 0.0),))
+    return Site(building, "crate", (Pose(FLOOR, 2.6, 6.4, 0.5), Pose(UPPER, 5.2, 5.6, 2.0)), starts)
 
 
-def storehouse() -> Building:
+def storehouse() -> Site:
     """Two storeys with a wide elevator, and a crate of 10.8 kg: with each kill of one of its three carriers, too few
     are left to hold it."""
     doors = tuple(ElevatorDoor(floor, CabinSide.FRONT, 3.6) for floor in (FLOOR, UPPER))
-    return rectangular(
-        "storehouse",
-        (13.0, 8.0),
-        [FLOOR, UPPER],
+    building = rectangular(
+        *("storehouse", (13.0, 8.0), [FLOOR, UPPER]),
         (FLOOR, MapObject("crate", BoxShape((1.2, 1.0)), (4.8, 4.0), 0.3, height=0.8, movable=True)),
         ("", Elevator("lift", (11.0, 4.0), (4.0, 4.0), doors, heading=-math.pi / 2, speed=1.0, door_time=2.0)),
     )
+    places = (0.6, 0.6, 0.0), (0.6, 7.4, 0.0), (0.6, 4.0, 0.0), (4.8, 7.4, -1.57)
+    goals = Pose(FLOOR, 4.8, 4.0, 0.3), Pose(UPPER, 4.8, 4.0, 0.3)
+    return Site(building, "crate", goals, _starts(*places, upper=((0.6, 0.6, 0.0),)))
 
 
-SITES = {
-    "rooms": Site(
-        three_rooms,
-        "table",
-        (Pose(FLOOR, 2.2, 2.6, 0.0), Pose(FLOOR, 3.8, 2.6, 0.0)),
-        (
-            RobotStart(0.5, 0.5, 0.0, "lab"),
-            RobotStart(5.4, 4.5, math.pi, "lab"),
-            RobotStart(9.4, 2.6, math.pi, "hall"),
-            RobotStart(8.5, 1.0, math.pi, "hall"),
-            RobotStart(8.5, 4.0, math.pi, "hall"),
-        ),
-    ),
-    "door": Site(
-        two_halls,
-        "box",
-        (Pose(FLOOR, 3.5, 3.5, 0.0), Pose(FLOOR, 10.5, 3.5, 0.0)),
-        (
-            RobotStart(0.6, 0.6, 0.0, "lab"),
-            RobotStart(0.6, 6.4, 0.0, "hall"),
-            RobotStart(13.4, 0.6, math.pi, "hall"),
-            RobotStart(13.4, 6.4, math.pi, "lab"),
-        ),
-    ),
-    "elevator": Site(
-        two_storeys,
-        "box",
-        (Pose(FLOOR, 5.4, 3.5, -0.785), Pose(UPPER, 5.4, 3.5, -0.785)),
-        (
-            RobotStart(0.6, 0.6, 0.0, "lab"),
-            RobotStart(0.6, 6.4, 0.0, "hall"),
-            RobotStart(0.6, 0.6, 0.0, "hall", floor=UPPER),
-            RobotStart(0.6, 6.4, 0.0, "lab", floor=UPPER),
-        ),
-    ),
-    "workshop": Site(
-        workshop,
-        "crate",
-        (Pose(FLOOR, 2.6, 6.4, 0.5), Pose(UPPER, 5.2, 5.6, 2.0)),
-        (
-            RobotStart(1.8, 3.6, 0.0, "lab"),
-            RobotStart(0.7, 7.8, 0.0, "hall"),
-            RobotStart(13.4, 7.8, math.pi, "hall"),
-            RobotStart(0.7, 7.8, 0.0, "lab", floor=UPPER),
-        ),
-    ),
-    "storehouse": Site(
-        storehouse,
-        "crate",
-        (Pose(FLOOR, 4.8, 4.0, 0.3), Pose(UPPER, 4.8, 4.0, 0.3)),
-        (
-            RobotStart(0.6, 0.6, 0.0, "lab"),
-            RobotStart(0.6, 7.4, 0.0, "hall"),
-            RobotStart(0.6, 4.0, 0.0, "lab"),
-            RobotStart(4.8, 7.4, -1.57, "hall"),
-            RobotStart(0.6, 0.6, 0.0, "lab", floor=UPPER),
-        ),
-    ),
+def hall() -> Site:
+    """A hall with a table for three of four robots. The last one is so far away that it does not carry: it and a chair
+    can be put in their way."""
+    goals = Pose(FLOOR, 3.5, 4.5, 0.0), Pose(FLOOR, 11.5, 4.5, 0.0)
+    building = rectangular(
+        *("hall", (15.0, 9.0), [FLOOR]),
+        (FLOOR, MapObject("table", BoxShape((1.2, 0.8)), goals[0][1:3], height=0.7, movable=True)),
+        (FLOOR, MapObject(CHAIR, BoxShape((0.5, 0.5)), (14.2, 0.8), height=0.9, movable=True)),
+    )
+    places = (1.0, 1.0, 0.0), (5.0, 1.0, math.pi), (1.0, 8.0, 0.0), (14.2, 8.2, math.pi)
+    return Site(building, "table", goals, _starts(*places))
+
+
+def team(count: int, is_narrow: bool = False) -> Site:
+    """A hall with an object as heavy as the team can lift, which is turned on its way. is_narrow: with a door that it
+    passes only at an angle, since a cupboard stands so near behind it that it fits neither straight nor across."""
+    start = Pose(FLOOR, 3.5, 3.5, math.pi / 2 if is_narrow else 0.0)
+    item = MapObject("load", BoxShape(TEAM_SIZES[count]), start[1:3], start.heading, height=0.7, movable=True)
+    door = (
+        (FLOOR, Wall("wall", (7.0, 0.0), (7.0, 7.0))),
+        (FLOOR, Door("door", (7.0, 2.8), (7.0, 4.2))),
+        (FLOOR, MapObject("cupboard", BoxShape((0.6, 1.6)), (8.9, 3.5))),
+    )
+    building = rectangular("hall", (14.0, 7.0), [FLOOR], (FLOOR, item), *(door if is_narrow else ()))
+    goals = start, Pose(FLOOR, 11.5, 3.5, 0.0) if is_narrow else Pose(FLOOR, 10.0, 3.5, 1.0)
+    corners = (0.6, 0.6, 0.8), (0.6, 6.4, -0.8), (13.4, 0.6, 2.4), (13.4, 6.4, -2.4)
+    sides = (5.6, 0.6, math.pi / 2), (5.6, 6.4, -math.pi / 2)
+    return Site(building, "load", goals, _starts(*(*corners, *sides)[:count]))
+
+
+#: The sites by name, and what makes them.
+SITES: dict[str, Callable[[], Site]] = {
+    **{site.__name__: site for site in (rooms, door, elevator, workshop, storehouse, hall)},
+    **{f"team of {count}": lambda count=count: team(count) for count in TEAM_SIZES},  # type: ignore[misc]
+    "team of 2, narrow door": lambda: team(2, True),
 }

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -19,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.common.harness import run
+from bench.common.harness import folder_of_bench, run
 from bench.robots.recorded_robot import RecordedRobot, system_on_two_floors
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.orb.orb import Orb
@@ -138,8 +137,7 @@ def main(seconds: float = 60.0, pin: bool = False) -> bool:
     if pin and others:
         os.sched_setaffinity(0, others)
     rows, late = [], {}
-    with tempfile.TemporaryDirectory() as name, system_on_two_floors(Path(name)) as (_, orb), ExitStack() as stack:
-        folder = Path(name)
+    with folder_of_bench() as folder, system_on_two_floors(folder) as (_, orb), ExitStack() as stack:
         stack.enter_context(busy_process(folder, [busy]))
         for which in ("virtual", "actual"):
             with PROGRESS.status(f"{which}: {seconds:g} s"):

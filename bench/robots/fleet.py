@@ -13,16 +13,13 @@ import os
 import re
 import signal
 import statistics
-import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import psutil
-from matplotlib.axes import Axes
 
-from bench.common.harness import run
+from bench.common.harness import folder_of_bench, run
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
 from robocorba.robot.agent_state import AgentCondition
@@ -31,7 +28,7 @@ from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
 from testkit.json_process import ProcessFailed
 from testkit.processes import ROBOCORBA, Launcher, Running, command_line, drain, running_system
-from testkit.report import at_most, quantile, summarize
+from testkit.report import at_most, distribution, quantile, summarize
 
 START_LIMIT_S = 300.0
 #: Time before a measurement begins [s].
@@ -78,7 +75,9 @@ def fleet_of(system: Running, orb: Orb, launch: Launcher, count: int) -> Iterato
     """So many robots, spread over all floors; all have started."""
     file = system.state / "fleet.yaml"
     sizes = [count // len(FLOORS) + (number < count % len(FLOORS)) for number in range(len(FLOORS))]
-    groups = [f"- {{prefix: {floor}-, count: {n}, floor: {floor}}}" for floor, n in zip(FLOORS, sizes, strict=True)]
+    groups = [
+        f"- {{prefix: {floor}-, count: {n}, floor: {floor}}}" for floor, n in zip(FLOORS, sizes, strict=True) if n
+    ]
     file.write_text("\n".join(["robots:", *groups, ""]))
     process = launch(ROBOCORBA, "robots", str(file), "--naming", str(orb.naming), "--state", str(system.state))
     drain(process)
@@ -139,8 +138,8 @@ def row(when: str, measured: Measured, robots: Mapping[str, Robot], names: Seque
 
 def main(robots: int = 100, driving: int = 40, seconds: float = 30.0) -> bool:
     with (
-        tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder,
-        running_system(Path(folder)) as (system, launch),
+        folder_of_bench() as folder,
+        running_system(folder) as (system, launch),
         Orb(system.naming) as orb,
         fleet_of(system, orb, launch, robots) as fleet,
     ):
@@ -172,12 +171,8 @@ def main(robots: int = 100, driving: int = 40, seconds: float = 30.0) -> bool:
         at_most("moving robots that stopped", len(stopped), 0),
     ]
 
-    def draw(axes: Axes) -> None:
-        for found, label in ((idle, "nobody moves"), (moving, f"{len(drivers)} move")):
-            axes.hist(found.answers_ms, bins=100, histtype="step", label=label)
-        axes.set(xlabel="ms until a robot's answer", ylabel="calls", yscale="log")
-        axes.legend()
-
+    samples = {"nobody moves": idle.answers_ms, f"{len(drivers)} move": moving.answers_ms}
+    draw = distribution(samples, "ms until a robot's answer")
     return summarize("fleet", f"{robots} robots, {len(drivers)} of which move", rows, marks, draw)
 
 

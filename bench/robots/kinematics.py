@@ -26,7 +26,7 @@ from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, Side
 from testkit.report import at_least, at_most, distribution, summarize, summary, timed_ms
 
-POSES, QUESTIONS = 1000, 10_000
+POSES = 1000
 NEAR_M, NEAR_RAD = 1e-3, math.radians(0.5)
 #: Number of poses for the slow peer, and most steps from each seed.
 FEW, PEER_STEPS = 200, 60
@@ -133,15 +133,6 @@ def main() -> bool:
             if by.startswith("ours"):
                 marks.append(at_least(f"{side.value} arm, {by}: share solved", row["solved"], 0.99))
                 marks.append(at_most(f"{side.value} arm, {by}: median ms", row["median ms"], 1.0))
-    everywhere = list(np.random.default_rng(18).uniform(JOINT_LOWER, JOINT_UPPER, (QUESTIONS, len(JOINTS))))
-    for what, ask in (
-        ("one hand, forward", lambda joints: body.hand(Side.LEFT, joints)),
-        ("all links, forward", body.links),
-        ("collisions", body.collisions),
-    ):
-        took = [timed_ms(ask, joints)[1] for joints in everywhere]
-        share = {"arm": None, "by": what, "poses": QUESTIONS, "solved": None}
-        rows.append({**share, **summary(took, "median ms", "p99 ms", "worst ms")})
     title = f"inverse kinematics, {POSES:,} random reachable poses an arm"
     return summarize("kinematics", title, rows, marks, distribution(times, "ms", "share of solves that took less"))
 

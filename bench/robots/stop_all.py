@@ -9,17 +9,11 @@ says is not believed: all agents are asked after each of the two."""
 
 from __future__ import annotations
 
-import os
 import subprocess
-import tempfile
 import time
-from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
-
-from bench.common.harness import progress, run
+from bench.common.harness import folder_of_bench, progress, run
 from bench.robots.fleet import Robot, fleet_of
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
@@ -27,7 +21,7 @@ from robocorba.orb.orb import Orb
 from robocorba.robot.agent_state import AgentCondition
 from testkit.json_process import ProcessFailed
 from testkit.processes import ROBOCORBA, Running, running_system
-from testkit.report import at_most, summarize
+from testkit.report import at_most, curves, summarize
 
 #: Time after the fleet's start, and between rounds [s]. Timeout of a command [s], and how often the reset is repeated.
 SETTLE_S, COMMAND_LIMIT_S, MAX_RESETS = 40.0, 120.0, 5
@@ -43,45 +37,42 @@ def stop_all(system: Running, *options: str) -> tuple[float, str]:
     return time.monotonic() - began, done.stdout
 
 
-def in_condition(robots: Iterable[Robot], *conditions: AgentCondition) -> int:
+def in_condition(fleet: dict[str, Robot], *conditions: AgentCondition) -> int:
     """The number of robots whose agents say that they are in one of these conditions."""
     count = 0
-    for robot in robots:
+    for name, robot in fleet.items():
         try:
             count += robot.agent.state().condition in conditions
         except (NotReachable, RobotError) as error:
-            print(f"a robot does not answer: {error}", flush=True)
+            print(f"{name} does not answer: {error}", flush=True)
     return count
 
 
 def round_of(system: Running, fleet: dict[str, Robot]) -> dict[str, Any]:
     """All are stopped, then restarted."""
-    stop_s, said = stop_all(system, "--state", str(system.state))
-    shown = sum("\tstands" in line for line in said.splitlines())
-    stopped = in_condition(fleet.values(), AgentCondition.STOPPED)
+    stop_s, printed = stop_all(system, "--state", str(system.state))
+    shown = sum("\tstands" in line for line in printed.splitlines())
+    stopped = in_condition(fleet, AgentCondition.STOPPED)
     left, reset_s = [len(fleet)], 0.0
     while left[-1] and len(left) <= MAX_RESETS:
-        seconds, _ = stop_all(system, "--reset")
-        reset_s += seconds
-        left.append(len(fleet) - in_condition(fleet.values(), AgentCondition.IDLE, AgentCondition.RUNNING))
+        reset_s += stop_all(system, "--reset")[0]
+        left.append(len(fleet) - in_condition(fleet, AgentCondition.IDLE, AgentCondition.RUNNING))
     return {
-        "robots": len(fleet),
-        "shown to stand": shown,
-        "stopped": stopped,
+        "not shown to stand": len(fleet) - shown,
+        "not stopped": len(fleet) - stopped,
         "after, s": stop_s,
         "left by the first reset": left[1],
         "resets": len(left) - 1,
         "left": left[-1],
         "resets took, s": reset_s,
-        "load": os.getloadavg()[0],
     }
 
 
 def main(robots: int = 200, rounds: int = 3) -> bool:
     rows = []
     with (
-        tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder,
-        running_system(Path(folder)) as (system, launch),
+        folder_of_bench() as folder,
+        running_system(folder) as (system, launch),
         Orb(system.naming) as orb,
         fleet_of(system, orb, launch, robots) as fleet,
     ):
@@ -91,26 +82,14 @@ def main(robots: int = 200, rounds: int = 3) -> bool:
             time.sleep(SETTLE_S)
             rows.append(round_of(system, fleet))
     marks = [
-        at_most(
-            "robots that were not shown to stand, in all rounds", robots * rounds - _sum(rows, "shown to stand"), 0
-        ),
-        at_most("robots whose agents did not say so", robots * rounds - _sum(rows, "stopped"), 0),
-        at_most("slowest stop of all, s", max(row["after, s"] for row in rows), MAX_STAND_S),
-        at_most("robots that no reset restarted", _sum(rows, "left"), 0),
-        at_most("robots that the first resets left", _sum(rows, "left by the first reset"), 0),
+        at_most(f"robots {what}, in all rounds", sum(row[what] for row in rows), 0)
+        for what in ("not shown to stand", "not stopped", "left", "left by the first reset")
     ]
-
-    def draw(axes: Axes) -> None:
-        axes.bar(range(1, rounds + 1), [row["after, s"] for row in rows], label="stop")
-        axes.bar(range(1, rounds + 1), [-row["resets took, s"] for row in rows], label="resets (downwards)")
-        axes.set(xlabel="round", ylabel="s")
-        axes.legend()
-
-    return summarize("stop_all", f"stops of a fleet of {robots}", rows, marks, draw)
-
-
-def _sum(rows: list[dict[str, Any]], column: str) -> int:
-    return sum(row[column] for row in rows)
+    marks.append(at_most("slowest stop of all, s", max(row["after, s"] for row in rows), MAX_STAND_S))
+    times = {what: [row[what] for row in rows] for what in ("after, s", "resets took, s")}
+    return summarize(
+        "stop_all", f"stops of a fleet of {robots}", rows, marks, curves(range(1, rounds + 1), times, "round")
+    )
 
 
 if __name__ == "__main__":

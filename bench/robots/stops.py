@@ -1,6 +1,6 @@
 """Time until a robot is stationary after an emergency stop, and after the loss of a process, unit or network.
 
-    python -m bench.robots.stops [--rounds 20]
+    python -m bench.robots.stops [--rounds 20] [--only TEXT] [--robot virtual|actual|both]
 
 A real robot process in a real system, virtual and then with the actual robot's stand-in, drives around a circle at the
 default speed cap, or moves both arms. As root, the actual robot runs in a network namespace of its own, whose cable is
@@ -17,16 +17,13 @@ import os
 import random
 import signal
 import subprocess
-import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from matplotlib.axes import Axes
-
-from bench.common.harness import progress, run
+from bench.common.harness import folder_of_bench, progress, run
 from bench.robots.recorded_robot import FLOOR, HANG_S, NAME, RecordedRobot, system_on_two_floors
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
@@ -40,33 +37,31 @@ from testkit.actual_robot import StandIn, running_stand_in
 from testkit.json_process import Process, checkout_command
 from testkit.namespaces import Namespace, ip, own_network
 from testkit.processes import ROBOCORBA, Running, eventually
-from testkit.report import at_most, quantile, summarize
+from testkit.report import at_most, distribution, quantile, summarize
 
 MAX_MS = 100.0
 PATIENCE_S = 60.0
 #: Velocity on a circle with a radius of 1.5 m [m/s] and [rad/s].
 CIRCLE = SPEED_CAP, 0.0, SPEED_CAP / 1.5
 FULL_SPEED_M_S, ARM_SPEED_RAD_S = 0.97 * SPEED_CAP, 0.65
-#: Time for which a stop is observed [s], time for which a process is paused [s], and the greatest movement of an arm
-#: that counts as stationary [rad].
-WATCH_S, PAUSE_S, ARM_STANDS_RAD = 0.8, 2.5, math.radians(0.1)
-#: Distance from its final place within which a base stands if it does not drive [m, rad].
-BASE_STANDS = 0.005
+#: Time for which a stop is observed, for which a process is paused, and until a killed one may log on again [s].
+WATCH_S, PAUSE_S, LEASE_S = 0.8, 2.5, 3.0
+#: Distances from the final place within which a base that does not drive and an arm are stationary [m, rad] and [rad].
+BASE_STANDS, ARM_STANDS_RAD = 0.005, math.radians(0.1)
 #: Divisor of the number of rounds in cases that kill a process, because its restart takes long.
 KILLS_SHARE = 4
 CABLE = "cable"
 
 
 class Stop(NamedTuple):
-    """One round, with times since the fault. notice_ms: until it was noticed, None if that was impossible. stands_ms:
-    until the robot was stationary, None if that was not observed. reported_ms: until the agent's state had `reason`.
-    back_ms: from the end of the fault until the robot could run a program again."""
+    """One round, with times since the fault [ms]; None where it was not noticed, or not observed to stand."""
 
-    notice_ms: float | None
+    noticed_ms: float | None
     stands_ms: float | None
-    reported_ms: float | None
-    back_ms: float
-    reason: str
+
+    @property
+    def after_notice_ms(self) -> float | None:
+        return None if self.stands_ms is None else self.stands_ms - (self.noticed_ms or 0.0)
 
 
 class Case(NamedTuple):
@@ -113,18 +108,15 @@ class Stage:
         self._watcher.ask("so far", PATIENCE_S)
         called = time.monotonic()
         began = case.happens() or called
-        reported_s, reason = (None, "") if case.is_silent else self._reported()
+        if not case.is_silent:
+            eventually(lambda: self._condition() is AgentCondition.STOPPED, PATIENCE_S, "a reported stop")
         time.sleep(max(0.0, began + WATCH_S - time.monotonic()))
         looks = [look for look in self._watcher.ask("since then", PATIENCE_S) if look[0] >= began]
-        stands_s = self._stands(looks, case.moves)
+        stands_at = stands(looks, case.moves)
         case.over()
-        over = time.monotonic()
         noticed = [one["at"] for one in self.robot.stops(began) if one["event"] == "stop" and not case.is_silent]
         eventually(self._is_back, PATIENCE_S, "that the robot is back")
-        notice_ms, stands_ms, reported_ms = (
-            None if at is None else (at - began) * 1e3 for at in (next(iter(noticed), None), stands_s, reported_s)
-        )
-        return Stop(notice_ms, stands_ms, reported_ms, (time.monotonic() - over) * 1e3, reason)
+        return Stop(*(None if at is None else (at - began) * 1e3 for at in (next(iter(noticed), None), stands_at)))
 
     def _set_off(self, moves: str) -> None:
         builder = ProgramBuilder("stop me")
@@ -144,44 +136,23 @@ class Stage:
 
         eventually(is_moving, PATIENCE_S, f"{moves} that move")
 
-    def _reported(self) -> tuple[float, str]:
-        def stop_reason() -> str:
-            state = self.robot.agent.state()
-            return state.reason if state.condition is AgentCondition.STOPPED else ""
-
-        reason = eventually(stop_reason, PATIENCE_S, "that the agent reports the stop")
-        return time.monotonic(), str(reason)
-
-    @staticmethod
-    def _stands(looks: list[list[float]], moves: str) -> float | None:
-        """The time of the first observation at the final place at which the base does not drive; None if there is none.
-
-        A base may report later that it drives: for an instant, without moving, when the agent reconnects."""
-        last = looks[-1] if looks else []
-
-        def is_there(look: list[float]) -> bool:
-            if moves == "base":
-                return math.dist(look[2:5], last[2:5]) < BASE_STANDS
-            return all(abs(a - b) <= ARM_STANDS_RAD for a, b in zip(look[5:], last[5:], strict=True))
-
-        came = max((number for number, look in enumerate(looks) if not is_there(look)), default=-1) + 1
-        return next((look[0] for look in looks[came:-1] if not look[1]), None)
+    def _condition(self) -> AgentCondition:
+        return self.robot.agent.state().condition
 
     def _is_back(self) -> bool:
         """Whether the robot can run a program again."""
         try:
-            state = self.robot.agent.state()
-            if state.condition is AgentCondition.STOPPED:
+            if self._condition() is AgentCondition.STOPPED:
                 self.robot.agent.reset_stop()
-            elif state.condition is not AgentCondition.IDLE:
+            elif self._condition() is not AgentCondition.IDLE:
                 self.robot.agent.abort()
-            return self.robot.agent.state().condition is AgentCondition.IDLE
+            return self._condition() is AgentCondition.IDLE
         except (NotReachable, RobotError):
             return False
 
     # ---- what happens ----
 
-    def stop_by_command(self) -> float:
+    def _stop_by_command(self) -> float:
         """Returns the time at which the agent got the call, since the command's Python takes longer to start than the
         robot to stop."""
         asked = time.monotonic()
@@ -189,27 +160,27 @@ class Stage:
         subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
         return float(self.robot.stops(asked)[0]["at"])
 
-    def hang_adaptor(self) -> float:
+    def _hang_adaptor(self) -> float:
         """Returns the time at which the hanging write began."""
         asked = time.monotonic()
         self._signal(signal.SIGUSR1)
         hangs = eventually(lambda: self.robot.stops(asked), PATIENCE_S, "an adaptor that hangs")
         return float(hangs[0]["at"])
 
-    def stop_while_it_hangs(self) -> float:
-        self.hang_adaptor()
+    def _stop_while_it_hangs(self) -> float:
+        self._hang_adaptor()
         time.sleep(0.03)  # its last command is still valid
         began = time.monotonic()
         self.robot.agent.stop()
         return began
 
-    def continue_process(self) -> None:
+    def _continue_process(self) -> None:
         time.sleep(PAUSE_S)
         self._signal(signal.SIGCONT)
 
-    def start_process(self) -> None:
+    def _start_process(self) -> None:
         self.robot.close()
-        time.sleep(3.0)  # its lease
+        time.sleep(LEASE_S)
         self.robot = self._start()
 
     def _signal(self, number: signal.Signals) -> None:
@@ -219,49 +190,47 @@ class Stage:
         def stop() -> None:
             self.robot.agent.stop()
 
-        yield Case("emergency stop over CORBA", stop)
-        if self._actual:
-            yield Case("emergency stop, arms move", stop, moves="arms")
-        yield Case("`robocorba stop`", self.stop_by_command)
         wait = partial(time.sleep, HANG_S)
-        yield Case("emergency stop, adaptor hangs", self.stop_while_it_hangs, wait)
-        yield Case("adaptor hangs", self.hang_adaptor, wait)
+        yield Case("emergency stop over CORBA", stop)
+        yield Case("`robocorba stop`", self._stop_by_command)
+        yield Case("emergency stop, adaptor hangs", self._stop_while_it_hangs, wait)
+        yield Case("adaptor hangs", self._hang_adaptor, wait)
         if self._actual:
-            server = self._system.pid
-            yield Case("simulation server is killed", lambda: os.kill(server("simulation"), signal.SIGKILL))
-            faults = self._actual.faults
+            faults, alarm = self._actual.faults, ("MnpR", 0x99, _GlobalIDL.FAULT, "too hot")
+            yield Case("emergency stop, arms move", stop, moves="arms")
+            yield Case("simulation server is killed", lambda: os.kill(self._system.pid("simulation"), signal.SIGKILL))
             yield Case("a unit is lost", lambda: faults.lost("MnpR", True), faults.none)
-            yield Case(
-                "a unit has an alarm", lambda: faults.alarm("MnpR", 0x99, _GlobalIDL.FAULT, "too hot"), faults.none
-            )
+            yield Case("a unit has an alarm", lambda: faults.alarm(*alarm), faults.none)
         if cable := self._cable:
             pull, plug = (partial(cable.ip, "link", "set", CABLE, state) for state in ("down", "up"))
             yield Case("network is cut", pull, plug)
         hang, kill = (partial(self._signal, number) for number in (signal.SIGSTOP, signal.SIGKILL))
-        yield Case("robot process hangs", hang, self.continue_process, is_silent=True)
-        yield Case("robot process is killed", kill, self.start_process, is_silent=True)
+        yield Case("robot process hangs", hang, self._continue_process, is_silent=True)
+        yield Case("robot process is killed", kill, self._start_process, is_silent=True)
 
 
-def row(which: str, case: Case, stops: list[Stop]) -> dict[str, Any]:
-    def of(values: list[float | None], share: float) -> float | None:
-        known = [value for value in values if value is not None]
-        return quantile(known, share) if known else None
+def stands(looks: list[list[float]], moves: str) -> float | None:
+    """The time of the first observation at the final place at which the base does not drive; None if there is none.
 
-    stands = [one.stands_ms for one in stops]
-    after = [None if one.stands_ms is None else one.stands_ms - (one.notice_ms or 0.0) for one in stops]
-    return {
-        "robot": which,
-        "what happens": case.what,
-        "rounds": len(stops),
-        "noticed after, ms": of([one.notice_ms for one in stops], 0.5),
-        "stands after, ms": of(stands, 0.5),
-        "worst": of(stands, 1.0),
-        "after notice, ms": of(after, 0.5),
-        "worst after notice": of(after, 1.0),
-        "reported after, ms": of([one.reported_ms for one in stops], 0.5),
-        "back after, ms": of([one.back_ms for one in stops], 0.5),
-        "the agent says": stops[-1].reason[:40],
-    }
+    A base may report later that it drives: for an instant, without moving, when the agent reconnects."""
+    last = looks[-1] if looks else []
+
+    def is_there(look: list[float]) -> bool:
+        if moves == "base":
+            return math.dist(look[2:5], last[2:5]) < BASE_STANDS
+        return all(abs(a - b) <= ARM_STANDS_RAD for a, b in zip(look[5:], last[5:], strict=True))
+
+    came = max((number for number, look in enumerate(looks) if not is_there(look)), default=-1) + 1
+    return next((look[0] for look in looks[came:-1] if not look[1]), None)
+
+
+def row(which: str, case: Case, stops: Sequence[Stop]) -> dict[str, Any]:
+    found: dict[str, Any] = {"robot": which, "what happens": case.what, "rounds": len(stops)}
+    for what in ("noticed_ms", "stands_ms", "after_notice_ms"):
+        known = [value for one in stops if (value := getattr(one, what)) is not None]
+        title = f"{what.removesuffix('_ms').replace('_', ' ')}, ms"
+        found |= {title: quantile(known, 0.5) if known else None, f"{title}, worst": max(known, default=None)}
+    return found
 
 
 @contextlib.contextmanager
@@ -276,46 +245,40 @@ def own_computer() -> Iterator[tuple[Namespace, str]]:
         yield robot, "10.77.0.2"
 
 
+@contextlib.contextmanager
+def stage(which: str, folder: Path, orb: Orb, system: Running, has_networks: bool) -> Iterator[Stage]:
+    with contextlib.ExitStack() as stack:
+        actual, cable, host = None, None, "127.0.0.1"
+        if which == "actual":
+            if has_networks:
+                cable, host = stack.enter_context(own_computer())
+            within = cable.command() if cable else ()
+            actual = stack.enter_context(running_stand_in(folder / "robot", orb=orb, host=host, within=within))
+        yield stack.enter_context(contextlib.closing(Stage(folder, orb, system, actual, cable)))
+
+
 def main(rounds: int = 20, only: str = "", robot: str = "both") -> bool:
     has_networks = True
     try:
         own_network()
     except OSError:
         has_networks = False
-    found: list[tuple[str, Case, list[Stop]]] = []
-    with tempfile.TemporaryDirectory() as name, system_on_two_floors(Path(name)) as (system, orb):
-        folder = Path(name)
+    rows, marks, samples = [], [], {}
+    with folder_of_bench() as folder, system_on_two_floors(folder) as (system, orb):
         for which in ("virtual", "actual") if robot == "both" else (robot,):
-            with contextlib.ExitStack() as stack:
-                actual, cable, host = None, None, "127.0.0.1"
-                if which == "actual":
-                    if has_networks:
-                        cable, host = stack.enter_context(own_computer())
-                    within = cable.command() if cable else ()
-                    actual = stack.enter_context(running_stand_in(folder / "robot", orb=orb, host=host, within=within))
-                stage = stack.enter_context(contextlib.closing(Stage(folder, orb, system, actual, cable)))
-                for case in stage.cases():
-                    if only in case.what:
-                        count = max(1, rounds // (KILLS_SHARE if "killed" in case.what else 1))
-                        stops = [stage.round(case) for _ in progress(range(count), f"{which}: {case.what}")]
-                        found.append((which, case, stops))
-    rows = [row(*one) for one in found]
-    labels = [f"{which}: {case.what}" for which, case, _ in found]
-    marks = [
-        at_most(f"{label}: stands after notice, worst, ms", one["worst after notice"], MAX_MS)
-        for label, one, (_, case, _) in zip(labels, rows, found, strict=True)
-        if not case.is_silent and one["worst after notice"] is not None
-    ]
-
-    def draw(axes: Axes) -> None:
-        for number, (_, _, stops) in enumerate(found):
-            for column, style in (("stands_ms", "|b"), ("notice_ms", ".r")):
-                values = [getattr(one, column) for one in stops if getattr(one, column) is not None]
-                axes.plot(values, [number] * len(values), style)
-        axes.set(xscale="symlog", xlabel="ms after it happened: noticed (dots), stationary (bars)")
-        axes.set_yticks(range(len(labels)), labels, fontsize=7)
-        axes.invert_yaxis()
-
+            with stage(which, folder, orb, system, has_networks) as found:
+                for case in (case for case in found.cases() if only in case.what):
+                    count, label = (
+                        max(1, rounds // (KILLS_SHARE if "killed" in case.what else 1)),
+                        f"{which}: {case.what}",
+                    )
+                    stops = [found.round(case) for _ in progress(range(count), label)]
+                    rows.append(row(which, case, stops))
+                    samples[label] = [one.stands_ms for one in stops if one.stands_ms is not None]
+                    worst = rows[-1]["after notice, ms, worst"]
+                    if not case.is_silent and worst is not None:
+                        marks.append(at_most(f"{label}: stands after notice, worst, ms", worst, MAX_MS))
+    draw = distribution(samples, "ms after it happened", "share of stops that took less")
     return summarize("stops", f"a robot at {SPEED_CAP:g} m/s that has to stop", rows, marks, draw)
 
 

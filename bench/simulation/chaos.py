@@ -8,11 +8,9 @@ server, and then the simulation server right after it has accepted a grip, a rid
 from __future__ import annotations
 
 import contextlib
-import tempfile
-from pathlib import Path
 from typing import Any
 
-from bench.common.harness import progress, run
+from bench.common.harness import folder_of_bench, progress, run
 from testkit.report import at_most, distribution, summarize, summary
 from testkit.simulation import CLIENT_SPEED, CLIENTS, LOST_S, RELEASE_LIMIT_S, ROBOTS_EACH, STOP_S, Chaos, simulation
 
@@ -30,8 +28,8 @@ LIMITS = {"stop_s": STOP_S, "free_s": RELEASE_LIMIT_S}
 
 def main(rounds: int = 20, seed: int = 1) -> bool:
     with (
-        tempfile.TemporaryDirectory() as folder,
-        simulation(Path(folder), sensors=2) as place,
+        folder_of_bench() as folder,
+        simulation(folder, sensors=2) as place,
         contextlib.closing(Chaos(place, seed)) as chaos,
     ):
         outcomes = [chaos.round() for _ in progress(range(rounds), "rounds")]

@@ -3,24 +3,21 @@
 Each robot has a laser or proximity sensors, and is commanded by its scans ten times a simulated second. As in the real
 system, the simulation runs in one process, sensors and clients in another.
 
-python -m bench.simulation.headless [--rounds N] [--profile ROBOTS]
+python -m bench.simulation.headless [--rounds N]
 """
 
 from __future__ import annotations
 
 import contextlib
-import cProfile
 import math
-import pstats
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from bench.common.harness import progress, run
 from robocorba.map_editor.model import Building
@@ -29,8 +26,8 @@ from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.map_editor.spatial.floor_update import WHOLE, BodyKind, FloorUpdate
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S, warm_up
-from robocorba.simulation.sensing.fan import PROXIMITY, Fan
-from robocorba.simulation.sensing.scan import Mount, ScanSpec
+from robocorba.simulation.sensing.fan import Fan
+from robocorba.simulation.sensing.scan import PROXIMITY, Mount, ScanSpec
 from robocorba.simulation.sensing.virtual_sensor import VirtualSensor
 from robocorba.simulation.store import SimulationStore
 from testkit.generated_buildings import RADIUS_M, office, robots
@@ -40,34 +37,12 @@ from testkit.report import Mark, at_least, at_most, bars, summarize
 # ---- clients of a crowd of robots with their virtual sensor, in a process of their own ----
 
 
-PARTS = ("following", "scans", "wandering")
 #: Distance from its rim below which a robot turns away from an obstacle ahead [m].
 NEAR_M = 0.35
 #: Speed of a robot with free space ahead [m/s].
 AHEAD_M_S = 0.8
 #: Cosine of half the angle that counts as ahead.
 FRONT = 0.7
-
-
-class Stopwatch:
-    """Wall time of each part of the work of this process, and its CPU time [s]."""
-
-    def __init__(self, parts: Sequence[str]) -> None:
-        self.parts = dict.fromkeys(parts, 0.0)
-        self._at, self._worked = time.perf_counter(), time.process_time()
-
-    def end(self, part: str = "") -> None:
-        """End a part, which began when the last one ended; without a name it counts for none."""
-        now = time.perf_counter()
-        if part:
-            self.parts[part] += now - self._at
-        self._at = now
-
-    def take(self) -> tuple[dict[str, float], float]:
-        """The times of the parts and the CPU time since the last call."""
-        parts, before = self.parts, self._worked
-        self.parts, self._worked = dict.fromkeys(parts, 0.0), time.process_time()
-        return parts, self._worked - before
 
 
 class Wanderers:
@@ -86,23 +61,24 @@ class Wanderers:
         #: Robots on each floor: their rows in `names`, and their rows in the sensor's copy of the floor.
         self._rows: dict[str, tuple[Longs, Longs]] = {}
         self.distances: Floats = np.empty((len(names), spec.fan.count))
-        self._watch = Stopwatch(PARTS)
-        self.take = self._watch.take
+        self._worked = time.process_time()
 
     def commands(self, updates: list[bytes]) -> bytes:
         """Apply encoded updates, scan, and return the encoded commands."""
-        self._watch.end()
         self.follow([floor_format.loads(update) for update in updates])
         self.scan()
         return self.wander().tobytes()
 
+    def take(self) -> float:
+        """CPU time of this process since the last call [s]."""
+        before, self._worked = self._worked, time.process_time()
+        return self._worked - before
+
     def follow(self, updates: list[FloorUpdate]) -> None:
-        """Apply updates."""
         for update in updates:
             self._sensor.follow(update, time.monotonic())
             if update.came or update.went:
                 self._sort(update.floor)
-        self._watch.end("following")
 
     def scan(self) -> None:
         """Scan with all sensors into `distances` (robots, rays) [m]."""
@@ -115,14 +91,12 @@ class Wanderers:
                     self.distances[row] = found.distances
             else:
                 self.distances[rows] = self._sensor.scan(floor, poses, Mount(), self._spec).distances
-        self._watch.end("scans")
 
     def wander(self) -> Floats:
         """Commands (robots, 2): speed ahead [m/s] and turn [rad/s], along a bend, or on the spot near an obstacle."""
         is_near = self.distances[:, self._front].min(axis=1) < self._near_m
         self._side[self._chance.random(len(is_near)) < 0.02] *= -1.0
         ahead, turn = np.where(is_near, 0.1, AHEAD_M_S), self._side * np.where(is_near, 1.5, 0.2)
-        self._watch.end("wandering")
         return np.column_stack([ahead, turn])
 
     def _sort(self, floor: str) -> None:
@@ -142,12 +116,9 @@ def wanderers(building: Building, names: list[str], spec: ScanSpec, one_by_one: 
 # ---- the simulation ----
 
 
-NAME = "simulation_headless"
 #: Interval between scans and commands of a robot, in simulated time [s].
 PERIOD_S = 0.1
 STEPS = round(PERIOD_S / STEP_S)
-#: Parts of a period in the simulation's process.
-OURS = ("steps", "database", "waiting", "telling", "commands")
 VALID_S = 0.5
 WARM_UP_S = 3.0
 LASER = ScanSpec(Fan(-math.pi / 2, math.pi / 179, 180, 8.0))
@@ -178,12 +149,10 @@ FEWEST, MOST, MAX_GROWTH = 500, 2000, 1.3
 
 
 class Lap(NamedTuple):
-    """factor: speed relative to real time. cores: busy cores of both processes. parts: time of the simulation's process
-    (OURS) and of the sensors' process (PARTS) [s]."""
+    """factor: speed relative to real time. cores: busy cores of both processes."""
 
     factor: float
     cores: float
-    parts: dict[str, float]
     collisions: int
 
 
@@ -196,41 +165,29 @@ class Crowd:
         self.agent.configure(limit=case.robots)
         self.sessions = [self.agent.register(about) for about in robots(building, case.robots)]
         self._clients, self._versions = clients, dict.fromkeys(building.floors, WHOLE)
-        self._watch = Stopwatch(OURS)
         self._commands: bytes | None = None
         self._send(self._changes())
 
     def lap(self, seconds: float) -> Lap:
         """Simulate a time span [s], and measure it."""
-        collided = self.agent.collisions
-        self._watch.take()
-        self._watch.end()
-        began = time.perf_counter()
+        collided, cpu_s, began = self.agent.collisions, time.process_time(), time.perf_counter()
         periods = round(seconds / PERIOD_S)
         for _ in range(periods):
             self._period()
-        took = time.perf_counter() - began
-        parts, cpu_s = self._watch.take()
+        took_s, cpu_s = time.perf_counter() - began, time.process_time() - cpu_s
         self._clients.send("take")
         self._commands = self._clients.receive()  # those of the last period come first
-        their_parts, their_cpu_s = self._clients.receive()
-        collisions = self.agent.collisions - collided
-        return Lap(periods * PERIOD_S / took, (cpu_s + their_cpu_s) / took, parts | their_parts, collisions)
+        cpu_s += self._clients.receive()
+        return Lap(periods * PERIOD_S / took_s, cpu_s / took_s, self.agent.collisions - collided)
 
     def _period(self) -> None:
         for _ in range(STEPS):
             self.agent.step()
-        self._watch.end("steps")
-        updates = self._changes()
-        self._watch.end("database")
-        self._send(updates)  # before receiving, so that the sensors' process never idles
-        self._watch.end("telling")
+        self._send(self._changes())  # before receiving, so that the sensors' process never idles
         packed, self._commands = self._commands or self._clients.receive(), None
         commands = np.frombuffer(packed).reshape(-1, 2).tolist()
-        self._watch.end("waiting")
         for session, (ahead, turn) in zip(self.sessions, commands, strict=True):
             session.command(ahead, 0.0, turn, VALID_S)
-        self._watch.end("commands")
 
     def _changes(self) -> list[FloorUpdate]:
         """Changes of all floors since the last call."""
@@ -273,14 +230,6 @@ def row_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
     }
 
 
-def parts_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
-    """Time of each part [us per robot and period], medians over laps; "all" sums the simulation's process."""
-    periods = case.robots * case.seconds / PERIOD_S
-    parts = {part: 1e6 * statistics.median(lap.parts[part] for lap in laps) / periods for part in (*OURS, *PARTS)}
-    ours = {part: parts.pop(part) for part in OURS}
-    return {"robots": case.robots, "sensor": case.sensor, **ours, "all": sum(ours.values()), **parts}
-
-
 def marks_of(rows: list[dict[str, Any]], cases: tuple[Case, ...] = CASES) -> list[Mark]:
     """Required results."""
     marks = [
@@ -293,16 +242,9 @@ def marks_of(rows: list[dict[str, Any]], cases: tuple[Case, ...] = CASES) -> lis
     return [*marks, at_most(f"time a robot, {MOST} robots to {FEWEST}", growth, MAX_GROWTH)]
 
 
-def main(rounds: int = 5, profile: int = 0) -> bool:
+def main(rounds: int = 5) -> bool:
     """Each crowd is in a process of its own, as in a simulation server: in one they would compete for its caches."""
     warm_up()  # compile missing kernels once, before several processes start
-    if profile:
-        case = next(case for case in CASES if case.robots == profile)
-        with crowd(office(), case) as found:
-            profiler = cProfile.Profile()
-            profiler.runcall(found.lap, case.seconds / 2)
-        pstats.Stats(profiler).sort_stats("tottime").print_stats(30)
-        return True
     laps: list[list[Lap]] = [[] for _ in CASES]
     with contextlib.ExitStack() as stack:
         remotes = [stack.enter_context(ObjectProcess(crowd, office(), case)) for case in progress(CASES, "logging on")]
@@ -310,26 +252,10 @@ def main(rounds: int = 5, profile: int = 0) -> bool:
             for case, remote, case_laps in zip(CASES, remotes, laps, strict=True):
                 case_laps.append(remote.call("lap", case.seconds))
     rows = [row_of(case, case_laps) for case, case_laps in zip(CASES, laps, strict=True)]
-    parts = [parts_of(case, case_laps) for case, case_laps in zip(CASES, laps, strict=True)]
-    labels = [f"{case.robots} robots,\n{case.sensor}" for case in CASES]
-
-    def draw_parts(axes: Axes) -> None:
-        """Two bars each: the simulation's process above, the sensors' below."""
-        for side, names in ((0.2, OURS), (-0.2, PARTS)):
-            left, places = np.zeros(len(parts)), np.arange(len(parts)) + side
-            for name in names:
-                widths = [row[name] for row in parts]
-                axes.barh(places, widths, 0.38, left=left, label=name)
-                left += widths
-        axes.set_yticks(np.arange(len(parts)), labels)
-        axes.set(xlabel=f"microseconds for a robot in {PERIOD_S} s")
-        axes.legend()
-
+    speeds = {f"{row['robots']} robots,\n{row['sensor']}": row["x real time"] for row in rows}
     title = f"office of 4 floors, two processes, medians of {rounds} rounds"
-    summarize(f"{NAME}_parts", f"{title}: us for a robot in {PERIOD_S} s", parts, [], draw_parts)
-    speeds = {label: row["x real time"] for label, row in zip(labels, rows, strict=True)}
-    return summarize(NAME, title, rows, marks_of(rows), bars(speeds, "times real time", "log"))
+    return summarize("simulation_headless", title, rows, marks_of(rows), bars(speeds, "times real time", "log"))
 
 
 if __name__ == "__main__":
-    run(main, rounds="of all cases in turn", profile="only profile the case with this number of robots")
+    run(main, rounds="of all cases in turn")

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import contextlib
 import statistics
-import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.common.harness import run
+from bench.common.harness import folder_of_bench, run
 from bench.simulation.robots_client import Clients, office_system
 from robocorba.simulation.corba import sessions
 from robocorba.simulation.management_agent import DEFAULT_LIMIT
@@ -95,11 +93,10 @@ def log_on(server: Any, clients: Clients, crowd: list[Description], count: int) 
 
 def drive(server: Any, clients: Clients, threads: int, seconds: float, pid: int) -> dict[str, Any]:
     """Drive all logged-on robots; the server is process `pid`."""
-    how = {"rate": RATE, "threads": threads}
-    clients.all("drive", begin=time.monotonic(), seconds=WARM_UP_S, **how)
+    clients.all("drive", time.monotonic(), WARM_UP_S, RATE, threads)
     cpu, collisions = Cpu([pid]), server._get_state().collisions
     with paces(server) as samples:
-        found = clients.all("drive", begin=time.monotonic() + LEAD_S, seconds=seconds, **how)
+        found = clients.all("drive", time.monotonic() + LEAD_S, seconds, RATE, threads)
     (_, first, began), (_, last, ended) = samples[0], samples[-1]
     return {
         **found,
@@ -169,14 +166,14 @@ def main(seconds: float = 30.0, runs: int = 3, robots: int = DEFAULT_LIMIT) -> b
     calls: dict[str, list[float]] = defaultdict(list)
     on_calls: dict[str, list[float]] = {BY_TURNS: [], AT_ONCE: []}
     crowd = robots_in(office(), 2 * robots)
-    with tempfile.TemporaryDirectory() as name, office_system(Path(name)) as (naming, orb, server):
-        state = Path(name) / "state"
+    with folder_of_bench() as folder, office_system(folder) as (naming, orb, server):
+        state = folder / "state"
         key = (state / "administrator.ior").read_text()
         orb.reference(key, RoboCorba.SimulationAdministrator).setLimit(robots)
         (pid,) = pids_of(state, "simulation")
         null = calls["heartbeat, idle"] = null_calls(server, crowd[0])
         for load in (FEW, MANY):
-            with Clients(naming, load.processes, Path(name)) as clients:
+            with Clients(naming, load.processes) as clients:
                 for number in range(1, runs + 1):
                     with PROGRESS.status(f"{load.callers} callers, run {number} of {runs}"):
                         on = log_on(server, clients, crowd, robots)

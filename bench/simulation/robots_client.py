@@ -1,16 +1,10 @@
-"""A bench process with many robots, controlled by lines of JSON on its stdin.
-
-python -m bench.simulation.robots_client HOST:PORT
-
-HOST:PORT is the address of the naming service. The process prints one line when it has found the simulation server, one
-line for each command, and exits at the end of stdin. Times are of CLOCK_MONOTONIC, which all processes share."""
+"""Many robots in processes of their own, which log on, drive and scan. Times are of CLOCK_MONOTONIC."""
 
 from __future__ import annotations
 
 import contextlib
 import math
 import random
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -20,7 +14,6 @@ from typing import Any, TypeVar
 from omniORB import CORBA
 
 from robocorba.clients.robot_processes import servers
-from robocorba.map_editor.spatial.pose import Pose
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba import scans, sessions
 from robocorba.simulation.registry import Description
@@ -30,7 +23,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.system.repeating import Repeating
 from robocorba.system.settings import Address
 from testkit.generated_buildings import saved_office
-from testkit.json_process import LoggedOff, Process, answer_commands, checked_call, checkout_command
+from testkit.json_process import LoggedOff, ObjectProcess, checked_call
 from testkit.report import timed_ms
 
 T = TypeVar("T")
@@ -78,16 +71,14 @@ class Fleet:
         self._idle: list[Robot] = []
         self._heartbeats = Repeating("beats", self._heartbeat, HEARTBEAT_INTERVAL_S).start()
 
-    def log_on(self, robots: list[list[Any]], count: int) -> dict[str, Any]:
-        """Log `count` of the robots (name, floor, x, y, heading, radius) on, one after the other; skip a robot whose
-        place is taken by a pushed object."""
+    def log_on(self, robots: Sequence[Description], count: int) -> dict[str, Any]:
+        """Log `count` of the robots on, one after the other; skip a robot whose place is taken by a pushed object."""
         took: list[float] = []
-        for name, *pose, radius in robots:
+        for about in robots:
             if len(took) == count:
                 break
-            about = sessions.description(Description(name, Pose(*pose), radius))
             with contextlib.suppress(RoboCorba.PlaceTaken):
-                session, ms = timed_ms(self._server.registerRobot, about)
+                session, ms = timed_ms(self._server.registerRobot, sessions.description(about))
                 took.append(ms)
                 self._robots.append(Robot(session, len(self._robots)))
                 self._idle.append(self._robots[-1])
@@ -202,50 +193,44 @@ def joined(answers: Sequence[dict[str, Any]]) -> dict[str, Any]:
 # ---- interface for the benches ----
 
 
-class Clients:
-    """Context manager of `processes` such processes. It and its methods raise ProcessFailed."""
+@contextlib.contextmanager
+def fleet(naming: Address) -> Iterator[Fleet]:
+    with Orb(naming) as orb:
+        found = Fleet(orb.resolve("SimulationServer", RoboCorba.SimulationServer, START_LIMIT_S))
+        with contextlib.closing(found):
+            yield found
 
-    def __init__(self, naming: Address, processes: int, folder: Path) -> None:
-        self._command = checkout_command("bench.simulation.robots_client", str(naming))
-        self._count, self._folder = processes, folder
-        self._stack = contextlib.ExitStack()
 
-    def __enter__(self) -> Clients:
-        with contextlib.ExitStack() as stack:
-            logs = [self._folder / f"client-{number}.log" for number in range(self._count)]
-            self._processes = [stack.enter_context(Process(self._command, log)) for log in logs]
-            for process in self._processes:
-                process.receive(START_LIMIT_S)
-            self._stack = stack.pop_all()
-        return self
+class Clients(contextlib.ExitStack):
+    """Fleets in processes of their own."""
 
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+    def __init__(self, naming: Address, count: int) -> None:
+        super().__init__()
+        self._fleets = [ObjectProcess(fleet, naming) for _ in range(count)]  # they start side by side
+        for each in self._fleets:
+            self.enter_context(each)
 
     def log_on(self, robots: Sequence[Description], count: int, at_once: bool = True) -> dict[str, Any]:
         """Log on the first `count` robots whose place is free, spread over the processes.
 
         at_once: the processes work simultaneously, else one after the other."""
-        rows = [[about.name, *about.pose, about.radius_m] for about in robots]
-        shares = [len(range(number, count, self._count)) for number in range(self._count)]
-        commands = [
-            {"do": "log_on", "robots": rows[number :: self._count], "count": share}
-            for number, share in enumerate(shares)
+        processes = len(self._fleets)
+        shares = [
+            (list(robots[number::processes]), len(range(number, count, processes))) for number in range(processes)
         ]
-        return self._ask(commands, at_once)
+        return self._ask("log_on", shares, at_once)
 
-    def all(self, do: str, **arguments: Any) -> dict[str, Any]:
+    def all(self, do: str, *arguments: Any) -> dict[str, Any]:
         """Execute a command in all processes simultaneously; answers with lists joined and numbers added."""
-        return self._ask([{"do": do, **arguments}] * self._count)
+        return self._ask(do, [arguments] * len(self._fleets))
 
-    def _ask(self, commands: Sequence[dict[str, Any]], at_once: bool = True) -> dict[str, Any]:
-        limit_s = 60.0 + max(command.get("seconds", 0.0) for command in commands)
-        pairs = list(zip(self._processes, commands, strict=True))
+    def _ask(self, do: str, arguments: Sequence[tuple[Any, ...]], at_once: bool = True) -> dict[str, Any]:
+        pairs = list(zip(self._fleets, arguments, strict=True))
         if not at_once:
-            return joined([process.ask(command, limit_s) for process, command in pairs])
-        for process, command in pairs:
-            process.send(command)
-        return joined([process.receive(limit_s) for process in self._processes])
+            return joined([each.call(do, *values) for each, values in pairs])
+        for each, values in pairs:
+            each.send(do, *values)
+        return joined([each.receive() for each in self._fleets])
 
 
 @contextlib.contextmanager
@@ -253,14 +238,3 @@ def office_system(folder: Path, *more: str) -> Iterator[tuple[Address, Orb, Any]
     """`robocorba up` on the office with its state in folder/state: naming service, ORB, simulation server."""
     with servers(folder / "state", "--building", str(saved_office(folder)), *more) as naming, Orb(naming) as orb:
         yield naming, orb, orb.resolve("SimulationServer", RoboCorba.SimulationServer)
-
-
-def main(naming: str) -> None:
-    with Orb(Address.parse(naming)) as orb:
-        fleet = Fleet(orb.resolve("SimulationServer", RoboCorba.SimulationServer, START_LIMIT_S))
-        with contextlib.closing(fleet):
-            answer_commands(fleet.log_on, fleet.log_off, fleet.drive, fleet.scan)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

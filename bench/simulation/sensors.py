@@ -5,26 +5,20 @@ python -m bench.simulation.sensors [--seconds S] [--runs N]
 
 from __future__ import annotations
 
-import contextlib
-import os
 import statistics
-import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
-
-from bench.common.harness import run
-from bench.simulation.robots_client import FULL, NO_MOUNT, START_LIMIT_S, Clients, office_system
+from bench.common.harness import folder_of_bench, run
+from bench.simulation.robots_client import FULL, NO_MOUNT, Clients, office_system
 from robocorba.simulation.corba import scans, sessions
 from robocorba.simulation.sensing.fan import Fan
 from robocorba.simulation.sensing.scan import ScanSpec
 from testkit.generated_buildings import office, robots
-from testkit.json_process import Cpu, Process, pids_of
-from testkit.report import PROGRESS, Mark, at_most, bars, quantile, summarize, summary, timed_ms
+from testkit.json_process import Cpu, pids_of
+from testkit.report import PROGRESS, Mark, at_most, bars, distribution, quantile, summarize, summary, timed_ms
 
 NAME = "simulation_sensors"
 SENSORS = (1, 2)
@@ -35,8 +29,6 @@ SETTLE_S = 3.0
 CALLS, ROUNDS = 2000, 5
 NULL, SCAN = "dismiss (null call)", f"scan, {FULL.fan.count} rays"
 MAX_NULL_CALLS = 2.0
-#: Treatment of idle cores: waking one up can take longer than the call.
-ALONE, AWAKE = "left alone", "kept awake"
 ONE_RAY = ScanSpec(Fan(0.0, 1.0, 1, FULL.fan.range_m))
 
 
@@ -63,26 +55,15 @@ def latency(server: Any) -> list[dict[str, list[float]]]:
     return found
 
 
-@contextlib.contextmanager
-def awake(folder: Path) -> Iterator[None]:
-    """Keep all cores awake with SCHED_IDLE loops, which any other thread preempts."""
-    loop = "import os; os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0)); print('{}', flush=True)"
-    with contextlib.ExitStack() as stack:
-        for core in os.sched_getaffinity(0):
-            command = (sys.executable, "-c", f"{loop}\nwhile True: pass")
-            stack.enter_context(Process(command, folder / f"awake-{core}.log", (core,))).receive(START_LIMIT_S)
-        yield
-
-
 def throughput(server: Any, clients: Clients, state: Path, seconds: float, runs: int) -> list[dict[str, Any]]:
     """Rows of runs in which all clients scan as fast as possible."""
     clients.log_on(robots(office(), ROBOTS), ROBOTS)
     rows = []
     pids = pids_of(state, "sensor_")
-    clients.all("scan", begin=time.monotonic(), seconds=SETTLE_S, threads=THREADS)
+    clients.all("scan", time.monotonic(), SETTLE_S, THREADS)
     for number in range(1, runs + 1):
         worked = Cpu(pids)
-        found = clients.all("scan", begin=time.monotonic() + 0.2, seconds=seconds, threads=THREADS)
+        found = clients.all("scan", time.monotonic() + 0.2, seconds, THREADS)
         cpu = worked.spent_s()
         rows.append(
             {
@@ -105,7 +86,7 @@ def spread(values: Any) -> str:
     return " + ".join(f"{value:.3g}" for value in values)
 
 
-def latency_rows(cores: str, rounds: list[dict[str, list[float]]]) -> list[dict[str, Any]]:
+def latency_rows(rounds: list[dict[str, list[float]]]) -> list[dict[str, Any]]:
     """Medians over the rounds; ratios are computed within each round."""
     rows = []
     for what in rounds[0]:
@@ -113,7 +94,6 @@ def latency_rows(cores: str, rounds: list[dict[str, list[float]]]) -> list[dict[
         nulls = [statistics.median(took[NULL]) for took in rounds]
         rows.append(
             {
-                "cores": cores,
                 "call": what,
                 "median ms": statistics.median(medians),
                 "p99 ms": statistics.median(quantile(took[what], 0.99) for took in rounds),
@@ -125,24 +105,20 @@ def latency_rows(cores: str, rounds: list[dict[str, list[float]]]) -> list[dict[
 
 def marks_of(rows: list[dict[str, Any]]) -> list[Mark]:
     """Required results."""
-    ratio = next(row["null calls"] for row in rows if (row["cores"], row["call"]) == (ALONE, SCAN))
+    ratio = next(row["null calls"] for row in rows if row["call"] == SCAN)
     return [at_most(f"a {SCAN}, in null calls", ratio, MAX_NULL_CALLS)]
 
 
 def main(seconds: float = 10.0, runs: int = 3) -> bool:
     rows: list[dict[str, Any]] = []
-    rounds: dict[str, list[dict[str, list[float]]]] = {}
+    rounds: list[dict[str, list[float]]] = []
     for sensors in SENSORS:
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            with office_system(folder, "--sensors", str(sensors)) as (naming, _, server):
-                if not rounds:
-                    with PROGRESS.status("latency"):
-                        rounds[ALONE] = latency(server)
-                        with awake(folder):
-                            rounds[AWAKE] = latency(server)
-                with Clients(naming, PROCESSES, folder) as clients, PROGRESS.status(f"{sensors} sensors"):
-                    rows += throughput(server, clients, folder / "state", seconds, runs)
+        with folder_of_bench() as folder, office_system(folder, "--sensors", str(sensors)) as (naming, _, server):
+            if not rounds:
+                with PROGRESS.status("latency"):
+                    rounds = latency(server)
+            with Clients(naming, PROCESSES) as clients, PROGRESS.status(f"{sensors} sensors"):
+                rows += throughput(server, clients, folder / "state", seconds, runs)
     medians = {
         f"{column}, {sensors} sensors": statistics.median(row[column] for row in rows if row["sensors"] == sensors)
         for column in ("scans/s", "scans a sensor's CPU s")
@@ -150,19 +126,10 @@ def main(seconds: float = 10.0, runs: int = 3) -> bool:
     }
     title = f"{ROBOTS} robots of {PROCESSES} x {THREADS} clients, {FULL.fan.count} rays, as fast as possible"
     summarize(NAME, title, rows, [], bars(medians, "scans"))
-    calls = [row for cores, found in rounds.items() for row in latency_rows(cores, found)]
-
-    def draw(axes: Axes) -> None:
-        for cores, style in ((ALONE, "-"), (AWAKE, ":")):
-            for number, what in enumerate(rounds[cores][0]):
-                ordered = sorted(ms for took in rounds[cores] for ms in took[what])
-                shares = [i / len(ordered) for i in range(len(ordered))]
-                axes.plot(ordered, shares, style, color=f"C{number}", label=f"{what}, cores {cores}")
-        axes.set(xscale="log", xlabel="ms", ylabel="share of calls that took less")
-        axes.legend()
-
+    calls = latency_rows(rounds)
+    samples = {what: [ms for took in rounds for ms in took[what]] for what in rounds[0]}
     title = f"one client, idle system, medians of {ROUNDS} rounds of {CALLS} calls"
-    return summarize(f"{NAME}_latency", title, calls, marks_of(calls), draw)
+    return summarize(f"{NAME}_latency", title, calls, marks_of(calls), distribution(samples, "ms"))
 
 
 if __name__ == "__main__":

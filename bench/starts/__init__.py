@@ -1,1 +1,1 @@
-"""How fast and how small: starts of the system and of its servers, beside those of an earlier commit."""
+"""How fast and how small: starts of the system, servers that come back, memory."""

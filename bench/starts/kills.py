@@ -1,89 +1,161 @@
-"""kill -9 of each server while a client calls it: how long it is away, beside that of an earlier commit.
+"""kill -9 and SIGSTOP of each server while a client calls it: how long it is away.
 
-    python -m bench.starts.kills [--rounds 20] [--only NAME] [--base COMMIT]
+    python -m bench.starts.kills [--rounds 20] [--hangs 1] [--only NAME]
 
-A process calls one object 200 times a second with a timeout of 1 s, by a reference that it keeps. `away` is the time
-from its last answer before the kill to its first answer after it. Both systems run at the same time; in each round
-every server of each of them is killed once."""
+A process calls one object 200 times a second with a timeout of 1 s, by a reference that it keeps. `away` is the longest
+time without an answer. A server that is stopped is not continued: the supervisor must notice that it hangs."""
 
 from __future__ import annotations
 
 import contextlib
 import random
-import tempfile
+import threading
 import time
-from pathlib import Path
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from statistics import median
 from typing import Any
 
-from matplotlib.axes import Axes
+import CosNaming
+from omniORB import CORBA
 
-from bench.common.harness import progress, run
-from bench.starts.outage import client, killed
-from bench.starts.systems import BASE, OURS, SERVERS, load, median, systems
+from bench.common.harness import folder_of_bench, progress, run
+from robocorba.orb.naming import PROBE_TIMEOUT_S
+from robocorba.orb.orb import Orb
+from robocorba.system.corba.servers import Probe, probe_of
+from robocorba.system.settings import Address
+from robocorba.system.supervision.hangs import HangLimit
 from robocorba.system.supervision.system import NAMING_SERVICE
-from testkit.report import at_most, summarize
+from testkit.faults import kill
+from testkit.json_process import ObjectProcess
+from testkit.processes import Running, eventually, hang, running_system
+from testkit.report import Mark, at_most, distribution, summarize
 
-#: Required median and worst of all servers [s].
-MAX_MEDIAN_S, MAX_WORST_S = 0.6, 1.2
-#: Longest pause between kills [s], of random length, so that they do not follow the beat of the supervisor's checks.
+#: Objects of the servers that `robocorba up` starts by default.
+OBJECTS = {
+    NAMING_SERVICE: "NameService",
+    "map_editor": "MapEditor",
+    "simulation": "SimulationServer",
+    "sensor_s1": "VirtualSensors/s1",
+    "events_main": "EventChannels/main",
+}
+#: Interval between calls, and timeout of each call [s].
+INTERVAL_S, CALL_TIMEOUT_S = 0.005, 1.0
+#: Timeout for a server to be back [s], and time with answers before and after it was away [s].
+LIMIT_S, AROUND_S = 300.0, 0.3
+#: Longest pause between faults [s], of random length, so that they do not follow the beat of the supervisor's checks.
 MAX_PAUSE_S = 0.3
+#: Required median and worst time of a killed server [s].
+MAX_MEDIAN_S, MAX_WORST_S = 0.6, 1.2
+#: Required time until a stopped server is back [s]: the limit, the timeout of the last call, and a start.
+MAX_HANG_S = HangLimit().limit_s + PROBE_TIMEOUT_S + 1.2
 
 
-def measure(rounds: int = 20, only: str = "", base: str = BASE) -> bool:
-    found: dict[tuple[str, str], list[float]] = {}
-    loads = []
-    with tempfile.TemporaryDirectory(prefix="robocorba-bench-") as name, contextlib.ExitStack() as stack:
-        folder = Path(name)
-        both = stack.enter_context(systems(base, folder))
-        callers = [(system, stack.enter_context(client(system, folder))) for system in both]
-        chosen = [server for server in (NAMING_SERVICE, *SERVERS) if only in server]
-        kills = [(server, *caller) for _ in range(rounds) for server in chosen for caller in callers]
-        for server, system, calls in progress(kills, "kill -9"):
+class Caller:
+    """Calls an object in a thread. Times are those of time.monotonic, which all processes of a machine share."""
+
+    def __init__(self, orb: Orb) -> None:
+        self._orb, self._ended, self._answers = orb, threading.Event(), list[float]()
+
+    def begin(self, endpoint: str, name: str) -> None:
+        """Call an object until `end`."""
+        naming = Probe(CosNaming.NamingContext, lambda context: context._non_existent())
+        probe = naming if name == OBJECTS[NAMING_SERVICE] else probe_of(name)
+        assert probe is not None
+        reference = self._orb.reference(f"corbaloc:iiop:1.2@{endpoint}/{name}", probe.interface, CALL_TIMEOUT_S)
+        self._ended, self._answers = threading.Event(), []
+        threading.Thread(target=self._call, args=(probe, reference, self._ended, self._answers), daemon=True).start()
+
+    def answered(self, since: float) -> list[float]:
+        """The times of the answers since a time."""
+        return [at for at in list(self._answers) if at > since]
+
+    def end(self) -> None:
+        self._ended.set()
+
+    @staticmethod
+    def _call(probe: Probe, reference: Any, ended: threading.Event, answers: list[float]) -> None:
+        while not ended.wait(INTERVAL_S):
+            with contextlib.suppress(CORBA.SystemException):
+                probe.call(reference)
+                answers.append(time.monotonic())
+
+
+@contextlib.contextmanager
+def caller() -> Iterator[Caller]:
+    with Orb(Address("127.0.0.1", 1)) as orb:  # port 1 is unused: nothing is resolved
+        yield Caller(orb)
+
+
+def away_s(running: Running, calls: ObjectProcess, server: str, hangs: bool) -> float:
+    """How long a server is away after a fault [s]."""
+
+    def until_answered(since: float) -> None:
+        eventually(lambda: calls.call("answered", since), LIMIT_S, f"an answer of {server}")
+        time.sleep(AROUND_S)
+
+    endpoint, pid = next((row.endpoint, row.pid) for row in running.record().processes if row.name == server)
+    calls.call("begin", endpoint, OBJECTS[server])
+    until_answered(time.monotonic())
+    began = time.monotonic()
+    (hang if hangs else kill)(pid)
+    eventually(lambda: running.pid(server) not in (0, pid), LIMIT_S, f"{server} again")
+    until_answered(time.monotonic())
+    found = longest_pause_s(calls.call("answered", began - AROUND_S))
+    calls.call("end")
+    eventually(lambda: is_ready(running, server), LIMIT_S, f"{server} that runs")
+    return found
+
+
+def longest_pause_s(answers: Sequence[float]) -> float:
+    return max(later - earlier for earlier, later in pairwise(answers))
+
+
+def is_ready(running: Running, server: str) -> bool:
+    return any(row.name == server and row.state == "running" for row in running.record().processes)
+
+
+def marks_of(found: dict[tuple[str, str], list[float]]) -> list[Mark]:
+    marks = []
+    for (server, fault), values in found.items():
+        if fault == "SIGSTOP":
+            marks.append(at_most(f"{server} stopped: away, s", max(values), MAX_HANG_S))
+        elif server != NAMING_SERVICE:  # is a program of its own, and starts alone
+            marks.append(at_most(f"{server} killed: away, median, s", median(values), MAX_MEDIAN_S))
+            marks.append(at_most(f"{server} killed: away, worst, s", max(values), MAX_WORST_S))
+    return marks
+
+
+def main(rounds: int = 20, hangs: int = 1, only: str = "") -> bool:
+    found: dict[tuple[str, str], list[float]] = defaultdict(list)
+    chosen = [server for server in OBJECTS if only in server]
+    faults = [(server, False) for _ in range(rounds) for server in chosen]
+    faults += [(server, True) for _ in range(hangs) for server in chosen]
+    limit = ("--hang-limit", f"{HangLimit().limit_s:g}")
+    with (
+        folder_of_bench() as folder,
+        running_system(folder, *limit) as (running, _),
+        ObjectProcess(caller) as calls,
+    ):
+        for server, is_stopped in progress(faults, "kill -9 and SIGSTOP"):
             time.sleep(random.uniform(0.0, MAX_PAUSE_S))
-            loads.append(load())
-            found.setdefault((system.version.name, server), []).append(killed(system, calls, server))
-    rows = [row(*key, values) for key, values in found.items()]
-    ours = {server: values for (version, server), values in found.items() if version == OURS}
-    marks = [
-        mark
-        for server, values in ours.items()
-        if server != NAMING_SERVICE  # is a program of its own, and starts alone
-        for mark in (
-            at_most(f"{server} away, median, s", median(values), MAX_MEDIAN_S),
-            at_most(f"{server} away, worst, s", max(values), MAX_WORST_S),
-        )
+            fault = "SIGSTOP" if is_stopped else "kill -9"
+            found[server, fault].append(away_s(running, calls, server, is_stopped))
+    rows = [
+        {
+            "server": server,
+            "fault": fault,
+            "faults": len(values),
+            "away, median, s": median(values),
+            "most": max(values),
+        }
+        for (server, fault), values in found.items()
     ]
-
-    def draw(axes: Axes) -> None:
-        for number, ((version, _), values) in enumerate(found.items()):
-            axes.plot(values, [number] * len(values), "|b" if version == OURS else "|r", markersize=12)
-        axes.set(xscale="log", xlabel="s without an answer")
-        axes.set_yticks(range(len(found)), [f"{server}, {version}" for version, server in found], fontsize=7)
-        axes.invert_yaxis()
-
-    return summarize("starts_kills", "a server that is killed", rows, marks, draw, load=median(loads), s=_plain(found))
-
-
-def row(version: str, server: str, values: list[float]) -> dict[str, Any]:
-    ordered = sorted(values)
-    return {
-        "server": server,
-        "version": version,
-        "kills": len(values),
-        "away, median, s": median(values),
-        "shortest": ordered[0],
-        "longest": ordered[-1],
-    }
-
-
-def _plain(found: dict[tuple[str, str], list[float]]) -> dict[str, list[float]]:
-    return {" ".join(key): values for key, values in found.items()}
+    samples = {", ".join(key): values for key, values in found.items()}
+    draw = distribution(samples, "s without an answer", "share of faults")
+    return summarize("starts_kills", "a server that is killed or stopped", rows, marks_of(found), draw, s=samples)
 
 
 if __name__ == "__main__":
-    run(
-        measure,
-        rounds="kills of each server",
-        only="only servers with this in their name",
-        base="commit to compare with, empty for none",
-    )
+    run(main, rounds="kills of each server", hangs="stops of each server", only="servers with this in their name")

@@ -1,106 +1,75 @@
-"""`robocorba up` until `ready`: time, and CPU time of all its processes, beside those of an earlier commit.
+"""`robocorba up` until `ready`: time, and CPU time of all its processes.
 
-    python -m bench.starts.ready [--rounds 7] [--base COMMIT]
+    python -m bench.starts.ready [--rounds 7]
     python -m bench.starts.ready --empty [--rounds 1]
 
-The versions alternate. Compiled kernels are in the cache; with --empty each start has an empty one, as on a new
-machine. `--base ""` measures this checkout alone."""
+Compiled kernels are in the cache; with --empty each start has an empty one, as on a new machine."""
 
 from __future__ import annotations
 
-import tempfile
+import contextlib
+import functools
+import os
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from statistics import median
+from typing import Any
 
-from matplotlib.axes import Axes
+import psutil
 
-from bench.common.harness import progress, run
-from bench.starts.systems import BASE, OURS, Version, load, median, ratio, system, versions
-from testkit.report import at_most, summarize
+from bench.common.harness import folder_of_bench, progress, run
+from robocorba.system.claimed_ports import claimed_ports
+from testkit.processes import Launcher, drain, real_system
+from testkit.report import at_most, bars, summarize
 
-#: Required values: time of a warm start [s]; ratios to the base of its CPU time, and of the first start's time.
-MAX_S, MAX_CPU_RATIO, MAX_FIRST_RATIO = 2.5, 0.5, 0.6
+#: Required median time of a start with compiled kernels [s].
+MAX_S = 2.5
 #: Time after `ready` whose CPU time is measured as well [s]: work that was put off counts too.
 AFTER_S = 5.0
 
 
-class Start(NamedTuple):
-    """A start: time and CPU time until `ready`, CPU time of AFTER_S after it [s], and the load before."""
-
-    wall_s: float
-    cpu_s: float
-    after_s: float
-    load: float
-
-
-def start(version: Version, state: Path, **environment: str) -> Start:
-    load_before, began = load(), time.monotonic()
-    with system(version, state, **environment) as up:
-        wall_s, cpu_s = time.monotonic() - began, up.cpu_s()
+def start(folder: Path, **environment: str) -> dict[str, Any]:
+    """A row: one start."""
+    load, began = os.getloadavg()[0], time.monotonic()
+    with claimed_ports() as port, Launcher(folder) as launch:
+        running = real_system(functools.partial(launch, **environment), folder / "state", port).wait_ready()
+        ready_s, cpu_s = time.monotonic() - began, cpu_of_all_s(running.process.pid)
+        drain(running.process)
         time.sleep(AFTER_S)
-        return Start(wall_s, cpu_s, up.cpu_s() - cpu_s, load_before)
-
-
-def starts(rounds: int, base: str, empty: bool, folder: Path) -> dict[str, list[Start]]:
-    both = versions(base)
-    if not empty:
-        for version in both:
-            start(version, folder / version.name)  # a new state; its kernels may not be compiled yet
-    found: dict[str, list[Start]] = {version.name: [] for version in both}
-    for number in progress(range(rounds), "starts of `robocorba up`"):
-        for version in both if number % 2 else reversed(both):
-            name = f"{version.name}-{number}" if empty else version.name
-            environment = {"XDG_CACHE_HOME": str(folder / f"{name}-cache")} if empty else {}
-            found[version.name].append(start(version, folder / name, **environment))
-    return found
-
-
-def row(version: str, found: list[Start]) -> dict[str, Any]:
+        after_s = cpu_of_all_s(running.process.pid) - cpu_s
+        running.stop()
     return {
-        "version": version,
-        "starts": len(found),
-        "ready after, s": median([one.wall_s for one in found]),
-        "quickest": min(one.wall_s for one in found),
-        "slowest": max(one.wall_s for one in found),
-        "CPU until then, s": median([one.cpu_s for one in found]),
-        f"CPU of the next {AFTER_S:g} s": median([one.after_s for one in found]),
-        "load": median([one.load for one in found]),
+        "ready after, s": ready_s,
+        "CPU until then, s": cpu_s,
+        f"CPU of the next {AFTER_S:g} s": after_s,
+        "load": load,
     }
 
 
-def measure(rounds: int = 0, base: str = BASE, empty: bool = False) -> bool:
-    rounds = rounds or (1 if empty else 7)
-    with tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder:
-        found = starts(rounds, base, empty, Path(folder))
-    wall_ratio = ratio(found, lambda starts: median([one.wall_s for one in starts]))
-    cpu_ratio = ratio(found, lambda starts: median([one.cpu_s for one in starts]))
-    marks = []
-    if not empty:
-        marks.append(at_most("ready after, median, s", median([one.wall_s for one in found[OURS]]), MAX_S))
-    if wall_ratio and cpu_ratio:
-        marks.append(
-            at_most("first start by that of the base", wall_ratio, MAX_FIRST_RATIO)
-            if empty
-            else at_most("CPU until ready by that of the base", cpu_ratio, MAX_CPU_RATIO)
-        )
+def cpu_of_all_s(pid: int) -> float:
+    """CPU time of a process and all below it, those that have ended included [s]."""
+    up, spent_s = psutil.Process(pid), 0.0
+    for process in (up, *up.children(recursive=True)):
+        with contextlib.suppress(psutil.NoSuchProcess):
+            spent_s += sum(process.cpu_times()[:4])
+    return spent_s
 
-    def draw(axes: Axes) -> None:
-        for number, values in enumerate(found.values()):
-            axes.plot([one.wall_s for one in values], [number] * len(values), "|b", markersize=20)
-            axes.plot([one.cpu_s for one in values], [number] * len(values), ".r")
-        axes.set(xlabel="s until ready (bars), CPU time until then (dots)", xlim=(0, None))
-        axes.set_yticks(range(len(found)), list(found))
 
-    name, title = ("starts_empty", "with no kernels") if empty else ("starts_ready", "with compiled kernels")
-    rows = [row(*one) for one in found.items()]
-    return summarize(name, f"`robocorba up` {title}", rows, marks, draw, wall_ratio=wall_ratio, cpu_ratio=cpu_ratio)
+def main(rounds: int = 0, empty: bool = False) -> bool:
+    rows = []
+    with folder_of_bench() as folder:
+        if not empty:
+            start(folder)  # a new state; kernels may not be compiled yet
+        for number in progress(range(1, 1 + (rounds or (1 if empty else 7))), "starts of `robocorba up`"):
+            place = folder / str(number) if empty else folder
+            place.mkdir(exist_ok=True)
+            environment = {"XDG_CACHE_HOME": str(place / "cache")} if empty else {}
+            rows.append({"start": str(number), **start(place, **environment)})
+    seconds = {row["start"]: row["ready after, s"] for row in rows}
+    marks = [] if empty else [at_most("ready after, median, s", median(seconds.values()), MAX_S)]
+    name, title = ("starts_empty", "without kernels") if empty else ("starts_ready", "with compiled kernels")
+    return summarize(name, f"`robocorba up` {title}", rows, marks, bars(seconds, "s until ready"))
 
 
 if __name__ == "__main__":
-    run(
-        measure,
-        rounds="starts of each version, 0: 7, or 1 if empty",
-        base="commit to compare with, empty for none",
-        empty="without compiled kernels",
-    )
+    run(main, rounds="number of starts, 0: 7, or 1 if empty", empty="without compiled kernels")

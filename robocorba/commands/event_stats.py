@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from omniORB import CORBA
 from rich.markup import escape
 from rich.table import Table
 
 from robocorba.errors.services import NotReachable
-from robocorba.orb.calls import describe
+from robocorba.events.corba.remote_channel import TIMEOUT_S, RemoteChannel
 from robocorba.orb.orb import Orb
 from robocorba.orb.plain import plain
-from robocorba.stubs import RoboCorba
-from robocorba.system.names import CHANNELS
 from robocorba.system.printing import Console, line
 
-#: Timeout for each channel [s].
-TIMEOUT_S = 3.0
 #: Number of channels that are queried at the same time.
 THREADS = 16
 
@@ -27,7 +22,6 @@ ACCOUNT = ("received", "delivered", "unconfirmed", "discarded", "expired", "queu
 PROXY = ("proxy", "name", "client", "condition", "subscribed to")
 LINK = ("link", "condition", "lag", "packets", "bytes", "repeated", "unseen")
 NUMBERS = {"lag", "packets", "bytes", "repeated", "unseen", *ACCOUNT}
-PROXY_NOTE = "A consumer proxy serves a supplier, a supplier proxy serves a consumer."
 #: Rows of a table, each with its cells.
 Rows = list[tuple[str, ...]]
 
@@ -62,12 +56,9 @@ def show(states: dict[str, StateOrProblem]) -> None:
 
 def _query(orb: Orb, name: str) -> StateOrProblem:
     try:
-        channel = orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel, TIMEOUT_S, call_timeout_s=TIMEOUT_S)
-        return channel.state()
+        return RemoteChannel(orb, name, TIMEOUT_S).state()
     except NotReachable as error:
         return str(error)
-    except CORBA.SystemException as error:
-        return f"the call failed ({describe(error)})"
 
 
 def _show(console: Console, name: str, state: StateOrProblem) -> None:
@@ -80,7 +71,8 @@ def _show(console: Console, name: str, state: StateOrProblem) -> None:
     )
     for kind, header, rows in _tables(state, _brief_link):
         if rows:
-            table = Table(caption=PROXY_NOTE if kind == "proxy" else None)
+            note = "A consumer proxy serves a supplier, a supplier proxy serves a consumer."
+            table = Table(caption=note if kind == "proxy" else None)
             for column in header:
                 table.add_column(column, justify="right" if column in NUMBERS else "left")
             for row in rows:
@@ -119,19 +111,21 @@ def _brief_link(link: Any) -> tuple[str, ...]:
 
 
 def _end(link: Any) -> str:
-    return f"{'from' if link.direction == RoboCorba.INCOMING else 'to'} {link.peer}"
+    return f"{'from' if _is_incoming(link) else 'to'} {link.peer}"
+
+
+def _is_incoming(link: Any) -> bool:
+    return _lower_name(link.direction) == "incoming"
 
 
 def _totals(state: Any) -> Rows:
     """Accounts of all clients and links of one kind. Suppliers use consumer proxies, consumers supplier proxies."""
-    kinds_for_suppliers = (RoboCorba.PUSH_CONSUMER, RoboCorba.PULL_CONSUMER)
-    groups: dict[str, Callable[[], Iterable[Any]]] = {
-        "suppliers": lambda: (proxy for proxy in state.proxies if proxy.kind in kinds_for_suppliers),
-        "consumers": lambda: (proxy for proxy in state.proxies if proxy.kind not in kinds_for_suppliers),
-        "links in": lambda: (link for link in state.links if link.direction == RoboCorba.INCOMING),
-        "links out": lambda: (link for link in state.links if link.direction == RoboCorba.OUTGOING),
-    }
-    return [(name, *_account([one.events for one in members()])) for name, members in groups.items()]
+    groups: dict[str, list[Any]] = {"suppliers": [], "consumers": [], "links in": [], "links out": []}
+    for proxy in state.proxies:
+        groups["suppliers" if _lower_name(proxy.kind).endswith("consumer") else "consumers"].append(proxy.events)
+    for link in state.links:
+        groups["links in" if _is_incoming(link) else "links out"].append(link.events)
+    return [(name, *_account(accounts)) for name, accounts in groups.items()]
 
 
 def _account(accounts: Sequence[Any]) -> tuple[str, ...]:

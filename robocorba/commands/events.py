@@ -14,15 +14,15 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from omniORB import CORBA
 
 from robocorba.commands import event_stats
 from robocorba.commands.options import Json, Naming, connected
+from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.events import InvalidEvent
 from robocorba.errors.services import NotReachable
+from robocorba.events.corba.remote_channel import RemoteChannel
 from robocorba.events.queue import QueuePolicy
 from robocorba.orb.orb import OFFER_CALLBACKS, Orb
-from robocorba.stubs import RoboCorba
 from robocorba.system.names import CHANNELS
 from robocorba.system.printing import echo
 
@@ -133,14 +133,14 @@ def add(
 ) -> None:
     """Link two channels permanently, in both directions."""
     with connected("events peer add", naming) as orb:
-        _channel(orb, channel).addPeer(RoboCorba.PeerAddress(peer, address, foreign))
+        RemoteChannel(orb, channel).add_peer(peer, address, foreign)
 
 
 @peer_app.command()
 def remove(channel: _Channel, peer: _Peer, naming: Naming = None) -> None:
     """Remove a link at both ends."""
     with connected("events peer remove", naming) as orb:
-        _channel(orb, channel).removePeer(peer)
+        RemoteChannel(orb, channel).remove_peer(peer)
 
 
 # ---- events as lines ----
@@ -211,15 +211,12 @@ def _received(client: EventClient, channel: str, pattern: tuple[str, str]) -> Ge
             try:
                 yield waiting.get(timeout=CHECK_INTERVAL_S)
             except queue.Empty:
-                # The channel may be restarting.
-                with contextlib.suppress(CORBA.TRANSIENT, CORBA.COMM_FAILURE, CORBA.TIMEOUT):
-                    subscription.proxy.state()
-    except CORBA.OBJECT_NOT_EXIST:
-        raise NotReachable(f"channel {channel} has disconnected this consumer") from None
+                if subscription.is_lost():  # not while the channel is away, which may be restarting
+                    raise NotReachable(f"channel {channel} has disconnected this consumer") from None
     finally:
         ended.set()
-        with contextlib.suppress(CORBA.SystemException):
-            if discarded := subscription.proxy.state().events.discarded:
+        with contextlib.suppress(RoboCorbaError):
+            if discarded := subscription.discarded():
                 echo(f"{discarded} events were discarded: they arrived faster than they could be shown", err=True)
         subscription.end()
 
@@ -228,7 +225,3 @@ def _event_client(orb: Orb, channel: str) -> EventClient:
     from robocorba.events.corba.event_client import EventClient
 
     return EventClient(orb, channel, timeout_s=RESOLVE_TIMEOUT_S)
-
-
-def _channel(orb: Orb, channel: str) -> Any:
-    return orb.resolve(f"{CHANNELS}/{channel}", RoboCorba.EventChannel, RESOLVE_TIMEOUT_S)

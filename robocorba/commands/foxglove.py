@@ -10,12 +10,12 @@ import typer
 
 from robocorba.commands.options import Naming, State, administrator, connected, only_for, require_extra
 from robocorba.commands.served_map import ServedMap
-from robocorba.commands.simulation_tables import simulation_server
 from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
 from robocorba.console.corba.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
+from robocorba.simulation.corba.remote_simulation import simulation_server
 from robocorba.system.printing import echo
 from robocorba.system.settings import Settings
 
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 
 #: Interval between looks at the system while somebody watches, and otherwise [s].
 WATCHED_S, IDLE_S = 0.05, 0.5
-#: Least pause between looks, for the system itself on a slow machine [s].
-LEAST_PAUSE_S = 0.01
-#: Interval between looks at pause and pace [s].
-STATE_S = 0.5
 #: Timeout of a call of the simulation server [s].
 CALL_TIMEOUT_S = 2.0
 
@@ -67,8 +63,7 @@ class SystemInFoxglove:
         self, orb: Orb, system: LiveSystem, served: ServedMap, administrator: RemoteAdministrator | None
     ) -> None:
         self._system, self._served, self._administrator = system, served, administrator
-        self._simulation = simulation_server(orb, CALL_TIMEOUT_S)
-        self._simulation.resolve_timeout_s = RETRY_TIMEOUT_S
+        self._simulation = simulation_server(orb, RETRY_TIMEOUT_S, CALL_TIMEOUT_S)
         self._state_at_s = 0.0
         self._playback: tuple[bool, float] | None = None
 
@@ -86,7 +81,8 @@ class SystemInFoxglove:
                 problem = found
                 server.report_problem(problem)
             interval_s = WATCHED_S if server.is_watched else IDLE_S
-            pause_s = max(LEAST_PAUSE_S, began + interval_s - time.monotonic())
+            # On a slow machine 10 ms are left for the system itself.
+            pause_s = max(0.01, began + interval_s - time.monotonic())
 
     def _look(self, server: LiveServer) -> None:
         changes = self._system.follow(RETRY_TIMEOUT_S)
@@ -107,7 +103,7 @@ class SystemInFoxglove:
                 administrator.resume()
             self._report_playback(server, request.id)
         if time.monotonic() >= self._state_at_s:
-            self._state_at_s = time.monotonic() + STATE_S
+            self._state_at_s = time.monotonic() + 0.5
             self._report_playback(server)
 
     def _report_playback(self, server: LiveServer, request: str = "") -> None:

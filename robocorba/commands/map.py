@@ -1,7 +1,6 @@
 """robocorba map: read, write, check and show map files.
 
-Readers, writers and drawing are imported where they are used: they take most of a second to
-load, which would delay every other subcommand."""
+What draws and checks is imported where it is used: it takes most of a second to load."""
 
 from __future__ import annotations
 
@@ -15,23 +14,23 @@ import typer
 
 from robocorba.commands.options import only_for
 from robocorba.commands.reporting import reporting
+from robocorba.map_editor.formats import Imported, MapFormat, export_map, known_formats, read_map, written_formats
 from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.system.logs import one_line
 from robocorba.system.printing import echo, line
 
 if TYPE_CHECKING:
-    from robocorba.map_editor.checking import MapFinding
-    from robocorba.map_editor.formats import Imported
+    from robocorba.map_editor.edits import Finding
     from robocorba.map_editor.model import Building
 
 app = typer.Typer(help="Read, write, check and show map files.", no_args_is_help=True)
 
 _FILE = typer.Argument(
     metavar="FILE",
-    help="A native map, an Open-RMF building.yaml, a ROS map YAML or a list of them, or the name of a sample building.",
+    help=f"The name of a sample building, or a file: {', '.join(each.mark for each in known_formats() if each.read)}.",
 )
-
-
+_WRITTEN = written_formats()
+_WITH_CELLS = " or ".join(name for name, each in _WRITTEN.items() if each.has_cells)
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist with another content.")]
 
 
@@ -52,13 +51,11 @@ class Specks(str, Enum):
     ALL = "all"
 
 
-class Format(str, Enum):
-    """Formats of `export`."""
-
-    NATIVE = "native"
-    OPENRMF = "openrmf"
-    ROS = "ros"
-    NAV2 = "nav2"
+def _format(name: str) -> MapFormat:
+    """The format of `--format`."""
+    if name not in _WRITTEN:
+        raise typer.BadParameter(f"{name!r} is not one of {', '.join(_WRITTEN)}")
+    return _WRITTEN[name]
 
 
 @app.command("import")
@@ -97,7 +94,8 @@ def import_(
     only_for("--topology", topology, context, "radius")
     with reporting("map import", OSError):
         imported = _read(file, unknown, specks)
-        only_for("ROS maps", imported.format.startswith("ros"), context, "unknown", "specks")
+        of_cells = any(each.has_cells for each in known_formats() if each.name == imported.format)
+        only_for("ROS maps", of_cells, context, "unknown", "specks")
         building = imported.building
         _print_losses("import", imported.losses)
         if topology:
@@ -113,21 +111,29 @@ def export(
     context: typer.Context,
     file: Annotated[str, _FILE],
     output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The file to write.")],
-    format: Annotated[Format, typer.Option("--format", "-f", help="Format to write.")],
-    resolution: Annotated[float, typer.Option(metavar="M", help="Side of a cell, for ros.")] = 0.05,
-    image: Annotated[str, typer.Option(metavar="KIND", help="pgm or png, for ros.")] = "pgm",
+    format: Annotated[
+        MapFormat,
+        typer.Option(
+            "--format",
+            "-f",
+            metavar="|".join(_WRITTEN),
+            parser=_format,
+            help=f"Format to write: {', '.join(f'{name}, {each.title}' for name, each in _WRITTEN.items())}.",
+        ),
+    ],
+    resolution: Annotated[float, typer.Option(metavar="M", help=f"Side of a cell, for {_WITH_CELLS}.")] = 0.05,
+    image: Annotated[str, typer.Option(metavar="KIND", help=f"pgm or png, for {_WITH_CELLS}.")] = "pgm",
     force: Force = False,
 ) -> None:
     """Write a map in another format, and list what the conversion changes.
 
     Files that exist with another content are only replaced with --force, FILE itself never."""
-    from robocorba.map_editor.formats import export_map
     from robocorba.system.output_files import write_outputs
 
-    only_for("--format ros", format is Format.ROS, context, "resolution", "image")
+    only_for(f"--format {_WITH_CELLS}", format.has_cells, context, "resolution", "image")
     with reporting("map export", OSError):
         building = _read(file).building
-        exported = export_map(building, output, format.value, resolution_m=resolution, image=image)
+        exported = export_map(building, output, format.name, resolution_m=resolution, image=image)
         write_outputs(exported.files, [_path(file)], replace=force)
         _print_losses("export", exported.losses)
         for written in exported.files:
@@ -207,7 +213,7 @@ def _with_topological_map(building: Building, floor: str, radius_m: float) -> Bu
     return msgspec.structs.replace(building, floors=floors)
 
 
-def _print_warnings(found: Iterable[MapFinding]) -> int:
+def _print_warnings(found: Iterable[Finding]) -> int:
     """Print findings, one line for each kind. Returns the number of lines."""
     from robocorba.map_editor.checking import summaries
 
@@ -218,8 +224,6 @@ def _print_warnings(found: Iterable[MapFinding]) -> int:
 
 
 def _read(file: str, unknown: UnknownCells = UnknownCells.BLOCKED, specks: Specks = Specks.WALLS) -> Imported:
-    from robocorba.map_editor.formats import read_map
-
     return read_map(_path(file), unknown=unknown.value, specks=specks.value)
 
 

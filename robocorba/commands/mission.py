@@ -245,7 +245,7 @@ def _print_plan(orb: Orb, leader: str) -> None:
     """Print plan and phase of the mission that a robot leads, or led last."""
     from robocorba.robot.corba.remote_data_pool import RemotePool
 
-    stored = _latest(RemotePool.of_robot(orb, leader, 3.0))
+    stored = _latest(RemotePool(orb, leader, 3.0))
     if stored is None:
         echo(f"{leader} has led no mission")
         return

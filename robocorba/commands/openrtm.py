@@ -66,7 +66,7 @@ def openrtm(
             shown = SystemInOpenRtm(system, served, components, scan_rate)
             lasers = None
             if scan_rate:
-                lasers = ContinuousScans(RemoteLasers(orb), lambda: shown.places, scan_rate)
+                lasers = ContinuousScans(RemoteLasers(orb).scans, lambda: shown.places, scan_rate)
                 closing.callback(lasers.close)
             shown.show(changes)
             echo(f"{tools or orb.naming}: {', '.join(sorted(components.names)) or 'no robots yet'}")

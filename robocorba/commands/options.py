@@ -14,7 +14,6 @@ from robocorba.commands.reporting import reporting
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
-from robocorba.stubs import RoboCorba
 from robocorba.system.names import ADMINISTRATOR
 from robocorba.system.settings import Settings
 
@@ -30,10 +29,10 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 def served_building(orb: Orb, timeout_s: float = 3.0) -> Building:
     """The map of the running map editor. Raises NotReachable, MapFileError."""
-    from robocorba.map_editor import native  # imported here, since it takes a moment to load
+    from robocorba.map_editor import native  # imported here, since they take a moment to load
+    from robocorba.map_editor.corba.remote_map import exported
 
-    editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
-    return native.loads(editor.exportMap(), "the served map")
+    return native.loads(exported(orb, timeout_s), "the served map")
 
 
 def administrator(orb: Orb, settings: Settings) -> RemoteAdministrator:

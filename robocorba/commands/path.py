@@ -18,7 +18,7 @@ from robocorba.commands.reporting import reporting
 from robocorba.errors.paths import InvalidRequest
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
-from robocorba.planning.corba import paths
+from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import (
     MAX_ALTERNATIVES,
     SMARTPAL_SPEED_M_S,
@@ -28,7 +28,6 @@ from robocorba.planning.request import (
     Place,
     RouteMode,
 )
-from robocorba.stubs import RoboCorba
 from robocorba.system.printing import Console, echo
 
 
@@ -80,8 +79,7 @@ def path(
             alternatives=alternatives,
         )
     with connected("path", naming) as orb:
-        planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=3.0)
-        found = [paths.path_of(struct) for struct in planner.findPaths(paths.request(wanted))]
+        found = RemotePlanner(orb, resolve_timeout_s=3.0, call_timeout_s=10.0).paths(wanted)
         for one in found:
             Console().print(as_table(one))
         if picture:

@@ -110,7 +110,7 @@ def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px
 def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, width_px: int) -> None:
     """Convert a recording to a video, until stopped.
 
-    Raises UnknownFloor, InvalidPicture, InvalidRecording, InvalidSetting, VideoError."""
+    Raises UnknownFloor, InvalidPicture, InvalidRecording, InvalidSetting, OutputError."""
     from PIL import Image  # imported here, since it takes a second to load
 
     from robocorba.console.video import VideoFile

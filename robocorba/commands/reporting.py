@@ -6,17 +6,16 @@ import contextlib
 from collections.abc import Iterator
 
 import typer
-from omniORB import CORBA
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.orb.calls import error_of
+from robocorba.orb.calls import CALL_ERRORS, error_of
 from robocorba.system.printing import line
 
 
 @contextlib.contextmanager
 def reporting(command: str, *errors: type[Exception]) -> Iterator[None]:
     """Print an error of RoboCorba, of CORBA or of the given types as one line, and exit with code 1."""
-    caught: tuple[type[Exception], ...] = (RoboCorbaError, CORBA.Exception, *errors)
+    caught: tuple[type[Exception], ...] = (RoboCorbaError, *CALL_ERRORS, *errors)
     try:
         yield
     except caught as error:

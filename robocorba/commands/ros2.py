@@ -70,7 +70,7 @@ def ros2(
             closing.callback(interfaces.close)
             lasers = None
             if scan_rate:
-                lasers = ContinuousScans(RemoteLasers(orb), lambda: publisher.places, scan_rate)
+                lasers = ContinuousScans(RemoteLasers(orb).scans, lambda: publisher.places, scan_rate)
                 closing.callback(lasers.close)
             _, places = publisher.places
             interfaces.update(places)

@@ -15,9 +15,8 @@ from rich.text import Text
 from robocorba.commands.waiting import RETRY_TIMEOUT_S
 from robocorba.map_editor.spatial.floor_update import BodyKind, FloorView
 from robocorba.orb.orb import Orb
-from robocorba.orb.remote_object import RemoteObject
 from robocorba.simulation.corba.remote_database import CALL_TIMEOUT_S, RemoteFloors
-from robocorba.stubs import RoboCorba
+from robocorba.simulation.corba.remote_simulation import simulation_server
 from robocorba.system.printing import Console, line
 
 #: Fields of a robot, an elevator, a sensor server or the simulation server.
@@ -38,7 +37,7 @@ class RunningSimulation:
 
     def __init__(self, orb: Orb, floors: Sequence[str]) -> None:
         self._floors = RemoteFloors(orb, floors)
-        self._server = simulation_server(orb, CALL_TIMEOUT_S)
+        self._server = simulation_server(orb, RETRY_TIMEOUT_S, CALL_TIMEOUT_S)
 
     def read(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SimulationTables:
         """Read the current state. Raises UnknownFloor, NotReachable."""
@@ -55,12 +54,6 @@ class RunningSimulation:
 
         self._server.resolve_timeout_s = resolve_timeout_s
         return self._server.call(read)
-
-
-def simulation_server(orb: Orb, call_timeout_s: float) -> RemoteObject:
-    """The simulation server, resolved again after each failure."""
-    timeouts = RETRY_TIMEOUT_S, call_timeout_s
-    return RemoteObject(orb, "SimulationServer", RoboCorba.SimulationServer, "the simulation server", *timeouts)
 
 
 # ---- state as rows ----

@@ -13,27 +13,17 @@ import typer
 from rich.live import Live
 
 from robocorba.commands.options import Naming, connected, only_for
-from robocorba.commands.simulation_tables import (
-    RunningSimulation,
-    SimulationTables,
-    as_json,
-    as_tables,
-    show,
-    simulation_server,
-)
+from robocorba.commands.simulation_tables import RunningSimulation, SimulationTables, as_json, as_tables, show
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_database import RemoteDatabase
+from robocorba.simulation.corba.remote_simulation import simulation_server
 from robocorba.system.printing import Console, echo, line
 from robocorba.system.settings import InvalidSetting
 
 #: Interval between updates of the tables in a terminal [s].
 SHOW_INTERVAL_S = 0.25
-#: Interval between printed tables without a terminal [s].
-PRINT_INTERVAL_S = 1.0
-#: Timeout of a call that renders a picture [s]; the first picture of a floor is slow.
-PICTURE_TIMEOUT_S = 15.0
 
 
 def watch(
@@ -86,7 +76,7 @@ def show_live(simulation: RunningSimulation, tables: SimulationTables, stop: Sto
 def print_tables(simulation: RunningSimulation, tables: SimulationTables, stop: StopSignal) -> None:
     """Print tables to a pipe or file, each followed by an empty line, until stopped. Raises as `show_live`."""
     outage = Outage()
-    for _ in stop.ticks(PRINT_INTERVAL_S):
+    for _ in stop.ticks(every_s=1.0):
         try:
             tables = simulation.read()
             outage.note_answer()
@@ -107,7 +97,8 @@ class Camera:
             raise InvalidSetting("--floor", ", ".join(floors), "a video shows one floor")
         self._width_px = width_px
         self._database = RemoteDatabase(orb, RETRY_TIMEOUT_S)
-        self._server = simulation_server(orb, PICTURE_TIMEOUT_S)
+        # The first picture of a floor is slow.
+        self._server = simulation_server(orb, RETRY_TIMEOUT_S, call_timeout_s=15.0)
         self._floor = floors[0] if floors else ""
 
     def png(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> bytes:
@@ -125,7 +116,7 @@ def film(
     """Film the running simulation; the video is playable however the recording ends. While no picture arrives, the
     video shows the one before. clock: monotonic [s].
 
-    Raises UnknownFloor, InvalidPicture, VideoError, NotReachable."""
+    Raises UnknownFloor, InvalidPicture, OutputError, NotReachable."""
     from PIL import Image  # imported here, since it takes a second to load
 
     from robocorba.console.video import VideoFile

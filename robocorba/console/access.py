@@ -19,12 +19,10 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 COOKIE = "robocorba_console"
 #: How long a log-in holds [s].
 SESSION_S = 12 * 3600.0
-#: Pause after a wrong password [s].
-WRONG_PASSWORD_PAUSE_S = 1.0
 #: Maximum number of log-ins that wait for the one before; more are refused.
 MAX_WAITING = 20
-#: Longest body of a log-in [bytes], and the timeout to receive it [s].
-MAX_FORM, FORM_LIMIT_S = 4096, 10.0
+#: Longest body of a log-in [bytes].
+MAX_FORM = 4096
 _HEADERS = {
     "X-Frame-Options": "DENY",
     "X-Content-Type-Options": "nosniff",
@@ -44,9 +42,7 @@ class Access:
     hosts: accepted values of the Host header, without port. password: empty for none. pause_s: after a wrong password,
     for all clients together [s]."""
 
-    def __init__(
-        self, app: ASGIApp, hosts: frozenset[str], password: str, pause_s: float = WRONG_PASSWORD_PAUSE_S
-    ) -> None:
+    def __init__(self, app: ASGIApp, hosts: frozenset[str], password: str, pause_s: float = 1.0) -> None:
         self._app, self._hosts, self._pause_s = app, frozenset(map(str.lower, hosts)), pause_s
         self._password = hashlib.sha256(password.encode()).digest() if password else b""
         self._key = secrets.token_bytes(32)
@@ -97,7 +93,7 @@ class Access:
 
     async def _log_in(self, request: Request) -> Response:
         try:
-            given = await asyncio.wait_for(_password_in(request), FORM_LIMIT_S)
+            given = await asyncio.wait_for(_password_in(request), 10.0)
         except (asyncio.TimeoutError, ClientDisconnect):
             return PlainTextResponse("the form did not arrive in time", 408)
         if given is None:

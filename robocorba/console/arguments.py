@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, get_args
 
 from robocorba.errors.base import RoboCorbaError
 
@@ -17,16 +18,25 @@ class InvalidArguments(RoboCorbaError):
     """Arguments that the operation does not have, that it misses, or with impossible values."""
 
 
+class NotPossible(RoboCorbaError):
+    """The console can't do now what a page asks for, or does not have, or no longer, what it asks about."""
+
+
 def checked(name: str, value: Any, wanted: object) -> Any:
-    """The value of the parameter `name` if it has the type of it; values of other types than JSON's simple ones are
-    left to the operation. Raises InvalidArguments."""
-    if wanted is str and not _is_text(value):
+    """The value of the parameter `name` if it has the type of it, which may also be a list of texts, or a type or None;
+    values of other types are left to the operation. Raises InvalidArguments."""
+    kind, *others = get_args(wanted) if isinstance(wanted, UnionType) else (wanted,)
+    if value is None and NoneType in others:
+        return None
+    if kind is str and not _is_text(value):
         raise InvalidArguments(f"{name} is not a text that can be sent")
-    if wanted is bool and not isinstance(value, bool):
+    if kind is bool and not isinstance(value, bool):
         raise InvalidArguments(f"{name} is not true or false")
-    if wanted is int:
+    if kind is int:
         return whole(name, value)
-    return number(name, value) if wanted is float else value
+    if kind == list[str]:
+        return texts(name, value)
+    return number(name, value) if kind is float else value
 
 
 def _is_text(value: Any) -> bool:
@@ -43,11 +53,11 @@ def text(name: str, value: Any) -> str:
     return value
 
 
-def texts(name: str, values: Any) -> tuple[str, ...]:
+def texts(name: str, values: Any) -> list[str]:
     """Raises InvalidArguments unless it is a list of texts."""
     if not isinstance(values, list):
         raise InvalidArguments(f"{name} is not a list")
-    return tuple(text(name, value) for value in values)
+    return [text(name, value) for value in values]
 
 
 def is_number(value: Any) -> bool:

@@ -19,8 +19,8 @@ _log = logging.getLogger(__name__)
 
 #: Largest body of a call [bytes].
 MAX_BODY = 8 * 1024 * 1024
-#: Emergency stops, and the number of threads that serve nothing else: others may all wait for robots that hang.
-STOPS, STOP_THREADS = frozenset({"stop", "stop_all"}), 8
+#: Emergency stops.
+STOPS = frozenset({"stop", "stop_all"})
 
 
 class Calls:
@@ -28,7 +28,8 @@ class Calls:
 
     def __init__(self, operations: Operations) -> None:
         self._operations = operations
-        self._stops = ThreadPoolExecutor(STOP_THREADS, "console stop")
+        # Threads that serve nothing else: all others may wait for robots that hang.
+        self._stops = ThreadPoolExecutor(8, "console stop")
 
     async def answer(self, name: str, request: Request) -> Response:
         """`answer`, or `error` with a sentence for the user."""

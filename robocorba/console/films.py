@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-import functools
+import itertools
 import logging
 import os
 import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from robocorba.console.arguments import NotPossible
 from robocorba.console.defects import DEFECT
-from robocorba.console.frames import Rows
 from robocorba.console.history import Moment
 from robocorba.errors.base import RoboCorbaError
 from robocorba.map_editor.model import Building
-from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, FloorUpdate, Motions
 from robocorba.simulation.recording import Recorder
 from robocorba.system.background import Background
 from robocorba.system.supervision.launch import bound_command, module_command
@@ -32,17 +29,8 @@ _log = logging.getLogger(__name__)
 FPS, MAX_PICTURES = 10, 6000
 #: Bounds of the speed of a film, relative to what happened.
 MIN_SPEED, MAX_SPEED = 0.1, 100.0
-WIDTH_PX = 1280
 #: Timeout for the making of a film [s].
 LIMIT_S = 900.0
-#: Number of films kept for download; the oldest is deleted.
-KEPT = 3
-#: Lower priority of the process that draws, so that live views go on.
-NICENESS = 10
-
-
-class InvalidFilm(RoboCorbaError):
-    """A film that can't be made, or is not there."""
 
 
 class Films:
@@ -57,40 +45,43 @@ class Films:
     def start(self, building: Building, floor: str, moments: Sequence[Moment], end_s: float, speed: float) -> int:
         """Begin a film of these moments of a floor, up to POSIX time `end_s` [s]; its number.
 
-        Raises InvalidFilm for an impossible speed or span, and while another one is being made."""
+        Raises NotPossible for an impossible speed or span, and while another one is being made."""
         if not MIN_SPEED <= speed <= MAX_SPEED:
-            raise InvalidFilm(f"speed {speed:g} is not {MIN_SPEED:g} to {MAX_SPEED:g}")
+            raise NotPossible(f"speed {speed:g} is not {MIN_SPEED:g} to {MAX_SPEED:g}")
         span_s = end_s - moments[0].at
         if span_s <= 0.0:
-            raise InvalidFilm("the film's end is not after its first moment")
+            raise NotPossible("the film's end is not after its first moment")
         pictures = span_s / speed * FPS
         if pictures > MAX_PICTURES:
             least = span_s * FPS / MAX_PICTURES
-            raise InvalidFilm(f"{span_s:.0f} s are too long for a film at speed {speed:g}: choose {least:.0f} or more")
+            raise NotPossible(f"{span_s:.0f} s are too long for a film at speed {speed:g}: choose {least:.0f} or more")
         with self._lock:
             if any(film.is_under_way for film in self._films.values()):
-                raise InvalidFilm("another film is being made: wait for it, or cancel it")
+                raise NotPossible("another film is being made: wait for it, or cancel it")
             self._count += 1
-            film = self._films[self._count] = _Film(Path(self._folder.name), self._count)
-            for number in list(self._films)[:-KEPT]:
+            file = Path(self._folder.name) / str(self._count)
+            options = {"--floor": floor, "--speed": str(speed)}
+            film = _Film(file, lambda path: record(path, building, floor, moments, end_s), options)
+            self._films[self._count] = film
+            for number in list(self._films)[:-3]:  # the last ones are kept for download
                 self._films.pop(number).remove()
-            film.start(building, floor, moments, end_s, speed)
+            film.start()
             return self._count
 
     def state(self, number: int) -> dict[str, Any]:
-        """`phase`: making, ready or failed; `seconds` since its begin; `problem`. Raises InvalidFilm."""
+        """`phase`: making, ready or failed; `seconds` since its begin; `problem`. Raises NotPossible."""
         film = self._film(number)
         return {"phase": film.phase, "seconds": film.seconds, "problem": film.problem}
 
     def cancel(self, number: int) -> None:
-        """End the making of a film. Raises InvalidFilm."""
+        """End the making of a film. Raises NotPossible."""
         self._film(number).cancel()
 
     def file(self, number: int) -> Path:
-        """The MP4 file of a film that is ready. Raises InvalidFilm."""
+        """The MP4 file of a film that is ready. Raises NotPossible."""
         film = self._film(number)
         if film.phase != "ready":
-            raise InvalidFilm("the film is not ready")
+            raise NotPossible("the film is not ready")
         return film.video
 
     def close(self) -> None:
@@ -102,19 +93,22 @@ class Films:
     def _film(self, number: int) -> _Film:
         with self._lock:
             if number not in self._films:
-                raise InvalidFilm("this film is not kept any more: make it again")
+                raise NotPossible("this film is not kept any more: make it again")
             return self._films[number]
 
 
 class _Film:
-    """A film and the process that makes it."""
+    """A film and the process that makes it. file: without suffix. write: writes the recording that `replay` films, with
+    these options."""
 
-    def __init__(self, folder: Path, number: int) -> None:
-        self.recording, self.video = folder / f"{number}.mcap", folder / f"{number}.mp4"
+    def __init__(self, file: Path, write: Callable[[Path], None], options: Mapping[str, str]) -> None:
+        self.recording, self.video = file.with_suffix(".mcap"), file.with_suffix(".mp4")
+        self._write, self._options = write, options
         self.phase, self.problem = "making", ""
         self._began_s, self._ended_s = time.monotonic(), 0.0
         self._is_cancelled = threading.Event()
-        self._thread: Background | None = None
+        # `_make` shows the problem.
+        self._thread = Background("console film", self._make, lambda reason: None)
 
     @property
     def is_under_way(self) -> bool:
@@ -124,27 +118,23 @@ class _Film:
     def seconds(self) -> float:
         return (self._ended_s or time.monotonic()) - self._began_s
 
-    def start(self, building: Building, floor: str, moments: Sequence[Moment], end_s: float, speed: float) -> None:
-        work = functools.partial(self._make, building, floor, moments, end_s, speed)
-        self._thread = Background("console film", work, lambda reason: None)  # `_make` shows the problem
+    def start(self) -> None:
         self._thread.start()
 
     def cancel(self) -> None:
         self._is_cancelled.set()
-        if self._thread is not None:
-            self._thread.join(5.0)
+        self._thread.join(5.0)
 
     def remove(self) -> None:
         for file in (self.recording, self.video):
             file.unlink(missing_ok=True)
 
-    def _make(self, building: Building, floor: str, moments: Sequence[Moment], end_s: float, speed: float) -> None:
+    def _make(self) -> None:
         problem = DEFECT
+        options = {"--video": str(self.video), "--fps": str(FPS), "--width": "1280", **self._options}
         try:
-            record(self.recording, building, floor, moments, end_s)
-            arguments = ["replay", str(self.recording), "--video", str(self.video), "--floor", floor]
-            arguments += ["--fps", str(FPS), "--speed", str(speed), "--width", str(WIDTH_PX)]
-            problem = self._run(arguments)
+            self._write(self.recording)
+            problem = self._run(["replay", str(self.recording), *itertools.chain.from_iterable(options.items())])
         except (RoboCorbaError, OSError) as error:
             problem = str(error)
         finally:
@@ -161,7 +151,7 @@ class _Film:
             subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output) as process,
         ):
             with contextlib.suppress(OSError):
-                os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
+                os.setpriority(os.PRIO_PROCESS, process.pid, 10)  # a low one, so that live views go on
             while process.poll() is None:
                 if self._is_cancelled.wait(0.1) or self.seconds > LIMIT_S:
                     process.kill()
@@ -179,22 +169,7 @@ def record(path: Path, building: Building, floor: str, moments: Sequence[Moment]
     Raises InvalidRecording."""
     with Recorder(path, building, overwrite=True) as recorder:
         for version, moment in enumerate(moments, start=1):
-            recorder.write(_update(floor, version, moment), moment.at)
+            recorder.write(moment.update(floor, version), moment.at)
         last = moments[-1]
         if end_s > last.at:
-            recorder.write(_update(floor, len(moments) + 1, last), end_s)
-
-
-def _update(floor: str, version: int, moment: Moment) -> FloorUpdate:
-    motions = _motions(moment.rows)
-    elevators = dict(moment.elevators)
-    return FloorUpdate(
-        floor, WHOLE, version, moment.time, moment.map_version, list(moment.bodies), [], motions, elevators
-    )
-
-
-def _motions(rows: Rows) -> Motions:
-    motions = np.empty(len(rows), MOTION)
-    for name in MOTION.names or ():
-        motions[name] = rows[name]
-    return motions
+            recorder.write(last.update(floor, len(moments) + 1), end_s)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from shapely.geometry.base import BaseGeometry
+import shapely
 
 from robocorba.map_editor import geometry
 from robocorba.map_editor.model import Building, Elevator, MapObject
@@ -64,7 +64,7 @@ def floor_plan(building: Building, floor: str) -> dict[str, Any]:
 def _pieces(building: Building, floor: str) -> dict[str, Lines]:
     """What doors leave of each wall, as lines."""
     return {
-        obstacle.name: _lines(obstacle.geometry)
+        obstacle.name: [_points(line.coords) for line in shapely.get_parts(obstacle.geometry) if not line.is_empty]
         for obstacle in geometry.obstacles(building, floor)
         if obstacle.kind == "wall"
     }
@@ -95,10 +95,6 @@ def _elevator(elevator: Elevator, floor: str) -> dict[str, Any]:
             _points(geometry.landing_line(elevator, door).coords) for door in elevator.doors if door.floor == floor
         ],
     }
-
-
-def _lines(shape: BaseGeometry) -> Lines:
-    return [_points(line.coords) for line in getattr(shape, "geoms", [shape]) if not line.is_empty]
 
 
 def _points(points: Iterable[Sequence[float] | XY]) -> Points:

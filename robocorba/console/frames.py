@@ -8,19 +8,17 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robocorba.map_editor.spatial.elevator_state import ElevatorState
-from robocorba.map_editor.spatial.floor_update import WHOLE, Body, FloorUpdate, Motions
+from robocorba.map_editor.spatial.floor_update import WHOLE, Body, FloorUpdate, FloorView
 
 #: A body that moved: its number, x, y [m], heading [rad], velocity along the floor's axes [m/s], turn [rad/s].
 ROW = np.dtype([("number", "<u4"), *((name, "<f4") for name in ("x", "y", "heading", "vx", "vy", "turn"))])
 Rows = NDArray[np.void]
-_LENGTH = struct.Struct("<I")
 
 
 def update_frame(update: FloorUpdate) -> bytes:
@@ -34,42 +32,25 @@ def update_frame(update: FloorUpdate) -> bytes:
         "went": list(update.went),
         "elevators": {name: _elevator(state) for name, state in update.elevators.items()},
     }
-    return _frame(header, rows_of(update.motions))
-
-
-def whole_frame(
-    floor: str,
-    time_s: float,
-    map_version: int,
-    bodies: Iterable[Body],
-    elevators: Mapping[str, ElevatorState],
-    rows: Rows,
-) -> bytes:
-    """The frame that replaces all that a browser has of a floor. rows: of ROW, one for each body."""
-    header = {
-        "floor": floor,
-        "time": time_s,
-        "map": map_version,
-        "whole": True,
-        "came": [_body(body) for body in bodies],
-        "went": [],
-        "elevators": {name: _elevator(state) for name, state in elevators.items()},
-    }
-    return _frame(header, rows)
-
-
-def rows_of(motions: Motions) -> Rows:
-    """Rows of ROW from rows of MOTION."""
-    rows = np.empty(len(motions), ROW)
-    for name in ROW.names or ():
-        rows[name] = motions[name]
-    return rows
-
-
-def _frame(header: dict[str, Any], rows: Rows) -> bytes:
     text = json.dumps(header, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    return _LENGTH.pack(len(text)) + text + rows.tobytes()
+    return struct.pack("<I", len(text)) + text + with_fields(ROW, update.motions).tobytes()
+
+
+def whole_update(view: FloorView) -> FloorUpdate:
+    """The update that replaces all that a browser has of a floor."""
+    bodies, elevators = list(view.bodies.values()), dict(view.elevators)
+    return FloorUpdate(
+        view.floor, WHOLE, view.version, view.time, view.map_version, bodies, [], view.motions, elevators
+    )
+
+
+def with_fields(dtype: np.dtype[np.void], rows: Rows) -> Rows:
+    """Rows of ROW or MOTION as rows of the other type."""
+    found = np.empty(len(rows), dtype)
+    for name in dtype.names or ():
+        found[name] = rows[name]
+    return found
 
 
 def _body(body: Body) -> dict[str, Any]:

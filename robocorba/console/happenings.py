@@ -9,12 +9,10 @@ from typing import Any, NamedTuple
 
 from robocorba.console.contacts import Contact
 
-#: Happenings are forgotten after this time [s], and beyond this number.
-KEPT_S, MAX_KEPT = 1800.0, 2000
+#: Happenings are forgotten after this time [s].
+KEPT_S = 1800.0
 #: Maximum length of a text [characters]; names may be long.
 MAX_TEXT = 300
-#: A robot without news for this time does not answer [s].
-SILENT_S = 3.0
 #: Contacts that are named in the text of a collision.
 MAX_CONTACTS = 6
 Rows = Mapping[str, Any]
@@ -40,7 +38,7 @@ class Happenings:
     def __init__(self, contacts: Callable[[float], Sequence[Contact]] = lambda at_s: ()) -> None:
         self._contacts = contacts
         self._lock = threading.Lock()
-        self._kept: deque[Happening] = deque(maxlen=MAX_KEPT)
+        self._kept: deque[Happening] = deque(maxlen=2000)
         self._count = 0
         self._before: Rows | None = None
 
@@ -100,12 +98,8 @@ def _differences(before: Rows, now: Rows) -> Iterator[Difference]:
 def _of_server(before: Rows, now: Rows) -> Iterator[Difference]:
     if bool(before["problem"]) != bool(now["problem"]):
         problem = now["problem"]
-        yield (
-            "server",
-            "",
-            "",
-            f"the simulation server: {problem}" if problem else "the simulation server answers again",
-        )
+        text = f"the simulation server: {problem}" if problem else "the simulation server answers again"
+        yield "server", "", "", text
     if not before["state"] or not now["state"]:
         return
     old, new = before["state"]["state"], now["state"]["state"]
@@ -151,23 +145,14 @@ def _of_program(name: str, floor: str, old: Rows, new: Rows) -> Iterator[Differe
         yield "program", name, floor, f"{_shown(name)} runs {_shown(program['name'])}"
     elif was_running and not is_running and program["result"] != "NO_RESULT":
         reason = f": {program['reason']}" if program["reason"] else ""
-        yield (
-            "program",
-            name,
-            floor,
-            f"{_shown(name)} has ended {_shown(program['name'])}, {program['result'].lower()}{reason}",
-        )
+        result = f"{program['result'].lower()}{reason}"
+        yield "program", name, floor, f"{_shown(name)} has ended {_shown(program['name'])}, {result}"
 
 
 def _of_channel(name: str, before: Rows, now: Rows) -> Iterator[Difference]:
     if bool(before["problem"]) != bool(now["problem"]):
         problem = now["problem"]
-        yield (
-            "channel",
-            "",
-            "",
-            f"channel {_shown(name)}: {problem}" if problem else f"channel {_shown(name)} answers again",
-        )
+        yield "channel", "", "", f"channel {_shown(name)}" + (f": {problem}" if problem else " answers again")
     old = _links(before)
     for peer, is_up in _links(now).items():
         if peer in old and old[peer] != is_up:
@@ -186,8 +171,8 @@ def _shown(name: str) -> str:
 
 
 def _is_silent(row: Rows) -> bool:
-    """Whether a robot has not answered for long; one that was found just now has not been asked yet."""
-    return bool(row["problem"]) if row["age"] is None else bool(row["age"] > SILENT_S)
+    """Whether a robot has not answered for 3 s; one that was found just now has not been asked yet."""
+    return bool(row["problem"]) if row["age"] is None else bool(row["age"] > 3.0)
 
 
 def _floor(row: Rows) -> str:

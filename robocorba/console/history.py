@@ -10,18 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.console.frames import Rows, rows_of, whole_frame
+from robocorba.console.frames import ROW, Rows, update_frame, with_fields
 from robocorba.errors.paths import UnknownFloor
 from robocorba.map_editor.spatial.elevator_state import ElevatorState
-from robocorba.map_editor.spatial.floor_update import Body, FloorView, memory_of
+from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, Body, FloorUpdate, FloorView, memory_of
 from robocorba.simulation.recording import Recording
 
 #: Age beyond which moments are forgotten [s].
 KEPT_S = 1800.0
 #: Shortest interval between the moments of a floor [s].
 INTERVAL_S = 0.2
-#: Maximum memory of all moments [bytes]; beyond, the oldest moments of the fullest floor are forgotten.
-MAX_BYTES = 256 * 1024 * 1024
 #: Memory of a moment beside its rows, bodies and elevators [bytes], as tracemalloc measured it: numbers, a tuple, the
 #: head of an array.
 MOMENT_BYTES = 300
@@ -37,15 +35,22 @@ class Moment(NamedTuple):
     elevators: Mapping[str, ElevatorState]
     rows: Rows
 
+    def update(self, floor: str, version: int = 1) -> FloorUpdate:
+        """The whole floor at this time, as a version of it."""
+        bodies, motions, elevators = list(self.bodies), with_fields(MOTION, self.rows), dict(self.elevators)
+        return FloorUpdate(floor, WHOLE, version, self.time, self.map_version, bodies, [], motions, elevators)
+
 
 class History:
     """Moments of floors in the order of their times. Thread-safe.
+
+    max_bytes: of memory of all moments; beyond, the oldest moments of the fullest floor are forgotten.
 
     epoch: when the clock by which moments are added was 0, by the system's clock now [s since 1970]. So what has
     happened stays in its order, and as long ago as it is, when the system's clock is set."""
 
     def __init__(
-        self, kept_s: float = KEPT_S, max_bytes: int = MAX_BYTES, epoch: Callable[[], float] = lambda: 0.0
+        self, kept_s: float = KEPT_S, max_bytes: int = 256 * 1024 * 1024, epoch: Callable[[], float] = lambda: 0.0
     ) -> None:
         self._kept_s, self._max_bytes, self.epoch = kept_s, max_bytes, epoch
         self._lock = threading.Lock()
@@ -76,7 +81,7 @@ class History:
                 return
             bodies: tuple[Body, ...] = tuple(view.bodies.values())
             elevators: Mapping[str, ElevatorState] = dict(view.elevators)
-            rows = rows_of(view.motions)
+            rows = with_fields(ROW, view.motions)
             if last:
                 is_same = bodies == last.bodies, elevators == last.elevators, np.array_equal(rows, last.rows)
                 if all(is_same):
@@ -123,8 +128,7 @@ class History:
 
     def frame(self, floor: str, at_s: float) -> bytes:
         """The frame of a floor at POSIX time `at_s` [s]. Raises UnknownFloor."""
-        moment = self.at(floor, at_s)
-        return whole_frame(floor, moment.time, moment.map_version, moment.bodies, moment.elevators, moment.rows)
+        return update_frame(self.at(floor, at_s).update(floor))
 
     def _forget(self, now_s: float) -> None:
         for moments in self._moments.values():

@@ -10,8 +10,6 @@ from starlette.requests import Request
 
 from robocorba.system.decoding import Work
 
-#: Interval between looks whether the client is still there [s].
-LOOK_INTERVAL_S = 0.25
 T = TypeVar("T")
 
 
@@ -21,7 +19,7 @@ async def in_thread(request: Request, work: Work, function: Callable[[], T]) -> 
     The body of the request must have been received. Raises what the function raises."""
     task = asyncio.create_task(asyncio.to_thread(function))
     try:
-        while not (await asyncio.wait([task], timeout=LOOK_INTERVAL_S))[0]:
+        while not (await asyncio.wait([task], timeout=0.25))[0]:
             if await request.is_disconnected():
                 work.cancel()
         return task.result()

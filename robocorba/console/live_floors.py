@@ -6,7 +6,8 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 
-from robocorba.console.frames import rows_of, update_frame, whole_frame
+from robocorba.console.following import Following
+from robocorba.console.frames import update_frame, whole_update
 from robocorba.console.history import History
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
@@ -14,12 +15,9 @@ from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.floor_update import WHOLE, FloorView
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_database import RemoteDatabase
-from robocorba.system.repeating import Repeating
 
-#: Interval between updates of floors that somebody watches, and of the others [s].
-WATCHED_S, UNWATCHED_S = 0.045, 0.5
-#: Interval between requests for the names of the floors [s].
-NAMES_S = 2.0
+#: Interval between updates of floors that nobody watches [s].
+UNWATCHED_S = 0.5
 #: Timeout for resolving the Omni database in each round [s].
 RESOLVE_TIMEOUT_S = 0.5
 
@@ -67,34 +65,22 @@ class LiveFloor:
             if version == self._since != WHOLE:
                 return view.version, self._frame
             if self._whole[0] != view.version:
-                bodies, rows = view.bodies.values(), rows_of(view.motions)
-                frame = whole_frame(view.floor, view.time, view.map_version, bodies, view.elevators, rows)
-                self._whole = view.version, frame
+                self._whole = view.version, update_frame(whole_update(view))
             return self._whole
 
 
-class LiveFloors:
-    """Follows all floors of a running system in a thread of its own, from `start` to `close`. Thread-safe.
+class LiveFloors(Following):
+    """All floors of a running system. Thread-safe."""
 
-    changed: called in that thread with the name of a floor that has changed, or with an empty name when the connection
-    or the list of floors has changed."""
-
-    def __init__(self, orb: Orb, history: History, changed: Callable[[str], None]) -> None:
+    def __init__(self, orb: Orb, history: History, changed: Callable[[], None]) -> None:
+        # About 20 times a second for floors that somebody watches.
+        super().__init__("console floors", 0.045, changed, "connecting")
         self._database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
-        self._history, self._changed = history, changed
+        self._history = history
         self._lock = threading.Lock()
         self._floors: dict[str, LiveFloor] = {}
         self._watched: dict[object, frozenset[str]] = {}
         self._names_at_s = 0.0
-        #: Why the Omni database does not answer; empty while it does.
-        self.problem = "connecting"
-        self._task = Repeating("console floors", self._follow, WATCHED_S)
-
-    def start(self) -> None:
-        self._task.start()
-
-    def close(self) -> None:
-        self._task.close()
 
     @property
     def names(self) -> list[str]:
@@ -116,29 +102,28 @@ class LiveFloors:
             if not self._watched[viewer]:
                 del self._watched[viewer]
 
-    def _follow(self) -> None:
+    def _read_news(self) -> bool:
         now_s = time.monotonic()
         try:
             if now_s >= self._names_at_s:
                 self._read_names()
-                self._names_at_s = now_s + NAMES_S
+                self._names_at_s = now_s + 2.0
             with self._lock:
                 watched = frozenset().union(*self._watched.values())
-                due = {name: floor for name, floor in self._floors.items() if name in watched or now_s >= floor.next_s}
-            for name, floor in due.items():
+                due = [floor for name, floor in self._floors.items() if name in watched or now_s >= floor.next_s]
+            for floor in due:
                 floor.next_s = now_s + UNWATCHED_S
                 if floor.follow(self._database, self._history):
-                    self._changed(name)
-        except NotReachable as error:
-            self._set_problem(str(error))
+                    self._changed()  # the others may take a while
         except UnknownFloor:
             self._names_at_s = 0.0  # it was removed from the map
-        except RoboCorbaError as error:  # a server that was replaced meanwhile
+        except NotReachable:
+            raise
+        except RoboCorbaError:  # a server that was replaced meanwhile
             with self._lock:
                 self._floors = {name: LiveFloor(name) for name in self._floors}
-            self._set_problem(str(error))
-        else:
-            self._set_problem("")
+            raise
+        return False
 
     def _read_names(self) -> None:
         names = self._database.floors()
@@ -146,9 +131,4 @@ class LiveFloors:
             if names == list(self._floors):
                 return
             self._floors = {name: self._floors.get(name) or LiveFloor(name) for name in names}
-        self._changed("")
-
-    def _set_problem(self, problem: str) -> None:
-        if problem != self.problem:
-            self.problem = problem
-            self._changed("")
+        self._changed()

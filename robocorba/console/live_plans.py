@@ -7,41 +7,27 @@ import threading
 from collections.abc import Callable
 
 from robocorba.console.floor_plan import floor_plan
+from robocorba.console.following import Following
+from robocorba.console.operations import RESOLVE_TIMEOUT_S
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.corba.remote_map import RemoteMap
 from robocorba.map_editor.model import Building
 from robocorba.orb.orb import Orb
-from robocorba.system.repeating import Repeating
-
-#: Interval between requests for map edits [s].
-INTERVAL_S = 0.25
-#: Timeout of each attempt to find the map editor [s].
-RESOLVE_TIMEOUT_S = 1.0
 
 
-class LivePlans:
-    """Floor plans of the map editor's building, followed from `start` to `close`. Thread-safe.
-
-    changed: called in the thread that follows, when the map has changed or the editor was lost or found."""
+class LivePlans(Following):
+    """Floor plans of the map editor's building. Thread-safe."""
 
     def __init__(self, orb: Orb, changed: Callable[[], None]) -> None:
-        self._orb, self._changed = orb, changed
+        super().__init__("console map", 0.25, changed, "connecting")
+        self._orb = orb
         self._lock = threading.Lock()
         self._map: RemoteMap | None = None
         self._building = Building("")
         self._plans: dict[str, tuple[Building, bytes]] = {}
         #: Version of the map; 0 before it is loaded.
         self.version = 0
-        #: Why the map editor does not answer; empty while it does.
-        self.problem = "connecting"
-        self._task = Repeating("console map", self._follow, INTERVAL_S)
-
-    def start(self) -> None:
-        self._task.start()
-
-    def close(self) -> None:
-        self._task.close()
 
     @property
     def building(self) -> Building:
@@ -59,17 +45,14 @@ class LivePlans:
                 kept = self._plans[floor] = building, json.dumps(floor_plan(building, floor)).encode()
             return kept[1]
 
-    def _follow(self) -> None:
+    def _read_news(self) -> bool:
         try:
             if self._map is None:
-                self._map, has_changed = RemoteMap(self._orb, RESOLVE_TIMEOUT_S, with_topology=True), True
-            else:
-                has_changed = self._map.follow()
-            problem = ""
-        except NotReachable as error:
-            self._map, has_changed, problem = None, False, str(error)
-        if has_changed and self._map is not None:
-            self._building, self.version = self._map.building, self._map.version
-        if has_changed or problem != self.problem:
-            self.problem = problem
-            self._changed()
+                self._map = RemoteMap(self._orb, RESOLVE_TIMEOUT_S, with_topology=True)
+            elif not self._map.follow():
+                return False
+        except NotReachable:
+            self._map = None
+            raise
+        self._building, self.version = self._map.building, self._map.version
+        return True

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
-from robocorba.console.arguments import text, whole
+from robocorba.console.arguments import InvalidArguments, text, whole
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.maps import InvalidElement, MapError, StaleEdit, UnknownElement
 from robocorba.map_editor.changes import ElementKey, key
 from robocorba.map_editor.consequences import with_consequences
+from robocorba.map_editor.corba.remote_edit_session import RemoteMapEditor
 from robocorba.map_editor.edits import Finding
 from robocorba.map_editor.element_json import from_json
 from robocorba.map_editor.model import COLLECTION_OF, Building, Element, ElementKind, FloorMap
 
 #: Maximum number of edits in one step.
 MAX_EDITS = 5000
-
-
-class InvalidEdits(RoboCorbaError):
-    """The request is not a list of edits."""
 
 
 class Refused(MapError):
@@ -47,17 +44,10 @@ class Edit(NamedTuple):
         return key(self.kind, self.floor, self.name)
 
 
-class MapReader(Protocol):
-    """What is read of the map editor."""
-
-    def elements(self, kind: ElementKind, floor: str = "") -> list[tuple[Element, int]]:
-        """All elements of a kind on a floor, with their versions."""
-
-
 def read_edits(values: Any) -> list[Edit]:
-    """The edits of JSON objects. Raises InvalidEdits, InvalidElement."""
+    """The edits of JSON objects. Raises InvalidArguments, InvalidElement."""
     if not isinstance(values, list) or not 0 < len(values) <= MAX_EDITS:
-        raise InvalidEdits(f"give a list of 1 to {MAX_EDITS} edits")
+        raise InvalidArguments(f"give a list of 1 to {MAX_EDITS} edits")
     return [_edit(value) for value in values]
 
 
@@ -67,19 +57,21 @@ def _edit(value: Any) -> Edit:
         floor, name, to = (text(each, value.get(each, "")) for each in ("floor", "name", "to"))
         version = whole("version", value.get("version", 0))
     except (KeyError, TypeError, ValueError, AttributeError):
-        raise InvalidEdits("an edit has do, kind, floor, name and version") from None
+        raise InvalidArguments("an edit has do, kind, floor, name and version") from None
     if do not in ("create", "change", "remove", "rename"):
-        raise InvalidEdits(f"{str(do)[:40]!r} is none of create, change, remove, rename")
+        raise InvalidArguments(f"{str(do)[:40]!r} is none of create, change, remove, rename")
     floor = floor if kind in COLLECTION_OF else ""
     if do in ("remove", "rename"):
         return Edit(do, kind, floor, name, version=version, to=to)
     element = from_json(kind, floor, value.get("members"))
     if element.name != name:
-        raise InvalidEdits(f"{kind.value} {name[:80]!r} would get the name {element.name[:80]!r}; rename it instead")
+        raise InvalidArguments(
+            f"{kind.value} {name[:80]!r} would get the name {element.name[:80]!r}; rename it instead"
+        )
     return Edit(do, kind, floor, name, element, version)
 
 
-def apply_edits(editor: MapReader, session: Any, edits: list[Edit]) -> int:
+def apply_edits(editor: RemoteMapEditor, session: Any, edits: list[Edit]) -> int:
     """Make the edits in one transaction of a session. Returns the version of the building.
 
     Raises Refused with all problems, and what the session raises."""
@@ -103,7 +95,7 @@ def apply_edits(editor: MapReader, session: Any, edits: list[Edit]) -> int:
 Step = tuple[ElementKey, Element | None, bool]
 
 
-def _read(editor: MapReader, edits: list[Edit]) -> tuple[Building, dict[ElementKey, int]]:
+def _read(editor: RemoteMapEditor, edits: list[Edit]) -> tuple[Building, dict[ElementKey, int]]:
     """The parts of the building that the edits may concern, with the versions of their elements."""
     floors = editor.elements(ElementKind.FLOOR)
     building = Building("", {found.name: FloorMap(found) for found, _ in floors})  # type: ignore[arg-type]

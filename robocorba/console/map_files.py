@@ -12,27 +12,21 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from robocorba.errors.base import RoboCorbaError
+from robocorba.console.arguments import InvalidArguments
 from robocorba.errors.maps import MapFileError
 from robocorba.map_editor.model import Building, with_topology
 
 #: Maximum number of uploaded files.
 MAX_FILES = 64
 _SUFFIXES = (".yaml", ".yml", ".json")
-#: Suffix and media type of each format that is written.
-FORMATS = {"native": ".yaml", "openrmf": ".building.yaml", "ros": ".yaml", "nav2": ".geojson"}
-
-
-class InvalidUpload(RoboCorbaError):
-    """The uploaded files can't be read."""
 
 
 def decoded(text: Any, what: str) -> bytes:
-    """The bytes of a base64 text. Raises InvalidUpload."""
+    """The bytes of a base64 text. Raises InvalidArguments."""
     try:
         return base64.b64decode(text, validate=True)
     except (binascii.Error, TypeError, ValueError):
-        raise InvalidUpload(f"{what} is not base64 text") from None
+        raise InvalidArguments(f"{what} is not base64 text") from None
 
 
 def read_upload(files: Mapping[str, str], unknown: str, specks: str, topology: bool, radius_m: float) -> dict[str, Any]:
@@ -40,7 +34,7 @@ def read_upload(files: Mapping[str, str], unknown: str, specks: str, topology: b
 
     unknown, specks: as in read_map. topology: generate roads for floors without, for robots of `radius_m`.
     Returns `document` (a native map file), `format`, `summary`, `losses` and `warnings` (sentences).
-    Raises InvalidUpload, MapFileError."""
+    Raises InvalidArguments, MapFileError."""
     # Imported here and below: the formats and the generator take most of a second to load.
     from robocorba.map_editor import checking, native
     from robocorba.map_editor.formats import read_map
@@ -63,16 +57,24 @@ def read_upload(files: Mapping[str, str], unknown: str, specks: str, topology: b
     }
 
 
+def downloads() -> list[dict[str, Any]]:
+    """The formats of `write_download`: `name`, `title`, and whether they consist of `cells`."""
+    from robocorba.map_editor.formats import written_formats
+
+    return [{"name": name, "title": each.title, "cells": each.has_cells} for name, each in written_formats().items()]
+
+
 def write_download(building: Building, format: str, resolution_m: float, image: str) -> dict[str, Any]:
     """The building in a format: `name` of the file, `content` in base64, `losses`. Several files become one archive.
 
-    Raises InvalidUpload for an unknown format, MapFileError."""
-    from robocorba.map_editor.formats import export_map
+    Raises InvalidArguments for an unknown format, MapFileError."""
+    from robocorba.map_editor.formats import export_map, written_formats
 
-    if format not in FORMATS:
-        raise InvalidUpload(f"the format {format[:40]!r} can't be written; there are {', '.join(FORMATS)}")
+    known = written_formats()
+    if format not in known:
+        raise InvalidArguments(f"the format {format[:40]!r} can't be written; there are {', '.join(known)}")
     stem = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in building.name)[:60] or "building"
-    exported = export_map(building, stem + FORMATS[format], format, resolution_m=resolution_m, image=image)
+    exported = export_map(building, stem + known[format].suffix, format, resolution_m=resolution_m, image=image)
     name, content = _packed(stem, exported.files)
     return {"name": name, "content": base64.b64encode(content).decode(), "losses": list(exported.losses)}
 
@@ -90,25 +92,29 @@ def summary(building: Building) -> str:
 def _store(files: Mapping[str, str], folder: Path) -> Path:
     """Write the files into a folder; the one to read first."""
     if not 0 < len(files) <= MAX_FILES:
-        raise InvalidUpload(f"{len(files)} files are given; give 1 to {MAX_FILES}")
+        raise InvalidArguments(f"{len(files)} files are given; give 1 to {MAX_FILES}")
     maps: dict[Path, bytes] = {}
     for given, text in files.items():
         name = Path(given.replace("\\", "/")).name
         if not name or name.startswith("."):
-            raise InvalidUpload(f"{given[:80]!r} is not a file name")
+            raise InvalidArguments(f"{given[:80]!r} is not a file name")
         path, content = folder / name, decoded(text, name[:80])
         try:
             path.write_bytes(content)
         except (OSError, ValueError) as error:
-            raise InvalidUpload(f"{name[:80]}: {getattr(error, 'strerror', None) or error}") from None
-        if path.suffix.lower() in _SUFFIXES:
+            raise InvalidArguments(f"{name[:80]}: {getattr(error, 'strerror', None) or error}") from None
+        if path.suffix.lower() in (".yaml", ".yml", ".json"):
             maps[path] = content
     lists = [path for path, content in maps.items() if b"ros_maps" in content]
     found = lists or list(maps)
     if not found:
-        raise InvalidUpload("none of the files is a map: choose the .yaml file, and the pictures that it names with it")
+        raise InvalidArguments(
+            "none of the files is a map: choose the .yaml file, and the pictures that it names with it"
+        )
     if len(found) > 1:
-        raise InvalidUpload(f"{len(found)} maps are given ({', '.join(path.name for path in found)[:200]}); choose one")
+        raise InvalidArguments(
+            f"{len(found)} maps are given ({', '.join(path.name for path in found)[:200]}); choose one"
+        )
     return found[0]
 
 

@@ -168,6 +168,10 @@ class MapOperations:
 
     # ---- files ----
 
+    def map_formats(self) -> list[Answer]:
+        """The formats of `map_export`: `name`, `title`, and whether they consist of `cells`."""
+        return map_files.downloads()
+
     def map_export(self, format: str, resolution: float = 0.05, image: str = "pgm") -> Answer:
         """The building as a file: `name`, `content` in base64, `losses`. resolution [m], image (pgm, png): for ros."""
         building, _ = self._editor.building()

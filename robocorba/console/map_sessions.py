@@ -1,41 +1,27 @@
-"""The edit sessions of the console's tabs: one for each, ended when its tab is silent for long."""
+"""The edit sessions of the console's tabs, one for each."""
 
 from __future__ import annotations
 
 import contextlib
 import secrets
 import threading
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
 
+from robocorba.console.arguments import NotPossible
 from robocorba.errors.base import RoboCorbaError
+from robocorba.map_editor.corba.remote_edit_session import RemoteEditSession, RemoteMapEditor
 
-#: Maximum number of sessions of a console; the one that has been silent for longest makes place for a new one.
+#: Maximum number of sessions of a console; the one that has been silent for longest makes place for a new one. The map
+#: editor ends those that are silent for an hour.
 MAX_SESSIONS = 64
-#: A session ends after this time without a call [s].
-SILENCE_S = 1800.0
-
-
-class NoSession(RoboCorbaError):
-    """The tab's session has ended, or never began."""
-
-
-class Editor(Protocol):
-    """The map editor, as far as sessions need it."""
-
-    def open_session(self, author: str) -> Any:
-        """A new session of the author."""
 
 
 @dataclass
 class TabSession:
-    """A tab's session. remote: its session at the map editor. used_s: on the clock of TabSessions."""
+    """A tab's session. remote: its session at the map editor."""
 
     author: str
-    remote: Any
-    used_s: float
+    remote: RemoteEditSession
     #: One edit of a tab at a time.
     lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -43,29 +29,29 @@ class TabSession:
 class TabSessions:
     """The sessions by key. Thread-safe."""
 
-    def __init__(self, editor: Editor, clock: Callable[[], float] = time.monotonic) -> None:
-        self._editor, self._clock = editor, clock
+    def __init__(self, editor: RemoteMapEditor) -> None:
+        self._editor = editor
         self._lock = threading.Lock()
+        #: The one that was used last is the last one.
         self._sessions: dict[str, TabSession] = {}
 
     def open(self, author: str) -> str:
         """The key of a new session. Raises what the map editor raises, such as InvalidElement for the author's name."""
-        session = TabSession(author, self._editor.open_session(author), self._clock())
+        session = TabSession(author, self._editor.open_session(author))
         key = secrets.token_urlsafe(12)
         with self._lock:
             self._sessions[key] = session
-            ended = self._ended()
-        for each in ended:
+            silent = [self._sessions.pop(each) for each in list(self._sessions)[:-MAX_SESSIONS]]
+        for each in silent:
             _close(each)
         return key
 
     def find(self, key: str) -> TabSession:
-        """The session, which is used now. Raises NoSession."""
+        """The session, which is used now. Raises NotPossible."""
         with self._lock:
-            session = self._sessions.get(key)
-            if session is None:
-                raise NoSession("the session of this page has ended; open another one")
-            session.used_s = self._clock()
+            if key not in self._sessions:
+                raise NotPossible("the session of this page has ended; open another one")
+            session = self._sessions[key] = self._sessions.pop(key)
             return session
 
     def renew(self, session: TabSession) -> None:
@@ -78,14 +64,6 @@ class TabSessions:
             session = self._sessions.pop(key, None)
         if session is not None:
             _close(session)
-
-    def _ended(self) -> list[TabSession]:
-        """Remove the sessions that are silent for too long, or are too many."""
-        oldest_first = sorted(self._sessions.items(), key=lambda item: item[1].used_s)
-        too_many = len(oldest_first) - MAX_SESSIONS
-        limit_s = self._clock() - SILENCE_S
-        ended = [key for n, (key, each) in enumerate(oldest_first) if n < too_many or each.used_s < limit_s]
-        return [self._sessions.pop(key) for key in ended]
 
 
 def _close(session: TabSession) -> None:

@@ -6,12 +6,11 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from robocorba.console.operations import RESOLVE_TIMEOUT_S
 from robocorba.errors.services import NotReachable
 from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
 from robocorba.orb.orb import Orb
 
-#: Timeout to find mission control [s].
-RESOLVE_TIMEOUT_S = 1.0
 Row = Mapping[str, Any]
 
 

@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from robocorba.console.films import Films, InvalidFilm
+from robocorba.console.arguments import NotPossible
+from robocorba.console.films import Films
 from robocorba.console.history import History
 from robocorba.console.monitor_state import MonitorState
 from robocorba.console.recordings import Recordings
@@ -49,10 +50,10 @@ class MonitorOperations:
         opened = self._recordings.get(recording) if recording else None
         history, building = (opened.history, opened.building) if opened else (self._history, self._building())
         if floor not in building.floors:
-            raise InvalidFilm("the map is not known yet: try again when its server answers")
+            raise NotPossible("the map is not known yet: try again when its server answers")
         end = min(end, history.span()[1] if opened else time.time())
         if not begin < end:
-            raise InvalidFilm("the film's end is not after its begin")
+            raise NotPossible("the film's end is not after its begin")
         return self._films.start(building, floor, history.between(floor, begin, end), end, speed)
 
     def film_state(self, film: int) -> dict[str, Any]:

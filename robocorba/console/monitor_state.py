@@ -5,29 +5,17 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from robocorba.console.contacts import Contact, contacts_since
 from robocorba.console.happenings import Happenings
 from robocorba.console.history import KEPT_S, History
+from robocorba.console.system_state import SystemState
 from robocorba.map_editor.model import Building
 from robocorba.system.repeating import Repeating
 
-#: Interval between comparisons of the state [s].
-INTERVAL_S = 0.5
 #: Maximum number of robots that are remembered after they have logged off.
 MAX_GONE = 500
-#: A collision is counted at most this long after the bodies have met [s].
-CONTACT_S = 1.5
-
-
-class StateSource(Protocol):
-    """As SystemState."""
-
-    def start(self) -> None: ...
-    def close(self) -> None: ...
-    def forget(self, robot: str) -> None: ...
-    def rows(self) -> dict[str, Any]: ...
 
 
 class MonitorState:
@@ -36,14 +24,14 @@ class MonitorState:
     building: returns the map, whose walls name what robots collide with."""
 
     def __init__(
-        self, state: StateSource, history: History, building: Callable[[], Building] = lambda: Building("")
+        self, state: SystemState, history: History, building: Callable[[], Building] = lambda: Building("")
     ) -> None:
         self._state, self._history, self._building = state, history, building
         self.happenings = Happenings(self._contacts)
         self._lock = threading.Lock()
         #: The last record of each robot that has logged on, and when it was there [s, monotonic], the oldest first.
         self._clients: dict[str, tuple[dict[str, Any], float]] = {}
-        self._task = Repeating("console happenings", self.update, INTERVAL_S)
+        self._task = Repeating("console happenings", self.update, 0.5)
 
     def start(self) -> None:
         self._state.start()
@@ -84,9 +72,10 @@ class MonitorState:
         return {**rows, "gone": gone, "past": past, "happenings": self.happenings.last}
 
     def _contacts(self, monotonic_s: float) -> list[Contact]:
-        """Who has begun to touch whom just before this time."""
+        """Who has begun to touch whom just before this time: a collision is counted at most 1.5 s after the bodies have
+        met."""
         at_s = monotonic_s + self._history.epoch()
-        return contacts_since(self._history, self._building(), at_s - CONTACT_S, at_s)
+        return contacts_since(self._history, self._building(), at_s - 1.5, at_s)
 
     def _remember(self, rows: dict[str, Any]) -> None:
         server = rows["server"]

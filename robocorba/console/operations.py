@@ -14,7 +14,7 @@ from robocorba.robot.corba.emergency_stop import StopAddresses, reset_robots, st
 from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.system.supervision.stop_addresses import stop_addresses
 
-#: Timeout for finding a robot [s].
+#: Timeout for finding an object that a page asks or asks for [s].
 RESOLVE_TIMEOUT_S = 1.0
 Operation = Callable[..., Any]
 
@@ -69,7 +69,4 @@ class Operations:
 
     def reset_stop(self, robot: str) -> None:
         """Let a stopped robot move again."""
-        self._agent(robot).reset_stop()
-
-    def _agent(self, robot: str) -> RemoteAgent:
-        return RemoteAgent(self._orb, robot, RESOLVE_TIMEOUT_S)
+        RemoteAgent(self._orb, robot, RESOLVE_TIMEOUT_S).reset_stop()

@@ -1,67 +1,51 @@
-"""Operations of the program page: schema and examples, check, run, adaptors."""
+"""Operations of the program page: schema and examples, check, run, adaptors, the arm poser."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
 
-from robocorba.console.arguments import InvalidArguments, texts
-from robocorba.errors.robots import InvalidProgram
+from robocorba.console.arguments import InvalidArguments, is_number
+from robocorba.console.operations import RESOLVE_TIMEOUT_S
+from robocorba.errors.robots import InvalidProgram, Unreachable
+from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.orb.orb import Orb
-from robocorba.robot.agent_state import AgentState, IconBegun
 from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.kinematics.pose import HandPose
+from robocorba.robot.kinematics.smartpal import JOINTS, Side
 from robocorba.robot.kinematics.tasks import POSTURES
 from robocorba.robot.programs import program as programs
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.python_source import python_source
-from robocorba.robot.programs.report import CheckReport, report_of
+from robocorba.robot.programs.report import CheckReport
 
-#: Timeout for finding a robot [s].
-RESOLVE_TIMEOUT_S = 1.0
+if TYPE_CHECKING:
+    from robocorba.robot.kinematics.inverse import InverseKinematics
+
 #: Maximum length of an adaptor's arguments together [characters].
 MAX_ARGUMENTS = 2000
 
 Answer = dict[str, Any]
-
-
-class Agent(Protocol):
-    """The part of a RemoteAgent that these operations call."""
-
-    def state(self) -> AgentState: ...
-
-    def program(self) -> str: ...
-
-    def check(self, json: str) -> CheckReport: ...
-
-    def load(self, json: str) -> None: ...
-
-    def run(self, is_stepping: bool = False) -> None: ...
-
-    def begun(self, first: int) -> list[IconBegun]: ...
-
-    def pause(self) -> None: ...
-
-    def resume(self) -> None: ...
-
-    def step(self) -> None: ...
-
-    def abort(self) -> None: ...
-
-    def adaptors(self) -> list[str]: ...
-
-    def switch(self, adaptor: str, argv: Sequence[str]) -> None: ...
+Pose = dict[str, float]
 
 
 class ProgramOperations:
     """Operations of the program page. `robot` is a robot's name, `program` the JSON text of a program file. All of
-    them raise NotReachable if the robot does not answer."""
+    them raise NotReachable if the robot does not answer.
 
-    def __init__(self, orb: Orb, agent: Callable[[str], Agent] | None = None) -> None:
+    Poses of hands are in the robot's frame [m, rad] with the keys x, y, z, roll, pitch, yaw; joints are 18 angles [rad]
+    in the order of the model."""
+
+    def __init__(self, orb: Orb, agent: Callable[[str], RemoteAgent] | None = None) -> None:
         self._agent = agent or (lambda robot: RemoteAgent(orb, robot, RESOLVE_TIMEOUT_S))
+        self._lock = threading.Lock()
+        self._inverse: InverseKinematics | None = None
 
     # ---- what there is ----
 
@@ -88,7 +72,7 @@ class ProgramOperations:
         try:
             read = programs.loads(program)
         except InvalidProgram as error:
-            return _checked(report_of(error), None)
+            return _checked(CheckReport(error), None)
         if robot:
             return _checked(self._agent(robot).check(program), read)
         report = CheckReport()
@@ -149,10 +133,51 @@ class ProgramOperations:
     def switch_adaptor(self, robot: str, adaptor: str, arguments: list[str] | None = None) -> None:
         """Connect another robot to a robot's agent. Raises UnknownAdaptor, AdaptorFailed; IllegalOrder while a program
         runs."""
-        words = texts("arguments", arguments or [])
+        words = arguments or []
         if sum(map(len, words)) > MAX_ARGUMENTS:
             raise InvalidArguments(f"arguments of an adaptor have at most {MAX_ARGUMENTS} characters together")
-        self._agent(robot).switch(adaptor, list(words))
+        self._agent(robot).switch(adaptor, words)
+
+    # ---- the arm poser ----
+
+    def solve_hand(
+        self,
+        joints: Sequence[float],
+        side: str,
+        pose: Mapping[str, float],
+        with_attitude: bool = True,
+        use_lumbar: bool = False,
+    ) -> dict[str, object]:
+        """`joints` that bring a hand to a pose, as near to the given ones as possible, and both `hands` there.
+
+        side: left, right, or both: the pose is the left hand's, the right hand mirrors it. Raises Unreachable."""
+        seed, target = _joints(joints), _pose(pose)
+        targets = {Side.LEFT: target, Side.RIGHT: target.mirrored()} if side == "both" else {_side(side): target}
+        with self._lock:
+            inverse = self._solver()
+            options = {"with_attitude": bool(with_attitude), "use_lumbar": bool(use_lumbar)}
+            try:
+                found = inverse.solve(targets, seed, allow_restarts=False, **options)
+            except Unreachable:
+                found = inverse.solve(targets, seed, **options)
+            return {"joints": found.tolist(), "hands": _hands(inverse, found)}
+
+    def hand_poses(self, joints: Sequence[float]) -> dict[str, Pose]:
+        """Poses of the `left` and the `right` hand."""
+        checked = _joints(joints)
+        with self._lock:
+            return _hands(self._solver(), checked)
+
+    def arm_postures(self) -> dict[str, list[float]]:
+        """The named postures: 7 angles of an arm each [rad]."""
+        return {name: posture.tolist() for name, posture in POSTURES.items()}
+
+    def _solver(self) -> InverseKinematics:
+        if self._inverse is None:
+            from robocorba.robot.kinematics.inverse import InverseKinematics  # here, since it loads the physics engine
+
+            self._inverse = InverseKinematics()
+        return self._inverse
 
 
 def _checked(report: CheckReport, read: Program | None) -> Answer:
@@ -166,3 +191,29 @@ def _checked(report: CheckReport, read: Program | None) -> Answer:
         "is_executable": report.is_valid,
         "python": python_source(read) if read else "",
     }
+
+
+def _hands(inverse: InverseKinematics, joints: Floats) -> dict[str, Pose]:
+    return {side.value: inverse.body.hand(side, joints)._asdict() for side in Side}
+
+
+def _joints(values: object) -> Floats:
+    if not isinstance(values, Sequence) or len(values) != len(JOINTS) or not all(map(is_number, values)):
+        raise InvalidArguments(f"joints: {len(JOINTS)} angles are needed")
+    return np.array(values, float)
+
+
+def _pose(values: object) -> HandPose:
+    if not isinstance(values, Mapping) or not {"x", "y", "z"} <= values.keys() <= set(HandPose._fields):
+        raise InvalidArguments("pose: x, y and z are needed, and roll, pitch, yaw are possible")
+    for name, value in values.items():
+        if not is_number(value):
+            raise InvalidArguments(f"pose: {name} is not a number")
+    return HandPose(**values)
+
+
+def _side(name: object) -> Side:
+    try:
+        return Side(name)
+    except ValueError:
+        raise InvalidArguments(f"side: {str(name)[:80]!r} is not left, right or both") from None

@@ -6,9 +6,9 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from robocorba.console.arguments import NotPossible
 from robocorba.console.floor_plan import floor_plan
 from robocorba.console.history import History
-from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.map_editor.model import Building
 from robocorba.simulation.recording import Recording
@@ -18,16 +18,6 @@ from robocorba.system.decoding import Work
 MAX_OPEN = 3
 #: Timeout for the opening of a recording [s]: several minutes for one of MAX_RECORDING on a slow machine.
 OPENING_LIMIT_S = 600.0
-#: Maximum length of a recording's name [characters].
-MAX_NAME = 80
-
-
-class RecordingsBusy(RoboCorbaError):
-    """Another recording is being opened."""
-
-
-class UnknownRecording(RoboCorbaError):
-    """A recording that is not open, or not any more."""
 
 
 class OpenRecording:
@@ -62,15 +52,15 @@ class Recordings:
     def open(self, path: Path, name: str, work: Work | None = None) -> OpenRecording:
         """Read a recording, under this name; one at a time, since each takes a core and much memory meanwhile.
 
-        work: by default of OPENING_LIMIT_S from now on. Raises InvalidRecording, WorkEnded, and RecordingsBusy while
+        work: by default of OPENING_LIMIT_S from now on. Raises InvalidRecording, WorkEnded, and NotPossible while
         another one is read."""
         if not self._opening.acquire(blocking=False):
-            raise RecordingsBusy("another recording is being opened; try again when it is open")
+            raise NotPossible("another recording is being opened; try again when it is open")
         try:
             with self._lock:
                 self._count += 1
                 key = f"recording {self._count}"
-            opened = OpenRecording(key, name[:MAX_NAME], path, work or Work(OPENING_LIMIT_S))
+            opened = OpenRecording(key, name[:80], path, work or Work(OPENING_LIMIT_S))
             with self._lock:
                 self._open[key] = opened
                 while len(self._open) > MAX_OPEN:
@@ -80,10 +70,10 @@ class Recordings:
             self._opening.release()
 
     def get(self, key: str) -> OpenRecording:
-        """Raises UnknownRecording."""
+        """Raises NotPossible."""
         with self._lock:
             if key not in self._open:
-                raise UnknownRecording("this recording is not open any more; open its file again")
+                raise NotPossible("this recording is not open any more; open its file again")
             return self._open[key]
 
     def rows(self) -> list[dict[str, Any]]:

@@ -7,51 +7,34 @@ sent."""
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
-import logging
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Protocol
+from typing import Any
 
-from fastapi import WebSocket, WebSocketDisconnect
+from fastapi import WebSocket
 
 from robocorba.console.frames import update_frame
+from robocorba.console.viewers import serve_page
 from robocorba.errors.base import RoboCorbaError
-from robocorba.map_editor.spatial.floor_update import WHOLE, FloorUpdate
-from robocorba.map_editor.spatial.posture import Posture
+from robocorba.map_editor.spatial.floor_update import WHOLE
+from robocorba.robot.corba.remote_data_pool import RemotePool
 
-_log = logging.getLogger(__name__)
-
-#: Interval between requests for the pool's changes, and for path and postures [s].
-POOL_INTERVAL_S, SLOW_INTERVAL_S = 0.1, 0.4
+#: Interval between requests for path and postures [s].
+SLOW_INTERVAL_S = 0.4
 #: Pause after a robot did not answer [s].
 RETRY_S = 1.0
 #: Pages that may watch a robot at the same time.
 MAX_VIEWS = 32
-#: Longest name of a robot.
-MAX_NAME = 200
 Message = bytes | dict[str, Any]
-
-
-class WatchedRobot(Protocol):
-    """The robot as these views need it, `RemoteRobotView`. Its methods raise RoboCorbaError."""
-
-    @property
-    def floor(self) -> str: ...
-    @property
-    def lag_s(self) -> float: ...
-    def path(self) -> list[dict[str, Any]]: ...
-    def changes(self, since: int) -> FloorUpdate: ...
-    def postures(self, time_s: float) -> list[Posture]: ...
 
 
 class RobotView:
     """What has changed of a robot since the last call; `poll` blocks. with_pool: also the floor in its data pool."""
 
-    def __init__(self, connect: Callable[[], WatchedRobot], with_pool: bool) -> None:
+    def __init__(self, connect: Callable[[], RemotePool], with_pool: bool) -> None:
         self._connect, self._with_pool = connect, with_pool
-        self._robot: WatchedRobot | None = None
+        self._robot: RemotePool | None = None
         self._path: list[dict[str, Any]] | None = None
         self._version, self._floor, self._posture_time = WHOLE, "", -1.0
         self._problem = ""
@@ -69,7 +52,7 @@ class RobotView:
             if is_slow_due:
                 self._next_slow_s = now_s + SLOW_INTERVAL_S
                 messages += self._slow(self._robot)
-            problem, pause_s = "", POOL_INTERVAL_S if self._with_pool else SLOW_INTERVAL_S
+            problem, pause_s = "", 0.1 if self._with_pool else SLOW_INTERVAL_S
         except RoboCorbaError as error:
             self._robot, self._version, self._posture_time = None, WHOLE, -1.0
             problem, pause_s = str(error), RETRY_S
@@ -78,7 +61,7 @@ class RobotView:
             messages.append({"problem": problem})
         return messages, pause_s
 
-    def _pool_frames(self, robot: WatchedRobot) -> list[Message]:
+    def _pool_frames(self, robot: RemotePool) -> list[Message]:
         update = robot.changes(self._version)
         if update.floor != self._floor and update.since != WHOLE:  # versions of two floors don't compare
             update = robot.changes(WHOLE)
@@ -87,7 +70,7 @@ class RobotView:
         self._floor, self._version = update.floor, update.version
         return [update_frame(update)]
 
-    def _slow(self, robot: WatchedRobot) -> list[Message]:
+    def _slow(self, robot: RemotePool) -> list[Message]:
         messages: list[Message] = []
         path = robot.path()
         if path != self._path:
@@ -104,7 +87,7 @@ class RobotView:
 class RobotViews:
     """Serves the views of all pages until `close`. connect: finds a robot by name; raises NotReachable."""
 
-    def __init__(self, connect: Callable[[str], WatchedRobot]) -> None:
+    def __init__(self, connect: Callable[[str], RemotePool]) -> None:
         self._connect = connect
         self._count = 0
         # Threads of its own: a robot that hangs holds up its own pages only.
@@ -116,7 +99,7 @@ class RobotViews:
     async def serve(self, socket: WebSocket, robot: str, with_pool: bool) -> None:
         """Serve a page until it leaves."""
         await socket.accept()
-        if not 0 < len(robot) <= MAX_NAME:
+        if not 0 < len(robot) <= 200:
             await socket.close(1008, "this is no robot's name")
             return
         if self._count >= MAX_VIEWS:
@@ -126,20 +109,10 @@ class RobotViews:
             return
         self._count += 1
         view = RobotView(lambda: self._connect(robot), with_pool)
-        tasks = [asyncio.create_task(self._send(socket, view)), asyncio.create_task(_until_left(socket))]
         try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                error = task.exception()
-                if error is not None and not isinstance(error, WebSocketDisconnect | RuntimeError):
-                    _log.error("a view of %r was disconnected", robot, exc_info=error)
+            await serve_page(socket, f"a view of {robot!r}", self._send(socket, view), _until_left(socket))
         finally:
             self._count -= 1
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-            with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it has left already
-                await socket.close()
 
     async def _send(self, socket: WebSocket, view: RobotView) -> None:
         loop = asyncio.get_running_loop()

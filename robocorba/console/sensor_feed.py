@@ -5,11 +5,11 @@ from __future__ import annotations
 import itertools
 import json
 from collections import deque
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from robocorba.simulation.robot_scans import RobotScan
-from robocorba.simulation.sensing.fan import LASER, PROXIMITY
+from robocorba.simulation.sensing.scan import RAY_SENSORS
 
 #: Time after which a scan is taken away if its sensor makes no other one, in simulated and in real time [s].
 MAX_AGE_S = 2.0
@@ -28,6 +28,8 @@ class Feed:
         self.version = self._oldest = next(_versions)
         self._entries: dict[str, tuple[int, str]] = {}
         self._gone: deque[tuple[int, str]] = deque()
+        #: Whether it has been read; simulated time of its newest entry, and when all of it is read again [s].
+        self.is_known, self.newest_s, self.all_at_s = False, -1.0, 0.0
 
     @property
     def keys(self) -> Collection[str]:
@@ -39,6 +41,14 @@ class Feed:
         if key not in self._entries or self._entries[key][1] != text:
             self.version = next(_versions)
             self._entries[key] = self.version, text
+
+    def update(self, entries: Mapping[str, Any], is_all: bool) -> None:
+        """Set entries to values of JSON types. is_all: there are no other ones."""
+        for key, value in entries.items():
+            self.put(key, value)
+        if is_all:
+            self.drop(self._entries.keys() - entries.keys())
+        self.is_known = True
 
     def drop(self, keys: Iterable[str]) -> None:
         """Remove entries."""
@@ -73,17 +83,14 @@ class _Sensor(NamedTuple):
     received_at: float
 
 
-class ScanFeed:
+class ScanFeed(Feed):
     """The last scans on a floor. clock times are in s."""
 
     def __init__(self) -> None:
-        self.feed = Feed()
-        #: Simulated time of the newest scan [s].
-        self.newest_s = -1.0
+        super().__init__()
         self._sensors: dict[tuple[object, ...], _Sensor] = {}
-        self._is_new = True
 
-    def update(self, found: Iterable[RobotScan], is_all: bool, time_s: float, now_s: float) -> None:
+    def receive(self, found: Iterable[RobotScan], is_all: bool, time_s: float, now_s: float) -> None:
         """Take over scans that were read at simulated time `time_s` and real time `now_s`; is_all: there are no other
         ones on the floor."""
         seen = set()
@@ -94,23 +101,20 @@ class ScanFeed:
             known = self._sensors.get(of)
             if known is None or known.time != scan.time:
                 # The first time there may be scans of sensors that were switched off long ago.
-                age_s = max(0.0, time_s - scan.time) if self._is_new else 0.0
+                age_s = max(0.0, time_s - scan.time) if not self.is_known else 0.0
                 key = known.key if known else self._new_key(scan)
                 self._sensors[of] = _Sensor(key, scan.time, now_s - age_s)
                 if age_s <= MAX_AGE_S:
-                    self.feed.put(key, _scan_as_json(key, scan))
-        self._is_new = False
+                    self.put(key, _scan_as_json(key, scan))
+        self.is_known = True
         if is_all:
             self.newest_s = max((scan.time for scan in self._sensors.values()), default=-1.0)
-            self._forget([of for of in self._sensors if of not in seen])
-        self.feed.drop(
+            self.drop([self._sensors.pop(of).key for of in list(self._sensors) if of not in seen])
+        self.drop(
             sensor.key
             for sensor in self._sensors.values()
             if now_s - sensor.received_at > MAX_AGE_S and time_s - sensor.time > MAX_AGE_S
         )
-
-    def _forget(self, sensors: Iterable[tuple[object, ...]]) -> None:
-        self.feed.drop([self._sensors.pop(of).key for of in sensors])
 
     def _new_key(self, scan: RobotScan) -> str:
         """The robot's name and that of the sensor, such as R1/laser; the second laser is R1/laser 2."""
@@ -124,9 +128,10 @@ class ScanFeed:
 
 def _kind(scan: RobotScan) -> str:
     rays = scan.first_rad, scan.step_rad, len(scan.distances), scan.range_m
-    for name, fan in (("laser", LASER), ("proximity", PROXIMITY)):
+    for sensor in RAY_SENSORS.values():
+        fan = sensor.fan
         if rays == (fan.first_rad, fan.step_rad, fan.count, fan.range_m):
-            return name
+            return sensor.name
     return "sensor"
 
 

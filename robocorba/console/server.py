@@ -19,12 +19,12 @@ from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
 from robocorba.console.access import Access
+from robocorba.console.arguments import NotPossible
 from robocorba.console.calls import Calls
-from robocorba.console.films import Films, InvalidFilm
+from robocorba.console.films import Films
 from robocorba.console.history import History
-from robocorba.console.kinematics_operations import KinematicsOperations
 from robocorba.console.leaving import in_thread
-from robocorba.console.live_floors import RESOLVE_TIMEOUT_S, LiveFloors
+from robocorba.console.live_floors import LiveFloors
 from robocorba.console.live_missions import LiveMissions
 from robocorba.console.live_plans import LivePlans
 from robocorba.console.live_sensors import LiveSensors
@@ -32,14 +32,13 @@ from robocorba.console.map_operations import MapOperations
 from robocorba.console.mission_operations import MissionOperations
 from robocorba.console.monitor_operations import MonitorOperations
 from robocorba.console.monitor_state import MonitorState
-from robocorba.console.operations import Operations
-from robocorba.console.pages import add_pages
-from robocorba.console.process_operations import ProcessOperations
+from robocorba.console.operations import RESOLVE_TIMEOUT_S, Operations
+from robocorba.console.pages import STATIC, add_pages
 from robocorba.console.program_operations import ProgramOperations
-from robocorba.console.recordings import OPENING_LIMIT_S, Recordings, UnknownRecording
+from robocorba.console.recordings import OPENING_LIMIT_S, Recordings
 from robocorba.console.robot_views import RobotViews
 from robocorba.console.settings import ConsoleSettings, dates_problem
-from robocorba.console.simulation_operations import SimulationOperations
+from robocorba.console.system_operations import SystemOperations
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import Viewers
 from robocorba.errors.base import RoboCorbaError
@@ -49,17 +48,12 @@ from robocorba.errors.simulation import InvalidRecording
 from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
 from robocorba.orb.orb import Orb
-from robocorba.robot.corba.robot_view import RemoteRobotView
+from robocorba.robot.corba.remote_data_pool import RemotePool
 from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.system.decoding import Work
 
-STATIC = Path(__file__).parent / "static"
 #: Largest recording that a user may open [bytes].
 MAX_RECORDING = 512 * 1024 * 1024
-#: The server ends at most this long after a signal, also while browsers are connected [s].
-SHUTDOWN_S = 2
-#: Timeout of each attempt to find mission control [s].
-MISSIONS_RESOLVE_S = 1.0
 
 _log = logging.getLogger(__name__)
 
@@ -75,22 +69,21 @@ class Console:
         if settings.recording is not None:
             self.recordings.open(settings.recording, settings.recording.name)
         self.viewers = Viewers(self.state, settings.viewers)
-        self.floors = LiveFloors(orb, self.history, lambda floor: self.viewers.notify())
+        self.floors = LiveFloors(orb, self.history, self.viewers.notify)
         self.plans = LivePlans(orb, self.viewers.notify)
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
         self.sensors = LiveSensors(database, lambda floor: self.floors.floor(floor).time, self.viewers.notify)
-        self.missions = LiveMissions(RemoteMissionControl(orb, MISSIONS_RESOLVE_S), self.viewers.notify)
-        self.viewers.missions = self.missions
-        self.robot_views = RobotViews(lambda robot: RemoteRobotView(orb, robot))
+        self.missions = LiveMissions(RemoteMissionControl(orb, RESOLVE_TIMEOUT_S), self.viewers.notify)
+        self.robot_views = RobotViews(lambda robot: RemotePool(orb, robot, 1.0))
         self.operations = Operations(orb, settings.common.state)
-        for part in (ProgramOperations(orb), MapOperations(orb), MissionOperations(orb, self.state.rows)):
+        for part in (
+            MonitorOperations(self.state, self.history, lambda: self.plans.building, self.recordings, self.films),
+            SystemOperations(orb, settings.administrator, settings.supervisor),
+            ProgramOperations(orb),
+            MapOperations(orb),
+            MissionOperations(orb, self.state.rows),
+        ):
             self.operations.add(part)
-        self.operations.add(
-            MonitorOperations(self.state, self.history, lambda: self.plans.building, self.recordings, self.films)
-        )
-        self.operations.add(SimulationOperations(orb, settings.administrator, settings.supervisor))
-        self.operations.add(ProcessOperations(orb, settings.supervisor))
-        self.operations.add(KinematicsOperations())
         self.calls = Calls(self.operations)
 
     def app(self) -> Access:
@@ -105,8 +98,8 @@ class Console:
         app.add_api_route("/film/{number}", self._film)
         app.add_api_route("/robot-model", self._robot_model)
         app.add_api_route("/robot.urdf", self._robot_urdf)
-        app.add_api_route("/call/{name}", self._call, methods=["POST"])
-        app.add_api_websocket_route("/live", self._live)
+        app.add_api_route("/call/{name}", self.calls.answer, methods=["POST"])
+        app.add_api_websocket_route("/live", self.viewers.serve)
         app.add_api_websocket_route("/robot-view", self._robot_view)
         add_pages()
         ui.run_with(
@@ -121,7 +114,7 @@ class Console:
 
     @contextlib.asynccontextmanager
     async def _running(self, app: FastAPI) -> AsyncIterator[None]:
-        self.viewers.attach(self.floors, self.plans, self.sensors)
+        self.viewers.attach(self.floors, self.plans, self.sensors, self.missions)
         started = (self.state, self.plans, self.floors, self.sensors, self.missions)
         for part in started:
             part.start()
@@ -130,9 +123,6 @@ class Console:
         finally:
             for each in (*started, self.films, self.calls, self.robot_views):
                 await asyncio.to_thread(each.close)
-
-    async def _live(self, socket: WebSocket) -> None:
-        await self.viewers.serve(socket)
 
     async def _robot_view(self, socket: WebSocket) -> None:
         wanted = socket.query_params
@@ -144,7 +134,7 @@ class Console:
             if recording:
                 return JSONResponse(await asyncio.to_thread(self.recordings.get(recording).plan, floor))
             plan = await asyncio.to_thread(self.plans.plan, floor)
-        except (UnknownFloor, UnknownRecording) as error:
+        except (UnknownFloor, NotPossible) as error:
             return JSONResponse({"error": str(error)}, 404)
         return Response(plan, media_type="application/json")
 
@@ -164,7 +154,7 @@ class Console:
         try:
             history = self.recordings.get(recording).history if recording else self.history
             return Response(history.frame(floor, at), media_type="application/octet-stream")
-        except (UnknownFloor, UnknownRecording) as error:
+        except (UnknownFloor, NotPossible) as error:
             return JSONResponse({"error": str(error)}, 404)
 
     async def _open_recording(self, request: Request, name: str = "recording") -> Response:
@@ -190,11 +180,8 @@ class Console:
         """A film as a download."""
         try:
             return FileResponse(self.films.file(number), media_type="video/mp4", filename=f"robocorba-{number}.mp4")
-        except InvalidFilm as error:
+        except NotPossible as error:
             return JSONResponse({"error": str(error)}, 404)
-
-    async def _call(self, name: str, request: Request) -> Response:
-        return await self.calls.answer(name, request)
 
 
 # The modules that these import load the physics engine, which takes seconds: not in the thread of the event loop.
@@ -228,7 +215,7 @@ def serve(console: Console, settings: ConsoleSettings) -> None:
         log_level="warning",
         ssl_certfile=settings.certificate,
         ssl_keyfile=settings.key,
-        timeout_graceful_shutdown=SHUTDOWN_S,
+        timeout_graceful_shutdown=2,  # [s], also while browsers are connected
         ws_max_size=64 * 1024,
     )
     if settings.certificate and (problem := dates_problem(settings.certificate)):

@@ -22,8 +22,6 @@ _log = logging.getLogger(__name__)
 INTERVAL_S = 0.5
 #: An object that does not answer is asked again after this time [s].
 RETRY_S = 1.5
-#: Objects asked at the same time; those that hang occupy one thread each for 1 s in RETRY_S.
-THREADS = 16
 #: Robots, and channels, that are remembered after their names have left the naming service.
 MAX_GONE = 500
 Answer = dict[str, Any]
@@ -72,7 +70,8 @@ class SystemState:
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
-        self._threads = ThreadPoolExecutor(THREADS, "console")
+        # Objects that hang occupy one thread each for 1 s in RETRY_S.
+        self._threads = ThreadPoolExecutor(16, "console")
         self._lock = threading.Lock()
         self._server = _Source(server_state(orb))
         self._robots: dict[str, _Source] = {}

@@ -10,7 +10,7 @@ import av
 from av.video.stream import VideoStream
 from PIL import Image, UnidentifiedImageError
 
-from robocorba.errors.simulation import VideoError
+from robocorba.errors.files import OutputError
 
 #: Accepted suffixes of video files.
 SUFFIXES = (".mp4", ".m4v", ".mov")
@@ -18,23 +18,20 @@ SUFFIXES = (".mp4", ".m4v", ".mov")
 MIN_PX, MAX_PX = 2, 8192
 #: Maximum frame rate [pictures/s].
 MAX_FPS = 240
-#: Colour around a picture that is smaller than the video.
-GROUND = "white"
-_OPTIONS = {"preset": "veryfast", "crf": "23"}
 
 
 class VideoFile:
     """Context manager that writes a video of `fps` pictures per second, at most MAX_FPS; overwrites `path`.
 
-    width, height: sides [px], rounded up to even numbers as H.264 requires. Raises VideoError."""
+    width, height: sides [px], rounded up to even numbers as H.264 requires. Raises OutputError."""
 
     def __init__(self, path: Path, width: int, height: int, fps: int) -> None:
         if path.suffix.lower() not in SUFFIXES:
-            raise VideoError(path, f"a video's name ends with {' or '.join(SUFFIXES)}")
+            raise OutputError(path, f"a video's name ends with {' or '.join(SUFFIXES)}")
         if not all(MIN_PX <= side <= MAX_PX for side in (width, height)):
-            raise VideoError(path, f"{width} x {height} is not {MIN_PX} to {MAX_PX} pixels")
+            raise OutputError(path, f"{width} x {height} is not {MIN_PX} to {MAX_PX} pixels")
         if not 1 <= fps <= MAX_FPS:
-            raise VideoError(path, f"{fps} is not 1 to {MAX_FPS} pictures per second")
+            raise OutputError(path, f"{fps} is not 1 to {MAX_FPS} pictures per second")
         self.path, self.fps = path, fps
         self.size = (width + width % 2, height + height % 2)
         self.count = 0
@@ -42,17 +39,18 @@ class VideoFile:
         self._shown: Image.Image | None = None
         try:
             self._container = av.open(str(path), "w", format="mp4")
-            self._stream: VideoStream = self._container.add_stream("libx264", rate=fps, options=_OPTIONS)
+            options = {"preset": "veryfast", "crf": "23"}
+            self._stream: VideoStream = self._container.add_stream("libx264", rate=fps, options=options)
             self._stream.width, self._stream.height = self.size
             self._stream.pix_fmt = "yuv420p"
             self._container.start_encoding()
         except (OSError, ValueError) as error:
-            raise VideoError(path, _reason(error)) from None
+            raise OutputError(path, _reason(error)) from None
 
     def add(self, picture: bytes | Image.Image, times: int = 1) -> None:
         """Append a picture, as PNG data or an image, `times` times; a smaller one goes to the upper left corner.
 
-        Raises VideoError."""
+        Raises OutputError."""
         image = self._fitted(picture)
         for _ in range(times):
             frame = av.VideoFrame.from_image(image)
@@ -63,14 +61,14 @@ class VideoFile:
     def show(self, picture: bytes | Image.Image, at_s: float) -> None:
         """Show a picture from `at_s` [s] after the video's beginning on; until then the one before it is shown.
 
-        Raises VideoError."""
+        Raises OutputError."""
         image = self._fitted(picture)
         self.hold(at_s)
         self._shown = image
 
     def hold(self, until_s: float) -> None:
         """Go on showing the latest picture of `show` until this time [s], for one frame at least. Raises
-        VideoError."""
+        OutputError."""
         if self._shown:
             self.add(self._shown, times=max(round(until_s * self.fps), 1) - self.count)
 
@@ -79,10 +77,10 @@ class VideoFile:
             image = Image.open(io.BytesIO(picture)) if isinstance(picture, bytes) else picture
             image = image.convert("RGB")
         except (UnidentifiedImageError, OSError, SyntaxError) as error:
-            raise VideoError(self.path, f"not a picture ({error})") from None
+            raise OutputError(self.path, f"not a picture ({error})") from None
         if image.size == self.size:
             return image
-        fitted = Image.new("RGB", self.size, GROUND)
+        fitted = Image.new("RGB", self.size, "white")
         fitted.paste(image)
         return fitted
 
@@ -90,7 +88,7 @@ class VideoFile:
         try:
             self._container.mux(self._stream.encode(frame))
         except (OSError, ValueError) as error:
-            raise VideoError(self.path, _reason(error)) from None
+            raise OutputError(self.path, _reason(error)) from None
 
     def __enter__(self) -> VideoFile:
         return self
@@ -103,7 +101,7 @@ class VideoFile:
                 self._write(None)
             self._container.close()
         except (OSError, ValueError) as error:
-            raise VideoError(self.path, _reason(error)) from None
+            raise OutputError(self.path, _reason(error)) from None
 
 
 def _reason(error: OSError | ValueError) -> str:

@@ -6,15 +6,16 @@ import asyncio
 import contextlib
 import json
 import logging
-from collections.abc import Collection
-from typing import Any, Protocol
+from collections.abc import Coroutine
+from typing import Any
 
 from fastapi import WebSocket, WebSocketDisconnect
 
 from robocorba.console.live_floors import LiveFloors
-from robocorba.console.live_missions import LiveMissions, MissionFeed
+from robocorba.console.live_missions import LiveMissions
 from robocorba.console.live_plans import LivePlans
-from robocorba.console.live_sensors import LiveSensors, Wanted
+from robocorba.console.live_sensors import LiveSensors, Topic
+from robocorba.console.monitor_state import MonitorState
 from robocorba.console.sensor_feed import NOTHING
 from robocorba.console.settings import DEFAULT_VIEWERS
 from robocorba.errors.paths import UnknownFloor
@@ -25,14 +26,8 @@ _log = logging.getLogger(__name__)
 STATE_INTERVAL_S = 0.5
 #: WebSocket close code for "try again later", of a viewer too many; its reason has at most 123 bytes.
 TRY_AGAIN_LATER = 1013
-#: Longest message that a viewer may send [bytes], and the number of floors that it may watch.
-MAX_MESSAGE, MAX_FLOORS = 4096, 64
-
-
-class StateSource(Protocol):
-    """What the console knows of servers, robots and channels."""
-
-    def rows(self) -> dict[str, Any]: ...
+#: The missions, beside the topics of LiveSensors.
+MISSIONS: Topic = ("missions", "")
 
 
 class Viewers:
@@ -40,7 +35,7 @@ class Viewers:
 
     `attach` is called in the thread of the event loop, `notify` in any."""
 
-    def __init__(self, state: StateSource, limit: int = DEFAULT_VIEWERS) -> None:
+    def __init__(self, state: MonitorState, limit: int = DEFAULT_VIEWERS) -> None:
         self._state, self._limit = state, limit
         self._loop: asyncio.AbstractEventLoop | None = None
         self._viewers: set[Viewer] = set()
@@ -48,12 +43,11 @@ class Viewers:
         self.floors: LiveFloors
         self.plans: LivePlans
         self.sensors: LiveSensors
-        #: The building's missions; None without mission control.
-        self.missions: LiveMissions | None = None
+        self.missions: LiveMissions
 
-    def attach(self, floors: LiveFloors, plans: LivePlans, sensors: LiveSensors) -> None:
-        """Serve viewers of these floors, plans and sensors with the running event loop."""
-        self.floors, self.plans, self.sensors = floors, plans, sensors
+    def attach(self, floors: LiveFloors, plans: LivePlans, sensors: LiveSensors, missions: LiveMissions) -> None:
+        """Serve viewers of these floors, plans, sensors and missions with the running event loop."""
+        self.floors, self.plans, self.sensors, self.missions = floors, plans, sensors, missions
         self._loop = asyncio.get_running_loop()
 
     @property
@@ -79,8 +73,12 @@ class Viewers:
 
     def overview(self) -> str:
         """Floors, map version and problems as a message."""
-        problems = {"floors": self.floors.problem, "map": self.plans.problem, "sensors": self.sensors.problem}
-        problems["missions"] = self.missions.problem if self.missions else ""
+        problems = {
+            "floors": self.floors.problem,
+            "map": self.plans.problem,
+            "sensors": self.sensors.problem,
+            "missions": self.missions.problem,
+        }
         return json.dumps({"floors": self.floors.names, "map": self.plans.version, "problems": problems})
 
     async def serve(self, socket: WebSocket) -> None:
@@ -92,23 +90,36 @@ class Viewers:
             return
         viewer = Viewer(self, socket)
         self._viewers.add(viewer)
-        tasks = [asyncio.create_task(viewer.send()), asyncio.create_task(viewer.receive())]
         try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                error = task.exception()
-                if error is not None and not isinstance(error, WebSocketDisconnect | RuntimeError):
-                    _log.warning("a viewer was disconnected: %s", error)
+            await serve_page(socket, "a viewer", viewer.send(), viewer.receive())
         finally:
             self._viewers.discard(viewer)
             self.floors.watch(viewer, ())
-            self.sensors.want(viewer, Wanted())
-            viewer.missions.want(False)
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-            with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it has left already
-                await socket.close()
+            self.sensors.want(viewer, ())
+            self.missions.want(viewer, False)
+
+    def message(self, topic: Topic, version: int) -> tuple[int, str]:
+        """The present version of a topic, and the message that leads a viewer from `version` there; empty if it is
+        there."""
+        return self.missions.message(version) if topic == MISSIONS else self.sensors.message(topic, version)
+
+
+async def serve_page(socket: WebSocket, name: str, *parts: Coroutine[Any, Any, None]) -> None:
+    """Run the parts of a page's connection until one of them ends, as when the page leaves; then close the socket.
+    name: in the log, if that is a defect."""
+    tasks = [asyncio.create_task(part) for part in parts]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            error = task.exception()
+            if error is not None and not isinstance(error, WebSocketDisconnect | RuntimeError):
+                _log.error("%s was disconnected", name, exc_info=error)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it has left already
+            await socket.close()
 
 
 class Viewer:
@@ -119,12 +130,9 @@ class Viewer:
         self.news = asyncio.Event()
         #: Version of each watched floor that the browser has.
         self._sent: dict[str, int] = {}
-        #: The same of the scans and postures that it wants, and of the reservations; None if it does not want them.
-        self._scans: dict[str, int] = {}
-        self._postures: dict[str, int] = {}
-        self._reservations: int | None = None
+        #: The same of all else that it wants.
+        self._versions: dict[Topic, int] = {}
         self._overview = ""
-        self.missions = MissionFeed(viewers.missions)
 
     async def send(self) -> None:
         loop = asyncio.get_running_loop()
@@ -136,9 +144,7 @@ class Viewer:
                 self._overview = overview
             for name in list(self._sent):
                 await self._send_floor(name)
-            await self._send_sensors()
-            if missions := self.missions.message():
-                await self._socket.send_text(missions)
+            await self._send_news()
             if loop.time() >= next_state_s:
                 next_state_s = loop.time() + STATE_INTERVAL_S
                 await self._socket.send_text(self._viewers.state_text())
@@ -156,54 +162,36 @@ class Viewer:
             if name in self._sent:
                 self._sent[name] = version
 
-    async def _send_sensors(self) -> None:
-        sensors = self._viewers.sensors
-        for sent, message in ((self._scans, sensors.scans_message), (self._postures, sensors.postures_message)):
-            for name in list(sent):
-                version, text = message(name, sent[name])
-                if text:
-                    await self._socket.send_text(text)
-                    if name in sent:
-                        sent[name] = version
-        if self._reservations is not None:
-            version, text = sensors.reservations_message(self._reservations)
+    async def _send_news(self) -> None:
+        for topic, sent in list(self._versions.items()):
+            version, text = self._viewers.message(topic, sent)
             if text:
                 await self._socket.send_text(text)
-                self._reservations = None if self._reservations is None else version
+                if topic in self._versions:
+                    self._versions[topic] = version
 
     async def receive(self) -> None:
         while True:
             text = await self._socket.receive_text()
-            if len(text) > MAX_MESSAGE:
+            if len(text) > 4096:
                 return
             try:
                 wanted = json.loads(text)
                 names = _floors(wanted["watch"])
-                sensors = Wanted(
-                    tuple(_floors(wanted.get("scans"))),
-                    tuple(_floors(wanted.get("postures"))),
-                    wanted.get("reservations") is True,
-                )
-                self.missions.want(wanted.get("missions") is True)
+                topics = [(kind, name) for kind in ("scans", "postures") for name in _floors(wanted.get(kind))]
+                topics += [("reservations", "")] if wanted.get("reservations") is True else []
+                wants_missions = wanted.get("missions") is True
             except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
                 return
             self._sent = {name: self._sent.get(name, 0) for name in names}
             self._viewers.floors.watch(self, names)
-            self._viewers.sensors.want(self, sensors)
-            _keep(self._scans, sensors.scans)
-            _keep(self._postures, sensors.postures)
-            self._reservations = (self._reservations or NOTHING) if sensors.reservations else None
+            self._viewers.sensors.want(self, topics)
+            self._viewers.missions.want(self, wants_missions)
+            all_topics = [*topics, MISSIONS] if wants_missions else topics
+            self._versions = {topic: self._versions.get(topic, NOTHING) for topic in all_topics}
             self.news.set()
 
 
 def _floors(names: Any) -> list[str]:
-    """The names of floors in a message; none if it is no list."""
-    return [name for name in names if isinstance(name, str)][:MAX_FLOORS] if isinstance(names, list) else []
-
-
-def _keep(sent: dict[str, int], names: Collection[str]) -> None:
-    """Forget what was sent of floors that are no longer wanted, and begin with new ones."""
-    for name in [name for name in sent if name not in names]:
-        del sent[name]
-    for name in names:
-        sent.setdefault(name, NOTHING)
+    """The names of floors in a message, at most 64; none if it is no list."""
+    return [name for name in names if isinstance(name, str)][:64] if isinstance(names, list) else []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robocorba.errors.base import FieldError, RoboCorbaError
+from robocorba.errors.base import FieldError, NamedError, RoboCorbaError, StructuredError
 
 
 class EventError(RoboCorbaError):
@@ -22,24 +22,25 @@ class EventTooLarge(InvalidEvent):
         super().__init__("payload", f"has {size} bytes; at most {limit} are allowed")
 
 
-class InvalidSubscription(EventError):
+class InvalidSubscription(StructuredError, EventError):
     """The subscription is invalid at the path `where`, such as [1].patterns[0].type."""
 
-    def __init__(self, where: str, reason: str) -> None:
-        self.where, self.reason = where, reason
-        super().__init__(f"{where}: {reason}" if where else reason)
+    where: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.reason}" if self.where else self.reason
 
 
 class InvalidQueue(FieldError, EventError):
     """`field` of the queue policy is out of range."""
 
 
-class TooManyProxies(EventError):
+class TooManyProxies(StructuredError, EventError):
     """The channel already has `limit` proxies, the maximum."""
 
-    def __init__(self, limit: int) -> None:
-        self.limit = limit
-        super().__init__(f"the channel has {limit} proxies, the maximum; disconnect one first")
+    limit: int
+    message = "the channel has {limit} proxies, the maximum; disconnect one first"
 
 
 class AlreadyConnected(EventError):
@@ -58,20 +59,18 @@ class ProxyGone(EventError):
     """The proxy was disconnected, or its channel was destroyed."""
 
 
-class UnknownSubscription(EventError):
+class UnknownSubscription(NamedError, EventError):
     """No durable subscription has this name."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        super().__init__(f"there is no durable subscription {name[:80]!r}")
+    message = "there is no durable subscription {name!q}"
 
 
-class UnknownPeer(EventError):
+class UnknownPeer(StructuredError, EventError):
     """The channel is not linked with `peer`; `known` lists its peers."""
 
-    def __init__(self, peer: str, known: Sequence[str]) -> None:
-        self.peer, self.known = peer, tuple(known)
-        super().__init__(f"{peer[:80]!r} is not a peer; peers are {', '.join(self.known) or 'none'}")
+    peer: str
+    known: Sequence[str]
+    message = "{peer!q} is not a peer; peers are {known!l}"
 
 
 class InvalidPeer(FieldError, EventError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from robocorba.errors.base import FieldError, RoboCorbaError
+from robocorba.errors.base import FieldError, NamedError, RoboCorbaError, StructuredError
 from robocorba.errors.paths import Blocker
 
 
@@ -12,72 +12,74 @@ class RobotError(RoboCorbaError):
     """A robot refuses a request or fails."""
 
 
-class InvalidProgram(RobotError):
+class InvalidProgram(StructuredError, RobotError):
     """A program is invalid.
 
     icon: a path in the program, such as icons[2].icons[0], empty for the whole program. parameter: the invalid
     parameter of that icon."""
 
-    def __init__(self, icon: str, parameter: str, reason: str) -> None:
-        self.icon, self.parameter, self.reason = icon, parameter, reason
-        where = ".".join(filter(None, (icon, parameter)))
-        super().__init__(f"{where}: {reason}" if where else reason)
+    icon: str
+    parameter: str
+    reason: str
+
+    def __str__(self) -> str:
+        where = ".".join(filter(None, (self.icon, self.parameter)))
+        return f"{where}: {self.reason}" if where else self.reason
 
 
-class Unreachable(RobotError):
+class Unreachable(StructuredError, RobotError):
     """`hand` (left or right) can't reach its target."""
 
-    def __init__(self, hand: str, reason: str) -> None:
-        self.hand, self.reason = hand, reason
-        super().__init__(f"the {hand} hand: {reason}")
+    hand: str
+    reason: str
+    message = "the {hand} hand: {reason}"
 
 
-class IllegalOrder(RobotError):
+class IllegalOrder(StructuredError, RobotError):
     """The robot can't execute `order` in its present `condition`."""
 
-    def __init__(self, order: str, condition: str) -> None:
-        self.order, self.condition = order, condition
-        super().__init__(f"can't {order}: the robot {condition}")
+    order: str
+    condition: str
+    message = "can't {order}: the robot {condition}"
 
 
-class UnknownAdaptor(RobotError):
+class UnknownAdaptor(NamedError, RobotError):
     """No adaptor is called `name`; `known` lists the installed ones."""
 
-    def __init__(self, name: str, known: Sequence[str]) -> None:
-        self.name, self.known = name, tuple(known)
-        super().__init__(f"there is no adaptor {name[:80]!r}; known are {', '.join(self.known)}")
+    known: Sequence[str]
+    message = "there is no adaptor {name!q}; known are {known!l}"
 
 
-class UnknownPlan(RobotError):
+class UnknownPlan(NamedError, RobotError):
     """The data pool holds no plan of this name."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        super().__init__(f"there is no plan {name[:80]!r}")
+    message = "there is no plan {name!q}"
 
 
 class InvalidPlan(FieldError, RobotError):
     """`field` of a cooperative plan is invalid."""
 
 
-class StalePlan(RobotError):
+class StalePlan(NamedError, RobotError):
     """The plan is at version `current`, not `expected`, because another writer has changed it."""
 
-    def __init__(self, name: str, expected: int, current: int) -> None:
-        self.name, self.expected, self.current = name, expected, current
-        super().__init__(f"plan {name[:80]!r} is at version {current}, not {expected}")
+    expected: int
+    current: int
+    message = "plan {name!q} is at version {current}, not {expected}"
 
 
 class InvalidCarry(FieldError, RobotError):
     """`field` of a carry is invalid; `reason` is the cause."""
 
 
-class ImpossibleCarry(RobotError):
+class ImpossibleCarry(StructuredError, RobotError):
     """An object can't be carried to its goal by this number of robots; `blockers` are the obstacles."""
 
-    def __init__(self, reason: str, blockers: Sequence[Blocker] = ()) -> None:
-        self.reason, self.blockers = reason, tuple(blockers)
-        super().__init__("; ".join([reason, *map(str, self.blockers)]))
+    reason: str
+    blockers: Sequence[Blocker] = ()
+
+    def __str__(self) -> str:
+        return "; ".join([self.reason, *map(str, self.blockers)])
 
 
 class MotionFailed(RobotError):
@@ -95,33 +97,33 @@ class MissionFailed(RobotError):
     """A mission failed; its robots no longer hold the object."""
 
 
-class InTheWay(MissionFailed):
+class InTheWay(StructuredError, MissionFailed):
     """Robots stand where a mission needs room. aside: where each of them would step aside, as its floor, x and y [m];
     None where there is no room for it."""
 
-    def __init__(self, aside: Mapping[str, tuple[str, float, float] | None]) -> None:
-        self.aside = dict(aside)
-        super().__init__(f"in the way: {', '.join(sorted(self.aside))}")
+    aside: Mapping[str, tuple[str, float, float] | None]
+
+    def __str__(self) -> str:
+        return f"in the way: {', '.join(sorted(self.aside))}"
 
 
 class GoalReached(MissionFailed):
     """There is nothing to do: what a mission is about is where it should be."""
 
 
-class MissionTakenOver(MissionFailed):
+class MissionTakenOver(StructuredError, MissionFailed):
     """Another robot leads the mission now, since term `term`."""
 
-    def __init__(self, leader: str, term: int) -> None:
-        self.leader, self.term = leader, term
-        super().__init__(f"{leader} has taken the mission over, in term {term}")
+    leader: str
+    term: int
+    message = "{leader} has taken the mission over, in term {term}"
 
 
-class AdaptorFailed(RobotError):
+class AdaptorFailed(StructuredError, RobotError):
     """The robot behind an adaptor has failed because of `cause`."""
 
-    def __init__(self, cause: str) -> None:
-        self.cause = cause
-        super().__init__(cause)
+    cause: str
+    message = "{cause}"
 
 
 class UnitFailed(AdaptorFailed):

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from robocorba.errors.base import FieldError, RoboCorbaError
+from robocorba.errors.base import FieldError, StructuredError
 
 
-class SensingError(RoboCorbaError):
-    """Root of the errors of virtual sensors."""
-
-
-class InvalidScan(FieldError, SensingError):
+class InvalidScan(FieldError):
     """A field of a scan request is out of range: `field` names it, `reason` explains."""
 
 
-class SensorBehind(SensingError):
+class SensorBehind(StructuredError):
     """The sensor's floor data is `lag_s` old, more than `limit_s`: the Omni database does not answer."""
 
-    def __init__(self, lag_s: float, limit_s: float) -> None:
-        self.lag_s, self.limit_s = lag_s, limit_s
-        super().__init__(
-            f"the sensor's floor data is {lag_s:.2f} s old, more than {limit_s:g} s; the Omni database does not answer"
-        )
+    lag_s: float
+    limit_s: float
+    message = "the sensor's floor data is {lag_s:.2f} s old, more than {limit_s:g} s; the Omni database does not answer"

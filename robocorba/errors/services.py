@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.base import NamedError, RoboCorbaError, StructuredError
 
 
 class ServiceError(RoboCorbaError):
@@ -13,16 +13,13 @@ class AlreadyRunning(ServiceError):
     """Another process uses this state folder."""
 
 
-class PortInUse(ServiceError):
+class PortInUse(StructuredError, ServiceError):
     """Another process listens on `host`:`port`."""
 
-    def __init__(self, host: str, port: int, purpose: str) -> None:
-        self.host, self.port, self.purpose = host, port, purpose
-        super().__init__(f"port {port} on {host}, wanted for {purpose}, is in use; choose another one")
-
-
-class StateMismatch(ServiceError):
-    """The state folder contains another building than the requested one."""
+    host: str
+    port: int
+    purpose: str
+    message = "port {port} on {host}, wanted for {purpose}, is in use; choose another one"
 
 
 class StartFailed(ServiceError):
@@ -33,44 +30,39 @@ class NotReachable(ServiceError):
     """A name could not be resolved, or its object did not answer, in time."""
 
 
-class NotPermitted(NotReachable):
+class NotPermitted(StructuredError, NotReachable):
     """`what` refuses a call: the caller's role does not include it."""
 
-    def __init__(self, what: str) -> None:
-        self.what = what
-        super().__init__(
-            f"{what} refuses this call: your role in this guarded system does not include it; take another one by "
-            "--naming FILE or ROBOCORBA_NAMING, such as access/operator.ior (robots: robot.ior) of the state folder"
-        )
+    what: str
+    message = (
+        "{what} refuses this call: your role in this guarded system does not include it; take another one by "
+        "--naming FILE or ROBOCORBA_NAMING, such as access/operator.ior (robots: robot.ior) of the state folder"
+    )
 
 
-class NameHeld(ServiceError):
+class NameHeld(NamedError, ServiceError):
     """Somebody else holds the name `name`."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        super().__init__(f"somebody else holds the name {name[:200]!r}")
+    def __str__(self) -> str:
+        return f"somebody else holds the name {self.name[:200]!r}"
 
 
-class InvalidBinding(ServiceError):
+class InvalidBinding(NamedError, ServiceError):
     """`name` can't be bound."""
 
-    def __init__(self, name: str, reason: str) -> None:
-        self.name, self.reason = name, reason
-        super().__init__(f"{name[:200]!r} can't be bound: {reason}")
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.name[:200]!r} can't be bound: {self.reason}"
 
 
-class ProcessExists(ServiceError):
+class ProcessExists(NamedError, ServiceError):
     """The system runs a robot called `name` already."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        super().__init__(f"this system runs a robot called {name[:80]} already")
+    message = "this system runs a robot called {name:.80} already"
 
 
-class UnknownProcess(ServiceError):
+class UnknownProcess(NamedError, ServiceError):
     """The system has no process called `name`, or no robot was started here by this name."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        super().__init__(f"this system has started nothing called {name[:80]!r}")
+    message = "this system has started nothing called {name!q}"

@@ -12,61 +12,35 @@ import math
 import threading
 import time
 from collections.abc import Iterable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from robocorba.errors.events import ProxyGone
-from robocorba.events.account import Account, Arrivals
+from robocorba.events.account import Account
 from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.events.blocking_budget import BlockingBudget
 from robocorba.events.event import EventBatch, EventHeader, merged
 from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Federation
 from robocorba.events.feed import Feed
-from robocorba.events.interest import Interest
+from robocorba.events.policies import ChannelPolicy
 from robocorba.events.proxy_consumer import ORDERS
 from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.resequencer import Arrival, Resequencer
 from robocorba.events.seen_events import SeenEvents
-from robocorba.events.subscription import Pattern, SubscriptionMatch, match_subscription
+from robocorba.events.subscription import Interest, Pattern, SubscriptionMatch, match_subscription
 
-#: Maximum number of cached routes, one for each event header. The cache is cleared when it is full.
-MAX_ROUTES = 4096
-
-#: Types of events that wait for nobody, besides orders, begin with this: missions would end if a consumer could hold
-#: them up.
-NEVER_HELD_UP = "mission."
-
-#: Maximum time for which one call of a supplier waits for room in queues [s]. Clients with a call timeout of
-#: 5 s get an answer within it; without one they would not know whether their event was received.
-MAX_WAIT_S = 4.0
-
-#: A copy of an event that has crossed this many links is discarded [links]. For the milliseconds in which a change of
-#: the links spreads, two channels may send a copy to each other.
-MAX_HOPS = 1000
-
+_DEFAULTS = ChannelPolicy()
 _log = logging.getLogger(__name__)
 
 
 def is_urgent(type: str) -> bool:
-    """Whether events of this type wait for no consumer."""
-    return type in ORDERS or type.startswith(NEVER_HELD_UP)
+    """Whether events of this type wait for no consumer: missions would end if one could hold their events up."""
+    return type in ORDERS or type.startswith("mission.")
 
 
-class Sink(Protocol):
-    """Destination of events: a proxy supplier, or the feed of a peer.
-
-    Its `accept` queues a batch, or lets the calling thread claim it: then it returns True, and that thread must
-    `deliver` or `defer` it, without the lock."""
-
-    def deliver(self, batch: EventBatch) -> bool:
-        """Deliver a claimed batch; called without the lock. False if the call was slow or failed."""
-
-    def defer(self, batch: EventBatch) -> None:
-        """Return a claimed batch to the queue of the sink, whose own thread delivers it; called without the lock."""
-
-
-#: Sinks for which the calling thread has claimed a batch.
-Claims = list[tuple[Sink, EventBatch]]
+#: Claimed batches. `accept` of a proxy supplier or a feed queues a batch, or lets the calling thread claim it: then it
+#: returns True, and that thread must `deliver` or `defer` the batch, without the lock.
+Claims = list[tuple[ProxySupplier | Feed, EventBatch]]
 
 
 class _Route(NamedTuple):
@@ -96,7 +70,12 @@ class Channel:
     suppliers stamp their events."""
 
     def __init__(
-        self, federation: Federation, seen: SeenEvents, first_number: int, clock: ArrivalClock | None = None
+        self,
+        federation: Federation,
+        seen: SeenEvents,
+        first_number: int,
+        clock: ArrivalClock | None = None,
+        policy: ChannelPolicy = _DEFAULTS,
     ) -> None:
         self.lock = threading.Lock()
         self.federation = federation
@@ -104,12 +83,12 @@ class Channel:
         self.feeds: dict[str, Feed] = {}
         self.is_destroyed = False
         self._interest = Interest()
-        self._seen = seen
+        self._seen, self._policy = seen, policy
         self._blocking_budget = BlockingBudget()
         self._number = first_number - 1
         self._clock = clock or ArrivalClock()
         #: Events of peers that came before an earlier one.
-        self._resequencer = Resequencer(seen.has_seen)
+        self._resequencer = Resequencer(seen.has_seen, policy)
         #: Number of the last event that was sent to each channel.
         self._last_for: dict[str, int] = {}
         #: Of the federation, when the routes were updated.
@@ -160,9 +139,9 @@ class Channel:
     def _publish_blocking(self, batch: EventBatch, max_events: int) -> None:
         """Publish pieces of at most `max_events`, each when the queues have room or their time limit has passed.
 
-        The waits of all pieces for all queues together last at most MAX_WAIT_S."""
+        The waits of all pieces for all queues together last at most `max_blocked_s`."""
         header = batch.header
-        deadline = time.monotonic() + MAX_WAIT_S
+        deadline = time.monotonic() + self._policy.max_blocked_s
         for start in range(0, len(batch), max_events):
             piece = batch.part(start, start + max_events)
             with self.lock:
@@ -196,7 +175,7 @@ class Channel:
             return self._seen.has_seen(origin, number)
         return number <= self._number or life_of(number) != life_of(self._number)
 
-    def forward(self, batches: list[EventBatch], account: Arrivals) -> Claims:
+    def forward(self, batches: list[EventBatch], account: Account) -> Claims:
         """Accept events from a peer or a foreign channel, and count them in its account. The caller must `deliver` what
         is returned. Never waits for room in a queue: that would block the link.
 
@@ -238,7 +217,7 @@ class Channel:
             _log.warning("delivered %d events without some that were sent before them, which have not come", count)
         self.deliver(claims)
 
-    def _accept(self, batch: EventBatch, account: Arrivals, now: float, claims: Claims) -> list[EventBatch]:
+    def _accept(self, batch: EventBatch, account: Account, now: float, claims: Claims) -> list[EventBatch]:
         """Pass what is new of a batch to the consumers; returns it."""
         batch.targets = None
         parts: list[tuple[int, int]] = []
@@ -266,7 +245,7 @@ class Channel:
     def _pass_on(self, batch: EventBatch, claims: Claims) -> bool:
         """Send a batch on to its targets; False if it cannot get to any of them."""
         ways = self._ways(batch)
-        if not ways or batch.hops > MAX_HOPS:
+        if not ways or batch.hops > self._policy.max_hops:
             _log.info("discarded %s after %d links: no way to %s", batch, batch.hops, [*(batch.targets or ())])
             return False
         for feed, copy in ways:
@@ -281,7 +260,7 @@ class Channel:
             ways.setdefault(self.federation.next_peers.get(target, ""), {})[target] = before
         return [(self.feeds[peer], batch.toward(targets)) for peer, targets in ways.items() if peer in self.feeds]
 
-    def _forward_foreign(self, batch: EventBatch, account: Arrivals, now: float, claims: Claims) -> None:
+    def _forward_foreign(self, batch: EventBatch, account: Account, now: float, claims: Claims) -> None:
         """Accept events of another channel that have come by a foreign one: nobody has sent them to the channels that
         want them, or these recognise them."""
         for part in self._accept(batch, account, now, claims):
@@ -303,7 +282,7 @@ class Channel:
     def _find_route(self, header: EventHeader) -> _Route:
         route = self._routes.get(header)
         if route is None:
-            if len(self._routes) >= MAX_ROUTES:
+            if len(self._routes) >= 4096:  # one for each header; types and sources are any text
                 self._routes.clear()
             route = self._routes[header] = self._new_route(header._replace(origin=header.origin or self.name))
         return route
@@ -329,6 +308,11 @@ class Channel:
     def interest(self) -> tuple[Pattern, ...]:
         """The union of the subscriptions of this channel's own consumers; peers do not count."""
         return self._interest.patterns()
+
+    def forget_routes(self) -> None:
+        """A proxy supplier has ended or has another subscription; to be called before the lock is released. What else
+        follows from it may be updated later."""
+        self._routes = {}
 
     def update_routes(self, changed: ProxySupplier | None = None) -> bool:
         """Drop all cached routes: consumers, subscriptions, peers or advertisements have changed. changed: the only

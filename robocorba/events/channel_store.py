@@ -20,10 +20,6 @@ from robocorba.system.record_file import RecordFile
 #: "RoCe", the application id in the header of the SQLite file.
 APPLICATION_ID = 0x526F4365
 SCHEMA_VERSION = 1
-#: Ids of proxies count on from a random number of this many bits, and skip one of STEP_BITS at each start: a channel
-#: that lost its file, or was put back to an earlier one, uses no id again. Clients still hold its references.
-FIRST_ID_BITS, STEP_BITS = 48, 32
-
 _TABLES = ("CREATE TABLE starts (second INTEGER NOT NULL)", "CREATE TABLE ids (next INTEGER NOT NULL)")
 
 
@@ -57,10 +53,12 @@ class ChannelStore(RecordFile):
     """Opened by one process at a time. Raises AlreadyRunning, or ServiceError if the file cannot be used."""
 
     def __init__(self, file: Path) -> None:
-        first_id = secrets.randbits(FIRST_ID_BITS)
+        # Ids of proxies count on from a random number, and skip a random one at each start: a channel that lost its
+        # file, or was put back to an earlier one, uses no id again. Clients still hold its references.
+        first_id = secrets.randbits(48)
         super().__init__(file, APPLICATION_ID, SCHEMA_VERSION, (*_TABLES, f"INSERT INTO ids VALUES ({first_id})"))
         with self._writing():
-            self._db.execute("UPDATE ids SET next = next + ?", (secrets.randbits(STEP_BITS),))
+            self._db.execute("UPDATE ids SET next = next + ?", (secrets.randbits(32),))
 
     def first_number(self) -> int:
         """The number of the first event after this start; see `event_numbers`."""

@@ -43,10 +43,3 @@ class SupplierPort(ClientPort, Protocol):
     def try_pull(self, limit_s: float) -> EventBatch | None:
         """The supplier's next event, as a batch of one. Raises NotDelivered, Unconfirmed, Refused, ClientGone;
         InvalidEvent for an event that the channel does not take."""
-
-
-class ClientFinder(Protocol):
-    """Finds the clients of a restarted channel by their references."""
-
-    def find(self, kind: str, reference: str) -> ClientPort:
-        """The client of a proxy of this kind (a value of proxy.ProxyKind)."""

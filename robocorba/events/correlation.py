@@ -6,7 +6,7 @@ from collections import deque
 
 from robocorba.events.account import Account
 from robocorba.events.event import CorrelatedEvents, EventBatch
-from robocorba.events.subscription import Clause, Subscription, SubscriptionMatch
+from robocorba.events.subscription import Clause
 
 
 class Correlator:
@@ -52,34 +52,3 @@ class Correlator:
             # The oldest event cannot match any more: later events of the other patterns are even farther away in time.
             self._waiting[times.index(min(times))].popleft()
             account.expired += 1
-
-
-class Selection:
-    """Applies a subscription to events; holds the events of conjunctions that are not complete yet."""
-
-    def __init__(self, subscription: Subscription, limit: int, before: Selection | None = None) -> None:
-        """Conjunctions that the selection `before` has too keep their waiting events."""
-        self.subscription = subscription
-        kept = {correlator.clause: correlator for correlator in before._correlators.values()} if before else {}
-        self._correlators: dict[int, Correlator] = {}
-        for number, clause in enumerate(subscription):
-            if clause.is_conjunction:
-                correlator = kept.pop(clause) if clause in kept else Correlator(number, clause, limit)
-                correlator.clause_number, correlator.limit = number, limit
-                self._correlators[number] = correlator
-
-    def __len__(self) -> int:
-        return sum(map(len, self._correlators.values()))
-
-    def correlate(
-        self, batch: EventBatch, match: SubscriptionMatch, account: Account, now: float
-    ) -> list[CorrelatedEvents]:
-        """Add the events of a batch to the matching conjunctions; returns those that are complete now."""
-        complete: list[CorrelatedEvents] = []
-        for number, pattern_numbers in match.conjunctions:
-            account.received += len(batch)
-            for index in range(len(batch)):
-                event = batch.part(index, index + 1)
-                if together := self._correlators[number].add(pattern_numbers, event, now, account):
-                    complete.append(together)
-        return complete

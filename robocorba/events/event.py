@@ -60,10 +60,11 @@ def checked_header(type: str, source: str, priority: int, expiry: float, encodin
 
 class EventBatch:
     """Consecutive events that share a header, numbered from `first` on. It is an EventRun of the IDL, whose "batch", a
-    sequence of runs, is a packet in feed.py. `times` (s since 1970) and `payloads` have one entry for each event. via:
-    the foreign channel that they come from, empty for others. epoch: when the monotonic clock was 0, by the
-    clock that stamped them [s since 1970]; it is that of the system of their origin. Only the monotonic clock decides
-    how old they are: other clocks may be set meanwhile, and need not agree."""
+    sequence of runs, is a packet in feed.py. `times` (s since 1970) and `payloads` have one entry for each event.
+
+    via: the id of the foreign channel's proxy by which they came, empty for others. epoch: when the monotonic clock was
+    0, by the clock that stamped them [s since 1970]; it is that of the system of their origin. Only the monotonic clock
+    decides how old they are: other clocks may be set meanwhile, and need not agree."""
 
     __slots__ = ("cached", "epoch", "first", "header", "hops", "payloads", "targets", "times", "via")
 

@@ -11,19 +11,15 @@ import secrets
 
 #: The bits of the count. A process that publishes more than 2**32 events goes on with the next life.
 COUNT_BITS = 32
-COUNT_MASK = (1 << COUNT_BITS) - 1
-#: Lives are below 2**32. The first one of a channel is in the lower half.
-MAX_LIFE = (1 << 32) - 1
-FIRST_LIFE_BITS = 31
-#: A life is higher than the one before by MIN_STEP at least, for processes that go on with the next life, and by a
-#: random number of this many bits, for channels that were put back to an earlier state: 65,000 starts use up all lives.
-MIN_STEP, STEP_BITS = 16, 16
 
 
 def next_life(last: int) -> int:
-    """A life that the channel has not had, higher than its last one where possible. last: 0 if it is not known."""
-    life = last + MIN_STEP + secrets.randbits(STEP_BITS)
-    return life if last and life <= MAX_LIFE else 1 + secrets.randbits(FIRST_LIFE_BITS)
+    """A life that the channel has not had, higher than its last one where possible. last: 0 if it is not known.
+
+    It is higher by 16 at least, for processes that go on with the next life, and by 16 random bits, for channels that
+    were put back to an earlier state: 65,000 starts use up all lives. The first one is in the lower half."""
+    life = last + 16 + secrets.randbits(16)
+    return life if last and life < 1 << 32 else 1 + secrets.randbits(31)
 
 
 def first_number_of(life: int) -> int:
@@ -34,3 +30,8 @@ def first_number_of(life: int) -> int:
 def life_of(number: int) -> int:
     """The life in which an event got this number."""
     return number >> COUNT_BITS
+
+
+def count_of(number: int) -> int:
+    """The count of an event in its life."""
+    return number & ((1 << COUNT_BITS) - 1)

@@ -16,7 +16,7 @@ import functools
 import heapq
 import re
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,21 +25,10 @@ from robocorba.events.subscription import MAX_UNION, Pattern
 
 #: Maximum number of channels in a federation.
 MAX_CHANNELS = 256
-#: Maximum length of a channel's name [characters].
-MAX_NAME = 60
 #: The bits of a version that name the life.
 LIFE_BITS = 32
-_LIFE_MASK = (1 << LIFE_BITS) - 1
-#: Lives that have superseded each other this many times are of two channels. A few times are possible where parts of a
-#: federation that were separated remember different lives of a channel.
-MIN_RETURNS = 4
-#: Two channels of the same name supersede each other at this interval [s], after the first few times.
-CONFLICT_INTERVAL_S = 1.0
-#: A conflict has ended when they have not for this time [s].
-CONFLICT_S = 10.0
-#: Length of a link that is down [links]: longer than any path of links that are up.
-_DOWN_LENGTH = MAX_CHANNELS
-_FAR = (1 << 62, "")
+#: Maximum length of a channel's name [characters].
+MAX_NAME = 60
 
 
 class Advertisement(NamedTuple):
@@ -55,7 +44,7 @@ class Advertisement(NamedTuple):
 
     @property
     def life(self) -> int:
-        return self.version & _LIFE_MASK
+        return self.version & ((1 << LIFE_BITS) - 1)
 
     def reaches(self, channel: str) -> bool:
         """Whether `channel` gets what this one sends without another one between."""
@@ -65,7 +54,10 @@ class Advertisement(NamedTuple):
 @dataclass(slots=True)
 class _Rivalry:
     """Lives of one channel that supersede each other. lives: those that were superseded. returns: how often one of them
-    has come back. last_at: when it did so last [s, time.monotonic]. peers: of the two latest advertisements."""
+    has come back. last_at: when it did so last [s, time.monotonic]. peers: of the two latest advertisements.
+
+    Where parts of a federation that were separated remember different lives of one channel, a life comes back a few
+    times; four times are of two channels."""
 
     lives: set[int]
     returns: int = 0
@@ -73,8 +65,12 @@ class _Rivalry:
     peers: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
 
     @property
+    def is_over(self) -> bool:
+        return time.monotonic() - self.last_at > 10.0  # s; a conflict shows itself once a second
+
+    @property
     def is_conflict(self) -> bool:
-        return self.returns >= MIN_RETURNS and time.monotonic() - self.last_at <= CONFLICT_S
+        return self.returns >= 4 and not self.is_over
 
     def describe(self, name: str) -> str:
         linked = [f"one linked with {', '.join(peers)}" for peers in sorted(self.peers) if peers]
@@ -99,6 +95,28 @@ def is_name(text: str) -> bool:
 @functools.lru_cache(maxsize=4 * MAX_CHANNELS)
 def _has_valid_characters(text: str) -> bool:
     return re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", text) is not None
+
+
+class KnownAdvertisements:
+    """Which advertisements both ends of a session have, so that a renewal carries only new ones."""
+
+    def __init__(self) -> None:
+        self._versions: dict[str, int] = {}
+        #: The last sequence of which the other end had everything: most renewals compare nothing else.
+        self._complete: Sequence[Advertisement] | None = None
+
+    def missing(self, advertisements: Sequence[Advertisement]) -> list[Advertisement]:
+        """Those that the other end neither has nor has sent. The sequence must not be changed afterwards."""
+        if advertisements is self._complete:
+            return []
+        missing = [entry for entry in advertisements if self._versions.get(entry.name, 0) < entry.version]
+        if not missing:
+            self._complete = advertisements
+        return missing
+
+    def add(self, advertisements: Iterable[Advertisement]) -> None:
+        """The other end has received these, or has sent them."""
+        self._versions.update((entry.name, entry.version) for entry in advertisements)
 
 
 class Federation:
@@ -193,11 +211,11 @@ class Federation:
         self._superseding = entry
 
     def _reassert(self) -> bool:
-        """Supersede it: at once, and during a conflict at intervals. Whether the own advertisement has changed."""
+        """Supersede it: at once, and during a conflict once a second. Whether the own advertisement has changed."""
         entry, rivalry = self._superseding, self._rivalries.get(self.name)
         if entry is None:
             return False
-        if rivalry and rivalry.is_conflict and time.monotonic() - rivalry.last_at < CONFLICT_INTERVAL_S:
+        if rivalry and rivalry.is_conflict and time.monotonic() - rivalry.last_at < 1.0:
             return False
         own = self._advertisements[self.name] = self.own._replace(version=self._version_above(entry.version))
         self._listed = self._superseding = None
@@ -207,15 +225,14 @@ class Federation:
 
     def _note_life(self, before: Advertisement, after: Advertisement) -> None:
         """Note that an advertisement of another life supersedes one."""
-        now = time.monotonic()
         rivalry = self._rivalries.get(after.name)
-        if rivalry is None or now - rivalry.last_at > CONFLICT_S:
+        if rivalry is None or rivalry.is_over:
             if len(self._rivalries) >= self._max_channels:
                 self._rivalries.clear()
             rivalry = self._rivalries[after.name] = _Rivalry(set())
         rivalry.lives.add(before.life)
         rivalry.returns += after.life in rivalry.lives
-        rivalry.last_at, rivalry.peers = now, (before.peers, after.peers)
+        rivalry.last_at, rivalry.peers = time.monotonic(), (before.peers, after.peers)
 
     def _version_above(self, version: int) -> int:
         """The next version after `version` that names this life."""
@@ -248,7 +265,9 @@ class Federation:
             entry = known.get(name)
             for peer in entry.peers if entry else [other for other in known if name in peers[other]]:
                 is_down = entry is not None and peer in entry.down
-                path = (length + (_DOWN_LENGTH if is_down else 1), first or peer)
-                if path < best.get(peer, _FAR) and name in peers.get(peer, (name,)):
+                # A link that is down is longer than any path of links that are up.
+                path = (length + (MAX_CHANNELS if is_down else 1), first or peer)
+                is_shorter = peer not in best or path < best[peer]
+                if is_shorter and name in peers.get(peer, (name,)):
                     best[peer] = path
                     heapq.heappush(ends, (*path, peer))

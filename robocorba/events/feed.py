@@ -1,8 +1,8 @@
 """The supplying end of a link: stores events, and forwards them to the gateway of one peer.
 
 Events for the peer wait in a bounded queue, also while the link is down. The feed sends them in packets, numbered by
-position, and keeps each packet until the gateway has acknowledged it. At most WINDOW packets are in flight. On an idle
-link the supplier's own thread sends; otherwise the feed's thread sends all waiting events in one packet, so that under
+position, and keeps each packet until the gateway has acknowledged it; few packets are in flight. On an idle link the
+supplier's own thread sends; otherwise the feed's thread sends all waiting events in one packet, so that under
 load the packets grow instead of the delay. When another way becomes the shorter one, also because the link is down, the
 channel moves what waits there.
 
@@ -19,48 +19,32 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
 
 from robocorba.errors.events import NotDelivered, SessionOver
-from robocorba.events.account import Account, Totals
+from robocorba.events.account import Account, LinkEnd
 from robocorba.events.event import EventBatch, merged
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.queue import EventQueue, QueueItem, QueuePolicy
+from robocorba.events.subscription import Pattern
 from robocorba.system.background import Background
-
-#: Maximum number of packets in flight.
-WINDOW = 64
-#: A supplier's thread sends only while fewer packets than this are in flight.
-INLINE_WINDOW = 16
-#: Maximum size of a packet [events, bytes]; a single larger event is a packet of its own.
-PACKET_EVENTS, PACKET_BYTES = 1000, 2**20
-#: Timeout of a send by the feed's thread [s].
-SEND_TIMEOUT_S = 2.0
-#: Timeout of a send by a supplier's thread [s].
-INLINE_TIMEOUT_S = 0.05
-#: After a send slower than this, a supplier's thread leaves its other calls to their own threads [s].
-FAST_SEND_S = 0.005
 
 _log = logging.getLogger(__name__)
 
 
-class GatewayPort(Protocol):
-    """The peer's gateway; the CORBA layer implements it."""
-
-    def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
-        """Send a packet without waiting for an answer. Returns the batches that cannot be sent, and were left out.
-
-        Raises NotDelivered if the packet was certainly not sent completely."""
+#: Sends a packet, by session and position, to the peer's gateway, without waiting for an answer, within a limit [s].
+#: Returns the batches that cannot be sent, and were left out. Raises NotDelivered if the packet was certainly not sent
+#: completely.
+Forward = Callable[[str, int, list[EventBatch], float], list[EventBatch]]
 
 
 class _FeedQueue(EventQueue):
     """What waits for a peer. The number before a batch (see `EventBatch.targets`) never names events that were lost
     here: their channels would wait for them."""
 
-    def __init__(self, policy: QueuePolicy) -> None:
-        super().__init__(policy)
+    def __init__(self, policy: QueuePolicy, account: Account) -> None:
+        super().__init__(policy, account)
         #: By origin, target and number of the last one of lost events: the number before the first one of them.
         self._gaps: dict[tuple[str, str, int], int] = {}
 
@@ -99,28 +83,6 @@ class _Packet:
     sent_at: float = 0.0
 
 
-class _Transmission(NamedTuple):
-    """A packet, and the session and port to send it by."""
-
-    session: str
-    port: GatewayPort | None
-    packet: _Packet
-
-
-class FeedSnapshot(NamedTuple):
-    """A feed at one moment. joins: since its start. packets, bytes: those that the gateway has acknowledged since then,
-    each once. oldest_s: age of the oldest queued event [s]. unseen: number of events that the peer did not want."""
-
-    is_up: bool
-    problem: str
-    joins: int
-    oldest_s: float
-    packets: int
-    bytes: int
-    unseen: int
-    totals: Totals
-
-
 class Feed:
     """Sends events to `peer`; a sink of the channel. Its state is guarded by the channel's lock."""
 
@@ -133,7 +95,7 @@ class Feed:
         self._lock = lock
         self._changed = threading.Condition(lock)
         self._policy = policy
-        self._queue = _FeedQueue(QueuePolicy(policy.max_queued))
+        self._queue = _FeedQueue(QueuePolicy(policy.max_queued), self.account)
         #: Packets in the order of their positions; the first `_sent` of them are in flight.
         self._unacknowledged: deque[_Packet] = deque()
         self._sent = 0
@@ -141,7 +103,7 @@ class Feed:
         self._claimed: EventBatch | None = None
         self._next_position = 1
         self.session = ""
-        self._port: GatewayPort | None = None
+        self._forward: Forward | None = None
         #: Last call of the gateway, and last acknowledgement of a packet [s, time.monotonic].
         self._contact_at = self._progress_at = 0.0
         #: Last transmission or answered call to the peer, and last transmission that failed in this session
@@ -184,15 +146,15 @@ class Feed:
         return self._is_ready and time.monotonic() - self._contact_at < self._policy.lease_s
 
     def accept(self, batch: EventBatch) -> bool:
-        """Queue events for the peer, or let the caller claim them: see channel.Sink."""
-        count = len(batch.payloads)
+        """Queue events for the peer, or let the caller claim them: see channel.Claims."""
+        count, policy = len(batch.payloads), self._policy
         if not count:
             return False
-        is_small = count == 1 or (count <= PACKET_EVENTS and batch.size <= PACKET_BYTES)
+        is_small = count == 1 or (count <= policy.packet_events and batch.size <= policy.packet_bytes)
         if (
             not self._busy
             and not self._queue.length
-            and self._sent == len(self._unacknowledged) < INLINE_WINDOW
+            and self._sent == len(self._unacknowledged) < policy.inline_window
             and is_small
             and self.is_up
         ):
@@ -214,7 +176,8 @@ class Feed:
         items = [item for item in self._queue.items() if isinstance(item, EventBatch)]
         targets = {target for batch in items for target in batch.targets or ()}
         if any(next_peers.get(target, self.peer) != self.peer for target in targets):
-            before = self._queue.clear()
+            before = self._queue.length
+            self._queue.clear()
             for batch in items:
                 self._queue.close_gaps(batch)
                 if kept := self._split(batch, next_peers, moved):
@@ -234,17 +197,17 @@ class Feed:
     def store(self, batch: EventBatch, is_small: bool = False) -> None:
         """Queue events for the peer. is_small: they fit into a packet."""
         self.account.received += len(batch.payloads)
-        for piece in (batch,) if is_small else _pieces(batch):
-            self.account.discarded += self._queue.put(piece)
+        for piece in (batch,) if is_small else self._pieces(batch):
+            self._queue.put(piece)
         self._changed.notify()
 
-    def join(self, port: GatewayPort) -> tuple[str, int]:
+    def join(self, forward: Forward) -> tuple[str, int]:
         """Begin a session with the peer's gateway, and end the earlier one.
 
         Returns the name of the session and the position of its first packet.
         Packets in flight are sent again first; the gateway drops duplicates."""
         self._requeue_claimed()
-        self.session, self._port = uuid.uuid4().hex, port
+        self.session, self._forward = uuid.uuid4().hex, forward
         # Nothing is sent before the first `renew`, which proves that the gateway has the answer to this call.
         self._contact_at, self._failed_at, self._is_ready = time.monotonic(), 0.0, False
         self._problem = "the peer has joined, and has not acknowledged the first packet yet"
@@ -314,28 +277,25 @@ class Feed:
         """End the feed of a removed peer. Returns what waits for channels that are reached by another peer, see
         `withdraw`; the rest counts as discarded."""
         self.is_ended = True
-        self._requeue()
-        self._port, self._is_ready, self._problem = None, False, "removed"
+        self._requeue_claimed()
+        in_flight = [batch for packet in self._unacknowledged for batch in packet.batches]
+        self._unacknowledged.clear()
+        self._sent = 0
+        self._queue.put_back(in_flight)
+        self._forward, self._is_ready, self._problem = None, False, "removed"
         moved = self.withdraw(next_peers or {})
-        self.account.discarded += self._queue.clear()
+        self._queue.discard_all()
         self._changed.notify_all()
         return moved
 
-    def snapshot(self) -> FeedSnapshot:
+    def snapshot(self, interest: tuple[Pattern, ...] = ()) -> LinkEnd:
+        """interest: that of the peer."""
         first = next((batch for packet in self._unacknowledged for batch in packet.batches), self._claimed)
         oldest = first.since if first else self._queue.oldest_time()
-        queued = len(self._queue) + sum(packet.count for packet in self._unacknowledged) + len(self._claimed or ())
-        problem = self.problem
-        return FeedSnapshot(
-            not problem,
-            problem,
-            self._joins,
-            max(0.0, time.monotonic() - oldest) if oldest is not None else 0.0,
-            self._packets,
-            self._bytes,
-            self.unseen,
-            self.account.totals(queued),
-        )
+        oldest_s = max(0.0, time.monotonic() - oldest) if oldest is not None else 0.0
+        queued = self._queue.length + sum(packet.count for packet in self._unacknowledged) + len(self._claimed or ())
+        account = self.account.snapshot(queued)
+        return LinkEnd(self.problem, self._joins, account, interest, oldest_s, self._packets, self._bytes, self.unseen)
 
     # ---- called without the lock ----
 
@@ -351,8 +311,8 @@ class Feed:
                 self._busy = False
                 self._changed.notify()
                 return True
-            transmission = self._next_transmission()
-        return self._send(transmission, is_inline=True)
+            session, forward, packet = self._next_transmission()
+        return self._send(session, forward, packet, is_inline=True)
 
     def defer(self, batch: EventBatch) -> None:
         """Leave a claimed batch to the feed's thread."""
@@ -368,29 +328,29 @@ class Feed:
         self._unacknowledged.append(_Packet(self._next_position, batches, sum(map(len, batches))))
         self._next_position += 1
 
-    def _next_transmission(self) -> _Transmission:
-        """The oldest unsent packet; the feed is busy until the caller has sent it."""
+    def _next_transmission(self) -> tuple[str, Forward | None, _Packet]:
+        """The oldest unsent packet, with the session and the port to send it by; the feed is busy until the caller has
+        sent it."""
         packet = self._unacknowledged[self._sent]
         packet.sent_at = self._reached_at = time.monotonic()
         packet.first_sent_at = packet.first_sent_at or packet.sent_at
         self._sent += 1
         self._busy = True
-        return _Transmission(self.session, self._port, packet)
+        return self.session, self._forward, packet
 
-    def _send(self, transmission: _Transmission, is_inline: bool) -> bool:
+    def _send(self, session: str, forward: Forward | None, packet: _Packet, is_inline: bool) -> bool:
         """Send one packet. False if the call was slow or failed.
 
         is_inline: a supplier's thread sends. If it fails, the feed's thread tries again with more time: on a busy
         machine a thread may wait for a processor until its limit. If that fails, the link is down, and the packet is
         sent again when the gateway calls."""
-        session, port, packet = transmission
         began = time.monotonic()
-        problem = "" if port else "not joined"
+        problem = "" if forward else "not joined"
         unsendable: list[EventBatch] = []
         try:
-            if port:
-                limit_s = INLINE_TIMEOUT_S if is_inline else SEND_TIMEOUT_S
-                unsendable = port.forward(session, packet.position, packet.batches, limit_s)
+            if forward:
+                limit_s = self._policy.inline_timeout_s if is_inline else self._policy.send_timeout_s
+                unsendable = forward(session, packet.position, packet.batches, limit_s)
         except NotDelivered as error:
             problem = str(error)
         except Exception:  # a defect must not end the link permanently
@@ -411,7 +371,7 @@ class Feed:
                             _log.info("the link to %s is down (%s)", self.peer, problem)
                         self._problem, self._failed_at, self._is_ready = problem, time.monotonic(), False
             self._wake()
-        return not problem and took < FAST_SEND_S
+        return not problem and took < self._policy.fast_send_s
 
     def _discard(self, unsendable: list[EventBatch], packet: _Packet) -> None:
         count = sum(map(len, unsendable))
@@ -428,7 +388,7 @@ class Feed:
 
     def _run(self) -> None:
         while (transmission := self._wait_for_transmission()) is not None:
-            self._send(transmission, is_inline=False)
+            self._send(*transmission, is_inline=False)
 
     def _thread_failed(self, reason: str) -> None:
         """The feed's thread has ended, and the session with it: the next join starts another."""
@@ -437,14 +397,14 @@ class Feed:
             self._problem, self._failed_at = reason, time.monotonic()
             self.session = uuid.uuid4().hex
 
-    def _wait_for_transmission(self) -> _Transmission | None:
+    def _wait_for_transmission(self) -> tuple[str, Forward | None, _Packet] | None:
         """The next packet to send, retransmissions first; None at the end of the feed."""
         with self._lock:
             while not self.is_ended:
                 if not self._busy and self.is_in_contact:
                     if self._sent < len(self._unacknowledged):
                         return self._next_transmission()
-                    if self._queue.length and not self.conflict and len(self._unacknowledged) < WINDOW:
+                    if self._queue.length and not self.conflict and len(self._unacknowledged) < self._policy.window:
                         self._pack()
                         continue
                     if not self._unacknowledged:
@@ -459,34 +419,25 @@ class Feed:
 
     def _pack(self) -> None:
         """Take the next packet from the queue."""
-        items, expired = self._queue.take(PACKET_EVENTS, time.monotonic(), PACKET_BYTES)
-        self.account.expired += expired
+        items = self._queue.take(self._policy.packet_events, time.monotonic(), self._policy.packet_bytes)
         batches = [item for item in items if isinstance(item, EventBatch)]
         for batch in batches:
             self._queue.close_gaps(batch)
         if batches:
             self._append(merged(batches))
 
-    def _requeue(self) -> None:
-        """Put unacknowledged packets and the claimed batch back at the head of the queue."""
-        self._requeue_claimed()
-        batches = [batch for packet in self._unacknowledged for batch in packet.batches]
-        self._unacknowledged.clear()
-        self._sent = 0
-        self.account.discarded += self._queue.put_back([*batches])
-
     def _requeue_claimed(self) -> None:
         if self._claimed is not None:
-            self.account.discarded += self._queue.put_back([self._claimed])
+            self._queue.put_back([self._claimed])
             self._busy, self._claimed = False, None
 
-
-def _pieces(batch: EventBatch) -> list[EventBatch]:
-    """Split a batch into parts that fit into a packet; a single event that is larger is a part of its own."""
-    pieces, start, size = [], 0, 0
-    for index, payload in enumerate(batch.payloads):
-        if index > start and (index - start >= PACKET_EVENTS or size + len(payload) > PACKET_BYTES):
-            pieces.append(batch.part(start, index))
-            start, size = index, 0
-        size += len(payload)
-    return [*pieces, batch.part(start)]
+    def _pieces(self, batch: EventBatch) -> list[EventBatch]:
+        """Split a batch into parts that fit into a packet; a single event that is larger is a part of its own."""
+        policy, pieces, start, size = self._policy, [], 0, 0
+        for index, payload in enumerate(batch.payloads):
+            is_full = index - start >= policy.packet_events or size + len(payload) > policy.packet_bytes
+            if index > start and is_full:
+                pieces.append(batch.part(start, index))
+                start, size = index, 0
+            size += len(payload)
+        return [*pieces, batch.part(start)]

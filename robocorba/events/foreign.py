@@ -8,17 +8,19 @@ plain events by their content.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import logging
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Hashable
+from queue import Empty, SimpleQueue
 from typing import Protocol
 
 from robocorba.errors.events import InternalFault
 from robocorba.errors.services import NotReachable
-from robocorba.events.account import Arrivals, Totals
+from robocorba.events.account import Account, LinkEnd
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import Peer
 from robocorba.events.clients import ConsumerPort
@@ -27,21 +29,19 @@ from robocorba.events.policies import DeliveryPolicy, LinkPolicy
 from robocorba.events.proxy import Proxy
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.queue import QueuePolicy
-from robocorba.events.subscription import ALL, SubscriptionMatch
+from robocorba.events.subscription import ALL, EVERYTHING
 from robocorba.system.background import Background
-
-#: Echoes are expected for at least this time [s]; a later one may be published as a new event.
-ECHO_S = 30.0
-#: Maximum number of pushed events that are remembered.
-MAX_ECHOES = 10_000
 
 _log = logging.getLogger(__name__)
 
 
 class Echoes:
-    """Recently pushed contents, and which of them still await their echo."""
+    """Recently pushed contents, and which of them still await their echo.
 
-    def __init__(self, echo_s: float = ECHO_S, max_echoes: int = MAX_ECHOES) -> None:
+    echo_s: an echo is expected for at least this time [s]; a later one may be published as a new event. max_echoes:
+    maximum number of pushed events that are remembered."""
+
+    def __init__(self, echo_s: float = 30.0, max_echoes: int = 10_000) -> None:
         self._echo_s, self._max_echoes = echo_s, max_echoes
         self._lock = threading.Lock()
         self._count = 0
@@ -102,13 +102,6 @@ class Echoes:
             del self._awaited[content]
 
 
-class ForeignProxySupplier(ProxyPushSupplier):
-    """Delivers all events to the foreign channel `name`, except those received from it."""
-
-    def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
-        return batch.via != self.name and super().accept(batch, match, now)
-
-
 class ForeignPort(Protocol):
     """Both connections with a foreign channel; the CORBA layer implements it."""
 
@@ -130,22 +123,6 @@ class ForeignPort(Protocol):
 Attach = Callable[[Echoes, Callable[[EventBatch, Hashable], None], Callable[[], None]], ForeignPort]
 
 
-class _Loss:
-    """Why one connection ended, once it has."""
-
-    def __init__(self) -> None:
-        self.reason = ""
-        self._known = threading.Event()
-
-    def report(self, reason: str) -> None:
-        """End the connection; the first reason counts."""
-        self.reason = self.reason or reason
-        self._known.set()
-
-    def wait(self, timeout_s: float) -> bool:
-        return self._known.wait(timeout_s)
-
-
 class ForeignLink:
     """Maintains the link of `channel` with the foreign channel `peer`."""
 
@@ -158,7 +135,7 @@ class ForeignLink:
         #: Latency of the last event, from its creation to its arrival [s].
         self.lag_s = 0.0
         #: Serves the foreign channel as a consumer.
-        self.proxy = ForeignProxySupplier(
+        self.proxy = ProxyPushSupplier(
             channel.lock,
             f"foreign {self.name}",
             ALL,
@@ -169,10 +146,11 @@ class ForeignLink:
         )
         self._channel, self._attach, self._policy = channel, attach, policy
         self._echoes = Echoes()
-        self._account = Arrivals()
+        self._account = Account()
         self._port: ForeignPort | None = None
         self._ended = threading.Event()
-        self._loss = _Loss()
+        #: Why the current connection has ended; the first reason counts. Another connection has another queue.
+        self._losses = SimpleQueue[str]()
         #: Whether it returned nothing of what was pushed to it, and has not pushed since.
         self._is_silent = False
         self._thread = Background(f"foreign {self.name}", self._maintain_link, self._set_problem)
@@ -186,7 +164,7 @@ class ForeignLink:
     def end(self) -> None:
         """Disconnect from the foreign channel; queued events count as discarded."""
         self._ended.set()
-        self._loss.report("the link was removed")
+        self._losses.put("the link was removed")
         with self._channel.lock:
             self._channel.proxy_suppliers.pop(self.proxy.id, None)
             self.proxy.end()
@@ -194,14 +172,15 @@ class ForeignLink:
         if self._port:
             self._port.disconnect()
 
-    def received_totals(self) -> Totals:
-        """Counters of the events from the foreign channel."""
-        return self._account.snapshot()
-
-    @property
-    def duplicates(self) -> int:
-        """Number of echoes and duplicates that were dropped."""
-        return self._account.repeated
+    def snapshot(self) -> tuple[LinkEnd, LinkEnd]:
+        """Both directions: to the foreign channel, and from there. It neither numbers packets nor has an interest."""
+        with self._channel.lock:
+            sent, received, oldest_s = self.proxy.totals(), self._account.snapshot(), self.proxy.oldest_s()
+        problem, interest = self.problem, (EVERYTHING,)
+        return (
+            LinkEnd(problem or self.proxy.problem, self.connections, sent, interest, oldest_s),
+            LinkEnd(problem, self.connections, received, interest, self.lag_s),
+        )
 
     def receive(self, batch: EventBatch, content: Hashable) -> None:
         """Publish an event from the foreign channel, unless it is an echo or a duplicate."""
@@ -209,7 +188,7 @@ class ForeignLink:
         if self._is_silent:
             self._is_silent = False
             self._set_problem("")
-        batch.via = self.name
+        batch.via = self.proxy.id
         if batch.header.origin:
             refused = self._account.refused
             claims = self._channel.forward([batch], self._account)
@@ -223,53 +202,51 @@ class ForeignLink:
             self._channel.publish(batch, self._account)
         self.lag_s = max(0.0, time.time() - batch.times[-1])
 
-    def problem_of_delivery(self) -> str:
-        """Why events do not get to the foreign channel, empty while they do."""
-        return self.problem or self.proxy.problem
-
     def _consumer_lost(self, proxy: Proxy, reason: str) -> None:
         """The foreign proxy is gone: connect again."""
         with self._channel.lock:
             self.proxy.leave()
-        self._loss.report(reason)
+        self._losses.put(reason)
 
     def _maintain_link(self) -> None:
         policy, failures = self._policy, 0
         while not self._ended.is_set():
-            self._loss = loss = _Loss()
+            losses = self._losses = SimpleQueue[str]()
             began = time.monotonic()
             try:
-                on_disconnected = functools.partial(loss.report, "it has disconnected our consumer")
-                port = self._attach(self._echoes, self.receive, on_disconnected)
-                self._use(port, loss)
+                on_disconnected = functools.partial(losses.put, "it has disconnected our consumer")
+                reason = self._use(self._attach(self._echoes, self.receive, on_disconnected), losses)
             except NotReachable as error:
-                loss.report(str(error))
+                reason = str(error)
             except Exception as error:  # a defect must not end the link permanently
                 _log.exception("foreign channel %s", self.name)
-                loss.report(str(InternalFault(error)))
+                reason = str(InternalFault(error))
             if self._ended.is_set():
                 return
-            self._set_problem(loss.reason)
+            self._set_problem(reason)
             failures = failures + 1 if time.monotonic() - began < policy.check_interval_s else 1
             self._ended.wait(policy.foreign_backoff.pause_s(failures))
 
-    def _use(self, port: ForeignPort, loss: _Loss) -> None:
-        """Deliver to the foreign channel until the connection ends."""
+    def _use(self, port: ForeignPort, losses: SimpleQueue[str]) -> str:
+        """Deliver to the foreign channel until the connection ends; why it has."""
         self._port = port
         self._echoes.reset_silence()
+        limit_s = self._policy.return_s
         try:
             with self._channel.lock:
                 self.proxy.connect(port.consumer)
             self.connections += 1
             if not self._is_silent:  # else its next event shows that it can call us again
                 self._set_problem("")
-            while not self._ended.is_set() and not loss.wait(self._policy.check_interval_s):
+            while not self._ended.is_set():
+                with contextlib.suppress(Empty):
+                    return losses.get(timeout=self._policy.check_interval_s)
                 if not port.is_alive():
-                    loss.report("it does not answer")
-                elif self._echoes.silent_s() > self._policy.return_s:
+                    return "it does not answer"
+                if self._echoes.silent_s() > limit_s:
                     self._is_silent = True
-                    limit_s = self._policy.return_s
-                    loss.report(f"it has returned no event for {limit_s:g} s: can it call {port.address}?")
+                    return f"it has returned no event for {limit_s:g} s: can it call {port.address}?"
+            return "the link was removed"
         finally:
             with self._channel.lock:
                 if self.proxy.client is port.consumer:

@@ -11,24 +11,18 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from robocorba.errors.events import InvalidPeer, SessionOver
 from robocorba.errors.services import NotReachable
-from robocorba.events.account import Arrivals, Totals
+from robocorba.events.account import Account, LinkEnd
 from robocorba.events.channel import Channel, Claims
 from robocorba.events.event import EventBatch
-from robocorba.events.federation import Advertisement
-from robocorba.events.known_advertisements import KnownAdvertisements
+from robocorba.events.federation import Advertisement, KnownAdvertisements
 from robocorba.events.peer_clock import Exchange, PeerClock
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.subscription import Pattern
 from robocorba.system.background import Background
-
-#: Maximum number of packets that are kept until an earlier, missing packet arrives.
-MAX_EARLY = 64
-#: A gateway acknowledges after this many packets, or with the first packet after this time [s].
-ACKNOWLEDGE_PACKETS, ACKNOWLEDGE_S = 4, 0.02
 
 _log = logging.getLogger(__name__)
 
@@ -52,19 +46,6 @@ class FeedPort(Protocol):
 
     def leave(self) -> None:
         """Notify the peer that the link was removed. Raises nothing: the peer may be dead."""
-
-
-class GatewaySnapshot(NamedTuple):
-    """A gateway at one moment. lag_s: latency of the last event, from its creation to its arrival [s]."""
-
-    is_up: bool
-    problem: str
-    joins: int
-    lag_s: float
-    packets: int
-    bytes: int
-    duplicates: int
-    totals: Totals
 
 
 class Gateway:
@@ -102,7 +83,7 @@ class Gateway:
         self._problem = self._logged_problem = "not joined yet"
         #: When the last packet of this session, or a later call of the peer, arrived [s, time.monotonic].
         self._arrived_at: float | None = None
-        self._account = Arrivals()
+        self._account = Account()
         self._joins = self._packets = self._bytes = 0
         #: Number of events that had been refused when this session began.
         self._refused_before = 0
@@ -166,13 +147,12 @@ class Gateway:
             while (packet := self._early.pop(self._expected, None)) is not None:
                 self._expected += 1
                 claims += self._accept(*packet)
-            if len(self._early) > MAX_EARLY:  # the peer retransmits it
+            if len(self._early) > self._policy.max_early:  # the peer retransmits it
                 del self._early[max(self._early)]
             position, port = self._expected, self._port
-            now = time.monotonic()
-            due = (
-                position - self._acknowledged >= ACKNOWLEDGE_PACKETS or now - self._acknowledged_at > ACKNOWLEDGE_S
-            ) and position > self._acknowledged
+            new, now, policy = position - self._acknowledged, time.monotonic(), self._policy
+            is_late = now - self._acknowledged_at > policy.acknowledge_s
+            due = new > 0 and (new >= policy.acknowledge_packets or is_late)
             if due:
                 self._acknowledged, self._acknowledged_at = position, now
         self._channel.deliver(claims)
@@ -199,19 +179,11 @@ class Gateway:
             self._lag_s = max(0.0, time.monotonic() + packet[-1].epoch - packet[-1].times[-1])
         return claims
 
-    def snapshot(self) -> GatewaySnapshot:
-        problem, account = self.problem, self._account
+    def snapshot(self) -> LinkEnd:
+        problem = self.problem
         with self._channel.lock:
-            return GatewaySnapshot(
-                not problem,
-                problem,
-                self._joins,
-                self._lag_s,
-                self._packets,
-                self._bytes,
-                account.repeated,
-                account.snapshot(),
-            )
+            account = self._account.snapshot()
+        return LinkEnd(problem, self._joins, account, self.in_force, self._lag_s, self._packets, self._bytes)
 
     # ---- link maintenance ----
 

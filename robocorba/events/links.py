@@ -15,17 +15,17 @@ from typing import NamedTuple
 
 from robocorba.errors.events import InvalidPeer, SessionOver, UnknownPeer
 from robocorba.errors.services import ServiceError
+from robocorba.events.account import LinkEnd
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import ChannelStore, Peer
 from robocorba.events.event import EventBatch
-from robocorba.events.federation import MAX_CHANNELS, Advertisement, check_name
-from robocorba.events.feed import Feed, FeedSnapshot, GatewayPort
+from robocorba.events.federation import MAX_CHANNELS, Advertisement, KnownAdvertisements, check_name
+from robocorba.events.feed import Feed, Forward
 from robocorba.events.foreign import Attach, ForeignLink
-from robocorba.events.gateway import FeedPort, Gateway, GatewaySnapshot
-from robocorba.events.known_advertisements import KnownAdvertisements
+from robocorba.events.gateway import FeedPort, Gateway
 from robocorba.events.policies import LinkPolicy
 from robocorba.events.proxy_supplier import ProxySupplier
-from robocorba.events.subscription import Pattern, is_covered, patterns_of
+from robocorba.events.subscription import is_covered, patterns_of
 
 _log = logging.getLogger(__name__)
 
@@ -35,14 +35,11 @@ Join = Callable[[Peer], tuple[FeedPort, str]]
 
 
 class LinkSnapshot(NamedTuple):
-    """Both directions of a link at one moment. interest_there, interest_here: the interest of the peer and of this
-    channel, as far as the supplying end knows it."""
+    """Both directions of a link at one moment; with a foreign channel there are proxies at their ends."""
 
     peer: str
-    feed: FeedSnapshot
-    interest_there: tuple[Pattern, ...]
-    gateway: GatewaySnapshot
-    interest_here: tuple[Pattern, ...]
+    feed: LinkEnd
+    gateway: LinkEnd
 
 
 @dataclass(slots=True, eq=False)
@@ -88,11 +85,7 @@ class Links:
 
     @property
     def peers(self) -> list[Peer]:
-        return [link.peer for link in list(self._links.values())] + [link.peer for link in self.foreign]
-
-    @property
-    def foreign(self) -> list[ForeignLink]:
-        return list(self._foreign.values())
+        return [link.peer for link in list(self._links.values())] + [each.peer for each in list(self._foreign.values())]
 
     def add(self, peer: Peer) -> None:
         """Link with a peer, or change the address of a linked one. Raises InvalidPeer."""
@@ -138,7 +131,7 @@ class Links:
 
     def close(self) -> None:
         """End all threads of links; the links stay in the store, and peers wait for the next process."""
-        for foreign in self.foreign:
+        for foreign in list(self._foreign.values()):
             foreign.end()
         with self._lock:
             for link in self._links.values():
@@ -178,18 +171,16 @@ class Links:
         for link in links:
             name = link.peer.name
             with self._channel.lock:
-                feed = link.feed.snapshot()
-                interest_there = self._channel.federation.interest_of(name)
-                conflict = link.feed.conflict
+                feed, conflict = link.feed.snapshot(self._channel.federation.interest_of(name)), link.feed.conflict
             gateway = link.gateway.snapshot()
             if conflict and gateway.is_up:
-                gateway = gateway._replace(is_up=False, problem=conflict)
-            result.append(LinkSnapshot(name, feed, interest_there, gateway, link.gateway.in_force))
-        return result
+                gateway = gateway._replace(problem=conflict)
+            result.append(LinkSnapshot(name, feed, gateway))
+        return result + [LinkSnapshot(foreign.name, *foreign.snapshot()) for foreign in list(self._foreign.values())]
 
     # ---- called for peers ----
 
-    def join(self, consuming: str, reference: str, port: GatewayPort) -> tuple[str, int]:
+    def join(self, consuming: str, reference: str, forward: Forward) -> tuple[str, int]:
         """Begin a session for the gateway of channel `consuming`, which has this reference, and link back to it.
 
         Returns the session and the position of its first packet. While a channel is linked, another one of the same
@@ -208,7 +199,7 @@ class Links:
             self._note_reference(link.peer, reference)
             link.consumer = reference
             with self._channel.lock:
-                terms = link.feed.join(port)
+                terms = link.feed.join(forward)
                 link.known = KnownAdvertisements()
         link.gateway.wake()  # the peer is reachable: join it without waiting for the backoff
         return terms

@@ -9,15 +9,26 @@ from robocorba.system.backoff import Backoff
 
 @dataclass(frozen=True)
 class DeliveryPolicy:
-    """How a proxy delivers to a consumer that it calls."""
+    """How a proxy calls its client: a consumer to which it delivers, or a supplier that it polls."""
 
     #: Timeout of a call from the proxy's own thread [s].
     call_timeout_s: float = 10.0
+    #: Timeout of a call from a supplier's thread [s]. A consumer that hangs delays the others once by this time.
+    inline_timeout_s: float = 0.05
+    #: A consumer is fast while its mean call duration is below this [s].
+    fast_call_s: float = 0.002
+    #: Maximum size of a call to a consumer that takes batches [events, bytes].
+    call_events: int = 1000
+    call_bytes: int = 2**20
+    #: The proxy's thread ends after this time without work [s].
+    idle_s: float = 5.0
+    #: A call to an idempotent consumer that gets no answer is repeated this many times: its events could be the cause.
+    max_repeats: int = 3
     #: Timeout of a probe of a stalled consumer [s].
     probe_timeout_s: float = 1.0
-    #: Pauses between the probes of a stalled consumer.
+    #: Pauses between the probes of a stalled consumer, and after failed polls.
     backoff: Backoff = field(default=Backoff(0.05, 1.0))
-    #: A consumer is disconnected after this many failures in a row; with the backoff, a dead one after 17 s.
+    #: A client is disconnected after this many failures in a row; with the backoff, a dead one after 17 s.
     max_failures: int = 20
     #: Pause after a stall of a consumer that is not idempotent [s]: in general the call that timed out ends in this
     #: time, so that the next event does not overtake it.
@@ -28,20 +39,9 @@ class DeliveryPolicy:
     max_flood_gap_s: float = 0.0005
     #: Coalescing pause [s]: more events are waiting for a consumer that takes batches, so the next call can be larger.
     coalesce_s: float = 0.001
-
-
-@dataclass(frozen=True)
-class PollingPolicy:
-    """How a proxy polls a supplier."""
-
-    #: Intervals between polls while the supplier has no events.
-    intervals: Backoff = field(default=Backoff(0.001, 0.01))
-    #: Timeout of a poll [s].
-    call_timeout_s: float = 2.0
-    #: Pauses after failed polls.
-    backoff: Backoff = field(default=Backoff(0.05, 1.0))
-    #: A supplier is disconnected after this many failures in a row.
-    max_failures: int = 20
+    #: Intervals between polls while a supplier has no events, and timeout of a poll [s].
+    poll_intervals: Backoff = field(default=Backoff(0.001, 0.01))
+    poll_timeout_s: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,24 @@ class ProxyPolicy:
     #: [s]: clients that forget theirs must not keep others out.
     forgotten_s: float = 10.0
     delivery: DeliveryPolicy = field(default=DeliveryPolicy())
-    polling: PollingPolicy = field(default=PollingPolicy())
+
+
+@dataclass(frozen=True)
+class ChannelPolicy:
+    """Limits of what a channel passes on."""
+
+    #: Maximum time for which one call of a supplier waits for room in queues [s]. Clients with a call timeout of
+    #: 5 s get an answer within it; without one they would not know whether their event was received.
+    max_blocked_s: float = 4.0
+    #: Maximum time that an event waits for earlier ones [s]. These may be on their way by a link that has just been
+    #: cut: the channel before it notices that after 5 s at most (LinkPolicy.silence_s), and sends them by another way.
+    #: What a killed channel held never comes.
+    max_held_s: float = 6.0
+    #: Maximum number of events that wait for earlier ones. Beyond that the missing ones are not waited for.
+    max_held: int = 10_000
+    #: A copy of an event that has crossed this many links is discarded. For the milliseconds in which a change of the
+    #: links spreads, two channels may send a copy to each other.
+    max_hops: int = 1000
 
 
 @dataclass(frozen=True)
@@ -64,6 +81,22 @@ class LinkPolicy:
 
     #: Maximum number of events that wait in the feed; beyond that the oldest are discarded.
     max_queued: int = 100_000
+    #: Maximum number of packets in flight. A supplier's thread sends only while fewer than inline_window are.
+    window: int = 64
+    inline_window: int = 16
+    #: Maximum size of a packet [events, bytes]; a single larger event is a packet of its own.
+    packet_events: int = 1000
+    packet_bytes: int = 2**20
+    #: Timeout of a send by the feed's thread, and by a supplier's thread [s].
+    send_timeout_s: float = 2.0
+    inline_timeout_s: float = 0.05
+    #: After a send slower than this, a supplier's thread leaves its other calls to their own threads [s].
+    fast_send_s: float = 0.005
+    #: Maximum number of packets that the gateway keeps until an earlier, missing packet arrives.
+    max_early: int = 64
+    #: The gateway acknowledges after this many packets, or with the first packet after this time [s].
+    acknowledge_packets: int = 4
+    acknowledge_s: float = 0.02
     #: The feed regards the link as down when the gateway has not called for this time [s].
     lease_s: float = 3.0
     #: Interval at which the gateway renews its session [s]; several renewals may fail within a lease.

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.events import AlreadyConnected, ProxyGone, TooManyProxies, UnknownSubscription
 from robocorba.errors.services import ServiceError
-from robocorba.events.account import Totals
+from robocorba.events.account import Account
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import ChannelStore, StoredProxy
-from robocorba.events.clients import ClientFinder, ClientPort, ConsumerPort
+from robocorba.events.clients import ClientPort, ConsumerPort
 from robocorba.events.policies import ProxyPolicy
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 from robocorba.events.proxy_consumer import ProxyConsumer, ProxyPullConsumer
@@ -25,9 +25,6 @@ from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import QueuePolicy
 from robocorba.events.subscription import ALL, Subscription
-
-#: Threads that disconnect clients when the channel is destroyed; a client that hangs takes a second.
-DISCONNECT_THREADS = 16
 
 _log = logging.getLogger(__name__)
 
@@ -43,7 +40,7 @@ class ProxySnapshot(NamedTuple):
     subscription: Subscription
     policy: QueuePolicy
     failures: int
-    totals: Totals
+    totals: Account
 
 
 class Proxies:
@@ -76,7 +73,7 @@ class Proxies:
     def obtain(self, kind: ProxyKind) -> Proxy:
         """Create a proxy without a client. Raises TooManyProxies, ProxyGone."""
         with self._lock:
-            proxy = self._make(kind, self._new_id(), ALL, self._queue)
+            proxy = self._make(kind, self._new_id())
             self._add(proxy)
             self._save(proxy)
         return proxy
@@ -100,9 +97,8 @@ class Proxies:
             for known in self._all.values():
                 if name and isinstance(known, ProxyConsumer) and known.name == name:
                     return known
-            proxy = ProxyConsumer(
-                self._channel.lock, self._new_id(), self._channel.publish, self._channel.has_had, name
-            )
+            proxy = self._make(ProxyKind.PUSH_CONSUMER, self._new_id(), name=name)
+            assert isinstance(proxy, ProxyConsumer)
             proxy.connect(None)
             self._add(proxy)
             self._save(proxy)
@@ -118,7 +114,9 @@ class Proxies:
         with self._lock:
             proxy = self._durable(name) if name else None
             if proxy is None:
-                proxy = self._make_push_supplier(self._new_id(), subscription, queue, name)
+                new = self._make(ProxyKind.PUSH_SUPPLIER, self._new_id(), subscription, queue, name)
+                assert isinstance(new, ProxyPushSupplier)
+                proxy = new
                 self._add(proxy)
             if proxy.client and proxy.client.reference != client.reference:
                 before = proxy.client
@@ -126,6 +124,7 @@ class Proxies:
                 proxy.resize(queue)
                 proxy.select(subscription)
                 proxy.connect(client)
+                self._channel.forget_routes()
             self._save(proxy)
         self._update_routes(proxy)
         if before:
@@ -146,6 +145,7 @@ class Proxies:
             self._check_not_ended(proxy)
             with self._channel.lock:
                 proxy.select(subscription)
+                self._channel.forget_routes()
             self._save(proxy)
         self._update_routes(proxy)
 
@@ -161,13 +161,10 @@ class Proxies:
         """Disconnect the client and notify it once. A durable subscription stays. Raises ProxyGone."""
         if isinstance(proxy, ProxyPushSupplier) and proxy.name:
             with self._lock:
-                self._check_not_ended(proxy)
                 client = proxy.client
                 if client is None:
                     raise ProxyGone(f"proxy {proxy.id} has no client")
-                with self._channel.lock:
-                    proxy.leave()
-                self._save(proxy)
+                self._leave(proxy)
                 self._on_removed(proxy.id)  # before the next client of this name can take over the subscription
             client.disconnect()
         else:
@@ -181,7 +178,7 @@ class Proxies:
             everything = list(self._all.values())
             with self._channel.lock:
                 self._channel.is_destroyed = True
-        with ThreadPoolExecutor(DISCONNECT_THREADS) as callers:
+        with ThreadPoolExecutor(16) as callers:  # a client that hangs takes a second
             list(callers.map(self._remove_if_present, everything))
         self._update_routes()
 
@@ -192,16 +189,16 @@ class Proxies:
 
     # ---- called by the server process ----
 
-    def restore(self, clients: ClientFinder) -> list[Proxy]:
-        """Restore the proxies of the store, connected as before."""
+    def restore(self, find: Callable[[ProxyKind, str], ClientPort]) -> list[Proxy]:
+        """Restore the proxies of the store, connected as before. find: the client of a proxy by its reference."""
         # Proxies that poll last: their events arrive immediately, when all consumers must be connected.
         for stored in sorted(self._store.proxies(), key=lambda stored: stored.kind == ProxyKind.PULL_CONSUMER.value):
-            kind, queue = ProxyKind(stored.kind), stored.policy or self._queue
-            proxy = self._make(kind, stored.id, stored.subscription, queue, stored.name)
+            kind = ProxyKind(stored.kind)
+            proxy = self._make(kind, stored.id, stored.subscription, stored.policy, stored.name)
             self._add(proxy)
             with self._channel.lock:
                 if stored.is_connected:
-                    proxy.connect(clients.find(stored.kind, stored.client) if stored.client else None)
+                    proxy.connect(find(kind, stored.client) if stored.client else None)
                 if stored.is_suspended and isinstance(proxy, ProxyPushSupplier):
                     proxy.suspend()
         self._update_routes()
@@ -243,21 +240,23 @@ class Proxies:
 
     # ---- private ----
 
-    def _make(self, kind: ProxyKind, id: str, subscription: Subscription, queue: QueuePolicy, name: str = "") -> Proxy:
+    def _make(
+        self,
+        kind: ProxyKind,
+        id: str,
+        subscription: Subscription = ALL,
+        queue: QueuePolicy | None = None,
+        name: str = "",
+    ) -> Proxy:
         lock, publish, has_had = self._channel.lock, self._channel.publish, self._channel.has_had
+        queue, policy = queue or self._queue, self._policy
         if kind is ProxyKind.PUSH_CONSUMER:
             return ProxyConsumer(lock, id, publish, has_had, name)
         if kind is ProxyKind.PULL_CONSUMER:
-            return ProxyPullConsumer(lock, id, publish, has_had, self._policy.polling, self._client_lost)
+            return ProxyPullConsumer(lock, id, publish, has_had, policy.delivery, self._client_lost)
         if kind is ProxyKind.PULL_SUPPLIER:
             return ProxyPullSupplier(lock, id, subscription, queue)
-        return self._make_push_supplier(id, subscription, queue, name)
-
-    def _make_push_supplier(
-        self, id: str, subscription: Subscription, queue: QueuePolicy, name: str
-    ) -> ProxyPushSupplier:
-        lock, delivery = self._channel.lock, self._policy.delivery
-        return ProxyPushSupplier(lock, id, subscription, queue, delivery, self._client_lost, name)
+        return ProxyPushSupplier(lock, id, subscription, queue, policy.delivery, self._client_lost, name)
 
     def _add(self, proxy: Proxy) -> None:
         self._all[proxy.id] = proxy
@@ -300,6 +299,7 @@ class Proxies:
             with self._channel.lock:
                 proxy.end()
                 self._channel.proxy_suppliers.pop(proxy.id, None)
+                self._channel.forget_routes()
             self._all.pop(proxy.id, None)
             try:
                 self._store.forget_proxy(proxy.id)
@@ -321,10 +321,7 @@ class Proxies:
         try:
             if isinstance(proxy, ProxyPushSupplier) and proxy.name:
                 with self._lock:
-                    self._check_not_ended(proxy)
-                    with self._channel.lock:
-                        proxy.leave()
-                    self._save(proxy)
+                    self._leave(proxy)
             else:
                 self._remove(proxy)
             self.lost_clients += 1
@@ -332,6 +329,13 @@ class Proxies:
             return
         except RoboCorbaError as error:
             _log.error("%s", error)
+
+    def _leave(self, proxy: ProxyPushSupplier) -> None:
+        """The consumer of a durable subscription has left, or is lost."""
+        self._check_not_ended(proxy)
+        with self._channel.lock:
+            proxy.leave()
+        self._save(proxy)
 
     def _save(self, proxy: Proxy) -> None:
         stored = StoredProxy(

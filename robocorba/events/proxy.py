@@ -7,7 +7,7 @@ import time
 from enum import Enum
 from typing import Any
 
-from robocorba.events.account import Account, Totals
+from robocorba.events.account import Account
 
 
 class ProxyKind(Enum):
@@ -56,6 +56,6 @@ class Proxy:
         """End the proxy; it is of no use afterwards."""
         self.is_ended = True
 
-    def totals(self) -> Totals:
+    def totals(self) -> Account:
         """Snapshot of its account."""
-        return self.account.totals(0)
+        return self.account.snapshot()

@@ -19,13 +19,10 @@ from robocorba.errors.events import (
 from robocorba.events.account import Account
 from robocorba.events.clients import SupplierPort
 from robocorba.events.event import EventBatch
-from robocorba.events.policies import PollingPolicy
+from robocorba.events.policies import DeliveryPolicy
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 from robocorba.system.background import Background
 
-#: What the name of a supplier begins with whose events all have the rest as their source. Names are stored, so that it
-#: holds after a restart too.
-_OWN = "only:"
 #: Types of events that order others to do something: such a supplier may not publish them.
 ORDERS = frozenset({"robot.stop"})
 
@@ -33,8 +30,9 @@ _log = logging.getLogger(__name__)
 
 
 def own_supplier(name: str) -> str:
-    """The name of the supplier that publishes with the source `name` only."""
-    return f"{_OWN}{name}"
+    """The name of the supplier that publishes with the source `name` only. Names are stored, so that this holds after a
+    restart too."""
+    return f"only:{name}"
 
 
 class ProxyConsumer(Proxy):
@@ -54,7 +52,7 @@ class ProxyConsumer(Proxy):
     ) -> None:
         super().__init__(lock, id, name)
         #: The only source of its events, None for any.
-        self._source = name.removeprefix(_OWN) if name.startswith(_OWN) else None
+        self._source = name.removeprefix("only:") if name.startswith("only:") else None
         self._publish, self._has_had = publish, has_had
         self._is_looping = False
 
@@ -102,7 +100,7 @@ class ProxyPullConsumer(ProxyConsumer):
         id: str,
         publish: Callable[[EventBatch, Account], None],
         has_had: Callable[[str, int], bool],
-        policy: PollingPolicy,
+        policy: DeliveryPolicy,
         on_client_lost: Callable[[ProxyPullConsumer, str], None],
     ) -> None:
         super().__init__(lock, id, publish, has_had)
@@ -122,13 +120,13 @@ class ProxyPullConsumer(ProxyConsumer):
 
     def _run(self, client: SupplierPort) -> None:
         policy = self._policy
-        pause, reason, empty_polls = policy.intervals.first_s, "", 1
+        pause, reason, empty_polls = policy.poll_intervals.first_s, "", 1
         while not reason and not self._ended.wait(pause):
             try:
-                batch = client.try_pull(policy.call_timeout_s)
+                batch = client.try_pull(policy.poll_timeout_s)
                 self.failures, self.condition = 0, ProxyCondition.CONNECTED
                 empty_polls = empty_polls + 1 if batch is None else 0
-                pause = policy.intervals.pause_s(empty_polls)
+                pause = policy.poll_intervals.pause_s(empty_polls)
                 if batch is not None:
                     self.push(batch)
             except InvalidEvent as error:

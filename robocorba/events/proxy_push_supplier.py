@@ -34,26 +34,9 @@ from robocorba.events.queue import QueueItem, QueuePolicy
 from robocorba.events.subscription import Subscription, SubscriptionMatch
 from robocorba.system.background import Background
 
-#: Timeout of a call from a supplier's thread [s]. A consumer that hangs delays the others once by this time.
-INLINE_TIMEOUT_S = 0.05
-#: A consumer is fast while its mean call duration is below this [s].
-FAST_CALL_S = 0.002
-#: A proxy's thread ends after this time without work [s].
-IDLE_S = 5.0
-#: Maximum size of a call to a consumer that takes batches [events, bytes].
-CALL_EVENTS, CALL_BYTES = 1000, 2**20
-#: The thread makes a coalescing pause if more events than this arrived during its last call.
-COALESCE_ABOVE = 1
-#: Maximum number of proxy threads that call at the same time.
-CONCURRENT_CALLS = 4
-#: A call that hangs occupies its slot for at most this time [s].
-SLOT_LIMIT_S = 0.05
-#: Maximum number of calls that a thread makes in one slot.
-CALLS_PER_SLOT = 16
-#: A call to an idempotent consumer that gets no answer is repeated this many times: its events could be the cause.
-MAX_REPEATS = 3
-
-_call_limiter = CallLimiter(CONCURRENT_CALLS, SLOT_LIMIT_S)
+#: More than a few threads that call at the same time only wait for the interpreter lock, and each call costs twice as
+#: much; a call that hangs occupies its slot for at most 50 ms.
+_call_limiter = CallLimiter(4, 0.05)
 _log = logging.getLogger(__name__)
 
 
@@ -124,6 +107,8 @@ class ProxyPushSupplier(ProxySupplier):
 
     def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
         count = len(batch.payloads)
+        if batch.via == self.id:  # a foreign channel has had it
+            return False
         if count > self._inline or self._busy or self._queue.length or match.conjunctions:
             return super().accept(batch, match, now)
         if self._inline > 1 and time.perf_counter() < self._flood_until:  # a flood, and the consumer takes batches
@@ -133,7 +118,7 @@ class ProxyPushSupplier(ProxySupplier):
         return True
 
     def deliver(self, batch: EventBatch) -> bool:
-        return self._call(self.client, (batch,), INLINE_TIMEOUT_S)
+        return self._call(self.client, (batch,), self._delivery.inline_timeout_s)
 
     def defer(self, batch: EventBatch) -> None:
         with self._lock:
@@ -156,20 +141,16 @@ class ProxyPushSupplier(ProxySupplier):
             self._changed.notify()
 
     def _run(self) -> None:
-        timeout_s = self._delivery.call_timeout_s
+        delivery = self._delivery
         while (task := self._next_task()) is not None:
             client, items = task
             if not items:
                 self._probe(client)
                 continue
             with _call_limiter.slot():
-                self._call(client, items, timeout_s)
-                for _ in range(CALLS_PER_SLOT - 1):
-                    if not (items := self._next_of_slot(client)):
-                        break
-                    self._call(client, items, timeout_s)
-            if client.takes_batches and COALESCE_ABOVE < self._queue.length < min(CALL_EVENTS, self.policy.size // 2):
-                time.sleep(self._delivery.coalesce_s)
+                self._call(client, items, delivery.call_timeout_s)
+            if client.takes_batches and 1 < self._queue.length < min(delivery.call_events, self.policy.size // 2):
+                time.sleep(delivery.coalesce_s)
 
     def _thread_failed(self, reason: str) -> None:
         """The proxy's thread has ended: the consumer is stalled, so that the next one probes it first."""
@@ -189,7 +170,7 @@ class ProxyPushSupplier(ProxySupplier):
     def _next_task(self) -> tuple[ConsumerPort, list[QueueItem]] | None:
         """Client and items to deliver; no items if the client must be probed; None when there is no more work."""
         with self._lock:
-            idle_until = time.monotonic() + IDLE_S
+            idle_until = time.monotonic() + self._delivery.idle_s
             while not self.is_ended:
                 if self.condition is ProxyCondition.STALLED and self._pause() and self.client:
                     return self.client, []
@@ -206,14 +187,6 @@ class ProxyPushSupplier(ProxySupplier):
             self._thread = None
             return None
 
-    def _next_of_slot(self, client: ConsumerPort) -> list[QueueItem]:
-        """Items of the next call in the same slot, for a client that takes single events; empty to end the slot."""
-        with self._lock:
-            is_over = (
-                client.takes_batches or client is not self.client or self.condition is not ProxyCondition.CONNECTED
-            )
-            return [] if is_over or self._busy or not self._queue.length else self._claim_next(client)
-
     def _claim_next(self, client: ConsumerPort) -> list[QueueItem]:
         """Items to deliver in one call; empty if all waiting events have expired."""
         if self._unanswered:
@@ -221,7 +194,7 @@ class ProxyPushSupplier(ProxySupplier):
             return items
         items = []
         if client.takes_batches:
-            items = self._take(CALL_EVENTS, CALL_BYTES)
+            items = self._take(self._delivery.call_events, self._delivery.call_bytes)
             batches = [item for item in items if isinstance(item, EventBatch)]
             if len(batches) == len(items):
                 items = [*merged(batches)]
@@ -260,16 +233,16 @@ class ProxyPushSupplier(ProxySupplier):
             self._mean_s = 0.9 * self._mean_s + 0.1 * took if self._mean_s else took
             self._flood_until = time.perf_counter() + min(delivery.flood_gap * self._mean_s, delivery.max_flood_gap_s)
             if (
-                self._mean_s > FAST_CALL_S
+                self._mean_s > delivery.fast_call_s
                 or client is not self.client
                 or self.condition is not ProxyCondition.CONNECTED
             ):
                 self._inline = 0
             else:
-                self._inline = CALL_EVENTS if client.takes_batches else 1
+                self._inline = delivery.call_events if client.takes_batches else 1
             if self._queue.length:
                 self._wake()
-        return took < FAST_CALL_S
+        return took < delivery.fast_call_s
 
     def _note_failure(self, failure: EventError, client: ConsumerPort | None, items: Sequence[QueueItem]) -> None:
         with self._lock:
@@ -282,7 +255,7 @@ class ProxyPushSupplier(ProxySupplier):
                 self._unanswered = items
                 self._repeats += isinstance(failure, Unconfirmed)
                 is_gone = client is not self.client or isinstance(failure, ClientGone) or self.is_ended
-                if is_gone or not (client and client.is_idempotent and self._repeats <= MAX_REPEATS):
+                if is_gone or not (client and client.is_idempotent and self._repeats <= self._delivery.max_repeats):
                     self._give_up_repeating()
             else:
                 self._in_flight = 0
@@ -313,7 +286,7 @@ class ProxyPushSupplier(ProxySupplier):
         if self.is_ended:
             self.account.discarded += sum(map(len, items))
         else:
-            self.account.discarded += self._queue.put_back([*items])
+            self._queue.put_back(items)
 
     def _probe(self, client: ConsumerPort) -> None:
         """Probe a stalled client; resume delivery, or report the client as lost."""

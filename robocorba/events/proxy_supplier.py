@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from collections.abc import Callable
 
 from robocorba.errors.events import Disconnected, ProxyGone
-from robocorba.events.account import Totals
+from robocorba.events.account import Account
 from robocorba.events.blocking_budget import STEADY_S, BlockingBudget
-from robocorba.events.correlation import Selection
+from robocorba.events.correlation import Correlator
 from robocorba.events.event import CorrelatedEvents, EventBatch
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 from robocorba.events.queue import EventQueue, OverflowRule, QueueItem, QueuePolicy
@@ -34,8 +32,11 @@ class ProxySupplier(Proxy):
         super().__init__(lock, id, name)
         self._changed = threading.Condition(lock)
         self._room = threading.Condition(lock)
-        self._queue = EventQueue(policy)
-        self._selection = Selection(subscription, policy.size)
+        self._queue = EventQueue(policy, self.account)
+        self.subscription: Subscription = ()
+        #: Of its conjunctions, by their indices in the subscription.
+        self._correlators: dict[int, Correlator] = {}
+        self.select(subscription)
         self._in_flight = 0
         #: Whether it let a supplier wait in vain since it last took an event.
         self._is_too_slow = False
@@ -44,8 +45,9 @@ class ProxySupplier(Proxy):
         self._events_taken = 0
 
     @property
-    def subscription(self) -> Subscription:
-        return self._selection.subscription
+    def _waiting(self) -> int:
+        """Number of events of conjunctions that are not complete yet."""
+        return sum(map(len, self._correlators.values()))
 
     @property
     def policy(self) -> QueuePolicy:
@@ -61,22 +63,30 @@ class ProxySupplier(Proxy):
         return self.policy.when_full is OverflowRule.BLOCK_SUPPLIER
 
     def select(self, subscription: Subscription) -> None:
-        """Change the subscription; queued events stay."""
-        waited = len(self._selection)
-        self._selection = Selection(subscription, self.policy.size, self._selection)
-        self.account.discarded += waited - len(self._selection)
+        """Change the subscription; queued events stay, and what waits in conjunctions that it has, too."""
+        waited, kept = self._waiting, {correlator.clause: correlator for correlator in self._correlators.values()}
+        self.subscription, self._correlators = subscription, {}
+        for number, clause in enumerate(subscription):
+            if clause.is_conjunction:
+                correlator = kept.pop(clause) if clause in kept else Correlator(number, clause, self.policy.size)
+                correlator.clause_number, correlator.limit = number, self.policy.size
+                self._correlators[number] = correlator
+        self.account.discarded += waited - self._waiting
 
     def resize(self, policy: QueuePolicy) -> None:
-        self.account.discarded += self._queue.resize(policy)
+        self._queue.resize(policy)
 
     def accept(self, batch: EventBatch, match: SubscriptionMatch, now: float) -> bool:
-        """Queue a batch, or let the caller claim it: see channel.Sink."""
-        if match.conjunctions:
-            for together in self._selection.correlate(batch, match, self.account, now):
-                self.account.discarded += self._queue.put(together)
+        """Queue a batch, or let the caller claim it: see channel.Claims."""
+        for number, pattern_numbers in match.conjunctions:
+            self.account.received += len(batch)
+            for index in range(len(batch)):
+                event = batch.part(index, index + 1)
+                if together := self._correlators[number].add(pattern_numbers, event, now, self.account):
+                    self._queue.put(together)
         if match.single:
             self.account.received += len(batch)
-            self.account.discarded += self._queue.put(batch)
+            self._queue.put(batch)
         self._wake()
         return False
 
@@ -90,7 +100,11 @@ class ProxySupplier(Proxy):
         def has_room() -> bool:
             is_here = self.condition in (ProxyCondition.CONNECTED, ProxyCondition.SUSPENDED)
             is_waited_for = self.is_blocking and is_here and not self._is_too_slow
-            return self.is_ended or not is_waited_for or self._queue.room >= min(count, self.policy.size)
+            return (
+                self.is_ended
+                or not is_waited_for
+                or self.policy.size - self._queue.length >= min(count, self.policy.size)
+            )
 
         if has_room():
             return
@@ -104,13 +118,15 @@ class ProxySupplier(Proxy):
         budget.spend(max(0.0, held_up_s), self.name or self.id)
 
     def deliver(self, batch: EventBatch) -> bool:
+        """Deliver a claimed batch; called without the lock. False if the call was slow or failed."""
         raise NotImplementedError
 
     def defer(self, batch: EventBatch) -> None:
+        """Return a claimed batch to the queue, for the proxy's own thread; called without the lock."""
         raise NotImplementedError
 
-    def totals(self) -> Totals:
-        return self.account.totals(len(self._queue) + self._in_flight + len(self._selection))
+    def totals(self) -> Account:
+        return self.account.snapshot(self._queue.length + self._in_flight + self._waiting)
 
     def oldest_s(self) -> float:
         """Age of the next event in the queue [s], 0 if there is none."""
@@ -120,15 +136,14 @@ class ProxySupplier(Proxy):
     def end(self) -> None:
         """Stop deliveries and wake all waiting threads. Queued events count as discarded."""
         super().end()
-        self.account.discarded += self._queue.clear() + len(self._selection)
-        self._selection = Selection((), 1)
+        self._queue.discard_all()
+        self.select(())
         self._changed.notify_all()
         self._room.notify_all()
 
     def _take(self, max_events: int, max_bytes: int = 2**62) -> list[QueueItem]:
         """The next items to deliver; empty if all queued events have expired."""
-        items, expired = self._queue.take(max_events, time.monotonic(), max_bytes)
-        self.account.expired += expired
+        items = self._queue.take(max_events, time.monotonic(), max_bytes)
         self._events_taken += sum(map(len, items))
         self._is_too_slow = False
         if self.is_blocking:
@@ -141,19 +156,12 @@ class ProxySupplier(Proxy):
         if not items:
             return None
         if isinstance(items[0], CorrelatedEvents):
-            self.account.discarded += self._queue.put_back(list(items[0].batches[1:]))
+            self._queue.put_back(items[0].batches[1:])
             return items[0].batches[0]
         return items[0]
 
     def _wake(self) -> None:
         self._changed.notify_all()
-
-
-class _Pull(NamedTuple):
-    """A call that waits for an event. number: of all calls of the proxy."""
-
-    number: int
-    has_gone: Callable[[], bool]
 
 
 class ProxyPullSupplier(ProxySupplier):
@@ -168,8 +176,8 @@ class ProxyPullSupplier(ProxySupplier):
     def __init__(self, lock: threading.Lock, id: str, subscription: Subscription, policy: QueuePolicy) -> None:
         super().__init__(lock, id, subscription, policy)
         self._numbers = itertools.count()
-        #: Calls that wait, the last one at the end.
-        self._pulls: list[_Pull] = []
+        #: Calls that wait, the last one at the end: whether the caller has gone, by the number of the call.
+        self._pulls: dict[int, Callable[[], bool]] = {}
 
     @property
     def pulls(self) -> int:
@@ -188,35 +196,35 @@ class ProxyPullSupplier(ProxySupplier):
         Called without the lock. Raises Disconnected, also if the proxy ends meanwhile, as the OMG standard requires
         for a call in progress; ProxyGone if it had ended before."""
         deadline = time.monotonic() + limit_s
-        with self._lock, self._waiting(has_gone) as pull:
-            if self.is_ended:
-                raise ProxyGone(f"proxy {self.id} was disconnected")
-            while True:
-                if self.is_ended or self.condition is ProxyCondition.WAITING:
-                    raise Disconnected(f"proxy {self.id} is not connected")
-                if self._queue and self._is_served(pull):
-                    batch = self._take_one()
-                    if batch is not None:
-                        self.account.delivered += 1
-                        return batch
-                    continue
-                left = deadline - time.monotonic()
-                if left <= 0 or self._is_released or has_gone() or pull not in self._pulls[-MAX_PULLS:]:
-                    return None
-                self._changed.wait(min(left, CHECK_INTERVAL_S))
+        with self._lock:
+            number = next(self._numbers)
+            self._pulls[number] = has_gone
+            try:
+                if self.is_ended:
+                    raise ProxyGone(f"proxy {self.id} was disconnected")
+                return self._wait_for_event(number, deadline)
+            finally:
+                del self._pulls[number]
+                self.used_at = time.monotonic()
+                if self._queue.length:  # for another call
+                    self._changed.notify_all()
 
-    def _is_served(self, pull: _Pull) -> bool:
+    def _wait_for_event(self, number: int, deadline: float) -> EventBatch | None:
+        while True:
+            if self.is_ended or self.condition is ProxyCondition.WAITING:
+                raise Disconnected(f"proxy {self.id} is not connected")
+            if self._queue.length and self._is_served(number):
+                batch = self._take_one()
+                if batch is not None:
+                    self.account.delivered += 1
+                    return batch
+                continue
+            left = deadline - time.monotonic()
+            is_excess = number not in list(self._pulls)[-MAX_PULLS:]
+            if left <= 0 or self._is_released or self._pulls[number]() or is_excess:
+                return None
+            self._changed.wait(min(left, CHECK_INTERVAL_S))
+
+    def _is_served(self, number: int) -> bool:
         """Whether a call gets the next event."""
-        return next((each for each in reversed(self._pulls) if not each.has_gone()), None) is pull
-
-    @contextlib.contextmanager
-    def _waiting(self, has_gone: Callable[[], bool]) -> Iterator[_Pull]:
-        pull = _Pull(next(self._numbers), has_gone)
-        self._pulls.append(pull)
-        try:
-            yield pull
-        finally:
-            self._pulls.remove(pull)
-            self.used_at = time.monotonic()
-            if self._queue:  # for another call
-                self._changed.notify_all()
+        return next((each for each in reversed(self._pulls) if not self._pulls[each]()), None) == number

@@ -5,19 +5,19 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
+from collections.abc import Sequence
 from enum import Enum
 from operator import itemgetter
 from typing import NamedTuple, TypeAlias
 
 from robocorba.errors.events import InvalidQueue
+from robocorba.events.account import Account
 from robocorba.events.event import CorrelatedEvents, EventBatch
 
 QueueItem: TypeAlias = EventBatch | CorrelatedEvents
 
-#: Maximum size of a queue [events].
-MAX_SIZE = 1_000_000
-#: Maximum time that a queue may block a supplier [s].
-MAX_BLOCK_S = 10.0
+#: Maximum size of a queue [events], and maximum time that it may block a supplier [s].
+MAX_SIZE, MAX_BLOCK_S = 1_000_000, 10.0
 
 
 class OverflowRule(Enum):
@@ -45,49 +45,40 @@ class QueuePolicy(NamedTuple):
 
 
 class EventQueue:
-    """Waiting batches and conjunctions. Not thread-safe: the owner locks.
+    """Waiting batches and conjunctions, whose losses are counted in `account`. Not thread-safe: the owner locks.
 
     `length` counts events. Each priority has a lane. Every item has a sequence number: `take` follows the
     sequence numbers, discarding starts with the lane of the lowest priority.
     """
 
-    def __init__(self, policy: QueuePolicy) -> None:
-        self.policy = policy
+    def __init__(self, policy: QueuePolicy, account: Account) -> None:
+        self.policy, self.account = policy, account
         self._lanes: dict[int, deque[tuple[int, QueueItem]]] = {}
         self.length = 0
         self._next_sequence = self._first_sequence = 0
 
-    def __len__(self) -> int:
-        return self.length
-
-    @property
-    def room(self) -> int:
-        """Number of events that fit without discarding any."""
-        return self.policy.size - self.length
-
-    def put(self, item: QueueItem) -> int:
-        """Append an item; returns how many events were discarded, possibly of the item itself."""
+    def put(self, item: QueueItem) -> None:
+        """Append an item; discards what exceeds the size of the queue, possibly of the item itself."""
         self._lane(item.priority).append((self._next_sequence, item))
         self._next_sequence += 1
         self.length += len(item)
-        return self._trim()
+        self._trim()
 
-    def put_back(self, items: list[QueueItem]) -> int:
-        """Put items back at the head of the queue; returns how many events were discarded."""
+    def put_back(self, items: Sequence[QueueItem]) -> None:
+        """Put items back at the head of the queue; discards what exceeds its size."""
         for item in reversed(items):
             self._first_sequence -= 1
             self._lane(item.priority).appendleft((self._first_sequence, item))
             self.length += len(item)
-        return self._trim()
+        self._trim()
 
-    def take(self, max_events: int, now: float, max_bytes: int = 2**62) -> tuple[list[QueueItem], int]:
+    def take(self, max_events: int, now: float, max_bytes: int = 2**62) -> list[QueueItem]:
         """Remove and return the next items: at most `max_events` events and about `max_bytes`, but at least one item if
-        any is left. Also returns how many events were dropped because they had expired at `now` (s,
-        time.monotonic).
+        any is left. Drops events that have expired at `now` (s, time.monotonic).
 
         A conjunction is returned alone."""
         taken: list[QueueItem] = []
-        events = size = expired = 0
+        events = size = 0
         while self.length and events < max_events and size < max_bytes:
             lane = self._first_lane()
             sequence, item = lane[0]
@@ -95,7 +86,7 @@ class EventQueue:
                 break
             alive = item.unexpired(now)
             if alive is not item:
-                expired += len(item) - (len(alive) if alive else 0)
+                self.account.expired += len(item) - (len(alive) if alive else 0)
                 self.note_loss(item, alive)
             if isinstance(alive, EventBatch) and len(alive) > max_events - events:
                 rest = alive.part(max_events - events)
@@ -111,7 +102,7 @@ class EventQueue:
                 size += alive.size if max_bytes < 2**62 else 0
                 if isinstance(alive, CorrelatedEvents):
                     break
-        return taken, expired
+        return taken
 
     def note_loss(self, item: QueueItem, kept: QueueItem | None) -> None:
         """Called when events of an item have expired or are discarded. kept: what is left of it."""
@@ -127,16 +118,19 @@ class EventQueue:
         """All items, in the order of `take`."""
         return [item for _, item in sorted(itertools.chain(*self._lanes.values()), key=itemgetter(0))]
 
-    def resize(self, policy: QueuePolicy) -> int:
-        """Change the policy; returns how many events were discarded."""
+    def resize(self, policy: QueuePolicy) -> None:
+        """Change the policy; discards what exceeds the new size."""
         self.policy = policy
-        return self._trim()
+        self._trim()
 
-    def clear(self) -> int:
-        """Discard all events; returns their number."""
-        dropped, self.length = self.length, 0
+    def clear(self) -> None:
+        """Remove all events; the caller counts them."""
+        self.length = 0
         self._lanes.clear()
-        return dropped
+
+    def discard_all(self) -> None:
+        self.account.discarded += self.length
+        self.clear()
 
     def _lane(self, priority: int) -> deque[tuple[int, QueueItem]]:
         lane = self._lanes.get(priority)
@@ -156,23 +150,21 @@ class EventQueue:
         for priority in [priority for priority, lane in self._lanes.items() if not lane]:
             del self._lanes[priority]
 
-    def _trim(self) -> int:
-        """Discard what exceeds the size of the queue; returns how many events were discarded."""
-        before, size = self.length, self.policy.size
-        if before <= size:
-            return 0
+    def _trim(self) -> None:
+        """Discard what exceeds the size of the queue."""
         oldest = self.policy.when_full is OverflowRule.DISCARD_OLDEST
-        while (excess := self.length - size) > 0:
+        while (excess := self.length - self.policy.size) > 0:
             self._drop_empty_lanes()
             lane = self._lanes[min(self._lanes)]
             sequence, item = lane[0] if oldest else lane[-1]
-            if isinstance(item, EventBatch) and len(item) > excess:
+            lost = len(item)
+            if isinstance(item, EventBatch) and lost > excess:
+                lost = excess
                 kept = item.part(excess) if oldest else item.part(0, len(item) - excess)
                 self.note_loss(item, kept)
                 lane[0 if oldest else -1] = (sequence, kept)
-                self.length -= excess
             else:
                 self.note_loss(item, None)
                 lane.popleft() if oldest else lane.pop()
-                self.length -= len(item)
-        return before - self.length
+            self.length -= lost
+            self.account.discarded += lost

@@ -17,10 +17,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple
 
 from robocorba.errors.services import ServiceError
-from robocorba.events.event_numbers import COUNT_BITS, COUNT_MASK
+from robocorba.events.event_numbers import COUNT_BITS, count_of, life_of
 from robocorba.system.damaged_files import set_aside
 
 #: Maximum number of lives of all origins together; beyond that the least recently used one is forgotten.
@@ -30,26 +29,12 @@ MAX_LIVES = 512
 MAX_INTERVALS = 2048
 
 _MAGIC = b"RoboCorba seen 2"
-_NAME = 64
 #: Origin, life, horizon, time of the last use.
-_HEAD = struct.Struct(f"<{_NAME}sIIQ")
-_USED = struct.Struct("<Q")
-_USED_AT = _HEAD.size - _USED.size
-_HORIZON = struct.Struct("<I")
-_HORIZON_AT = _USED_AT - _HORIZON.size
+_HEAD = struct.Struct("<64sIIQ")
 #: First count and number of counts, 0 for an unused entry.
 _INTERVAL = struct.Struct("<II")
-_LIFE_BYTES = _HEAD.size + MAX_INTERVALS * _INTERVAL.size
 
 _log = logging.getLogger(__name__)
-
-
-class Unseen(NamedTuple):
-    """Which events of a batch are new. parts: their first and last numbers. late: number of events so old that the
-    channel cannot tell whether it has seen them; they must not be delivered. The others are duplicates."""
-
-    parts: list[tuple[int, int]]
-    late: int
 
 
 @dataclass(slots=True, eq=False)
@@ -72,7 +57,7 @@ class SeenEvents:
     """Guarded by the channel's lock. Raises ServiceError if the file cannot be used."""
 
     def __init__(self, file: Path) -> None:
-        size = len(_MAGIC) + MAX_LIVES * _LIFE_BYTES
+        size = _life_at(MAX_LIVES)
         try:
             descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o600)
             try:
@@ -114,13 +99,13 @@ class SeenEvents:
         if not key[0] or key in self._lives:
             return False
         life = _Life(place, *key, horizon, used)
-        body = self._map[start + _HEAD.size : start + _LIFE_BYTES]
+        body = self._map[start + _HEAD.size : _life_at(place + 1)]
         entries = enumerate(_INTERVAL.iter_unpack(body))
         for first, end, entry in sorted((first, first + count, entry) for entry, (first, count) in entries if count):
             if life.ends and first <= life.ends[-1]:  # killed while two became one
                 life.ends[-1] = max(end, life.ends[-1])
                 self._write(life, -1)
-                self._clear_entry(life, entry)
+                self._write_entry(life, entry, 0, 0)
             else:
                 life.firsts.append(first)
                 life.ends.append(end)
@@ -149,25 +134,28 @@ class SeenEvents:
 
     def has_seen(self, origin: str, number: int) -> bool:
         """Whether an event was seen, or may have been."""
-        life = self._lives.get((origin, number >> COUNT_BITS))
+        life = self._lives.get((origin, life_of(number)))
         if life is None:
             return False
-        count = number & COUNT_MASK
+        count = count_of(number)
         at = bisect_right(life.firsts, count) - 1
         return count < life.horizon or (at >= 0 and count < life.ends[at])
 
-    def add(self, origin: str, first: int, last: int) -> Unseen:
-        """Record that the events `first` to `last` were seen; returns which of them are new."""
-        if first >> COUNT_BITS != last >> COUNT_BITS:
-            border = last >> COUNT_BITS << COUNT_BITS
-            before, after = self.add(origin, first, border - 1), self.add(origin, border, last)
-            return Unseen(before.parts + after.parts, before.late + after.late)
-        key = (origin, first >> COUNT_BITS)
+    def add(self, origin: str, first: int, last: int) -> tuple[list[tuple[int, int]], int]:
+        """Record that the events `first` to `last` were seen.
+
+        Returns the parts of them that are new, each by its first and last number; and the number of events so old that
+        the channel cannot tell whether it has seen them, which must not be delivered. The others are duplicates."""
+        if life_of(first) != life_of(last):
+            border = life_of(last) << COUNT_BITS
+            (before, late), (after, later) = self.add(origin, first, border - 1), self.add(origin, border, last)
+            return before + after, late + later
+        key = (origin, life_of(first))
         life = self._lives.get(key) or self._new_life(key)
         if life.used != self._clock:
             self._clock = life.used = self._clock + 1
-            _USED.pack_into(self._map, _life_at(life.place) + _USED_AT, self._clock)
-        count, end = first & COUNT_MASK, (last & COUNT_MASK) + 1
+            self._write_head(life)
+        count, end = count_of(first), count_of(last) + 1
         ends = life.ends
         if ends and count >= ends[-1]:  # as nearly always
             if count == ends[-1]:
@@ -175,13 +163,13 @@ class SeenEvents:
                 self._write(life, -1)
             else:
                 self._insert_apart(life, len(ends), count, end)
-            return Unseen([(first, last)], 0)
+            return [(first, last)], 0
         base = first - count
         late = max(0, min(end, life.horizon) - count)
         parts = list(_gaps(life, max(count, life.horizon), end))
         for start, stop in parts:
             self._insert(life, start, stop)
-        return Unseen([(base + start, base + stop - 1) for start, stop in parts], late)
+        return [(base + start, base + stop - 1) for start, stop in parts], late
 
     def _insert(self, life: _Life, first: int, end: int) -> None:
         """Add an interval that overlaps none."""
@@ -214,7 +202,7 @@ class SeenEvents:
     def _close_gap(self, life: _Life) -> None:
         """Forget the oldest gap."""
         life.horizon = life.ends[0] = life.ends[1]
-        _HORIZON.pack_into(self._map, _life_at(life.place) + _HORIZON_AT, life.horizon)
+        self._write_head(life)
         self._write(life, 0)
         self._remove(life, 1)
 
@@ -222,7 +210,7 @@ class SeenEvents:
         """Remove an interval that the one before has taken up."""
         del life.firsts[at], life.ends[at]
         place = life.places.pop(at)
-        self._clear_entry(life, place)
+        self._write_entry(life, place, 0, 0)
         life.free.append(place)
 
     def _new_life(self, key: tuple[str, int]) -> _Life:
@@ -234,34 +222,32 @@ class SeenEvents:
             place = self._lives.pop(oldest).place
         self._clear(place)
         life = self._lives[key] = _Life(place, *key)
-        _HEAD.pack_into(self._map, _life_at(place), *self._head_of(life))
+        self._write_head(life)
         return life
 
     # ---- the file ----
 
-    @staticmethod
-    def _head_of(life: _Life) -> tuple[bytes, int, int, int]:
-        return life.origin.encode(), life.number, life.horizon, life.used
+    def _write_head(self, life: _Life) -> None:
+        # Not by pack_into, which clears all bytes first: a process may be killed in between.
+        start = _life_at(life.place)
+        self._map[start : start + _HEAD.size] = _HEAD.pack(life.origin.encode(), life.number, life.horizon, life.used)
 
     def _write(self, life: _Life, at: int) -> None:
         """Write the interval with index `at`."""
         first, end = life.firsts[at], life.ends[at]
-        _INTERVAL.pack_into(self._map, _entry_at(life, life.places[at]), first, end - first)
+        self._write_entry(life, life.places[at], first, end - first)
 
-    def _clear_entry(self, life: _Life, place: int) -> None:
-        _INTERVAL.pack_into(self._map, _entry_at(life, place), 0, 0)
+    def _write_entry(self, life: _Life, place: int, first: int, count: int) -> None:
+        at = _life_at(life.place) + _HEAD.size + place * _INTERVAL.size
+        self._map[at : at + _INTERVAL.size] = _INTERVAL.pack(first, count)
 
     def _clear(self, place: int) -> None:
-        start = _life_at(place)
-        self._map[start : start + _LIFE_BYTES] = bytes(_LIFE_BYTES)
+        start, end = _life_at(place), _life_at(place + 1)
+        self._map[start:end] = bytes(end - start)
 
 
 def _life_at(place: int) -> int:
-    return len(_MAGIC) + place * _LIFE_BYTES
-
-
-def _entry_at(life: _Life, place: int) -> int:
-    return _life_at(life.place) + _HEAD.size + place * _INTERVAL.size
+    return len(_MAGIC) + place * (_HEAD.size + MAX_INTERVALS * _INTERVAL.size)
 
 
 def _gaps(life: _Life, first: int, end: int) -> Iterator[tuple[int, int]]:

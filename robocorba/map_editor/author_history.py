@@ -17,11 +17,6 @@ from robocorba.map_editor.changes import Change, ElementKey
 from robocorba.map_editor.element_rules import name_violations
 from robocorba.map_editor.model import COLLECTION_OF, Building, ElementKind
 
-#: Maximum length of an author's name [characters].
-MAX_AUTHOR = 60
-#: Maximum number of edits that a session can undo; the store keeps their changes.
-MAX_OWN_EDITS = 1000
-
 
 class OwnEdit(NamedTuple):
     """An edit of an author, made as `version`. A rename moves nothing, so its nodes may stay on obstacles."""
@@ -36,7 +31,7 @@ class AuthorHistory:
 
     def __init__(self, author: str) -> None:
         self.author = author
-        self.done: deque[OwnEdit] = deque(maxlen=MAX_OWN_EDITS)
+        self.done: deque[OwnEdit] = deque(maxlen=1000)  # the store keeps their changes
         self.undone: list[OwnEdit] = []
 
     def add(self, edit: OwnEdit) -> None:
@@ -46,11 +41,11 @@ class AuthorHistory:
 
 
 def check_author(author: str) -> None:
-    """Raise InvalidElement unless `author` is a name of 1 to MAX_AUTHOR printable characters."""
+    """Raise InvalidElement unless `author` is a name of 1 to 60 printable characters."""
     for reason in name_violations("the author's name", author):
         raise InvalidElement(ElementKind.FLOOR.value, "", "", reason)
-    if len(author) > MAX_AUTHOR:
-        reason = f"the author's name has {len(author)} characters, at most {MAX_AUTHOR} are allowed"
+    if len(author) > 60:
+        reason = f"the author's name has {len(author)} characters, at most 60 are allowed"
         raise InvalidElement(ElementKind.FLOOR.value, "", "", reason)
 
 

@@ -46,6 +46,25 @@ class ChangeKind(str, Enum):
     REMOVED = "removed"
 
 
+#: By kind and floor: the version that last changed each element, by name. Never changed in place.
+Versions = dict[tuple[ElementKind, str], dict[str, int]]
+
+
+class EditorState(NamedTuple):
+    """A building at a version, and the version that last changed each element. Never changed in place.
+
+    `size` is the sum of size_of over its elements."""
+
+    building: Building
+    version: int
+    versions: Versions
+    size: int
+
+    def version_of(self, key: ElementKey) -> int:
+        """The version that last changed an element, 0 if it does not exist."""
+        return self.versions.get((key.kind, key.floor), {}).get(key.name, 0)
+
+
 class Change(msgspec.Struct, frozen=True, gc=False):
     """An element before and after the change to `version`; None if it did not exist before, or was removed."""
 

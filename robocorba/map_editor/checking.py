@@ -6,7 +6,6 @@ A finding is not a broken rule: the building can be served, and the finding disa
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple
 
 import shapely
 from shapely import Polygon
@@ -14,6 +13,7 @@ from shapely import Polygon
 from robocorba.errors.maps import InvalidElement, UnknownElement
 from robocorba.errors.places import near
 from robocorba.map_editor.collisions import TOUCH_M, Collision, blockages
+from robocorba.map_editor.edits import Finding
 from robocorba.map_editor.geometry import bounds
 from robocorba.map_editor.model import KIND_OF, Building, ElementKind, Elevator
 from robocorba.map_editor.plan_defects import plan_defects
@@ -21,41 +21,21 @@ from robocorba.map_editor.reachability import Reachability
 from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.map_editor.time_limit import no_limit
 
-#: Radii of robots that a floor can be checked for [m].
-MIN_RADIUS_M, MAX_RADIUS_M = 0.05, 5.0
-#: A floor is hardly larger than this, or smaller [m²]: the largest buildings have about 1 km².
-MAX_FLOOR_M2, MIN_FLOOR_M2 = 1e6, 5.0
-
-
-class MapFinding(NamedTuple):
-    """A finding about one element, and `where` it is: floor, x and y [m].
-
-    `reason` describes this finding alone. `summary` is the sentence for all findings of the same kind, with
-    {n} for their number and {names} for their `subject`s."""
-
-    kind: ElementKind
-    floor: str
-    name: str
-    where: tuple[str, float, float]
-    reason: str
-    summary: str
-    subject: str
-
 
 def findings(
     building: Building, radius_m: float = SMARTPAL_RADIUS_M, check_time: Callable[[], None] = no_limit
-) -> list[MapFinding]:
+) -> list[Finding]:
     """Blocked nodes and edges, all that a robot of `radius_m` can't reach, and defects of the plans. `check_time` is
     called often, and may raise an error to end the work."""
     found = _of_roads(building, radius_m, check_time)
     for floor in building.floors:
-        for finding in _plan(building, floor, radius_m):
+        for finding in plan_defects(building, floor, radius_m):
             check_time()
             found.append(finding)
     return found
 
 
-def _of_roads(building: Building, radius_m: float, check_time: Callable[[], None]) -> list[MapFinding]:
+def _of_roads(building: Building, radius_m: float, check_time: Callable[[], None]) -> list[Finding]:
     """Blocked nodes and edges, and all that a robot of `radius_m` can't reach, floor by floor."""
     reach = Reachability(building, radius_m, check_time)
     found = list(blocked(building))
@@ -68,14 +48,14 @@ def _of_roads(building: Building, radius_m: float, check_time: Callable[[], None
 
 def floor_findings(
     building: Building, floor: str, radius_m: float, check_time: Callable[[], None] = no_limit
-) -> list[MapFinding]:
+) -> list[Finding]:
     """The findings of one floor and of the elevators that serve it, which are placed on it.
 
     Raises UnknownElement, InvalidElement for the radius."""
     if floor not in building.floors:
         raise UnknownElement(ElementKind.FLOOR.value, "", floor)
-    if not MIN_RADIUS_M <= radius_m <= MAX_RADIUS_M:
-        reason = f"the radius of the robot must be from {MIN_RADIUS_M:g} to {MAX_RADIUS_M:g} m, not {radius_m:g}"
+    if not 0.05 <= radius_m <= 5.0:
+        reason = f"the radius of the robot must be from 0.05 to 5 m, not {radius_m:g}"
         raise InvalidElement(ElementKind.FLOOR.value, "", floor, reason)
     found = []
     for finding in _of_roads(building, radius_m, check_time):
@@ -84,10 +64,10 @@ def floor_findings(
                 found.append(finding._replace(where=(floor, *finding.where[1:])))
         elif finding.where[0] == floor:
             found.append(finding)
-    return [*found, *_plan(building, floor, radius_m)]
+    return [*found, *plan_defects(building, floor, radius_m)]
 
 
-def blocked(building: Building) -> Iterator[MapFinding]:
+def blocked(building: Building) -> Iterator[Finding]:
     """The nodes and edges that a wall, an object or a locked door blocks."""
     for floor in building.floors:
         by_element: dict[tuple[ElementKind, str], list[Collision]] = {}
@@ -97,7 +77,7 @@ def blocked(building: Building) -> Iterator[MapFinding]:
         for (kind, name), collisions in by_element.items():
             x, y = collisions[0].at()
             causes = ", ".join(dict.fromkeys(collision.cause for collision in collisions))
-            yield MapFinding(
+            yield Finding(
                 kind,
                 floor,
                 name,
@@ -108,7 +88,7 @@ def blocked(building: Building) -> Iterator[MapFinding]:
             )
 
 
-def summaries(found: Iterable[MapFinding]) -> tuple[str, ...]:
+def summaries(found: Iterable[Finding]) -> tuple[str, ...]:
     """One sentence for each kind of finding on a floor, with the number and names of its subjects."""
     # Imported here: the formats take 0.3 s to load, and a server must restart quickly.
     from robocorba.map_editor.losses import Losses
@@ -119,13 +99,13 @@ def summaries(found: Iterable[MapFinding]) -> tuple[str, ...]:
     return kinds.sentences()
 
 
-def _nodes(building: Building, floor: str, reach: Reachability) -> Iterator[MapFinding]:
+def _nodes(building: Building, floor: str, reach: Reachability) -> Iterator[Finding]:
     """Nodes of a floor that a robot can't reach or can't leave."""
     nodes, robot = building.floors[floor].topological.nodes, _robot(reach)
 
-    def finding(name: str, reason: str, kind: str, subject: str = "") -> MapFinding:
+    def finding(name: str, reason: str, kind: str, subject: str = "") -> Finding:
         where, summary = (floor, *nodes[name].at), f"nodes of {floor} {kind} ({{n}}): {{names}}"
-        return MapFinding(ElementKind.NODE, floor, name, where, reason, summary, subject or name)
+        return Finding(ElementKind.NODE, floor, name, where, reason, summary, subject or name)
 
     for name, cause in reach.too_close(floor).items():
         yield finding(name, f"{robot} does not fit: {cause}", f"where {robot} does not fit", f"{name} ({cause})")
@@ -146,28 +126,19 @@ def _count_of(more: list[str]) -> str:
     return f" with {len(more)} more" if more else ""
 
 
-def _plan(building: Building, floor: str, radius_m: float) -> Iterator[MapFinding]:
-    """Defects of a floor's plan."""
-    for defect in plan_defects(building, floor, radius_m):
-        where, summary = (floor, *defect.at), f"{defect.group} ({{n}}): {{names}}"
-        on_floor, name = (floor, defect.name) if defect.name else ("", floor)
-        subject = f"{defect.name} {near(*defect.at)}".lstrip()
-        yield MapFinding(defect.kind, on_floor, name, where, defect.reason, summary, subject)
-
-
-def _in_other_units(building: Building) -> Iterator[MapFinding]:
+def _in_other_units(building: Building) -> Iterator[Finding]:
     """Floors that are larger than any building."""
     for floor, entry in building.floors.items():
         outline = entry.floor.outline
         plan = Polygon(outline) if outline else shapely.box(*bounds(building, floor))
-        if plan.area > MAX_FLOOR_M2:
-            unit = "millimetres" if plan.area * 1e-6 >= MIN_FLOOR_M2 else "centimetres"
+        if plan.area > 1e6:  # m²; the largest buildings have about 1 km², and hardly a floor has less than 5 m²
+            unit = "millimetres" if plan.area * 1e-6 >= 5.0 else "centimetres"
             reason = f"it is {plan.area * 1e-6:,.0f} km² large: is it drawn in {unit} instead of metres?"
             where, summary = (floor, plan.centroid.x, plan.centroid.y), "very large floors ({n}): {names}"
-            yield MapFinding(ElementKind.FLOOR, "", floor, where, reason, summary, f"{floor} ({reason[6:]})")
+            yield Finding(ElementKind.FLOOR, "", floor, where, reason, summary, f"{floor} ({reason[6:]})")
 
 
-def _floors(building: Building, reach: Reachability) -> Iterator[MapFinding]:
+def _floors(building: Building, reach: Reachability) -> Iterator[Finding]:
     """Floors without a connection to the others."""
     if len(building.floors) < 2:
         return
@@ -179,14 +150,14 @@ def _floors(building: Building, reach: Reachability) -> Iterator[MapFinding]:
         if floor not in served:
             summary = "floors without an elevator to other floors ({n}): {names}"
             reason = "no elevator leads from it to another floor"
-            yield MapFinding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
+            yield Finding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
         elif reach.is_cut_off(floor):
             reason = f"no elevator connects its roadmap with other floors for {_robot(reach)}"
             summary = f"floors that no elevator connects with the others for {_robot(reach)} ({{n}}): {{names}}"
-            yield MapFinding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
+            yield Finding(ElementKind.FLOOR, "", floor, where, reason, summary, floor)
 
 
-def _elevators(building: Building, reach: Reachability) -> Iterator[MapFinding]:
+def _elevators(building: Building, reach: Reachability) -> Iterator[Finding]:
     """Elevators that a robot can't enter on any floor."""
     for name, elevator in building.elevators.items():
         cause = _closed(elevator, building, reach)
@@ -194,7 +165,7 @@ def _elevators(building: Building, reach: Reachability) -> Iterator[MapFinding]:
             where = (elevator.floors()[0], *elevator.at)
             reason = f"{_robot(reach)} can't enter it: {cause}"
             summary = f"elevators that {_robot(reach)} can't enter ({{n}}): {{names}}"
-            yield MapFinding(ElementKind.ELEVATOR, "", name, where, reason, summary, f"{name} ({cause})")
+            yield Finding(ElementKind.ELEVATOR, "", name, where, reason, summary, f"{name} ({cause})")
 
 
 def _closed(elevator: Elevator, building: Building, reach: Reachability) -> str:

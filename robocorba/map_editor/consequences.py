@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Set
 from itertools import count
 
@@ -12,7 +11,7 @@ from robocorba.errors.maps import InvalidElement
 from robocorba.map_editor.changes import ElementKey
 from robocorba.map_editor.element_rules import MAX_NAME
 from robocorba.map_editor.model import Building, Element, ElementKind, Elevator, PathNode
-from robocorba.map_editor.spatial.pose import XY
+from robocorba.map_editor.spatial.frames import turned
 
 #: The elements that an edit leaves behind: None for a removed one.
 Outcome = dict[ElementKey, Element | None]
@@ -69,7 +68,7 @@ def _following(node: PathNode, floor: str, before: Elevator, after: Element | No
     more."""
     if not isinstance(after, Elevator) or floor not in after.floors():
         return None
-    x, y = _turned((node.at[0] - before.at[0], node.at[1] - before.at[1]), after.heading - before.heading)
+    x, y = turned(node.at[0] - before.at[0], node.at[1] - before.at[1], after.heading - before.heading)
     return msgspec.structs.replace(node, at=(after.at[0] + x, after.at[1] + y))
 
 
@@ -82,11 +81,6 @@ def _new_node(building: Building, outcome: Outcome, floor: str, elevator: Elevat
     first = f"cabin-{elevator.name}"[: MAX_NAME - 4]
     name = next(name for name in (first + (f"-{n}" if n > 1 else "") for n in count(1)) if name not in taken)
     return ElementKey(ElementKind.NODE, floor, name), PathNode(name, elevator.at, elevator.name)
-
-
-def _turned(point: XY, angle: float) -> XY:
-    cos, sin = math.cos(angle), math.sin(angle)
-    return point[0] * cos - point[1] * sin, point[0] * sin + point[1] * cos
 
 
 def _check_removal(key: ElementKey, node: PathNode, building: Building, outcome: Outcome) -> None:

@@ -12,14 +12,6 @@ Map = TypeVar("Map", GeometricalMap, TopologicalMap)
 Result = TypeVar("Result")
 
 
-class _Kept(Generic[Map, Result]):
-    """A result, what it was derived from, and the map for which it was asked last."""
-
-    def __init__(self, parts: tuple[object, ...], result: Result, asked_for: weakref.ref[Map]) -> None:
-        self.parts, self.result = parts, result
-        self.asked_for: weakref.ref[Map] = asked_for
-
-
 class Derived(Generic[Map, Result]):
     """Results, each derived from parts of a building that no edit changes, such as the walls of a map.
 
@@ -28,7 +20,8 @@ class Derived(Generic[Map, Result]):
     threads do to each other is to derive a result twice."""
 
     def __init__(self) -> None:
-        self._kept: dict[tuple[int, ...], _Kept[Map, Result]] = {}
+        #: By the identities of the parts: the parts, their result, and the map for which it was asked last.
+        self._kept: dict[tuple[int, ...], tuple[tuple[object, ...], Result, weakref.ref[Map]]] = {}
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -37,18 +30,18 @@ class Derived(Generic[Map, Result]):
         """The result for these parts, compared by identity; `derive` finds it. Neither may refer to the map."""
         key = tuple(map(id, parts))
         kept = self._kept.get(key)
-        if kept is None:
-            kept = self._kept[key] = _Kept(parts, derive(), self._watch(asked_for, key))
-        elif kept.asked_for() is not asked_for:
-            kept.asked_for = self._watch(asked_for, key)
-        return kept.result
+        if kept is not None and kept[2]() is asked_for:
+            return kept[1]
+        result = derive() if kept is None else kept[1]
+        self._kept[key] = parts, result, self._watch(asked_for, key)
+        return result
 
     def _watch(self, asked_for: Map, key: tuple[int, ...]) -> weakref.ref[Map]:
         """A reference to the map; the result goes with it, unless it was asked for another one since."""
 
         def forget(gone: weakref.ref[Map]) -> None:
             kept = self._kept.get(key)
-            if kept is not None and kept.asked_for is gone:
+            if kept is not None and kept[2] is gone:
                 self._kept.pop(key, None)
 
         return weakref.ref(asked_for, forget)

@@ -7,31 +7,12 @@ that it touches, so that it never overwrites a concurrent edit.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 from robocorba.errors.maps import DuplicateElement, StaleEdit, UnknownElement
-from robocorba.map_editor.changes import Change, ElementKey, key, key_of, ordered
+from robocorba.map_editor.changes import Change, EditorState, ElementKey, key, key_of, ordered
 from robocorba.map_editor.element_rules import size_of
-from robocorba.map_editor.model import COLLECTION_OF, Building, Element, ElementKind
+from robocorba.map_editor.model import COLLECTION_OF, Element, ElementKind
 from robocorba.map_editor.validation import check_element
-
-#: By kind and floor: the version that last changed each element, by name. Never changed in place.
-Versions = dict[tuple[ElementKind, str], dict[str, int]]
-
-
-class EditorState(NamedTuple):
-    """A building at a version, and the version that last changed each element. Never changed in place.
-
-    `size` is the sum of size_of over its elements."""
-
-    building: Building
-    version: int
-    versions: Versions
-    size: int
-
-    def version_of(self, key: ElementKey) -> int:
-        """The version that last changed an element, 0 if it does not exist."""
-        return self.versions.get((key.kind, key.floor), {}).get(key.name, 0)
 
 
 class Draft:

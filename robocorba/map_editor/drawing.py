@@ -55,15 +55,14 @@ class PathMark(NamedTuple):
     label: str = ""
 
 
-#: Marker, colour and size [pixels] by kind. Other kinds have no marker.
-_MARKS: dict[str, tuple[str, str, float]] = {
-    "start": ("o", "#12805c", 13),
-    "goal": ("*", PATH, 20),
-    "elevator_entry": ("^", "#b36b00", 13),
-    "elevator_exit": ("v", "#b36b00", 13),
-    "node": ("o", PATH, 5),
+#: Marker, colour, size [pixels] and text by kind. Other kinds have neither. What has a text is always labelled.
+_MARKS: dict[str, tuple[str, str, float, str]] = {
+    "start": ("o", "#12805c", 13, "start"),
+    "goal": ("*", PATH, 20, "goal"),
+    "elevator_entry": ("^", "#b36b00", 13, "enters"),
+    "elevator_exit": ("v", "#b36b00", 13, "leaves"),
+    "node": ("o", PATH, 5, ""),
 }
-_MARK_TEXTS = {"start": "start", "goal": "goal", "elevator_entry": "enters", "elevator_exit": "leaves"}
 
 
 def draw_floor(
@@ -72,27 +71,24 @@ def draw_floor(
     *,
     path: Sequence[PathMark] | None = None,
     width_px: int = 1200,
-    title: str | None = None,
 ) -> Image.Image:
     """A floor as an RGB picture `width_px` wide, +y up; its height follows from the floor (at most MAX_PIXELS).
 
-    `path` holds the marks of a path on this floor, in order. The default title is the
-    building's and the floor's name; an empty title is omitted.
+    `path` holds the marks of a path on this floor, in order. The title is the building's and the floor's name.
     Raises UnknownFloor, and ValueError for a width outside 200 to MAX_PIXELS."""
     if floor not in building.floors:
         raise UnknownFloor("picture", floor, list(building.floors))
     if not 200 <= width_px <= MAX_PIXELS:
         raise ValueError(f"width_px must be 200 to {MAX_PIXELS}, not {width_px}")
-    title = f"{building.name} · {floor}" if title is None else title
     path, entry = path or (), building.floors[floor]
-    sheet = Sheet(Frame(building, floor, width_px, bool(title)))
+    sheet = Sheet(Frame(building, floor, width_px, titled=True))
     # From bottom to top. Names come last and never overlap.
     draw_geometrical_map(sheet, building, floor)
     nodes = {name: node.at for name, node in entry.topological.nodes.items()}
     edges = entry.topological.edges.values()
     _draw_edges(sheet, nodes, [edge for edge in edges if {edge.a, edge.b} <= nodes.keys()])
     _draw_path(sheet, path)
-    draw_title_and_legend(sheet, title)
+    draw_title_and_legend(sheet, f"{building.name} · {floor}")
     for point in [*nodes.values(), *((mark.x, mark.y) for mark in path)]:
         sheet.keep_clear(point)
     write_labels(sheet, entry, building.elevators_through(floor), path)
@@ -104,26 +100,22 @@ def draw_building(
     *,
     paths: Mapping[str, Sequence[PathMark]] | None = None,
     width_px: int = 1200,
-    columns: int = 1,
 ) -> Image.Image:
-    """All floors in one RGB picture, the highest first, in rows of `columns`. `paths` holds marks by floor.
+    """All floors in one RGB picture, the highest first. `paths` holds marks by floor.
 
-    `width_px` is the width of the whole picture. Raises UnknownFloor for a path on an
-    unknown floor, and ValueError as draw_floor does for each column."""
+    Raises UnknownFloor for a path on an unknown floor, and ValueError as draw_floor does."""
     for floor in paths or {}:
         if floor not in building.floors:
             raise UnknownFloor("path", floor, list(building.floors))
-    across = max(1, min(columns, len(building.floors)))
     pictures = [
-        draw_floor(building, floor, path=(paths or {}).get(floor), width_px=width_px // across)
+        draw_floor(building, floor, path=(paths or {}).get(floor), width_px=width_px)
         for floor in reversed(building.floors)
     ]
-    rows = [pictures[i : i + across] for i in range(0, len(pictures), across)]
-    heights = [max(picture.height for picture in row) for row in rows]
-    sheet = Image.new("RGB", (width_px, max(1, sum(heights))), GROUND)
-    for number, row in enumerate(rows):
-        for column, picture in enumerate(row):
-            sheet.paste(picture, (column * (width_px // across), sum(heights[:number])))
+    sheet = Image.new("RGB", (width_px, max(1, sum(picture.height for picture in pictures))), GROUND)
+    top = 0
+    for picture in pictures:
+        sheet.paste(picture, (0, top))
+        top += picture.height
     return sheet
 
 
@@ -142,8 +134,9 @@ def write_labels(sheet: Sheet, entry: FloorMap, elevators: Iterable[Elevator], p
     """Write names, the most important first. Names without room are omitted."""
     plan = entry.geometrical
     for mark in path:
-        text = " ".join(filter(None, [_MARK_TEXTS.get(mark.kind, ""), mark.label]))
-        sheet.label(text, (mark.x, mark.y), colour=PATH, bold=True, apart=10, must=mark.kind in _MARK_TEXTS)
+        word = _MARKS[mark.kind][3] if mark.kind in _MARKS else ""
+        text = " ".join(filter(None, [word, mark.label]))
+        sheet.label(text, (mark.x, mark.y), colour=PATH, bold=True, apart=10, must=bool(word))
     for elevator in elevators:
         sheet.label(elevator.name, elevator.at, bold=True, apart=9)
     for area in plan.areas.values():
@@ -232,7 +225,7 @@ def _draw_path(sheet: Sheet, path: Sequence[PathMark]) -> None:
             sheet.arrow((a.x, a.y), (b.x, b.y), PATH, sheet.px(0.6, 14, 22), zorder=10)
     for mark in path:
         if mark.kind in _MARKS:
-            shape, colour, size = _MARKS[mark.kind]
+            shape, colour, size, _ = _MARKS[mark.kind]
             marker: dict[str, Any] = {"markersize": size, "markeredgecolor": GROUND, "markeredgewidth": 1.2}
             sheet.axes.plot(mark.x, mark.y, shape, color=colour, zorder=11, **marker)
 

@@ -8,11 +8,10 @@ from collections.abc import Callable
 
 from robocorba.errors.maps import SessionEnded
 from robocorba.map_editor.author_history import AuthorHistory, check_author
-from robocorba.map_editor.idle import Opened, idle_since, longest_idle
-from robocorba.map_editor.map_building_agent import BuildingEditor
+from robocorba.map_editor.idle import Opened, OpenedByClients
+from robocorba.map_editor.map_building_agent import BuildingEditor, Transaction
 from robocorba.map_editor.model import Element, ElementKind
 from robocorba.map_editor.store import DEFAULT_LIMITS, MapLimits
-from robocorba.map_editor.transactions import Transaction
 
 
 class EditSession(Opened):
@@ -21,8 +20,7 @@ class EditSession(Opened):
     Edits as in BuildingEditor; they return the building's new version. is_open: whether it was neither closed nor has
     timed out."""
 
-    def __init__(self, sessions: EditSessions, author: str, now: float) -> None:
-        super().__init__(now)
+    def __init__(self, sessions: EditSessions, author: str) -> None:
         self._sessions, self._editor, self._history = sessions, sessions.editor, AuthorHistory(author)
 
     @property
@@ -76,7 +74,8 @@ class EditSession(Opened):
         self._sessions.close(self)
 
     def _in_use(self) -> AuthorHistory:
-        self._sessions.use(self)
+        with self._sessions.lock:
+            self._sessions.check_open(self)
         return self._history
 
 
@@ -89,52 +88,35 @@ class EditSessions:
         limits: MapLimits = DEFAULT_LIMITS,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.editor, self._limits, self._clock = editor, limits, clock
-        self._lock = threading.Lock()
-        self._open: set[EditSession] = set()
+        self.editor, self._limits = editor, limits
+        self.lock = threading.Lock()
+        self._open = OpenedByClients[EditSession](clock, limits.session_timeout_s, limits.forgotten_session_s)
 
     def open(self, author: str) -> EditSession:
         """A session for an author, in place of one that its client has forgotten if there are too many.
 
         Raises InvalidElement for the name, TooManyTransactions."""
         check_author(author)
-        with self._lock:
-            now, limits = self._end_idle(), self._limits
-            if len(self._open) >= limits.sessions:
-                self._end(longest_idle(self._open, limits.sessions, now - limits.forgotten_session_s))
-            session = EditSession(self, author, now)
+        with self.lock:
+            self._open.end_idle()
+            if len(self._open.all) >= self._limits.sessions:
+                self._open.make_place(self._open.all, self._limits.sessions)
+            session = EditSession(self, author)
             self._open.add(session)
             return session
 
-    def use(self, session: EditSession) -> None:
-        """A session is called: its timeout starts again. Raises SessionEnded."""
-        with self._lock:
-            session.used_at = self._check_open(session)
-
     def close(self, session: EditSession) -> None:
         """End a session. Raises SessionEnded."""
-        with self._lock:
-            self._check_open(session)
-            self._end(session)
+        with self.lock:
+            self.check_open(session)
+            self._open.close(session)
 
     def end_idle(self) -> None:
         """End those that have timed out."""
-        with self._lock:
-            self._end_idle()
+        with self.lock:
+            self._open.end_idle()
 
-    def _check_open(self, session: EditSession) -> float:
-        now = self._end_idle()
-        if not session.is_open:
+    def check_open(self, session: EditSession) -> None:
+        """A session is called: its timeout starts again. Raises SessionEnded. Requires the lock."""
+        if not self._open.use(session):
             raise SessionEnded("the edit session was closed, or was without a call for too long")
-        return now
-
-    def _end_idle(self) -> float:
-        """As `end_idle`. Returns the time. Requires the lock."""
-        now = self._clock()
-        for session in idle_since(self._open, now - self._limits.session_timeout_s):
-            self._end(session)
-        return now
-
-    def _end(self, session: EditSession) -> None:
-        self._open.discard(session)
-        session.is_open = False

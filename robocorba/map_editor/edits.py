@@ -1,17 +1,14 @@
-"""Edits as clients read them: who made them and what they changed, in words."""
+"""Edits and problems as clients read them: who changed what, in words; what is wrong, and where."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from robocorba.errors.maps import InvalidElement, MapError, StaleEdit
 from robocorba.map_editor.changes import Change, ChangeKind
-from robocorba.map_editor.model import Element, ElementKind
-
-#: Maximum length of a summary [characters]; names may have 200.
-MAX_SUMMARY = 300
-#: Maximum number of groups of equal changes in a summary.
-MAX_GROUPS = 3
+from robocorba.map_editor.model import Area, Building, Door, Element, ElementKind, Elevator, Floor, PathEdge, Wall
+from robocorba.map_editor.spatial.pose import XY
 
 
 class EditRecord(NamedTuple):
@@ -39,13 +36,60 @@ class MapChange(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """A restriction or a broken rule: the element, `where` it is (floor, x and y [m]), and a sentence."""
+    """A restriction or a broken rule: the element, `where` it is (floor, x and y [m]), and a sentence.
+
+    summary: the sentence for all findings of the same kind, with {n} for their number and {names} for their `subject`s;
+    empty for broken rules, and for findings of another process."""
 
     kind: ElementKind
     floor: str
     name: str
     where: tuple[str, float, float]
     reason: str
+    summary: str = ""
+    subject: str = ""
+
+
+def placed(problem: Any, *buildings: Building) -> Finding:
+    """A problem of an element (InvalidElement, StaleEdit, UnknownElement or DuplicateElement) as a finding at the place
+    of the element in the first of the buildings that has it."""
+    kind = ElementKind(problem.kind)
+    found = (place_of(building, kind, problem.floor, problem.name) for building in buildings)
+    where = next((place for place in found if place is not None), (problem.floor, 0.0, 0.0))
+    return Finding(kind, problem.floor, problem.name, where, _reason(problem))
+
+
+def place_of(building: Building, kind: ElementKind, floor: str, name: str) -> tuple[str, float, float] | None:
+    """Floor, x and y [m] of an element's middle: of an edge between its nodes, of a floor within its outline.
+
+    None if there is no such element."""
+    element = building.find(kind, floor, name)
+    if element is None:
+        return None
+    if isinstance(element, Floor):
+        return (element.name, *_mean(element.outline))
+    if isinstance(element, Elevator):
+        served = [each for each in element.floors() if each in building.floors]
+        return (served[0] if served else "", *element.at)
+    if isinstance(element, PathEdge):
+        nodes = building.floors[floor].topological.nodes
+        return (floor, *_mean([nodes[end].at for end in (element.a, element.b) if end in nodes]))
+    if isinstance(element, Area):
+        return (floor, *_mean(element.polygon))
+    if isinstance(element, Wall | Door):
+        return (floor, *_mean((element.a, element.b)))
+    return (floor, *element.at)
+
+
+def _mean(points: Sequence[XY]) -> XY:
+    count = max(len(points), 1)
+    return sum(x for x, _ in points) / count, sum(y for _, y in points) / count
+
+
+def _reason(problem: MapError) -> str:
+    if isinstance(problem, InvalidElement):
+        return problem.reason
+    return "another client has changed it since" if isinstance(problem, StaleEdit) else str(problem)
 
 
 def summary_of(changes: Sequence[Change]) -> str:
@@ -54,8 +98,8 @@ def summary_of(changes: Sequence[Change]) -> str:
     for change in changes:
         groups.setdefault((change.key.kind, change.floor, change.kind), []).append(change.key.name)
     parts = [_group(kind, floor, what, names) for (kind, floor, what), names in groups.items()]
-    if len(parts) > MAX_GROUPS:
-        parts[MAX_GROUPS:] = ["and more"]
+    if len(parts) > 3:
+        parts[3:] = ["and more"]
     return shortened(", ".join(parts))
 
 
@@ -65,8 +109,8 @@ def renamed(kind: ElementKind, floor: str, name: str, new_name: str) -> str:
 
 
 def shortened(summary: str) -> str:
-    """A summary of at most MAX_SUMMARY characters."""
-    return summary if len(summary) <= MAX_SUMMARY else f"{summary[: MAX_SUMMARY - 1]}…"
+    """A summary of at most 300 characters; names may have 200."""
+    return summary if len(summary) <= 300 else f"{summary[:299]}…"
 
 
 def _group(kind: ElementKind, floor: str, what: ChangeKind, names: Sequence[str]) -> str:

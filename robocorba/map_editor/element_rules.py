@@ -40,11 +40,8 @@ MAX_NAME = 200
 MAX_NUMBER = 1e6
 #: Minimum length [m] or speed [m/s]: closer points count as one, and lower speeds give meaningless travel times.
 MIN_LENGTH = 1e-3
-#: Maximum number of points of a polygon, doors of an elevator, graphs of an edge.
-MAX_POINTS, MAX_DOORS, MAX_GRAPHS = 10_000, 1_000, 100
 #: Tolerance of comparisons of lengths [m].
 TOLERANCE_M = 1e-9
-_INT32 = 2**31
 
 
 def violations(element: Element) -> Iterator[str]:
@@ -72,8 +69,8 @@ def name_violations(what: str, text: str) -> Iterator[str]:
 
 def _floor(floor: Floor) -> Iterator[str]:
     yield from (f"the name of a floor must not hold {mark!r}" for mark in ":/" if mark in floor.name)
-    if not -_INT32 <= floor.level < _INT32:
-        yield f"level must be from {-_INT32} to {_INT32 - 1}"
+    if not -(2**31) <= floor.level < 2**31:
+        yield f"level must be from {-(2**31)} to {2**31 - 1}"
     yield from _number("elevation", floor.elevation)
     yield from _size("height", floor.height)
     if floor.outline:
@@ -127,8 +124,8 @@ def _edge(edge: PathEdge) -> Iterator[str]:
     if edge.speed_limit:
         yield from _number("speed_limit", edge.speed_limit, MIN_LENGTH)
     yield from _number("clearance", edge.clearance, 0.0)
-    if len(edge.graphs) > MAX_GRAPHS:
-        yield f"it belongs to {len(edge.graphs)} graphs, at most {MAX_GRAPHS} are allowed"
+    if len(edge.graphs) > 100:
+        yield f"it belongs to {len(edge.graphs)} graphs, at most 100 are allowed"
     else:
         for graph in edge.graphs:
             yield from name_violations("the name of a graph", graph)
@@ -143,8 +140,8 @@ def _elevator(elevator: Elevator) -> Iterator[str]:
     yield from _number("door_time", elevator.door_time, 0.0)
     if not elevator.doors:
         yield "it serves no floor: it has no doors"
-    elif len(elevator.doors) > MAX_DOORS:
-        yield f"it has {len(elevator.doors)} doors, at most {MAX_DOORS} are allowed"
+    elif len(elevator.doors) > 1000:
+        yield f"it has {len(elevator.doors)} doors, at most 1000 are allowed"
     else:
         yield from _elevator_doors(elevator)
 
@@ -202,8 +199,8 @@ def _polygon(what: str, points: Sequence[XY]) -> Iterator[str]:
     if len(points) < 3:
         yield f"{what} has {len(points)} points, a polygon has 3 or more"
         return
-    if len(points) > MAX_POINTS:
-        yield f"{what} has {len(points)} points, at most {MAX_POINTS} are allowed"
+    if len(points) > 10_000:
+        yield f"{what} has {len(points)} points, at most 10000 are allowed"
         return
     for number, point in enumerate(points, 1):
         wrong = next(_point(f"{what}: point {number}", point), None)
@@ -232,13 +229,11 @@ _RULES: dict[type, Callable[[Any], Iterator[str]]] = {
 }
 
 
-_PARTS = {PathEdge: "graphs", Floor: "outline", Area: "polygon", Elevator: "doors"}
-
-
 def size_of(element: Element | None) -> int:
     """The size of an element in limits: 1, and 1 for each point, door or graph in it. 0 for None."""
     if element is None:
         return 0
     if isinstance(element, MapObject):
         return 1 + len(getattr(element.shape, "points", ()))
-    return 1 + len(getattr(element, _PARTS.get(type(element), ""), ()))
+    parts = {PathEdge: "graphs", Floor: "outline", Area: "polygon", Elevator: "doors"}
+    return 1 + len(getattr(element, parts.get(type(element), ""), ()))

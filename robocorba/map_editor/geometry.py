@@ -46,9 +46,6 @@ PARALLEL_TOLERANCE_RAD = math.radians(15)
 CIRCLE_SIDES = 32
 
 Array = NDArray[np.float64]
-_ANGLES = 2 * math.pi * (np.arange(CIRCLE_SIDES) + 0.5) / CIRCLE_SIDES
-#: The polygon circumscribed about the unit circle.
-_DISC: Array = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / math.cos(math.pi / CIRCLE_SIDES)
 _OBSTACLES: Derived[GeometricalMap, tuple[Obstacle, ...]] = Derived()
 
 
@@ -126,7 +123,9 @@ def _corners(shape: Shape) -> Sequence[XY] | Array:
     if isinstance(shape, BoxShape):
         return _rectangle(shape.size)
     if isinstance(shape, CircleShape):
-        return shape.radius * _DISC
+        angles = 2 * math.pi * (np.arange(CIRCLE_SIDES) + 0.5) / CIRCLE_SIDES
+        reach = shape.radius / math.cos(math.pi / CIRCLE_SIDES)  # of the corners, so that the sides touch the circle
+        return reach * np.column_stack([np.cos(angles), np.sin(angles)])
     return shape.points
 
 

@@ -8,17 +8,14 @@ from contextlib import contextmanager
 
 from robocorba.errors.maps import ServerBusy
 
-#: Time that a request waits for others [s]. Half of the 2 s after which the most impatient of our clients give up, so
-#: that they hear of the refusal, and hardly any is served whose client has gone.
-WAIT_LIMIT_S = 1.0
-#: Maximum number of requests that wait; each holds a thread.
-MAX_WAITING = 4
-
 
 class LongRequests:
-    """Serves one long request at a time. Thread-safe."""
+    """Serves one long request at a time. Thread-safe.
 
-    def __init__(self, wait_limit_s: float = WAIT_LIMIT_S, max_waiting: int = MAX_WAITING) -> None:
+    wait_limit_s: half of the 2 s after which the most impatient of our clients give up, so that they receive the
+    refusal, and hardly any is served whose client has gone. max_waiting: each holds a thread."""
+
+    def __init__(self, wait_limit_s: float = 1.0, max_waiting: int = 4) -> None:
         self._wait_limit_s = wait_limit_s
         self._serving = threading.Lock()
         self._places = threading.Semaphore(max_waiting + 1)

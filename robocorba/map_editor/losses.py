@@ -16,9 +16,6 @@ from robocorba.map_editor.yaml_file import YamlFile
 
 #: Names listed in one sentence; the others are counted.
 MAX_NAMES_LISTED = 12
-#: Broken rules handled between two complete checks of the building.
-PROBLEMS_PER_PASS = 100_000
-TYPE_NAMES = {kind.value for kind in ElementKind}
 #: The position of a collision at the end of a reason: removed, since it differs from edge to edge.
 _POSITION = re.compile(r" near \S+, \S+$")
 
@@ -69,7 +66,7 @@ def remove_invalid_elements(building: Building, losses: Losses, file: YamlFile) 
 
     A floor with an invalid outline loses the outline; a removed node loses its edges. Raises
     MapFileError if a rule is broken by something that can't be removed."""
-    while problems := validation.problems(building, limit=PROBLEMS_PER_PASS):
+    while problems := validation.problems(building, limit=100_000):
         before = building
         of_edges = [wrong for wrong in problems if wrong.kind == ElementKind.EDGE.value]
         others = [wrong for wrong in problems if wrong.kind != ElementKind.EDGE.value]
@@ -101,7 +98,7 @@ def _without(building: Building, what: str, floor: str, name: str) -> Building:
     """The building without that element; the identical building if there is nothing to remove.
 
     Nodes in the cabin of a removed elevator become ordinary nodes."""
-    if what not in TYPE_NAMES:
+    if what == "building":
         return building
     kind = ElementKind(what)
     if kind is ElementKind.FLOOR:

@@ -1,4 +1,4 @@
-"""The map building agent: a building that several clients edit concurrently.
+"""The map building agent: a building that several clients edit concurrently, also by several edits as one.
 
 Every accepted edit is on disk before anyone can read it, raises the version by one and
 reaches the listeners before the call returns. One lock orders the edits. Readers take the
@@ -15,6 +15,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterable, MutableSequence, Sequence
 from itertools import islice
 
@@ -27,47 +28,37 @@ from robocorba.errors.maps import (
     NothingToRedo,
     NothingToUndo,
     StaleVersion,
+    TransactionClosed,
     UnknownElement,
 )
 from robocorba.map_editor.author_history import AuthorHistory, OwnEdit, foreign_changes, repeating
 from robocorba.map_editor.changes import (
     Change,
+    EditorState,
     ElementKey,
+    Versions,
     apply,
     difference,
-    elements_of,
     inverse,
     key,
     key_of,
     ordered,
 )
-from robocorba.map_editor.draft import Draft, EditorState, Versions
-from robocorba.map_editor.edits import EditRecord, Finding, renamed, shortened, summary_of
+from robocorba.map_editor.draft import Draft
+from robocorba.map_editor.edits import EditRecord, Finding, placed, renamed, shortened, summary_of
 from robocorba.map_editor.element_rules import size_of
+from robocorba.map_editor.idle import Opened, OpenedByClients
 from robocorba.map_editor.model import COLLECTION_OF, Building, Element, ElementKind, TopologicalMap, with_topology
 from robocorba.map_editor.pages import EVERYTHING, MAX_PAGE, ChangePage, ChangePosition, ElementPage, Selection
-from robocorba.map_editor.places import placed
 from robocorba.map_editor.renaming import rename_changes
-from robocorba.map_editor.store import (
-    DEFAULT_LIMITS,
-    NO_NOTE,
-    CommitKind,
-    EditNote,
-    MapLimits,
-    MapStore,
-    StoredBuilding,
-)
-from robocorba.map_editor.transactions import OpenTransactions, Operation, Transaction
+from robocorba.map_editor.store import DEFAULT_LIMITS, CommitState, MapLimits, MapStore
 from robocorba.map_editor.underlays import Underlay, check_underlay
 from robocorba.map_editor.validation import change_problems, check_change, problems
 
-#: Blocked nodes and edges that the log lists for one edit; it counts the others.
-MAX_BLOCKED_LOGGED = 5
-#: Maximum number of broken rules that a transaction lists.
-MAX_PROBLEMS = 1000
-
 _log = logging.getLogger(__name__)
 
+#: Makes an edit in a draft on top of a state.
+Operation = Callable[[Draft, EditorState], None]
 #: Called within each edit with the new building, its version and the changes, in order of versions.
 Listener = Callable[[Building, int, Sequence[Change]], None]
 
@@ -89,8 +80,8 @@ class BuildingEditor:
         self._store, self._limits, self._clock, self._wall_clock = store, limits, clock, wall_clock
         self._lock = threading.Lock()
         self._listeners: list[Listener] = []
-        self._transactions = OpenTransactions(limits, clock)
-        self._state = _editor_state(store.load())
+        self._transactions = OpenedByClients[Transaction](clock, limits.transaction_timeout_s, limits.forgotten_s)
+        self._state = store.load()
 
     @property
     def building(self) -> Building:
@@ -167,7 +158,7 @@ class BuildingEditor:
             if not changes:
                 return self.version
             summary = renamed(kind, wanted.floor, name, new_name)
-            version = self._commit(changes, self.building.name, note=self._note(summary, by))
+            version = self._commit(changes, self.building.name, summary, by)
             if by:
                 by.add(OwnEdit(version, summary, is_rename=True))
             return version
@@ -201,7 +192,9 @@ class BuildingEditor:
     def end_idle(self) -> int:
         """Roll back the transactions that have timed out. Returns the size of what was pending."""
         with self._lock:
-            return self._transactions.end_idle()
+            size = sum(each.draft.size for each in self._transactions.timed_out())
+            self._transactions.end_idle()
+            return size
 
     def begin(self, by: AuthorHistory | None = None) -> Transaction:
         """Open a transaction, in place of one that its client has forgotten if there are too many.
@@ -209,13 +202,22 @@ class BuildingEditor:
         Raises TooManyTransactions."""
         with self._lock:
             self._transactions.end_idle()
-            return self._transactions.begin(self, by)
+            by_client: defaultdict[AuthorHistory | None, list[Transaction]] = defaultdict(list)
+            for each in self._transactions.all:
+                by_client[each.by].append(each)
+            if len(by_client[by]) >= self._limits.client_transactions:
+                self._transactions.make_place(by_client[by], self._limits.client_transactions)
+            elif len(self._transactions.all) >= self._limits.transactions:
+                self._transactions.make_place(max(by_client.values(), key=len), self._limits.transactions)
+            transaction = Transaction(self, by)
+            self._transactions.add(transaction)
+            return transaction
 
     def add_edit(self, transaction: Transaction, operation: Operation, added: Element | None) -> None:
         """Edit in a transaction. Raises TransactionClosed, InvalidElement if `added` is too large beside all others."""
         with self._lock:
             self._use(transaction)
-            if added and not self._transactions.make_room(transaction, size_of(added)):
+            if added and not self._make_room(transaction, size_of(added)):
                 reason = f"open transactions would hold more than {self._limits.pending_size} elements and points"
                 raise InvalidElement(*key_of("", added).words, reason)
             operation(transaction.draft, self._state)
@@ -224,18 +226,19 @@ class BuildingEditor:
         """What Transaction.problems returns."""
         with self._lock:
             self._use(transaction)
-            state, draft = self._state, transaction.draft
-            found: list[MapError] = list(islice(draft.conflicts(state), MAX_PROBLEMS))
+            state, draft, limit = self._state, transaction.draft, 1000
+            found: list[MapError] = list(islice(draft.conflicts(state), limit))
             changes = [] if found else draft.changes(state, state.version + 1)
         after = apply(state.building, changes)
-        found += change_problems(after, [change.key for change in changes], state.building, MAX_PROBLEMS)
+        found += change_problems(after, [change.key for change in changes], state.building, limit)
         return [placed(problem, after, state.building) for problem in found]
 
     def end(self, transaction: Transaction, commit: bool) -> int:
         """Close a transaction, and make its edits if `commit`. Returns the building's version."""
         with self._lock:
             self._use(transaction)
-            draft = self._transactions.close(transaction)
+            draft = transaction.draft
+            self._transactions.close(transaction)
             return self._finish(draft, transaction.by) if commit else self.version
 
     def undo(self, expected: int) -> int:
@@ -247,8 +250,8 @@ class BuildingEditor:
             if commit is None:
                 raise NothingToUndo("there is nothing to undo")
             changes = inverse(commit.changes, self.version + 1)
-            note = self._note(f"undone: {summary_of(commit.changes)}")
-            return self._commit(changes, commit.name_before, CommitKind.UNDO, commit.version, note=note)
+            summary, turned = f"undone: {summary_of(commit.changes)}", (commit.version, CommitState.UNDONE)
+            return self._commit(changes, commit.name_before, summary, turned=turned)
 
     def redo(self, expected: int) -> int:
         """Repeat the edit that undo reverted last, unless another edit followed. Returns the new version.
@@ -260,20 +263,16 @@ class BuildingEditor:
             if commit is None:
                 raise NothingToRedo("there is nothing to redo")
             changes = repeating(commit.changes, self.version + 1)
-            note = self._note(f"redone: {summary_of(commit.changes)}")
-            return self._commit(changes, commit.name_after, CommitKind.REDO, commit.version, note=note)
+            summary, turned = f"redone: {summary_of(commit.changes)}", (commit.version, CommitState.DONE)
+            return self._commit(changes, commit.name_after, summary, turned=turned)
 
     def changes_since(self, version: int) -> list[Change]:
         """The changes after `version`, in order. Raises VersionUnavailable, MapFileError."""
-        state = self._state
-        if version == state.version:
-            return []
-        return self._store.changes_since(version, state.version)
+        return self._store.changes_since(version, self._state.version)
 
     def count_changes(self, since: int) -> int:
         """The number of changes after version `since`. Raises VersionUnavailable, MapFileError."""
-        state = self._state
-        return self._store.count_changes(since, state.version) if since != state.version else 0
+        return self._store.count_changes(since, self._state.version)
 
     def oldest_within(self, changes: int) -> int:
         """The oldest version after which there are at most so many changes."""
@@ -282,10 +281,7 @@ class BuildingEditor:
     def change_page(self, start: ChangePosition, part: Selection = EVERYTHING, limit: int = MAX_PAGE) -> ChangePage:
         """At most `limit` changes of a part of the building from a position on. Raises VersionUnavailable,
         MapFileError."""
-        state = self._state
-        if start == (state.version, 0):
-            return ChangePage([], start, True, 0)
-        return self._store.change_page(start, part, limit, state.version)
+        return self._store.change_page(start, part, limit, self._state.version)
 
     def element_page(self, start: int, part: Selection = EVERYTHING, limit: int = MAX_PAGE) -> ElementPage:
         """At most `limit` elements of a part of the building from a position on, 0 for the first. Raises MapFileError.
@@ -295,10 +291,7 @@ class BuildingEditor:
 
     def edits_since(self, version: int) -> list[EditRecord]:
         """The edits after `version`, oldest first. Raises VersionUnavailable, MapFileError."""
-        state = self._state
-        if version == state.version:
-            return []
-        return self._store.edits_since(version, state.version)
+        return self._store.edits_since(version, self._state.version)
 
     def underlay(self, floor: str) -> Underlay | None:
         """The picture below a floor. Raises UnknownElement, MapFileError."""
@@ -322,14 +315,6 @@ class BuildingEditor:
         Returns the new version, the current one if nothing differs. Raises StaleVersion, InvalidElement."""
         self._expect(expected)
         elements = difference(self.building, building)
-        self._check_replacement(elements)
-        for wrong in problems(building, limit=1):
-            raise wrong
-        with self._lock:
-            self._expect(expected)  # the building that the difference is from
-            return self._put(elements, building.name)
-
-    def _check_replacement(self, elements: dict[ElementKey, Element | None]) -> None:
         size = sum(map(size_of, elements.values()))
         if size > self._limits.replacement_size:
             reason = (
@@ -337,6 +322,11 @@ class BuildingEditor:
                 "make them by several transactions, or start the system with this building"
             )
             raise InvalidElement(*next(key for key, element in elements.items() if element).words, reason)
+        for wrong in problems(building, limit=1):
+            raise wrong
+        with self._lock:
+            self._expect(expected)  # the building that the difference is from
+            return self._put(elements, building.name)
 
     def replace_topology(self, floor: str, topology: TopologicalMap) -> int:
         """Replace a floor's topological map, as one edit.
@@ -367,13 +357,10 @@ class BuildingEditor:
         if not changes:
             return self.version
         summary = summary_of(changes)
-        version = self._commit(changes, self.building.name, check=True, note=self._note(summary, by))
+        version = self._commit(changes, self.building.name, summary, by, check=True)
         if by:
             by.add(OwnEdit(version, summary))
         return version
-
-    def _note(self, summary: str, by: AuthorHistory | None = None) -> EditNote:
-        return EditNote(by.author if by else "", self._wall_clock(), shortened(summary))
 
     def _take_last(
         self,
@@ -397,14 +384,24 @@ class BuildingEditor:
         if edit.is_rename:  # nothing moves, so what is blocked may stay blocked
             for wrong in problems(apply(self.building, changes), limit=1):
                 raise wrong
-        note = self._note(f"{'undone' if others is author.undone else 'redone'}: {edit.summary}", author)
-        version = self._commit(changes, self.building.name, check=not edit.is_rename, note=note)
+        summary = f"{'undone' if others is author.undone else 'redone'}: {edit.summary}"
+        version = self._commit(changes, self.building.name, summary, author, check=not edit.is_rename)
         others.append(edits.pop())
         return version
 
     def _use(self, transaction: Transaction) -> None:
-        self._transactions.end_idle()
-        self._transactions.use(transaction)
+        if not self._transactions.use(transaction):
+            raise TransactionClosed("the transaction was committed or rolled back, or it has timed out")
+
+    def _make_room(self, transaction: Transaction, size: int) -> bool:
+        """Roll back forgotten transactions of others, the largest first, until `size` more fits; false if it never
+        does. Requires the lock."""
+        while size + sum(each.draft.size for each in self._transactions.all) > self._limits.pending_size:
+            forgotten = [each for each in self._transactions.forgotten() if each is not transaction and each.draft.size]
+            if not forgotten:
+                return False
+            self._transactions.close(max(forgotten, key=lambda each: each.draft.size))
+        return True
 
     def _check_floor(self, floor: str) -> None:
         if floor not in self.building.floors:
@@ -416,8 +413,7 @@ class BuildingEditor:
         changes = ordered(
             Change(self.version + 1, key, self.building.find(*key), element) for key, element in elements.items()
         )
-        note = self._note(summary_of(changes) or f"building renamed to {name}")
-        return self._commit(changes, name, check=check, note=note)
+        return self._commit(changes, name, summary_of(changes) or f"building renamed to {name}", check=check)
 
     def _expect(self, version: int) -> None:
         if version != self.version:
@@ -427,12 +423,13 @@ class BuildingEditor:
         self,
         changes: Sequence[Change],
         name: str,
-        kind: CommitKind = CommitKind.EDIT,
-        source: int = 0,
+        summary: str,
+        by: AuthorHistory | None = None,
+        turned: tuple[int, CommitState] | None = None,
         check: bool = False,
-        note: EditNote = NO_NOTE,
     ) -> int:
-        """Check and store changes, then publish them to readers and listeners. Requires the lock."""
+        """Check and store changes, then publish them to readers and listeners. Requires the lock. turned: as in
+        MapStore.commit."""
         before = self._state
         building = apply(before.building, changes)
         if name != building.name:
@@ -443,11 +440,11 @@ class BuildingEditor:
             raise InvalidElement(*changes[-1].key.words, reason)
         blocked = check_change(building, [change.key for change in changes], before.building) if check else []
         version = before.version + 1
-        self._store.commit(changes, version, (before.building.name, name), kind, source, self._limits, note)
+        note = by.author if by else "", self._wall_clock(), shortened(summary)
+        self._store.commit(changes, version, (before.building.name, name), turned, self._limits, note)
         self._state = EditorState(building, version, _updated_versions(before.versions, changes), size)
         if blocked:
-            named = "; ".join(str(collision.error()) for collision in blocked[:MAX_BLOCKED_LOGGED])
-            rest = len(blocked) - MAX_BLOCKED_LOGGED
+            named, rest = "; ".join(str(collision.error()) for collision in blocked[:5]), len(blocked) - 5
             _log.warning("version %d blocks %s", version, named + (f"; and {rest} more" if rest > 0 else ""))
         for listener in self._listeners:
             listener(building, version, changes)
@@ -455,12 +452,54 @@ class BuildingEditor:
         return version
 
 
-def _editor_state(stored: StoredBuilding) -> EditorState:
-    versions: Versions = {}
-    for (kind, floor, name), version in stored.versions.items():
-        versions.setdefault((kind, floor), {})[name] = version
-    size = sum(size_of(element) for _, element in elements_of(stored.building))
-    return EditorState(stored.building, stored.version, versions, size)
+class Transaction(Opened):
+    """Several edits that take effect together or not at all. Nobody else sees them before `commit`.
+
+    The version of an element does not rise within a transaction: a second change of an element
+    expects the same version as the first, and 0 for an element that the transaction created.
+    Each edit checks the rules of its element alone; `commit` checks those between elements.
+    Every operation raises TransactionClosed if the transaction is closed or has timed out.
+
+    is_open: whether it was neither committed nor rolled back, also not by its timeout. by: its author, if it belongs to
+    a session. draft: the edits so far, guarded by the lock of the editor."""
+
+    def __init__(self, editor: BuildingEditor, by: AuthorHistory | None) -> None:
+        self._editor, self.by = editor, by
+        self.draft = Draft()
+
+    def create(self, floor: str, element: Element) -> None:
+        """As BuildingEditor.create."""
+        self._editor.add_edit(self, lambda draft, state: draft.create(state, floor, element), element)
+
+    def change(self, floor: str, element: Element, expected: int) -> None:
+        """As BuildingEditor.change."""
+        self._editor.add_edit(self, lambda draft, state: draft.change(state, floor, element, expected), element)
+
+    def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> None:
+        """As BuildingEditor.remove."""
+        self._editor.add_edit(self, lambda draft, state: draft.remove(state, kind, floor, name, expected), None)
+
+    def problems(self) -> list[Finding]:
+        """Every rule that `commit` would break now, and every edit of others that it would overwrite, with places.
+
+        Changes nothing. Conflicts are listed alone: the rules depend on their solution."""
+        return self._editor.problems_of(self)
+
+    def commit(self) -> int:
+        """Make all edits as one, and close the transaction. Returns the building's version, new if anything was edited.
+
+        Raises StaleEdit, DuplicateElement or UnknownElement if another client changed a touched element,
+        InvalidElement if the result breaks a rule. The building is unchanged then."""
+        return self._editor.end(self, commit=True)
+
+    def roll_back(self) -> None:
+        """Discard all edits."""
+        self._editor.end(self, commit=False)
+
+    def end(self) -> None:
+        """Close it and drop its edits."""
+        super().end()
+        self.draft = Draft()
 
 
 def _updated_versions(versions: Versions, changes: Iterable[Change]) -> Versions:

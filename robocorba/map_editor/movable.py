@@ -13,9 +13,6 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.map_editor.geometry import landing_line, object_geometry, obstacles
 from robocorba.map_editor.model import Building, MapObject, SegmentShape
 
-#: Maximum number of names that a message lists.
-MAX_LISTED = 40
-
 
 def fixed_obstacles(building: Building, floor: str) -> list[BaseGeometry]:
     """The obstacles of a floor that do not move, without the landing doors of elevators."""
@@ -55,15 +52,15 @@ def ambiguity(name: str, known: Iterable[str]) -> str:
     alternatives = sorted(each for each in known if each.endswith(f"/{name}"))
     if len(alternatives) < 2:
         return ""
-    return f"several floors have an object {name[:80]!r}: write {' or '.join(alternatives[:MAX_LISTED])}"
+    return f"several floors have an object {name[:80]!r}: write {' or '.join(alternatives[:40])}"
 
 
 def not_found(name: str, known: Iterable[str]) -> str:
     """Why there is no movable object of a name. known: the names of `movables`."""
     if why := ambiguity(name, known):
         return why
-    listed = sorted(known)[:MAX_LISTED]
-    more = ", ..." if len(listed) == MAX_LISTED else ""
+    listed = sorted(known)[:40]
+    more = ", ..." if len(listed) == 40 else ""
     return f"there is no object {name[:80]!r} that can be carried; there are {', '.join(listed) or 'none'}{more}"
 
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from robocorba.errors.maps import InvalidElement, MapFileError
+from robocorba.errors.maps import InvalidElement
 from robocorba.map_editor import validation
 from robocorba.map_editor.model import (
     COLLECTION_OF,
@@ -31,7 +31,6 @@ from robocorba.map_editor.model import (
 from robocorba.map_editor.yaml_file import YamlFile, parse_yaml, read_yaml
 from robocorba.system.output_files import write_outputs
 
-FORMAT_VERSION = 1
 E_ = TypeVar("E_", bound=Element)
 
 
@@ -54,12 +53,12 @@ class _BuildingFile(msgspec.Struct, forbid_unknown_fields=True):
 
 def load(path: str | Path) -> Building:
     """Read and check a native map file. Raises MapFileError with file, line and key."""
-    return _checked(read_yaml(path))
+    return checked(read_yaml(path))
 
 
 def loads(text: str | bytes, name: str = "map") -> Building:
     """Read and check a native map from text. Errors use `name` as the file name. Raises MapFileError."""
-    return _checked(parse_yaml(text.encode() if isinstance(text, str) else text, name))
+    return checked(parse_yaml(text.encode() if isinstance(text, str) else text, name))
 
 
 def is_native(data: Any) -> bool:
@@ -67,20 +66,18 @@ def is_native(data: Any) -> bool:
     return isinstance(data, dict) and "robocorba" in data
 
 
-def check(path: str | Path, limit: int = 100) -> list[MapFileError]:
-    """The first `limit` errors of a file, empty if `load` accepts it."""
-    try:
-        file = read_yaml(path)
-        return [file.error(_key_of(file, wrong), str(wrong)) for wrong in validation.problems(parse(file), limit)]
-    except MapFileError as error:
-        return [error]
-
-
-def _checked(file: YamlFile) -> Building:
+def checked(file: YamlFile) -> Building:
+    """The building of a file. Raises MapFileError with line and key."""
     building = parse(file)
+    check_rules(file, building)
+    return building
+
+
+def check_rules(file: YamlFile, building: Building) -> None:
+    """Raise MapFileError with line and key if the building of a file breaks a rule. A list of floors by `name` and one
+    of elevators say where."""
     for wrong in validation.problems(building, limit=1):
         raise file.error(_key_of(file, wrong), str(wrong))
-    return building
 
 
 def parse(file: YamlFile) -> Building:
@@ -88,8 +85,8 @@ def parse(file: YamlFile) -> Building:
     if not is_native(file.data):
         raise file.error("$", "not a RoboCorba map: the key `robocorba: 1` is missing")
     version = file.data["robocorba"]
-    if type(version) is not int or version != FORMAT_VERSION:
-        raise file.error("$.robocorba", f"this release reads format version {FORMAT_VERSION}, not {version!r}")
+    if type(version) is not int or version != 1:
+        raise file.error("$.robocorba", f"this release reads format version 1, not {version!r}")
     content = file.convert(_BuildingFile)
     floors: dict[str, FloorMap] = {}
     for i, entry in enumerate(content.floors):
@@ -125,8 +122,8 @@ def _key_of(file: YamlFile, wrong: InvalidElement) -> str:
     if wrong.kind == "floor" or "]" not in at:
         return at
     _layer, key = COLLECTION_OF[ElementKind(wrong.kind)]
-    entries = file.data["floors"][int(at[len("$.floors[") : -1])].get(key) or []
-    return _index(f"{at}.{key}", entries, wrong.name)
+    entries = file.data["floors"][int(at[len("$.floors[") : -1])].get(key)
+    return _index(f"{at}.{key}", entries, wrong.name) if entries else at
 
 
 def _index(at: str, entries: list[dict[str, Any]], name: str) -> str:
@@ -139,7 +136,7 @@ def _index(at: str, entries: list[dict[str, Any]], name: str) -> str:
 def dumps(building: Building) -> str:
     """A building as the text of a native map file. Loading the text gives an equal building."""
     out = [
-        f"robocorba: {FORMAT_VERSION}",
+        "robocorba: 1",
         f"name: {_flow(building.name)}",
         "floors:" if building.floors else "floors: []",
     ]
@@ -169,8 +166,7 @@ def _default_name(edge: PathEdge) -> str:
 
 
 #: Words that YAML reads as text without quotes.
-_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
-_NOT_TEXT = {"y", "n", "yes", "no", "on", "off", "true", "false", "null"}
+_PLAIN = re.compile(r"(?!(?:y|n|yes|no|on|off|true|false|null)$)[A-Za-z_][A-Za-z0-9_.-]*", re.IGNORECASE | re.ASCII)
 
 
 def _flow(value: Any) -> str:
@@ -185,7 +181,7 @@ def _flow(value: Any) -> str:
         # YAML requires a point in the mantissa.
         text = repr(value)
         return text.replace("e", ".0e") if "e" in text and "." not in text else text
-    if isinstance(value, str) and not (_PLAIN.fullmatch(value) and value.lower() not in _NOT_TEXT):
+    if isinstance(value, str) and not _PLAIN.fullmatch(value):
         return json.dumps(value, ensure_ascii=not value.isprintable())
     return str(value)
 

@@ -48,19 +48,12 @@ class ChangePage(NamedTuple):
     left: int
 
 
-class StoredElement(NamedTuple):
-    """An element, its floor (empty for floors and elevators), and the version that last changed it."""
-
-    floor: str
-    element: Element
-    version: int
-
-
 class ElementPage(NamedTuple):
-    """Elements, the position after them, and whether more follow. read_at: the building's version."""
+    """Elements, the position after them, and whether more follow. read_at: the building's version. elements: each
+    with its floor (empty for floors and elevators) and the version that last changed it."""
 
     read_at: int
-    elements: list[StoredElement]
+    elements: list[tuple[str, Element, int]]
     next: int
     is_last: bool
 

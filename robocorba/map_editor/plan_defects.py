@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import shapely
 from shapely import LineString, Point, Polygon, STRtree
 
 from robocorba.errors.maps import describe
+from robocorba.errors.places import near
 from robocorba.map_editor.collisions import TOUCH_M
+from robocorba.map_editor.edits import Finding
 from robocorba.map_editor.geometry import (
     DOOR_REACH_M,
     PARALLEL_TOLERANCE_RAD,
@@ -21,28 +22,14 @@ from robocorba.map_editor.geometry import (
     shaft_polygon,
 )
 from robocorba.map_editor.model import Building, Door, ElementKind, FloorMap, Wall
-from robocorba.map_editor.spatial.pose import XY
 
 #: A wall goes through an object from this depth on [m]; objects that only touch walls are common.
 DEPTH_M = 0.05
 #: Radius of the robot that must be able to leave a room [m]: small, so that only closed rooms are found.
 ROOM_ROBOT_M = 0.3
-#: Smallest region that counts as a room [m² for the robot's middle]; smaller ones are gaps between furniture.
-MIN_ROOM_M2 = 1.0
 
 
-class PlanDefect(NamedTuple):
-    """A defect of one element, and where it is [m]. Without a `name` the element is the floor. group: what all defects
-    of its kind are, as in "walls of L1 that go through objects"."""
-
-    kind: ElementKind
-    name: str
-    at: XY
-    reason: str
-    group: str
-
-
-def plan_defects(building: Building, floor: str, robot_m: float = ROOM_ROBOT_M) -> Iterator[PlanDefect]:
+def plan_defects(building: Building, floor: str, robot_m: float = ROOM_ROBOT_M) -> Iterator[Finding]:
     """The defects of a floor's plan. robot_m: radius of the robot that must be able to leave a room, if that is smaller
     than ROOM_ROBOT_M. Raises KeyError if the floor is unknown."""
     found = obstacles(building, floor)
@@ -53,36 +40,36 @@ def plan_defects(building: Building, floor: str, robot_m: float = ROOM_ROBOT_M) 
     yield from _closed_rooms(building, floor, fixed, min(robot_m, ROOM_ROBOT_M))
 
 
-def _walls_through_objects(found: Sequence[Obstacle], floor: str) -> Iterator[PlanDefect]:
+def _walls_through_objects(found: Sequence[Obstacle], floor: str) -> Iterator[Finding]:
     walls = [item for item in found if item.kind == "wall"]
     solids = [item for item in found if item.kind == "object" and item.geometry.geom_type == "Polygon"]
     cores = shapely.buffer([item.geometry for item in solids], -DEPTH_M)
     tree = STRtree([item.geometry for item in walls])
     for solid, wall in tree.query(cores, predicate="intersects").T:
         inside = walls[wall].geometry.intersection(solids[solid].geometry)
-        yield PlanDefect(
+        yield _defect(
             ElementKind.WALL,
             walls[wall].name,
-            (inside.centroid.x, inside.centroid.y),
+            (floor, inside.centroid.x, inside.centroid.y),
             f"it goes through {describe('object', '', solids[solid].name)}",
             f"walls of {floor} that go through objects",
         )
 
 
-def _doors_beside_walls(entry: FloorMap, fixed: Sequence[Obstacle]) -> Iterator[PlanDefect]:
+def _doors_beside_walls(entry: FloorMap, fixed: Sequence[Obstacle]) -> Iterator[Finding]:
     walls = list(entry.geometrical.walls.values())
     lines = STRtree([LineString([wall.a, wall.b]) for wall in walls])
     frames = STRtree([item.geometry for item in fixed if item.kind != "door"])
     for door in entry.geometrical.doors.values():
         line = LineString([door.a, door.b])
-        near = lines.query(line.buffer(DOOR_REACH_M, cap_style="flat"), predicate="intersects").tolist()
+        reached = lines.query(line.buffer(DOOR_REACH_M, cap_style="flat"), predicate="intersects").tolist()
         ends = [Point(door.a), Point(door.b)]
         is_between = all(len(frames.query(end, predicate="dwithin", distance=DOOR_REACH_M)) for end in ends)
-        if not is_between and not any(_are_parallel(door, walls[i]) for i in near):
-            yield PlanDefect(
+        if not is_between and not any(_are_parallel(door, walls[i]) for i in reached):
+            yield _defect(
                 ElementKind.DOOR,
                 door.name,
-                (line.centroid.x, line.centroid.y),
+                (entry.floor.name, line.centroid.x, line.centroid.y),
                 "it lies neither on a wall nor between two walls",
                 f"doors of {entry.floor.name} on no wall",
             )
@@ -96,7 +83,7 @@ def _are_parallel(one: Door, other: Wall) -> bool:
     return abs(sine) <= math.tan(PARALLEL_TOLERANCE_RAD) * abs(cosine)
 
 
-def _closed_rooms(building: Building, floor: str, fixed: Sequence[Obstacle], robot_m: float) -> Iterator[PlanDefect]:
+def _closed_rooms(building: Building, floor: str, fixed: Sequence[Obstacle], robot_m: float) -> Iterator[Finding]:
     """Regions that a robot can't leave, except the one that holds the floor's roadmap, those with an elevator, and
     those with a locked door."""
     entry = building.floors[floor]
@@ -114,7 +101,16 @@ def _closed_rooms(building: Building, floor: str, fixed: Sequence[Obstacle], rob
             narrow = ", ".join(f"{door.name} of {math.dist(door.a, door.b):.2f} m" for door in ways)
             reason = f"a robot of radius {robot_m:.2f} m can't leave {room} through its doors: {narrow}"
         kind = ElementKind.AREA if name else ElementKind.FLOOR
-        yield PlanDefect(kind, name, (middle.x, middle.y), reason, f"closed rooms of {floor}")
+        yield _defect(kind, name, (floor, middle.x, middle.y), reason, f"closed rooms of {floor}")
+
+
+def _defect(kind: ElementKind, name: str, where: tuple[str, float, float], reason: str, group: str) -> Finding:
+    """A finding. Without a `name` the element is the floor. group: what all defects of its kind are, as in "walls of L1
+    that go through objects"."""
+    floor, x, y = where
+    on_floor = floor if name else ""
+    subject = f"{name} {near(x, y)}".lstrip()
+    return Finding(kind, on_floor, name or floor, where, reason, f"{group} ({{n}}): {{names}}", subject)
 
 
 def _enclosed_regions(building: Building, floor: str, fixed: Sequence[Obstacle], robot_m: float) -> list[Polygon]:
@@ -123,7 +119,8 @@ def _enclosed_regions(building: Building, floor: str, fixed: Sequence[Obstacle],
     frame = Polygon(outline) if outline else shapely.box(*bounds(building, floor, 1.0 + robot_m))
     # Chords within the arcs approximate round corners, so a gap appears up to 4 % wider.
     blocked = shapely.union_all(shapely.buffer([item.geometry for item in fixed], robot_m - TOUCH_M, quad_segs=3))
-    parts: list[Polygon] = [part for part in shapely.get_parts(frame.difference(blocked)) if part.area >= MIN_ROOM_M2]
+    # Smaller regions than 1 m² (for the robot's middle) are no rooms but gaps between furniture.
+    parts: list[Polygon] = [part for part in shapely.get_parts(frame.difference(blocked)) if part.area >= 1.0]
     shafts = {lift.name: shaft_polygon(lift) for lift in building.elevators_through(floor)}
     parts = [part for part in parts if not any(shaft.contains(part) for shaft in shafts.values())]
     if len(parts) < 2:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -15,28 +14,15 @@ from shapely import Polygon, STRtree
 
 from robocorba.errors.maps import describe
 from robocorba.map_editor.collisions import TOUCH_M, all_paths, obstacle_label
-from robocorba.map_editor.geometry import Obstacle, obstacles
+from robocorba.map_editor.geometry import obstacles
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.map_editor.time_limit import no_limit
-
-IN_ONLY, OUT_ONLY = "entered but not left", "left but not entered"
-APART = "neither entered from the rest of the roadmap nor left for it"
-#: Half side of the window around a point [m]. A robot that reaches its border counts as not enclosed. A larger
-#: window finds larger enclosures; its cost grows with its square.
-WINDOW_M = 30.0
 
 #: Why the robot does not fit, by name of the node.
 Causes = dict[str, str]
 #: Directed connections (n, 2) between node indices.
 Links = NDArray[np.int64]
-
-
-class EdgeClearance(NamedTuple):
-    """The clearance of an edge [m], and what limits it."""
-
-    clearance_m: float
-    cause: str
 
 
 class Reachability:
@@ -45,6 +31,7 @@ class Reachability:
     def __init__(self, building: Building, radius_m: float, check_time: Callable[[], None] = no_limit) -> None:
         """`check_time` is called often, and may raise an error to end the work."""
         self._building, self.radius_m, self._check_time = building, radius_m, check_time
+        self._growth_m = max(radius_m - TOUCH_M, 0.0)
         nodes = ((floor, name) for floor, entry in building.floors.items() for name in entry.topological.nodes)
         self._index = {node: i for i, node in enumerate(nodes)}
         self._stops = _stops(building)
@@ -84,7 +71,11 @@ class Reachability:
         for name in self._building.floors[floor].topological.nodes:
             i = self._index[floor, name]
             if not (self._into[i] and self._out[i]):
-                direction = IN_ONLY if self._into[i] else OUT_ONLY if self._out[i] else APART
+                direction = "neither entered from the rest of the roadmap nor left for it"
+                if self._into[i]:
+                    direction = "entered but not left"
+                elif self._out[i]:
+                    direction = "left but not entered"
                 found.setdefault(direction, []).append(name)
         return found
 
@@ -112,14 +103,14 @@ class Reachability:
         """What blocks the widest edge between a part and the others."""
         edges = self._building.floors[floor].topological.edges
         closed = [
-            (edge, name)
-            for name, edge in self._closed[floor].items()
+            (clearance_m, cause, name)
+            for name, (clearance_m, cause) in self._closed[floor].items()
             if (edges[name].a in part) != (edges[name].b in part)
         ]
         if not closed:
             return "no edge joins them"
-        edge, name = max(closed, key=lambda found: found[0].clearance_m)
-        return f"{describe('edge', '', name)} {edge.cause}"
+        _, cause, name = max(closed, key=lambda found: found[0])
+        return f"{describe('edge', '', name)} {cause}"
 
     def _drives(self, floor: str) -> Links:
         """Links of the edges that are wide enough, in each permitted direction."""
@@ -130,18 +121,18 @@ class Reachability:
                 links += [(a, b)] if edge.one_way else [(a, b), (b, a)]
         return np.array(links, int).reshape(-1, 2)
 
-    def _edges_closed(self, floor: str) -> dict[str, EdgeClearance]:
-        """Edges that are blocked or too narrow for the robot."""
+    def _edges_closed(self, floor: str) -> dict[str, tuple[float, str]]:
+        """The clearance [m] of edges that are blocked or too narrow for the robot, and what limits it."""
         self._check_time()
         paths = all_paths(self._building.floors[floor].topological)
         closed = {
-            edge.name: EdgeClearance(edge.clearance, f"is for robots of at most {edge.clearance:g} m")
+            edge.name: (edge.clearance, f"is for robots of at most {edge.clearance:g} m")
             for edge in paths.edges
             if edge.clearance and edge.clearance < self.radius_m
         }
         for i, (clearance_m, what) in self._nearest(floor, shapely.linestrings(paths.ends)).items():
             cause = f"is {clearance_m:.3f} m from {what}" if clearance_m > 0 else f"is blocked by {what}"
-            closed[paths.edges[i].name] = EdgeClearance(clearance_m, cause)
+            closed[paths.edges[i].name] = clearance_m, cause
         return closed
 
     def _rides(self) -> Links:
@@ -171,11 +162,18 @@ class Reachability:
             return []  # there is no roadmap to be separated from
         lifts = [lift.at for lift in self._building.elevators.values() if floor in lift.floors()]
         anchors = np.array([*(nodes[name].at for name in parts[0]), *lifts])
-        enclosures = _Enclosures(obstacles(self._building, floor), self.radius_m, anchors)
+        tree = STRtree([item.geometry for item in obstacles(self._building, floor)])
+        known: list[tuple[Polygon, bool]] = []
         enclosed = []
         for name in (name for part in parts[1:] for name in part if name not in self._too_close[floor]):
             self._check_time()
-            if enclosures.is_enclosed(nodes[name].at):
+            at = nodes[name].at
+            is_enclosed = next((found for region, found in known if shapely.intersects_xy(region, *at)), None)
+            if is_enclosed is None:
+                region, is_enclosed = _region_around(tree, self._growth_m, at, anchors)
+                if region is not None:
+                    known.append((region, is_enclosed))
+            if is_enclosed:
                 enclosed.append(name)
         return enclosed
 
@@ -183,41 +181,30 @@ class Reachability:
         """For each shape closer to an obstacle than the radius: the distance [m] and name of the nearest obstacle."""
         found = obstacles(self._building, floor)
         tree = STRtree([item.geometry for item in found])
-        which, near = tree.query(shapes, predicate="dwithin", distance=max(self.radius_m - TOUCH_M, 0.0))
+        which, near = tree.query(shapes, predicate="dwithin", distance=self._growth_m)
         apart = shapely.distance(shapes[which], tree.geometries[near])
         by_distance = np.argsort(-apart, kind="stable").tolist()  # the nearest last
         nearest = {int(which[i]): i for i in by_distance}
         return {shape: (float(apart[i]), obstacle_label(found[near[i]])) for shape, i in sorted(nearest.items())}
 
 
-class _Enclosures:
-    """The enclosed regions of a floor for a robot of `radius_m`. A region that contains one of the `anchors`
-    (n, 2) is not enclosed."""
-
-    def __init__(self, found: Sequence[Obstacle], radius_m: float, anchors: NDArray[np.float64]) -> None:
-        self._tree = STRtree([item.geometry for item in found])
-        self._growth_m = max(radius_m - TOUCH_M, 0.0)
-        self._anchors = anchors
-        self._known: list[tuple[Polygon, bool]] = []
-
-    def is_enclosed(self, at: XY) -> bool:
-        """Whether a robot at `at` reaches neither an anchor nor the border of the window."""
-        for part, is_enclosed in self._known:
-            if shapely.intersects_xy(part, *at):
-                return is_enclosed
-        window = shapely.box(at[0] - WINDOW_M, at[1] - WINDOW_M, at[0] + WINDOW_M, at[1] + WINDOW_M)
-        near = self._tree.query(window, predicate="dwithin", distance=self._growth_m)
-        # Chords within the arcs approximate round corners, so a gap appears up to 1 % wider.
-        space = window.difference(shapely.union_all(shapely.buffer(self._tree.geometries[near], self._growth_m)))
-        parts = shapely.get_parts(space)
-        local = parts[shapely.dwithin(parts, shapely.Point(at), TOUCH_M)]
-        if not len(local):
-            return True
-        part = local[0]
-        shapely.prepare(part)
-        is_open = shapely.dwithin(part, window.exterior, TOUCH_M) or shapely.intersects_xy(part, self._anchors).any()
-        self._known.append((part, not is_open))
-        return not is_open
+def _region_around(tree: STRtree, growth_m: float, at: XY, anchors: NDArray[np.float64]) -> tuple[Polygon | None, bool]:
+    """The region around a robot at `at`, if there is any, and whether it is enclosed: whether the robot reaches neither
+    one of the `anchors` (n, 2) nor the border of a window around it. tree: of the floor's obstacles. growth_m: how far
+    the robot's middle keeps from them."""
+    # A larger window than 60 m x 60 m would find larger enclosures; its cost grows with its square.
+    window = shapely.box(at[0] - 30.0, at[1] - 30.0, at[0] + 30.0, at[1] + 30.0)
+    near = tree.query(window, predicate="dwithin", distance=growth_m)
+    # Chords within the arcs approximate round corners, so a gap appears up to 1 % wider.
+    space = window.difference(shapely.union_all(shapely.buffer(tree.geometries[near], growth_m)))
+    parts = shapely.get_parts(space)
+    local = parts[shapely.dwithin(parts, shapely.Point(at), TOUCH_M)]
+    if not len(local):
+        return None, True
+    region = local[0]
+    shapely.prepare(region)
+    is_open = shapely.dwithin(region, window.exterior, TOUCH_M) or shapely.intersects_xy(region, anchors).any()
+    return region, not is_open
 
 
 def _stops(building: Building) -> dict[str, list[tuple[str, str]]]:

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import msgspec
 
 from robocorba.errors.maps import DuplicateElement, StaleEdit, UnknownElement
-from robocorba.map_editor.changes import Change, ElementKey, ordered
-from robocorba.map_editor.draft import EditorState
+from robocorba.map_editor.changes import Change, EditorState, ElementKey, ordered
 from robocorba.map_editor.model import COLLECTION_OF, Building, Element, ElementKind
 from robocorba.map_editor.validation import check_element
 

@@ -25,8 +25,8 @@ from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.pose import XY
 
 INK, GROUND = "#1f2430", "#ffffff"
-#: Limits of a picture [pixels]: longest side, smallest height, height of the title and of the legend.
-MAX_PIXELS, MIN_HEIGHT_PX, HEAD_PX, FOOT_PX = 8000, 160, 36, 34
+#: Sizes of a picture [pixels]: longest side, height of the title and of the legend.
+MAX_PIXELS, HEAD_PX, FOOT_PX = 8000, 36, 34
 #: Resolution of pictures [pixels per inch].
 DPI = 100
 #: Longer names are truncated [characters].
@@ -48,7 +48,7 @@ class Frame:
         head, foot = (HEAD_PX if titled else 0), FOOT_PX
         wide, high = x1 - x0 + 2 * margin, y1 - y0 + 2 * margin
         self.scale = min(width_px / wide, (MAX_PIXELS - head - foot) / high)
-        self.width, self.height = width_px, max(MIN_HEIGHT_PX, head + foot + math.ceil(high * self.scale))
+        self.width, self.height = width_px, max(160, head + foot + math.ceil(high * self.scale))
         self.x0 = (x0 + x1) / 2 - width_px / self.scale / 2  # centres a narrow floor
         self.y0 = y0 - margin - foot / self.scale
         self.x1, self.y1 = self.x0 + self.width / self.scale, self.y0 + self.height / self.scale

@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import IntEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,16 +24,17 @@ import msgspec
 
 from robocorba.errors.maps import MapFileError, VersionUnavailable
 from robocorba.map_editor import underlay_table
-from robocorba.map_editor.changes import Change, ElementKey, elements_of
+from robocorba.map_editor.changes import Change, EditorState, ElementKey, Versions, elements_of
 from robocorba.map_editor.edits import EditRecord
-from robocorba.map_editor.model import COLLECTION_OF, TYPE_OF, Building, Element, ElementKind, FloorMap
+from robocorba.map_editor.element_rules import size_of
+from robocorba.map_editor.model import TYPE_OF, Building, Element, ElementKind
 from robocorba.map_editor.pages import (
     MAX_PAGE_LENGTH,
     ChangePage,
     ChangePosition,
     ElementPage,
     Selection,
-    StoredElement,
+    building_of,
 )
 from robocorba.map_editor.underlays import Underlay
 from robocorba.system import sqlite_files
@@ -42,7 +43,6 @@ from robocorba.system.decoding import decode_json
 
 #: SQLite application id, "RoCo": identifies RoboCorba's map stores.
 APPLICATION_ID = 0x526F436F
-SCHEMA_VERSION = 1
 #: Version of the building in a new store.
 FIRST_VERSION = 1
 
@@ -60,7 +60,7 @@ _SCHEMA = (
         kind TEXT NOT NULL, floor TEXT NOT NULL, name TEXT NOT NULL, before TEXT, after TEXT,
         PRIMARY KEY (version, position)) WITHOUT ROWID""",
     f"PRAGMA application_id = {APPLICATION_ID}",
-    f"PRAGMA user_version = {SCHEMA_VERSION}",
+    "PRAGMA user_version = 1",
 )
 #: Tables that stores of earlier releases lack. These releases ignore them, so they need no other schema version.
 _ADDED_TABLES = (
@@ -68,12 +68,8 @@ _ADDED_TABLES = (
         version INTEGER PRIMARY KEY, author TEXT NOT NULL, time REAL NOT NULL, summary TEXT NOT NULL)""",
     underlay_table.TABLE,
 )
-#: The largest integer of SQLite.
-_MAX_INTEGER = 2**63 - 1
 _ELEMENT_COLUMNS = "kind, floor, name, version, value"
 _CHANGE_COLUMNS = "version, kind, floor, name, before, after"
-
-_KINDS = {kind.value: kind for kind in ElementKind}
 
 
 @dataclass(frozen=True)
@@ -105,28 +101,12 @@ class MapLimits:
 DEFAULT_LIMITS = MapLimits()
 
 
-class CommitKind(str, Enum):
-    """How a commit came about."""
-
-    EDIT = "edit"
-    UNDO = "undo"
-    REDO = "redo"
-
-
-class _CommitState(IntEnum):
+class CommitState(IntEnum):
     """State of a commit in the history: undo reverts the newest DONE one, redo repeats the oldest UNDONE one."""
 
     PAST = 0
     DONE = 1
     UNDONE = 2
-
-
-class StoredBuilding(NamedTuple):
-    """A loaded building. `versions` holds the version that last changed each element."""
-
-    building: Building
-    version: int
-    versions: dict[ElementKey, int]
 
 
 class Commit(NamedTuple):
@@ -138,15 +118,6 @@ class Commit(NamedTuple):
     changes: list[Change]
 
 
-class EditNote(NamedTuple):
-    """What the journal keeps of an edit beside its changes; time_s: seconds since 1970."""
-
-    author: str = ""
-    time_s: float = 0.0
-    summary: str = ""
-
-
-NO_NOTE = EditNote()
 _log = logging.getLogger(__name__)
 
 
@@ -245,8 +216,8 @@ class MapStore:
             if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
                 raise MapFileError(str(self.path), 0, "", "not a map store of RoboCorba")
             schema = connection.execute("PRAGMA user_version").fetchone()[0]
-            if schema != SCHEMA_VERSION:
-                reason = f"its schema is version {schema}, this release reads {SCHEMA_VERSION}"
+            if schema != 1:
+                reason = f"its schema is version {schema}, this release reads 1"
                 raise MapFileError(str(self.path), 0, "", reason)
             found = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             if found != "ok":
@@ -267,58 +238,51 @@ class MapStore:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def load(self) -> StoredBuilding:
+    def load(self) -> EditorState:
         """The building as of the last commit."""
         with _guarded(self.path):
             row = self._writer.execute("SELECT name, version FROM building").fetchone()
             if row is None:
                 raise MapFileError(str(self.path), 0, "", _damaged(self.path, "it holds no building"))
-            versions: dict[ElementKey, int] = {}
-            layers: dict[tuple[str, str], dict[str, Any]] = {}
+            elements: list[tuple[str, Element]] = []
+            versions: Versions = {}
             query = f"SELECT {_ELEMENT_COLUMNS} FROM elements ORDER BY id"
             for kind, floor, name, version, value in self._writer.execute(query):
-                key = ElementKey(_KINDS[kind], floor, name)
-                versions[key] = version
-                layers.setdefault((floor, kind), {})[name] = decode_json(value, TYPE_OF[key.kind])
-        floors = sorted(layers.get(("", "floor"), {}).values(), key=lambda floor: (floor.level, floor.name))
-        known = {floor.name for floor in floors} | {""}
-        lost = next((floor for floor, _ in layers if floor not in known), None)
+                versions.setdefault((ElementKind(kind), floor), {})[name] = version
+                elements.append((floor, decode_json(value, TYPE_OF[ElementKind(kind)])))
+        building = building_of(row[0], elements)
+        lost = next((floor for floor, _ in elements if floor and floor not in building.floors), None)
         if lost is not None:
             reason = _damaged(self.path, f"it has elements on {lost!r}, which is no floor")
             raise MapFileError(str(self.path), 0, "", reason)
-        entries = {
-            floor.name: FloorMap.of(floor, {kind: layers.get((floor.name, kind.value), {}) for kind in COLLECTION_OF})
-            for floor in floors
-        }
-        return StoredBuilding(Building(row[0], entries, layers.get(("", "elevator"), {})), row[1], versions)
+        return EditorState(building, row[1], versions, sum(size_of(element) for _, element in elements))
 
     def commit(
         self,
         changes: Sequence[Change],
         version: int,
         names: tuple[str, str],
-        kind: CommitKind = CommitKind.EDIT,
-        source: int = 0,
+        turned: tuple[int, CommitState] | None = None,
         limits: MapLimits = DEFAULT_LIMITS,
-        note: EditNote = NO_NOTE,
+        note: tuple[str, float, str] = ("", 0.0, ""),
     ) -> None:
         """Make the changes of `version`, the next one, durable: all of them, or none if this raises.
 
-        `names` is the building's name before and after. For UNDO and REDO, `source` is the version of the
-        commit that they revert or repeat. Drops the oldest commits beyond `limits`. Underlays follow their floors."""
+        names: the building's before and after. turned: for an undo (UNDONE) or a redo (DONE), the version of the commit
+        that it reverts or repeats. note: author, seconds since 1970 and summary for edits_since. Drops the oldest
+        commits beyond `limits`. Underlays follow their floors."""
         with self._changing() as writer:
             current = writer.execute("SELECT version FROM building").fetchone()[0]
             assert version == current + 1, (version, current)
             writer.execute("UPDATE building SET name = ?, version = ?", (names[1], version))
             _write_elements(writer, changes)
-            if kind is CommitKind.EDIT:
-                writer.execute("UPDATE commits SET state = ? WHERE state = ?", (_CommitState.PAST, _CommitState.UNDONE))
+            if turned is None:
+                writer.execute("UPDATE commits SET state = ? WHERE state = ?", (CommitState.PAST, CommitState.UNDONE))
             else:
-                state = _CommitState.UNDONE if kind is CommitKind.UNDO else _CommitState.DONE
-                writer.execute("UPDATE commits SET state = ? WHERE version = ?", (state, source))
+                writer.execute("UPDATE commits SET state = ? WHERE version = ?", (turned[1], turned[0]))
             dropped = self._drop_commits(version - limits.commits, limits.journal_changes - len(changes))
             underlay_table.follow(writer, changes)
-            state = _CommitState.DONE if kind is CommitKind.EDIT else _CommitState.PAST
+            state = CommitState.PAST if turned else CommitState.DONE
             # An earlier release may have left rows of commits that it has dropped.
             writer.execute("INSERT OR REPLACE INTO edits VALUES (?, ?, ?, ?)", (version, *note))
             writer.execute("INSERT INTO commits VALUES (?, ?, ?, ?, ?)", (version, state, len(changes), *names))
@@ -339,7 +303,7 @@ class MapStore:
         for version, size, state in self._writer.execute(query):
             if version > up_to and self._journaled - dropped <= kept:
                 break
-            last, dropped, redo_lost = version, dropped + size, redo_lost or state == _CommitState.UNDONE
+            last, dropped, redo_lost = version, dropped + size, redo_lost or state == CommitState.UNDONE
         if last:
             self._writer.execute("DELETE FROM changes WHERE version <= ?", (last,))
             self._writer.execute("DELETE FROM commits WHERE version <= ?", (last,))
@@ -347,20 +311,18 @@ class MapStore:
             underlay_table.forget(self._writer, last)
         if redo_lost:
             # Later redos depend on the dropped one.
-            self._writer.execute(
-                "UPDATE commits SET state = ? WHERE state = ?", (_CommitState.PAST, _CommitState.UNDONE)
-            )
+            self._writer.execute("UPDATE commits SET state = ? WHERE state = ?", (CommitState.PAST, CommitState.UNDONE))
         return dropped
 
     def undoable(self) -> Commit | None:
         """The commit that undo reverts, None if there is none."""
-        return self._commit("DESC", _CommitState.DONE)
+        return self._commit("DESC", CommitState.DONE)
 
     def redoable(self) -> Commit | None:
         """The commit that redo repeats, None if there is none."""
-        return self._commit("ASC", _CommitState.UNDONE)
+        return self._commit("ASC", CommitState.UNDONE)
 
-    def _commit(self, order: str, state: _CommitState) -> Commit | None:
+    def _commit(self, order: str, state: CommitState) -> Commit | None:
         return self._commit_where(f"state = ? ORDER BY version {order} LIMIT 1", state)
 
     def commit_of(self, version: int) -> Commit | None:
@@ -428,11 +390,11 @@ class MapStore:
         selected, values = _condition(part)
         query = f"SELECT id, kind, floor, version, value FROM elements WHERE id >= ? AND {selected} ORDER BY id LIMIT ?"
         with _guarded(self.path), self._reading:
-            rows = self._reader.execute(query, (min(start, _MAX_INTEGER), *values, limit + 1))
+            # The largest integer of SQLite is 2^63 - 1.
+            rows = self._reader.execute(query, (min(start, 2**63 - 1), *values, limit + 1))
             found, following = _page(rows, limit, lambda row: len(row[2]) + len(row[4]))
-        elements = [
-            StoredElement(floor, decode_json(value, TYPE_OF[_KINDS[kind]]), changed)
-            for _, kind, floor, changed, value in found
+        elements: list[tuple[str, Element, int]] = [
+            (floor, decode_json(value, TYPE_OF[ElementKind(kind)]), changed) for _, kind, floor, changed, value in found
         ]
         return ElementPage(version, elements, following[0] if following else 0, following is None)
 
@@ -502,7 +464,7 @@ def _guarded(path: Path) -> Iterator[None]:
     except sqlite3.Error as error:
         reason = _damaged(path, error) if sqlite_files.is_damage(error) else str(error)
         raise MapFileError(str(path), 0, "", reason) from error
-    except (msgspec.DecodeError, KeyError) as error:
+    except (msgspec.DecodeError, ValueError) as error:
         raise MapFileError(str(path), 0, "", _damaged(path, error)) from error
 
 
@@ -564,7 +526,7 @@ def _page(
 def _changes(rows: Iterable[tuple[Any, ...]]) -> list[Change]:
     found = []
     for version, kind, floor, name, before, after in rows:
-        key = ElementKey(_KINDS[kind], floor, name)
+        key = ElementKey(ElementKind(kind), floor, name)
         old, new = (value and decode_json(value, TYPE_OF[key.kind]) for value in (before, after))
         found.append(Change(version, key, old, new))
     return found

@@ -7,22 +7,19 @@ from collections.abc import Callable
 
 from robocorba.errors.maps import TooSlow
 
-#: Maximum time for a topological map or a check [s]. Our clients wait for 60 s, of which a call may wait for 8 s for
-#: others; so they receive the error.
-WORK_LIMIT_S = 50.0
 
+def time_limit(what: str, limit_s: float = 50.0, clock: Callable[[], float] = time.monotonic) -> Callable[[], None]:
+    """A check that raises TooSlow once `what`, such as "the topological map of L1", takes longer than the limit [s].
 
-class TimeLimit:
-    """A time limit for `what`, such as "the topological map of L1", from now on [s]."""
+    The default is that of a topological map or a check of the building: our clients wait for 60 s, of which a call may
+    wait for 8 s for others; so they receive the error."""
+    deadline = clock() + limit_s
 
-    def __init__(self, what: str, limit_s: float = WORK_LIMIT_S, clock: Callable[[], float] = time.monotonic) -> None:
-        self._what, self._limit_s, self._clock = what, limit_s, clock
-        self._deadline = clock() + limit_s
+    def check() -> None:
+        if clock() > deadline:
+            raise TooSlow(what, limit_s)
 
-    def check(self) -> None:
-        """Raise TooSlow after the limit."""
-        if self._clock() > self._deadline:
-            raise TooSlow(self._what, self._limit_s)
+    return check
 
 
 def no_limit() -> None:

@@ -7,18 +7,14 @@ import math
 from typing import NamedTuple
 
 from robocorba.errors.maps import InvalidElement
-from robocorba.map_editor.element_rules import MAX_NUMBER, MIN_LENGTH
+from robocorba.map_editor.element_rules import MAX_NUMBER
 from robocorba.map_editor.model import ElementKind
 from robocorba.map_editor.spatial.pose import XY
 
 #: Maximum size of a picture [bytes] and of its sides [px]: a browser must be able to show it.
 MAX_PICTURE_BYTES, MAX_SIDE_PX = 8 * 2**20, 12_000
-#: Maximum size of a progressive JPEG [px]. All of it is decoded at once, in 6 bytes a pixel; other pictures in rows.
-MAX_PROGRESSIVE_PX = 16_000_000
 #: Maximum size of all pictures of a building [bytes]: they share the file of the map.
 MAX_TOTAL_BYTES = 512 * 2**20
-#: Range of resolutions [m per pixel].
-MIN_RESOLUTION, MAX_RESOLUTION = MIN_LENGTH**2, 1e3
 
 
 class Underlay(NamedTuple):
@@ -45,8 +41,8 @@ def _number_fault(underlay: Underlay) -> str:
     for axis, value in zip("xy", underlay.origin, strict=True):
         if not math.isfinite(value) or abs(value) > MAX_NUMBER:
             return f"the {axis} of its corner must be a number from {-MAX_NUMBER:g} to {MAX_NUMBER:g}"
-    if not MIN_RESOLUTION <= underlay.resolution <= MAX_RESOLUTION:
-        return f"its resolution must be from {MIN_RESOLUTION:g} to {MAX_RESOLUTION:g} m per pixel"
+    if not 1e-6 <= underlay.resolution <= 1e3:
+        return "its resolution must be from 1e-06 to 1000 m per pixel"
     return ""
 
 
@@ -62,10 +58,11 @@ def _picture_fault(picture: bytes) -> str:
         with open_picture(io.BytesIO(picture), ("PNG", "JPEG")) as image:
             if max(image.size) > MAX_SIDE_PX:
                 return f"it has {image.width} x {image.height} pixels, at most {MAX_SIDE_PX} a side are allowed"
-            if image.info.get("progressive") and image.width * image.height > MAX_PROGRESSIVE_PX:
+            # All of a progressive JPEG is decoded at once, in 6 bytes a pixel; other pictures are in rows.
+            if image.info.get("progressive") and image.width * image.height > 16_000_000:
                 return (
                     f"it is a progressive JPEG of {image.width} x {image.height} pixels, at most "
-                    f"{MAX_PROGRESSIVE_PX // 10**6} million are allowed: save it without 'progressive'"
+                    "16 million are allowed: save it without 'progressive'"
                 )
             if image.format == "PNG":
                 image.verify()  # checksums, without decoding

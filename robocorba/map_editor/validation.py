@@ -28,7 +28,6 @@ from robocorba.map_editor.collisions import (
     all_paths,
     collisions,
 )
-from robocorba.map_editor.derived import Derived
 from robocorba.map_editor.element_rules import MIN_LENGTH, TOLERANCE_M, name_violations, violations
 from robocorba.map_editor.geometry import DOOR_REACH_M, obstacles, shaft_polygon
 from robocorba.map_editor.model import (
@@ -52,10 +51,6 @@ from robocorba.map_editor.vicinity import (
     point_box,
     walls_intersecting,
 )
-
-#: Maximum common area of two shafts that touch but don't overlap [m²].
-MAX_SHAFT_OVERLAP_M2 = 1e-6
-_CABIN_NODES: Derived[TopologicalMap, tuple[PathNode, ...]] = Derived()
 
 
 def problems(building: Building, limit: int = 100) -> list[InvalidElement]:
@@ -156,7 +151,7 @@ def _changed(after: Building, names: dict[str, TouchedNames], before: Building) 
             continue
         yield from _changed_paths(after, floor, on_floor, before)
         if lifts:
-            cabin_nodes = (node for node in _cabin_nodes(entry.topological) if node.elevator in lifts)
+            cabin_nodes = (node for node in entry.topological.nodes.values() if node.elevator in lifts)
             yield from _cabin_node_violations(after, floor, cabin_nodes)
         if floor in floors:
             yield from _nodes_outside_outline(entry, all_paths(entry.topological))
@@ -280,7 +275,7 @@ def _shaft_overlaps(building: Building, names: Collection[str]) -> Iterator[Inva
         for other, reach in others:
             if other.name in seen or not reach.intersects(box):
                 continue
-            if shaft.intersection(shaft_polygon(other)).area > MAX_SHAFT_OVERLAP_M2:
+            if shaft.intersection(shaft_polygon(other)).area > 1e-6:  # m²; less where they only touch
                 yield _invalid("", elevator, f"its shaft overlaps that of {describe('elevator', '', other.name)}")
 
 
@@ -317,11 +312,6 @@ def _nodes_outside_outline(entry: FloorMap, paths: PathArrays) -> Iterator[Inval
     shapely.prepare(outline)
     for index in np.flatnonzero(~shapely.contains_xy(outline, paths.at)):
         yield _invalid(entry.floor.name, paths.nodes[index], "it stands outside the outline of the floor")
-
-
-def _cabin_nodes(topology: TopologicalMap) -> tuple[PathNode, ...]:
-    nodes = topology.nodes
-    return _CABIN_NODES.of(topology, (nodes,), lambda: tuple(node for node in nodes.values() if node.elevator))
 
 
 def _invalid(floor: str, element: Element, reason: str) -> InvalidElement:

@@ -26,9 +26,6 @@ from robocorba.map_editor.model import (
 )
 from robocorba.map_editor.spatial.pose import XY
 
-#: Maximum number of boxes to test one by one; above it, their common bounding box is used.
-MAX_SEPARATE_BOXES = 50
-
 T = TypeVar("T")
 
 
@@ -142,7 +139,8 @@ def _polygon_reach(shape: IdentityKey[PolygonShape]) -> float:
 
 
 def walls_intersecting(building: Building, floor: str, openings: Sequence[Box]) -> Iterator[str]:
-    """Names of the walls of a floor that intersect one of the boxes (of many boxes: their common bounding box)."""
-    boxes = openings if len(openings) <= MAX_SEPARATE_BOXES else [box for box in [bounding_box(openings)] if box]
+    """Names of the walls of a floor that intersect one of the boxes (of more than 50: their common bounding
+    box)."""
+    boxes = openings if len(openings) <= 50 else [box for box in [bounding_box(openings)] if box]
     reached = (wall.name for box in boxes for wall in walls_in(building.floors[floor].geometrical, box))
     yield from dict.fromkeys(reached)

@@ -21,15 +21,7 @@ from robocorba.system.decoding import convert
 
 #: A longer scalar is text [characters]: Python needs minutes to parse a number of a million digits.
 MAX_NUMBER_LENGTH = 100
-
-#: The message of libyaml 0.2.6 and later (PyYAML 6.0.4) beyond 1,000 levels. Its scanner reads ahead, so this error
-#: comes before the event at which our own, smaller limit is checked.
-_NESTED_TOO_DEEP = "exceeded maximum nesting depth"
-
-#: What msgspec says of a text in place of a number.
-_NUMBER_EXPECTED = ("Expected `float`, got `str`", "Expected `int`, got `str`")
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-_NULL, _BOOL, _INT, _FLOAT, _STR = (f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str"))
 T = TypeVar("T")
 
 
@@ -72,7 +64,8 @@ class YamlFile:
             unknown = re.fullmatch(r"Object contains unknown field `(.*)`", reason, re.DOTALL)
             if unknown:
                 raise self.error(f"{key}.{unknown[1]}", "there is no such key") from None
-            if reason in _NUMBER_EXPECTED and (hint := number_hint(self.value(key))):
+            is_text = reason in ("Expected `float`, got `str`", "Expected `int`, got `str`")
+            if is_text and (hint := number_hint(self.value(key))):
                 reason = hint
             raise self.error(key, f"a key is wrong: {reason}" if of_key else reason) from None
 
@@ -107,7 +100,8 @@ def parse_yaml(raw: bytes, name: str, limits: YamlLimits = DEFAULT_LIMITS) -> Ya
         return YamlFile(name, _Reader(text, name, limits).document(), text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        if error.problem == _NESTED_TOO_DEEP:
+        # libyaml 0.2.6 and later (PyYAML 6.0.4) read ahead: they refuse 1,000 levels before our limit is checked.
+        if error.problem == "exceeded maximum nesting depth":
             raise MapFileError(name, mark.line + 1 if mark else 0, "", _too_deep(limits)) from None
         if "quoted scalar" in str(error.context):
             mark = error.context_mark  # of the opening quote; the parser detects a missing one at the end of the file
@@ -177,9 +171,9 @@ class _Reader:
             if tag or not event.implicit[0] or len(value) > MAX_NUMBER_LENGTH:
                 return value
             tag = self._resolver.resolve(yaml.ScalarNode, value, event.implicit)
-        if tag == _STR:
+        if tag == "tag:yaml.org,2002:str":
             return value
-        if tag == _NULL:
+        if tag == "tag:yaml.org,2002:null":
             return None
         try:
             if tag in _CONSTRUCTORS and len(value) <= MAX_NUMBER_LENGTH:
@@ -197,9 +191,9 @@ class _Reader:
 
 _scalars = yaml.constructor.SafeConstructor()
 _CONSTRUCTORS: dict[str, Callable[[yaml.ScalarNode], Any]] = {
-    _INT: _scalars.construct_yaml_int,
-    _FLOAT: _scalars.construct_yaml_float,
-    _BOOL: _scalars.construct_yaml_bool,
+    "tag:yaml.org,2002:int": _scalars.construct_yaml_int,
+    "tag:yaml.org,2002:float": _scalars.construct_yaml_float,
+    "tag:yaml.org,2002:bool": _scalars.construct_yaml_bool,
 }
 
 

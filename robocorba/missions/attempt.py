@@ -7,24 +7,27 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 
 from msgspec.structs import replace
 
 from robocorba.errors.robots import MissionFailed
 from robocorba.errors.services import NotReachable
 from robocorba.missions.carry_progress import LeaderRhythm
-from robocorba.missions.clearing import Requests, requests_for
+from robocorba.missions.clearing import Requests
 from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.cooperative_planner import CarriedBody
+from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.leader_policy import LeaderPolicy
-from robocorba.missions.lookout import Look, Lookout
+from robocorba.missions.lookout import Look, Lookout, WayAhead
 from robocorba.missions.messages import MemberState, Message, Order, WayMade
-from robocorba.missions.report import PhaseTimes
+from robocorba.missions.recorder import LedMission
+from robocorba.missions.report import ENDING
 from robocorba.missions.subplan import Carry, CooperativePlan, holding_steps
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.transport import Transport
-from robocorba.missions.way_ahead import WayAhead
+from robocorba.planning.request import Place
 
 _log = logging.getLogger(__name__)
 
@@ -37,69 +40,43 @@ class Interrupted(MissionFailed):
     """The leader's user or its robot ends the mission."""
 
 
-#: Called with the latest plan, None before there is one, all phases, and whether the mission ends safely.
-OnProgress = Callable[[CooperativePlan | None, Sequence[PhaseTimes], bool], None]
+@dataclass(frozen=True)
+class LeaderRobot:
+    """The robot that leads a mission, as its leader uses it. place: returns where it is. areas: what it reserves.
+    interruption: returns why its user or its own state ends the mission, else an empty string. look: what is on its
+    floor, by its data pool."""
 
+    place: Callable[[], Place]
+    areas: LeaderAreas
+    interruption: Callable[[], str] = lambda: ""
+    look: Look = lambda: ()
 
-class Phases:
-    """The phases of a mission, of all its attempts. on_phase: called with the plan and each phase that begins.
-    on_progress: called after each change."""
-
-    def __init__(self, on_phase: Callable[[CooperativePlan, str], None], on_progress: OnProgress) -> None:
-        self._on_phase, self._on_progress = on_phase, on_progress
-        self.times: list[PhaseTimes] = []
-        self._plan: CooperativePlan | None = None
-
-    def begin_without_robots(self, name: str) -> None:
-        """A phase begins in which no robot does a plan."""
-        self.times.append(PhaseTimes(name, OWN_CLOCK.now(), {}, {}))
-        self._on_progress(self._plan, self.times, False)
-
-    def begin(self, plan: CooperativePlan, name: str, at: float, without: Collection[str]) -> PhaseTimes:
-        """A phase in which all robots of the plan except some take part begins at this time of the leader's clock."""
-        phase = PhaseTimes(name, at, {}, {}, frozenset(without))
-        self.times.append(phase)
-        self._on_phase(plan, name)
-        self.report(plan)
-        return phase
-
-    def note(self, plan: CooperativePlan, name: str, is_ending: bool = False) -> None:
-        """The mission is before its first phase, or after its last one."""
-        self._on_phase(plan, name)
-        self.report(plan, is_ending)
-
-    def report(self, plan: CooperativePlan, is_ending: bool = False) -> None:
-        """Something has changed."""
-        self._plan = plan
-        self._on_progress(plan, self.times, is_ending)
+    def check(self, prefix: str = "") -> None:
+        """Raise Interrupted if the mission is to end, with a prefix to its reason."""
+        if reason := self.interruption():
+            raise Interrupted(prefix + reason)
 
 
 class Attempt:
-    """Leads the robots of a plan that they have accepted. Its methods are called by one thread.
-
-    body: what they carry, None if nothing is to be watched. look: what is on the leader's floor. check: raises
-    Interrupted if the mission is to end, with this prefix to its reason. confirm: raises MissionTakenOver if another
-    robot leads the mission, NotReachable if that is unknown."""
+    """Leads the robots of a plan that they have accepted. Its methods are called by one thread. body: what the robots
+    carry."""
 
     def __init__(
         self,
         plan: CooperativePlan,
+        body: CarriedBody,
+        led: LedMission,
         transport: Transport,
-        term: int,
+        robot: LeaderRobot,
         policy: LeaderPolicy,
-        phases: Phases,
-        body: CarriedBody | None,
-        look: Look,
-        check: Callable[[str], None],
-        confirm: Callable[[], None],
     ) -> None:
-        self.plan, self._transport, self._term, self._policy, self._phases = plan, transport, term, policy, phases
-        self._body, self._look, self._check, self._confirm = body, look, check, confirm
+        self.plan, self._body, self._led = plan, body, led
+        self._transport, self._robot, self._policy = transport, robot, policy
         self._name = transport.name
         #: Robots that take part still, and those that do not any more.
         self._active = {subplan.robot for subplan in plan.subplans}
         self.without: set[str] = set()
-        self._order = Order(mission=plan.mission, leader=self._name, term=term)
+        self._order = Order(mission=plan.mission, leader=self._name, term=led.term)
         self._ordered_at = 0.0
         #: The latest state of each member, and when a state of it was received last [s, monotonic].
         self.states: dict[str, MemberState] = {}
@@ -148,7 +125,7 @@ class Attempt:
         if trajectory:
             begun = (self._trajectory_s(step), 0.0) if is_begun else (0.0, 1.0)
             self._rhythm = LeaderRhythm(at, self._policy.rate_change_lead_s, trajectory.duration, *begun)
-        phase = self._phases.begin(self.plan, self._phase_name(step), at, self.without)
+        phase = self._led.begin_phase(self.plan, self._phase_name(step), at, self.without)
         while not self._active <= phase.done.keys():
             self.publish_order()
             self.receive_states(0.02)
@@ -160,7 +137,7 @@ class Attempt:
                 if state.step > step or (state.step == step and state.is_done):
                     phase.done.setdefault(name, OWN_CLOCK.now())
             if len(phase.done) > done_before:
-                self._phases.report(self.plan)
+                self._led.update(self.plan)
             self._check_members(phase.name, step)
             if OWN_CLOCK.now() > at + limit_s + self._policy.step_grace_s:
                 late = sorted(self._active - phase.done.keys())
@@ -169,18 +146,12 @@ class Attempt:
                 self._ordered_at = 0.0
             if (name := self._phase_name(step)) != phase.name:
                 phase.done.update(dict.fromkeys(self._active, OWN_CLOCK.now()))
-                phase = self._phases.begin(self.plan, name, OWN_CLOCK.now(), self.without)
+                phase = self._led.begin_phase(self.plan, name, OWN_CLOCK.now(), self.without)
 
     def _order_for(self, step: int, at: float) -> Order:
         self._ordered_at, self._rhythm = 0.0, None
-        return Order(
-            mission=self.plan.mission,
-            leader=self._name,
-            term=self._term,
-            step=step,
-            at=at,
-            without=sorted(self.without),
-        )
+        mission, leader, term = self.plan.mission, self._name, self._led.term
+        return Order(mission=mission, leader=leader, term=term, step=step, at=at, without=sorted(self.without))
 
     def _phase_name(self, step: int) -> str:
         if self._way and self._way.blocker:
@@ -190,16 +161,15 @@ class Attempt:
     # ---- the way of a carry ----
 
     def _watched_way(self, trajectory: Trajectory) -> WayAhead | None:
-        body = self._body
-        if body is None or body.footprint is None:
+        body, policy = self._body, self._policy
+        if body.footprint is None:
             return None
-        lookout = Lookout(trajectory, body.footprint, {self.plan.thing, *self._active}, self._look)
+        lookout = Lookout(trajectory, body.footprint, {self.plan.thing, *self._active}, self._robot.look, policy)
 
         def ask(robot: str) -> Requests:
-            aside = {robot: body.aside(robot)}
-            return requests_for(aside, self.plan.mission, self._name, self._term, self._transport.publish)
+            return Requests({robot: body.aside(robot)}, self.plan.mission, self._led.term, self._transport, policy)
 
-        return WayAhead(lookout, ask)
+        return WayAhead(lookout, ask, policy)
 
     def _way_rate(self) -> float:
         """The rate at which what is in the way lets the carry continue. Raises AttemptFailed if it stays there."""
@@ -208,9 +178,10 @@ class Attempt:
             return 1.0
         rate = way.rate(rhythm.at(OWN_CLOCK.now()))
         if way.blocker and (way.waited_s > self._policy.way_timeout_s or way.staying):
-            at = f" at ({way.blocker.x:.2f}, {way.blocker.y:.2f})" if way.blocker.x or way.blocker.y else ""
+            at = way.blocker.shape.centroid
+            where = f" at ({at.x:.2f}, {at.y:.2f})" if way.blocker.name else ""
             why = f", and {way.staying}" if way.staying else ""
-            raise AttemptFailed(f"carrying: {way.reason}{at}{why}")
+            raise AttemptFailed(f"carrying: {way.reason}{where}{why}")
         return rate
 
     def _carry_rate(self) -> float:
@@ -228,7 +199,7 @@ class Attempt:
     # ---- who takes part ----
 
     def _check_members(self, phase: str, step: int) -> None:
-        self._check(f"{phase}: {self._name}: ")
+        self._robot.check(f"{phase}: {self._name}: ")
         for name in sorted(self._active & self.states.keys()):
             state = self.states[name]
             if state.failure:
@@ -255,7 +226,7 @@ class Attempt:
         if self._name in silent or not is_held or not self._is_enough(self._active - silent):
             raise AttemptFailed(why)
         try:
-            self._confirm()
+            self._led.confirm()
         except NotReachable as error:
             raise AttemptFailed(f"{why}; {error}") from None
         _log.warning("mission %s: %s; the others go on", self.plan.mission, why)
@@ -269,7 +240,7 @@ class Attempt:
     def _present(self, names: Collection[str]) -> set[str]:
         """Those of these robots that are on the leader's floor, or all while that is unknown."""
         with contextlib.suppress(NotReachable):
-            return {seen.name for seen in self._look() if seen.is_robot}.intersection(names)
+            return {seen.name for seen in self._robot.look() if seen.is_robot}.intersection(names)
         return set(names)
 
     def _is_held(self, step: int) -> bool:
@@ -294,7 +265,7 @@ class Attempt:
                     break
             self.publish_order()
             self.receive_states(0.02)
-            self._check("")
+            self._robot.check()
         ended = {name for name, state in self.states.items() if state.has_left or state.failure}
         self._drop(self._active - (self.states.keys() - ended))
 
@@ -306,14 +277,14 @@ class Attempt:
                 raise AttemptFailed(f"{why}, though still there")
             self.publish_order()
             self.receive_states(0.05)
-            self._check("")
+            self._robot.check()
 
     # ---- the end ----
 
     def end(self, end: str, reason: str, never_began: Collection[str] = ()) -> None:
         """Publish the end until all members have ended or timed out, except those that never began."""
         names = self._active.difference(never_began)
-        self._phases.note(self.plan, "done" if end == "done" else "ending safely", end != "done")
+        self._led.note(self.plan, "done" if end == "done" else ENDING, end != "done")
         self._order = replace(self._order_for(self._order.step, self._order.at), end=end, reason=reason)
         began = time.monotonic()
         while (now := time.monotonic()) - began < self._policy.end_timeout_s:

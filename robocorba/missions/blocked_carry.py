@@ -19,18 +19,16 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.errors.paths import Blocker
 from robocorba.errors.places import place
 from robocorba.errors.robots import ImpossibleCarry
-from robocorba.map_editor.geometry import landing_line
+from robocorba.map_editor.geometry import Obstacle, landing_line
 from robocorba.map_editor.model import Elevator
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.pose import XY, Pose
 from robocorba.missions.formation import MARGIN_M, Formation, width_of
-from robocorba.missions.obstacles import BuildingObstacles, FloorObstacles, ObstacleInMargin, placed
+from robocorba.missions.obstacles import BuildingObstacles, FloorObstacles, placed
 from robocorba.planning.body_search import HEADINGS, Bytes, Lattice, distances_to_goal
 
 #: Radius of the disc that shows whether start and goal are connected at all [m].
 THIN_RADIUS_M = 0.05
-#: Obstacles within this distance of the body may be named [m].
-NEAR_M = 5.0
 
 
 class FailedSearch(NamedTuple):
@@ -45,7 +43,7 @@ class FailedSearch(NamedTuple):
     goals: Floats
 
 
-class Attempt(NamedTuple):
+class FailedLeg(NamedTuple):
     """A leg for which a formation has no path. leg: number of rides before it. cabin: at the end of the leg, None at
     the goal. search: None if the body does not fit into the cabin."""
 
@@ -57,15 +55,17 @@ class Attempt(NamedTuple):
     search: FailedSearch | None
 
 
-def why_not_free(which: str, pose: Pose, part: str, near: ObstacleInMargin, margin_m: float) -> ImpossibleCarry:
-    """The error for an obstacle too near to a part of the body at `which`: the start or the goal."""
-    needed = f"{near.distance_m:.2f} m from {part}, {margin_m:.2f} m needed" if near.distance_m else f"is in {part}"
+def why_not_free(which: str, pose: Pose, part: str, near: tuple[Obstacle, float], margin_m: float) -> ImpossibleCarry:
+    """The error for an obstacle too near to a part of the body at `which`: the start or the goal. near: with its
+    distance."""
+    item, distance_m = near
+    needed = f"{distance_m:.2f} m from {part}, {margin_m:.2f} m needed" if distance_m else f"is in {part}"
     return ImpossibleCarry(
-        f"{which} {place(pose.floor, pose.x, pose.y)} is not free for {part}", [_blocker(near, pose.floor, needed)]
+        f"{which} {place(pose.floor, pose.x, pose.y)} is not free for {part}", [_blocker(item, pose.floor, needed)]
     )
 
 
-def why_impossible(building_obstacles: BuildingObstacles, attempts: Sequence[Attempt]) -> ImpossibleCarry:
+def why_impossible(building_obstacles: BuildingObstacles, attempts: Sequence[FailedLeg]) -> ImpossibleCarry:
     """The error for the attempts that got farthest."""
     farthest = max(attempt.leg for attempt in attempts)
     last = [attempt for attempt in attempts if attempt.leg == farthest]
@@ -87,12 +87,11 @@ def why_impossible(building_obstacles: BuildingObstacles, attempts: Sequence[Att
     )
 
 
-def _blocker(near: ObstacleInMargin, floor: str, reason: str) -> Blocker:
-    kind, name = near.item.kind, near.item.name
-    return Blocker(kind, "" if kind in ("elevator", "floor") else floor, name, reason)
+def _blocker(item: Obstacle, floor: str, reason: str) -> Blocker:
+    return Blocker(item.kind, "" if item.kind in ("elevator", "floor") else floor, item.name, reason)
 
 
-def _small_cabins(attempts: Sequence[Attempt]) -> list[Blocker]:
+def _small_cabins(attempts: Sequence[FailedLeg]) -> list[Blocker]:
     sizes = []
     for attempt in attempts:
         corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(attempt.footprint))
@@ -164,7 +163,7 @@ def _barriers(obstacles: FloorObstacles, building_obstacles: BuildingObstacles) 
 
 
 def _narrow_door(
-    building_obstacles: BuildingObstacles, attempt: Attempt, path: Sequence[XY], at: int, needed_m: float
+    building_obstacles: BuildingObstacles, attempt: FailedLeg, path: Sequence[XY], at: int, needed_m: float
 ) -> Blocker | None:
     """The narrow door where the body got stuck, None if it is not at a door."""
     floor = attempt.obstacles.floor
@@ -190,13 +189,15 @@ def _narrow_door(
     return min(found, key=lambda item: item[0])[1] if found else None
 
 
-def _tight_spot(attempt: Attempt, at: XY) -> Blocker:
+def _tight_spot(attempt: FailedLeg, at: XY) -> Blocker:
     """The obstacle that blocks the body at a point, at the heading with the largest clearance."""
     floor = attempt.obstacles.floor
     poses = [(*at, math.tau * heading_index / HEADINGS) for heading_index in range(HEADINGS)]
-    nearest = [attempt.obstacles.nearest(placed(attempt.footprint, pose), NEAR_M) for pose in poses]
-    best = max(filter(None, nearest), key=lambda near: near.distance_m, default=None)
+    near_m = 5.0  # obstacles beyond this are not named
+    nearest = [attempt.obstacles.nearest(placed(attempt.footprint, pose), near_m) for pose in poses]
+    best = max(filter(None, nearest), key=lambda near: near[1], default=None)
     if not best:
         return Blocker("floor", "", floor, f"no path found beyond ({at[0]:.1f}, {at[1]:.1f})")
-    what = "to turn" if best.distance_m >= MARGIN_M else "for it"
-    return _blocker(best, floor, f"leaves no room {what} at {floor} ({at[0]:.1f}, {at[1]:.1f})")
+    item, distance_m = best
+    what = "to turn" if distance_m >= MARGIN_M else "for it"
+    return _blocker(item, floor, f"leaves no room {what} at {floor} ({at[0]:.1f}, {at[1]:.1f})")

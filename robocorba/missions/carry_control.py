@@ -15,17 +15,13 @@ from robocorba.missions.trajectory import ON_PATH, Trajectory
 from robocorba.robot.motion.motion import MotionCommand
 from robocorba.robot.motion.robot_state import RobotState
 
-#: Proportional gain of the position controller [1/s].
-POSITION_GAIN = 4.0
-#: Tolerance at the goal [m, rad].
+#: Tolerance at the goal, of a carrier as of the object [m, rad].
 GOAL_M, GOAL_RAD = 0.01, math.radians(1.0)
 #: The carry fails if the position error exceeds this [m].
 MAX_ERROR_M = 0.25
 #: A body that was moved off its path, since a carrier was lost, returns at this speed of its carriers [m/s]; the carry
 #: fails if it is farther off [m].
 RETURN_SPEED_M_S, MAX_MOVED_M = 0.1, 0.8
-#: Control cycles recorded.
-MAX_TICKS = 20_000
 #: A carrier whose state has been unknown for this time counts as standing where it was [s].
 UNKNOWN_AFTER_S = 0.2
 
@@ -55,8 +51,8 @@ class CarryMotion:
         #: end, and the position error then [m].
         self._last = ((0.0, 0.0), math.inf, 0.0)
         self.max_slip_m = 0.0
-        #: Leader's time and trajectory time [s] of each control cycle.
-        self.ticks: deque[tuple[float, float]] = deque(maxlen=MAX_TICKS)
+        #: Leader's time and trajectory time [s] of the latest control cycles, for the report.
+        self.ticks: deque[tuple[float, float]] = deque(maxlen=2000)
 
     @property
     def error_m(self) -> float:
@@ -88,8 +84,9 @@ class CarryMotion:
         off_m = math.hypot(dx, dy)
         if off_m > MAX_ERROR_M:
             raise MotionFailed(f"{off_m:.2f} m off its place beside the object; the limit is {MAX_ERROR_M} m")
-        vx, vy = vx * rate + POSITION_GAIN * dx, vy * rate + POSITION_GAIN * dy
-        turn = turn * rate + POSITION_GAIN * math.remainder(heading - state.heading, math.tau)
+        gain = 4.0  # of the position controller [1/s]
+        vx, vy = vx * rate + gain * dx, vy * rate + gain * dy
+        turn = turn * rate + gain * math.remainder(heading - state.heading, math.tau)
         return MotionCommand((*turned(vx, vy, -state.heading), turn))
 
     def _off_order_m(self, at: XY, now: float) -> float:

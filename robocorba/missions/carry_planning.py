@@ -22,8 +22,8 @@ from robocorba.map_editor.movable import movables, not_found, object_outline
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import out_of
 from robocorba.map_editor.spatial.pose import Pose
-from robocorba.missions.blocked_carry import Attempt, FailedSearch, why_impossible, why_not_free
-from robocorba.missions.formation import ARMS_WIDTH_M, BACK_OFF_M, MARGIN_M, SHORT_BACK_OFFS_M, Formation, formations
+from robocorba.missions.blocked_carry import FailedLeg, FailedSearch, why_impossible, why_not_free
+from robocorba.missions.formation import ARMS_WIDTH_M, BACK_OFF_M, MARGIN_M, Formation, formations
 from robocorba.missions.obstacles import Blocked, BuildingObstacles, FloorObstacles, placed
 from robocorba.planning.body import body_of
 from robocorba.planning.body_search import (
@@ -37,14 +37,6 @@ from robocorba.planning.body_search import (
 )
 from robocorba.planning.request import MAX_COORDINATE_M
 from robocorba.robot.kinematics.smartpal import RADIUS_M
-
-#: Clearance that shortened paths keep if there is room [m].
-PREFERRED_MARGIN_M = 0.15
-#: Segments of a quarter circle around a carrier's base, and the radius of the polygon that contains the circle [m].
-_QUARTER_SEGMENTS = 16
-_OUTER_RADIUS_M = RADIUS_M / math.cos(math.pi / (4 * _QUARTER_SEGMENTS))
-#: Maximum number of elevator rides of a carry.
-MAX_RIDES = 2
 
 
 class CarryLeg(NamedTuple):
@@ -102,10 +94,11 @@ def plan_carries(
     if not routes:
         raise ImpossibleCarry(f"no elevator leads from {start.floor} to {goal.floor}")
 
-    attempts: list[Attempt] = []
+    attempts: list[FailedLeg] = []
     collisions: list[ImpossibleCarry] = []
     bodies = [_FormationBody(formation, outline) for formation in formations(outline, count)]
-    for back_off_m in (BACK_OFF_M, *SHORT_BACK_OFFS_M):
+    # Shorter ones for where there is less room, such as in a door in which a mission had to put its object down.
+    for back_off_m in (BACK_OFF_M, 0.2, 0.1):
         for body in bodies:
             if collision := _collision_at_ends(obstacles, body, start, goal, held_open, back_off_m):
                 collisions.append(collision)
@@ -153,10 +146,10 @@ class _FormationBody:
     def approach_areas(self, back_off_m: float) -> list[BaseGeometry]:
         """Where the carriers approach and back off."""
         lines = zip(self.formation.carrier_poses(), self.formation.carrier_poses(back_off_m), strict=True)
-        return [
-            LineString([here[:2], back[:2]]).buffer(_OUTER_RADIUS_M, quad_segs=_QUARTER_SEGMENTS)
-            for here, back in lines
-        ]
+        # The polygon contains the circle around a carrier's base.
+        quarter_segments = 16
+        outer_m = RADIUS_M / math.cos(math.pi / (4 * quarter_segments))
+        return [LineString([here[:2], back[:2]]).buffer(outer_m, quad_segs=quarter_segments) for here, back in lines]
 
 
 def _outline_and_pose(building: Building, carried: str | Polygon) -> tuple[Polygon, Pose | None]:
@@ -192,12 +185,13 @@ def _collision_at_ends(
 
 
 def _elevator_routes(building: Building, start: Pose, goal: Pose) -> Iterator[tuple[tuple[str, str], ...]]:
-    """Sequences of rides (elevator, destination floor): the fewest rides first, then the nearest first elevator."""
+    """Sequences of at most two rides (elevator, destination floor): the fewest rides first, then the nearest first
+    elevator."""
     if start.floor == goal.floor:
         yield ()
         return
     routes: list[tuple[tuple[str, str], ...]] = [()]
-    for _ in range(MAX_RIDES):
+    for _ in range(2):
         longer = []
         for route in routes:
             floors = [start.floor, *(floor for _, floor in route)]
@@ -217,7 +211,7 @@ def _plan_legs(
     start: Pose,
     goal: Pose,
     held_open: frozenset[str],
-    attempts: list[Attempt],
+    attempts: list[FailedLeg],
 ) -> list[CarryLeg] | None:
     """The legs of a carry with these rides; None if there is no path: then the failure is appended to `attempts`.
     held_open: elevators whose doors are open at the start."""
@@ -233,7 +227,7 @@ def _plan_legs(
     for i, (floor, cabin) in enumerate(zip(floors, [*elevators, None], strict=True)):
         goals = _cabin_poses(cabin, body) if cabin else np.array([goal[1:]])
         if not len(goals):
-            attempts.append(Attempt(i, body.formation, body.footprint, floor, cabin, None))
+            attempts.append(FailedLeg(i, body.formation, body.footprint, floor, cabin, None))
             return None
         anchor = np.array([*cabin.at, cabin.heading]) if cabin else goals[0]
         box = floor.box(*map(tuple, sources[:, :3].tolist()), *map(tuple, goals.tolist()))
@@ -244,7 +238,7 @@ def _plan_legs(
         if not found:
             from_xy = (float(sources[0, 0]), float(sources[0, 1]))
             search = FailedSearch(lattice, to_goal_m, core_m, reached, from_xy, goals)
-            attempts.append(Attempt(i, body.formation, body.footprint, floor, cabin, search))
+            attempts.append(FailedLeg(i, body.formation, body.footprint, floor, cabin, search))
             return None
         routes.append(found)
         sources = np.array([[*goals[route.goal], route.cost] for route in found])
@@ -262,7 +256,8 @@ def _cheapest_legs(
     index = 0
     for i in reversed(range(len(floors))):
         route = routes[i][index]
-        poses = shorten(floors[i].grid, body.search_body, route.route, MARGIN_M, PREFERRED_MARGIN_M)
+        preferred_m = 0.15  # clearance where there is room
+        poses = shorten(floors[i].grid, body.search_body, route.route, MARGIN_M, preferred_m)
         legs.insert(0, CarryLeg(floors[i].floor, poses, elevators[i].name if i < len(elevators) else ""))
         index = route.source
     return legs

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import shapely
@@ -11,10 +11,11 @@ from shapely import LineString, Point
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.map_editor.geometry import Obstacle
-from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.pose import XY
+from robocorba.missions.leader_policy import LeaderPolicy
 from robocorba.missions.messages import MakeWay, WayMade
-from robocorba.missions.obstacles import Blocked, BuildingObstacles, FloorObstacles, placed
+from robocorba.missions.obstacles import BuildingObstacles, FloorObstacles, placed
+from robocorba.missions.transport import Transport
 from robocorba.missions.world import MovableObject, StandingRobot, World
 from robocorba.planning.body_search import distances_to_goal, lay_lattice
 from robocorba.planning.request import Path, Place
@@ -24,18 +25,8 @@ from robocorba.robot.kinematics.smartpal import RADIUS_M
 GAP_M = 0.05
 #: The same where robots step aside, if there is room, and their gap to obstacles there [m].
 ASIDE_GAP_M = 0.15
-#: Gap to obstacles on the path to such a place [m]; less where the robot stands nearer.
-PASSING_M = 0.02
-#: Distance from a robot within which it steps aside, along each axis [m].
-RANGE_M = 8.0
 #: Distance from doors that robots keep where they step aside, if there is room [m].
 DOOR_M = 0.6
-#: Interval between requests to a robot [s].
-REPEAT_S = 0.5
-#: Time for a robot to answer [s]. One without an agent for missions does not.
-ANSWER_S = 3.0
-#: Time for all robots to step aside [s].
-CLEAR_S = 30.0
 
 #: The room that a mission needs on each floor.
 Way = Mapping[str, BaseGeometry]
@@ -70,12 +61,15 @@ def in_the_way(way: Way, robots: Iterable[StandingRobot]) -> list[StandingRobot]
 
 
 def places_aside(
-    building: Building, objects: Blocked, way: Way, blocking: Sequence[StandingRobot], robots: Sequence[StandingRobot]
+    world: World, way: Way, blocking: Sequence[StandingRobot], carried: MovableObject | None = None
 ) -> dict[str, Place | None]:
     """The nearest place outside the way for each of the `blocking` robots, one after another; None where there is
-    none.
-
-    objects: movable objects at their present poses, by floor. robots: all."""
+    none. carried: the object for which the way is. Raises NotReachable."""
+    building, robots = world.building(), world.robots()
+    objects = world.others(carried.name if carried else "")
+    if carried:
+        body = Obstacle("object", carried.name, placed(carried.outline, carried.pose))
+        objects[carried.floor] = [*objects.get(carried.floor, ()), body]
     places: dict[str, Place | None] = {}
     taken: list[StandingRobot] = []
     for robot in blocking:
@@ -97,29 +91,23 @@ def places_aside(
     return places
 
 
-def places_beside(
-    world: World,
-    carried: MovableObject,
-    way: Way,
-    blocking: Sequence[StandingRobot],
-    robots: Sequence[StandingRobot],
-) -> dict[str, Place | None]:
-    """`places_aside` from the way of a carried object, which stands in it now. Raises NotReachable."""
-    objects = world.others(carried.name)
-    body = Obstacle("object", carried.name, placed(carried.outline, carried.pose))
-    objects[carried.floor] = [*objects.get(carried.floor, ()), body]
-    return places_aside(world.building(), objects, way, blocking, robots)
+def place_aside(world: World, way: Way, robot: str, carried: MovableObject | None = None) -> Place | None:
+    """The same for a robot by its name, where it is now."""
+    blocking = [each for each in world.robots() if each.name == robot]
+    return places_aside(world, way, blocking, carried).get(robot)
 
 
 def _place_aside(floor: FloorObstacles, area: BaseGeometry, robot: StandingRobot, gap_m: float) -> Place | None:
     """The place outside an area to which the robot has the shortest path."""
     x0, y0, x1, y1 = floor.box((robot.x, robot.y, 0.0))
-    box = max(x0, robot.x - RANGE_M), max(y0, robot.y - RANGE_M), min(x1, robot.x + RANGE_M), min(y1, robot.y + RANGE_M)
+    range_m = 8.0  # along each axis
+    box = max(x0, robot.x - range_m), max(y0, robot.y - range_m), min(x1, robot.x + range_m), min(y1, robot.y + range_m)
     here = np.array([robot.x, robot.y, 0.0])
     lattice = lay_lattice(floor.grid, box, here, robot.radius_m + ASIDE_GAP_M + 0.1)
     low_x, low_y, step = lattice.x, lattice.y, lattice.step
     row, column = round((robot.y - low_y) / step), round((robot.x - low_x) / step)
-    passing_m = min(robot.radius_m + PASSING_M, float(lattice.open_m[row, column]) - 1e-6)
+    # The gap to obstacles on the path is 2 cm, less where the robot stands nearer.
+    passing_m = min(robot.radius_m + 0.02, float(lattice.open_m[row, column]) - 1e-6)
     path_m = distances_to_goal(lattice, here[None], passing_m)
     rows, columns = np.nonzero(np.isfinite(path_m) & (lattice.open_m >= robot.radius_m + gap_m))
     points = shapely.points(low_x + columns * step, low_y + rows * step)
@@ -133,17 +121,26 @@ def _place_aside(floor: FloorObstacles, area: BaseGeometry, robot: StandingRobot
 
 
 class Requests:
-    """Requests to robots to step aside, until each has done so or stays. requests: by robot. staying: robots that stay,
-    and why. publish: sends a request."""
+    """Requests to robots to step aside, until each has done so or stays. aside: the place for each of them, as of
+    InTheWay or `places_aside`. term: of the leader. staying: robots that stay, and why."""
 
     def __init__(
         self,
-        requests: Mapping[str, MakeWay],
-        staying: Mapping[str, str],
-        publish: Callable[[MakeWay], object],
+        aside: Mapping[str, tuple[str, float, float] | None],
+        mission: str,
+        term: int,
+        transport: Transport,
+        policy: LeaderPolicy,
     ) -> None:
-        self.staying = dict(staying)
-        self._left, self._publish = dict(requests), publish
+        self._transport, self._policy = transport, policy
+        self.staying = {name: "has no room to step aside" for name, place in aside.items() if not place}
+        self._left: dict[str, MakeWay] = {}
+        for name, place in aside.items():
+            if place:
+                floor, x, y = place
+                leader = transport.name
+                request = MakeWay(mission=mission, leader=leader, term=term, robot=name, floor=floor, x=x, y=y)
+                self._left[name] = request
         self._answered: set[str] = set()
         self._began, self._sent_at = time.monotonic(), 0.0
 
@@ -154,15 +151,15 @@ class Requests:
 
     def update(self) -> None:
         """Repeat requests that are due, and give up those that are late."""
-        now = time.monotonic()
-        if now - self._began > CLEAR_S:
-            self._give_up(self._left, f"did not step aside within {CLEAR_S:g} s")
-        elif now - self._began > ANSWER_S:
+        now, policy = time.monotonic(), self._policy
+        if now - self._began > policy.aside_timeout_s:
+            self._give_up(self._left, f"did not step aside within {policy.aside_timeout_s:g} s")
+        elif now - self._began > policy.aside_answer_timeout_s:
             self._give_up(set(self._left) - self._answered, "does not answer")
-        if now - self._sent_at > REPEAT_S:
+        if now - self._sent_at > policy.repeat_interval_s:
             self._sent_at = now
             for request in self._left.values():
-                self._publish(request)
+                self._transport.publish(request)
 
     def receive(self, answer: WayMade) -> None:
         """Take an answer into account."""
@@ -179,22 +176,3 @@ class Requests:
         for name in list(robots):
             self.staying[name] = reason
             del self._left[name]
-
-
-NO_ROOM = "has no room to step aside"
-
-
-def requests_for(
-    aside: Mapping[str, tuple[str, float, float] | None],
-    mission: str,
-    leader: str,
-    term: int,
-    publish: Callable[[MakeWay], object],
-) -> Requests:
-    """Requests for the places of InTheWay or `places_aside`."""
-    wanted = {
-        name: MakeWay(mission=mission, leader=leader, term=term, robot=name, floor=place[0], x=place[1], y=place[2])
-        for name, place in aside.items()
-        if place
-    }
-    return Requests(wanted, {name: NO_ROOM for name, place in aside.items() if not place}, publish)

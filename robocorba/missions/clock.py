@@ -5,9 +5,6 @@ from __future__ import annotations
 import time
 from collections import deque
 
-#: Number of latest exchanges kept; the one with the shortest round trip is used.
-MAX_EXCHANGES = 50
-
 
 class SteadyClock:
     """Time since 1970 that passes steadily, also while the system's clock is set: orders name times in the future."""
@@ -37,8 +34,8 @@ class LeaderClock:
     equally long."""
 
     def __init__(self) -> None:
-        #: Round trip and offset of each exchange.
-        self._measured: deque[tuple[float, float]] = deque(maxlen=MAX_EXCHANGES)
+        #: Round trip and offset of the latest exchanges; the one with the shortest round trip is used.
+        self._measured: deque[tuple[float, float]] = deque(maxlen=50)
 
     def reset(self) -> None:
         """Discard what was measured with another leader."""

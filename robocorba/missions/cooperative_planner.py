@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from shapely.geometry.base import BaseGeometry
 
@@ -11,16 +11,9 @@ from robocorba.map_editor.polygons import FloorArea
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.planning.request import Place
 
-
-class Grant(NamedTuple):
-    """The index of the way that is reserved. waited: whether it was not granted at once."""
-
-    way: int
-    waited: bool
-
-
 #: Reserves one of several ways, each as its areas (floor, corners [m]), for a time [s], and waits until it is granted.
-ReserveOneOf = Callable[[Sequence[Sequence[FloorArea]], float], Grant]
+#: Returns its index.
+ReserveOneOf = Callable[[Sequence[Sequence[FloorArea]], float], int]
 
 
 class CarriedBody(Protocol):
@@ -47,11 +40,11 @@ class CooperativePlanner(CarriedBody, Protocol):
     #: Where the helpers are needed.
     meeting_point: Place
 
-    def reserve(self, reserve: ReserveOneOf, staying: Collection[str] = ()) -> bool:
+    def reserve(self, reserve: ReserveOneOf, staying: Collection[str] = ()) -> None:
         """Reserve the areas that the mission needs, around robots that stay where they are, before helpers are called.
-        Returns whether that had to wait, so that what the planner knows may be outdated. Raises ImpossibleCarry,
-        MissionFailed, SimulationError, NotReachable."""
-        return False
+        If that has to wait, another planner is made afterwards, since what this one knows may be outdated. Raises
+        ImpossibleCarry, MissionFailed, SimulationError, NotReachable."""
+        return None
 
     def plan(
         self, mission: str, leader: str, robots: dict[str, Place], staying: Collection[str] = ()

@@ -32,8 +32,6 @@ from robocorba.simulation.physics import HANDS_APART_M
 NEAR_SPEED_M_S = 0.2
 #: Distance that a robot backs off from the object after an abort [m].
 ABORT_BACK_M = 0.2
-#: Tolerance between an object's pose and its pose in the plan [m, rad]; beyond it the plan is invalid.
-MOVED_M, MOVED_RAD = 0.03, math.radians(3)
 #: The pose of an object in the robot's frame (x, y, heading), None if unknown.
 ObjectLocator = Callable[[str], Frame | None]
 
@@ -78,11 +76,11 @@ class StepExecutor:
         raise NotImplementedError(type(step).__name__)
 
     @execute.register
-    def _(self, step: subplan.Idle) -> None:
+    def _idle(self, step: subplan.Idle) -> None:
         pass
 
     @execute.register
-    def _(self, step: subplan.Reserve) -> None:
+    def _reserve(self, step: subplan.Reserve) -> None:
         session = self._robot.session
         self._areas = step.areas
         try:
@@ -101,16 +99,16 @@ class StepExecutor:
             raise MotionFailed(f"the path's areas were not granted within {step.limit_s:g} s")
 
     @execute.register
-    def _(self, step: subplan.Gather) -> None:
+    def _gather(self, step: subplan.Gather) -> None:
         self._tuck_arms()
         self._robot.drive_path(step.floor, step.x, step.y, step.heading, around_obstacles=True)
 
     @execute.register
-    def _(self, step: subplan.Approach) -> None:
+    def _approach(self, step: subplan.Approach) -> None:
         self._robot.drive_to(step.x, step.y, step.heading, NEAR_SPEED_M_S)
 
     @execute.register
-    def _(self, step: subplan.TakeHold) -> None:
+    def _take_hold(self, step: subplan.TakeHold) -> None:
         self._check_place(step)
         state = self._robot.controller.state
         self._hands_at(math.dist((state.x, state.y), (step.x, step.y)), step.height_m)
@@ -120,7 +118,7 @@ class StepExecutor:
         self._remember_grip(step)
 
     @execute.register
-    def _(self, step: subplan.Carry) -> None:
+    def _carry(self, step: subplan.Carry) -> None:
         trajectory = Trajectory.from_rows(step.rows)
         self.carry = CarryMotion(trajectory, step.place, self._progress, self._clock, self._slip_m)
         if self._place:
@@ -129,12 +127,12 @@ class StepExecutor:
         self._robot.move(WhileRiding(self.carry, session, self._boards) if self._boards else self.carry)
 
     @execute.register
-    def _(self, step: subplan.CallCabin) -> None:
+    def _call_cabin(self, step: subplan.CallCabin) -> None:
         self._robot.call_elevator(step.elevator, step.destination, step.party, step.size, step.boarding_s)
         self._boards = step.elevator
 
     @execute.register
-    def _(self, step: subplan.Ride) -> None:
+    def _ride(self, step: subplan.Ride) -> None:
         self._boards, otherwise = "", f"{step.elevator} did not arrive at {step.destination}"
         self._robot.wait_for_ride(RidePhase.ALIGHTING, otherwise, check=self._check_hold)
         if self._areas:
@@ -147,23 +145,23 @@ class StepExecutor:
                 _log.info("all areas are kept, since a floor has another name now: %s", error)
 
     @execute.register
-    def _(self, step: subplan.PutDown) -> None:
+    def _put_down(self, step: subplan.PutDown) -> None:
         self.let_go()
         self._robot.grip(tuple(Side), OPEN_RAD)
 
     @execute.register
-    def _(self, step: subplan.BackOff) -> None:
+    def _back_off(self, step: subplan.BackOff) -> None:
         self._robot.drive_by(-step.distance_m, 0.0, 0.0, NEAR_SPEED_M_S, until_blocked=True)
         self._tuck_arms()
 
     @execute.register
-    def _(self, step: subplan.Reach) -> None:
+    def _reach(self, step: subplan.Reach) -> None:
         side = Side(step.hand)
         joints = self._robot.kinematics.solve({side: HandPose(*step.pose)}, self._robot.joints, use_lumbar=True)
         self._robot.move_joints_along([joints])
 
     @execute.register
-    def _(self, step: subplan.Grip) -> None:
+    def _grip(self, step: subplan.Grip) -> None:
         self._robot.grip((Side(step.hand),), SHUT_RAD if step.closes else OPEN_RAD)
 
     def let_go(self) -> None:
@@ -235,13 +233,13 @@ class StepExecutor:
         self._grip_in_object = into(*self._hand_m, pose) if pose else None
 
     def _check_place(self, step: subplan.TakeHold) -> None:
-        """Raise MotionFailed if the object has moved from its pose in the plan."""
+        """Raise MotionFailed if the object has moved from its pose in the plan, by more than 3 cm or 3 degrees."""
         seen, state = self._locate(step.thing), self._robot.controller.state
         if seen is None:
             return
         x, y = out_of(seen[0], seen[1], (state.x, state.y, state.heading))
         turned = math.remainder(seen[2] + state.heading - step.at[2], math.tau)
-        if math.dist((x, y), step.at[:2]) > MOVED_M or abs(turned) > MOVED_RAD:
+        if math.dist((x, y), step.at[:2]) > 0.03 or abs(turned) > math.radians(3):
             raise MotionFailed(f"{step.thing} was moved to ({x:.2f}, {y:.2f}) after planning")
 
     def _slip_m(self) -> float:

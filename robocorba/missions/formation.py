@@ -23,35 +23,16 @@ from robocorba.robot.kinematics.smartpal import RADIUS_M
 HAND_M = 0.62
 #: Distance at which robots gather behind their places, from which they approach straight, and that they back off [m].
 BACK_OFF_M = 0.3
-#: The same where there is less room, such as in a door in which a mission had to put its object down.
-SHORT_BACK_OFFS_M = (0.2, 0.1)
 #: Minimum clearance of object, carriers and arms [m].
 MARGIN_M = 0.05
 #: Width of both arms of a carrier in its footprint [m]: no obstacle fits between a carrier and the object.
 ARMS_WIDTH_M = 0.4
-MAX_CARRIERS = 6
 #: Minimum gap between carriers [m].
 GAP_M = 0.02
-#: Gap that is preferred [m]: a carrier that dies brakes before the others know.
-ROOMY_GAP_M = 0.12
 #: Distance of a grip point from the corner of an edge [m]; a quarter of the edge if that is less.
 CORNER_DISTANCE_M = 0.15
-#: Shorter edges get no grip points [m].
-MIN_EDGE_M = 0.25
-#: Minimum distance between the grip points of one edge [m].
-GRIP_SPACING_M = 0.1
-#: Rays from the centroid that give grip points if the edges give too few.
-RAYS = 12
-#: Maximum distance of the centroid from the line or polygon of the grip points [m].
-MAX_OFFSET_M = 0.15
-#: Maximum distance of the centroid from a single grip point [m].
-MAX_OFFSET_ONE_GRIP_M = 0.6
-#: A formation is safe if its safety (see _safety) is at least this share of the best one.
-SAFE_SHARE = 0.6
-#: Sets of grip points that are examined.
-MAX_GRIP_SETS = 1000
-#: Formations that are returned; more would be similar.
-MAX_FORMATIONS = 10
+#: Maximum distance of the centroid from the line or polygon of the grip points, and from a single grip point [m].
+MAX_OFFSET_M, MAX_OFFSET_ONE_GRIP_M = 0.15, 0.6
 
 
 class GripPoint(NamedTuple):
@@ -113,13 +94,13 @@ class Formation(NamedTuple):
 
 
 def formations(outline: Polygon, count: int) -> list[Formation]:
-    """Formations of `count` robots around an object, whose outline is in its own frame: first the safe ones, by
-    compactness, those with ROOMY_GAP_M before others; then the less safe ones, by width, for doors. Carriers overlap
-    neither each other nor the object.
+    """At most ten formations of `count` robots around an object, whose outline is in its own frame: first the safe
+    ones, by compactness, those with roomy gaps before others; then the less safe ones, by width, for doors. Carriers
+    overlap neither each other nor the object.
 
     Raises InvalidCarry."""
-    if not 1 <= count <= MAX_CARRIERS:
-        raise InvalidCarry("count", f"{count} robots would be needed; at most {MAX_CARRIERS} carry together")
+    if not 1 <= count <= 6:
+        raise InvalidCarry("count", f"{count} robots would be needed; at most 6 carry together")
     if outline.is_empty or not outline.is_valid or not outline.area > 0.0:
         raise InvalidCarry("outline", "the object's outline is invalid or has no area")
     grips = _grips_on_edges(outline)
@@ -136,14 +117,15 @@ def formations(outline: Polygon, count: int) -> list[Formation]:
             "count", f"{count} robots of {RADIUS_M:g} m find no places around it from which they can hold it"
         )
     safety = safety[safety >= least]
-    is_safe = safety >= SAFE_SHARE * max(safety.max(), 0.0) - 1e-6
+    is_safe = safety >= 0.6 * max(safety.max(), 0.0) - 1e-6  # almost as safe as the safest one
     found = [Formation(chosen) for chosen in sets]
     areas, widths = _area_and_width(outline, found)
-    is_tight = np.array([formation.gap_m() < ROOMY_GAP_M for formation in found])
+    # With 12 cm between them, a carrier that dies brakes before the others know.
+    is_tight = np.array([formation.gap_m() < 0.12 for formation in found])
     safe = [found[i] for i in np.lexsort((areas, is_tight)) if is_safe[i]]
     less_safe = [found[i] for i in np.argsort(widths, kind="stable") if not is_safe[i]]
-    kept = _distinct(safe, [], MAX_FORMATIONS // 2 if less_safe else MAX_FORMATIONS)
-    return _distinct(less_safe, kept, MAX_FORMATIONS)
+    kept = _distinct(safe, [], 5 if less_safe else 10)
+    return _distinct(less_safe, kept, 10)
 
 
 def _grips_on_edges(outline: Polygon) -> list[GripPoint]:
@@ -152,14 +134,14 @@ def _grips_on_edges(outline: Polygon) -> list[GripPoint]:
     corners = shapely.get_coordinates(shapely.geometry.polygon.orient(outline).exterior)
     for (ax, ay), (bx, by) in pairwise(corners.tolist()):
         length = math.hypot(bx - ax, by - ay)
-        if length < MIN_EDGE_M:
+        if length < 0.25:  # m; too short for both hands
             continue
         facing = math.atan2(by - ay, bx - ax) + math.pi / 2  # counter-clockwise: the inside is on the left
         far = length / 2 - min(CORNER_DISTANCE_M, length / 4)
         beside = RADIUS_M + GAP_M / 2
         offsets = [0.0]
         for offset in (far, beside) if beside <= length / 2 else ():
-            if all(abs(offset - other) >= GRIP_SPACING_M for other in offsets):
+            if all(abs(offset - other) >= 0.1 for other in offsets):  # m; nearer ones would be similar
                 offsets += [offset, -offset]
         for offset in sorted(offsets):
             share = 0.5 + offset / length
@@ -171,8 +153,7 @@ def _grips_around(outline: Polygon) -> list[GripPoint]:
     """Grip points where rays from the centroid leave the object."""
     middle, size = outline.centroid, math.hypot(*np.subtract(outline.bounds[2:], outline.bounds[:2]))
     found = []
-    for i in range(RAYS):
-        turn = math.tau * i / RAYS
+    for turn in np.linspace(0.0, math.tau, 12, endpoint=False).tolist():
         ray = LineString([middle, (middle.x + 2 * size * math.cos(turn), middle.y + 2 * size * math.sin(turn))])
         points = shapely.get_coordinates(ray.intersection(outline.exterior))
         if len(points):
@@ -187,10 +168,10 @@ def _is_clear_of(outline: Polygon, grip: GripPoint) -> bool:
 
 
 def _thinned_out(grips: list[GripPoint], count: int) -> list[GripPoint]:
-    """Grip points that form at most MAX_GRIP_SETS sets: of the two carriers nearest to each other, the later is removed
-    repeatedly."""
+    """Grip points that form at most 1000 sets, which takes tenths of a second to examine: of the two carriers nearest
+    to each other, the later is removed repeatedly."""
     grips = list(grips)
-    while math.comb(len(grips), count) > MAX_GRIP_SETS:
+    while math.comb(len(grips), count) > 1000:
         bases = np.array(Formation(tuple(grips)).carrier_poses())[:, :2]
         away = np.hypot(*(bases[:, None] - bases[None]).T).round(6)
         away[np.tril_indices(len(grips))] = math.inf

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from itertools import combinations, permutations
 
 import numpy as np
@@ -12,9 +12,9 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.paths import PathError
-from robocorba.errors.robots import MissionFailed
+from robocorba.errors.robots import InTheWay, MissionFailed
 from robocorba.map_editor.spatial.pose import XY, Pose2D
-from robocorba.missions.clearing import in_the_way, lane, united
+from robocorba.missions.clearing import Way, in_the_way, lane, places_aside, united
 from robocorba.missions.obstacles import placed
 from robocorba.missions.world import MovableObject, StandingRobot, World
 from robocorba.planning.request import MAX_AREAS, Path, PathRequest, Place, RouteMode
@@ -23,17 +23,8 @@ from robocorba.robot.kinematics.smartpal import RADIUS_M
 
 #: Wanted gap between gathering robots [m].
 SPACING_M = 0.12
-#: A path that leaves a smaller gap to another robot is blocked by it [m].
-PASSING_CLEARANCE_M = 0.06
-#: Robots drive around others that stand in their lanes if the path is at most this long: a factor of the direct one,
-#: plus a distance [m].
-DETOUR_FACTOR, DETOUR_M = 1.3, 2.0
-#: Iterations of `spread_apart`.
-_ITERATIONS = 50
-#: Cost of a place that a robot cannot reach [m²].
-_UNREACHABLE = 1e12
-#: Cost of a plan without the leader [m²].
-_NO_LEADER = 1e10
+#: Time limits of gathering, and of each step near by: confirming areas, approaching, gripping, backing off [s].
+GATHER_LIMIT_S, NEAR_LIMIT_S = 240.0, 30.0
 
 
 class GatheringPaths:
@@ -64,13 +55,10 @@ class GatheringPaths:
             raise self._obstacles.explained(error) from None
 
     def _find(self, start: Place, goal: Place) -> Path:
-        request = self._request(start, goal)
+        request = self._obstacles.added_to(PathRequest(start, goal, RADIUS_M))
         with contextlib.suppress(PathError):
             return self._world.paths(request._replace(mode=RouteMode.SMOOTHED))[0]
         return self._world.paths(request._replace(mode=RouteMode.GEOMETRIC))[0]
-
-    def _request(self, start: Place, goal: Place) -> PathRequest:
-        return self._obstacles.added_to(PathRequest(start, goal, RADIUS_M))
 
     def length_m(self, start: Place, goal: Place) -> float | None:
         """The length of the path, None if there is none. Raises NotReachable."""
@@ -85,26 +73,32 @@ class GatheringPaths:
         return []
 
 
-def blocked_lanes(
+def clear_way(
     world: World,
     carried: MovableObject | None,
-    starts: Sequence[Place],
-    goals: Sequence[Place],
+    areas: Iterable[tuple[str, BaseGeometry]],
+    drives: Sequence[tuple[Place, Place]],
     others: Sequence[StandingRobot],
-    staying: Sequence[StandingRobot],
-) -> list[tuple[str, BaseGeometry]]:
-    """The lanes from starts to goals, as floors and areas, where `others` stand in them and there is no short way
-    around. The lanes lead around those that stay where they are. Raises PathError, NotReachable."""
-    direct, around = GatheringPaths(world, carried, staying), GatheringPaths(world, carried, others)
-    found = []
-    for start, goal in zip(starts, goals, strict=True):
+    staying: Collection[str],
+) -> Way:
+    """The way of a mission: the floors and areas that it needs, and the lanes of its robots' drives from start to goal
+    where `others` stand in them and there is no short way around. The lanes lead around those that stay where they are.
+
+    Raises InTheWay for the others that stand in it and don't stay; PathError, NotReachable."""
+    stay = [robot for robot in others if robot.name in staying]
+    direct, around = GatheringPaths(world, carried, stay), GatheringPaths(world, carried, others)
+    needed = list(areas)
+    for start, goal in drives:
         path = direct.path(start, goal)
-        needed = lane(path)
-        if in_the_way(united(needed), others):
+        if in_the_way(united(lane(path)), others):
             length_m = around.length_m(start, goal)
-            if length_m is None or length_m > DETOUR_FACTOR * path.distance + DETOUR_M:
-                found += needed
-    return found
+            # A way around is short if it is at most 1.3 times as long, plus 2 m.
+            if length_m is None or length_m > 1.3 * path.distance + 2.0:
+                needed += lane(path)
+    way = united(needed)
+    if blocking := in_the_way(way, [robot for robot in others if robot.name not in staying]):
+        raise InTheWay(places_aside(world, way, blocking, carried))
+    return way
 
 
 def assign_places(
@@ -121,8 +115,9 @@ def assign_places(
     if len(names) < len(places):
         raise MissionFailed(f"{len(places)} robots are needed; {', '.join(names)} are free")
     lengths = [[length_m(robots[name], place) for place in places] for name in names]
-    costs = np.array([[_UNREACHABLE if length is None else length**2 for length in row] for row in lengths])
-    costs[0] -= _NO_LEADER  # names[0] is the leader, which must take part
+    # In m²: a place that a robot can't reach costs more than a plan without the leader, names[0].
+    costs = np.array([[1e12 if length is None else length**2 for length in row] for row in lengths])
+    costs[0] -= 1e10
     rows, columns = linear_sum_assignment(costs)
     found = {int(column): int(row) for row, column in zip(rows, columns, strict=True)}
     for column, place in enumerate(places):
@@ -138,7 +133,7 @@ def assign_places(
 def spread_apart(places: Sequence[Pose2D], apart_m: float = 2 * RADIUS_M + SPACING_M) -> list[Pose2D]:
     """The poses `places`, moved apart where they are nearer to each other than `apart_m`."""
     found = [(x, y) for x, y, _ in places]
-    for _ in range(_ITERATIONS):
+    for _ in range(50):  # enough for the carriers of one object
         for i, k in combinations(range(len(found)), 2):
             (ax, ay), (bx, by) = found[i], found[k]
             distance = math.dist(found[i], found[k])
@@ -149,15 +144,16 @@ def spread_apart(places: Sequence[Pose2D], apart_m: float = 2 * RADIUS_M + SPACI
     return [(x, y, heading) for (x, y), (_, _, heading) in zip(found, places, strict=True)]
 
 
-def driving_groups(
-    starts: Sequence[Place], goals: Sequence[Place], paths: Sequence[Sequence[XY]]
-) -> list[frozenset[int]]:
+def driving_groups(drives: Sequence[tuple[Place, Place]], paths: Sequence[Sequence[XY]]) -> list[frozenset[int]]:
     """Groups of robots, by index, that drive simultaneously, one group after another. A robot drives later than a robot
-    whose path leads past its goal, or whose start blocks its path. Robots in a cycle drive together."""
-    before: dict[int, set[int]] = {number: set() for number in range(len(goals))}
+    whose path leads past its goal, or whose start blocks its path. Robots in a cycle drive together.
+
+    drives: start and goal of each. paths: of each, on the floor of the goals."""
+    before: dict[int, set[int]] = {number: set() for number in range(len(drives))}
     for number, other in permutations(before, 2):
-        is_in_path = starts[other].floor == goals[0].floor and _passes(paths[number], starts[other])
-        if is_in_path or _passes(paths[other], goals[number]):
+        start, (_, goal) = drives[other][0], drives[number]
+        is_in_path = start.floor == goal.floor and _passes(paths[number], start)
+        if is_in_path or _passes(paths[other], goal):
             before[number].add(other)
     remaining, found = set(before), []
     while remaining:
@@ -168,8 +164,9 @@ def driving_groups(
 
 
 def _passes(path: Sequence[XY], place: Place) -> bool:
+    """Whether a robot on this path would leave less than 6 cm to another one at this place."""
     line = shapely.LineString(path) if len(path) > 1 else shapely.MultiPoint(path)
-    return bool(line.distance(shapely.Point(place.x, place.y)) < 2 * RADIUS_M + PASSING_CLEARANCE_M)
+    return bool(line.distance(shapely.Point(place.x, place.y)) < 2 * RADIUS_M + 0.06)
 
 
 def _corners(part: shapely.Polygon) -> tuple[XY, ...]:

@@ -11,15 +11,15 @@ from itertools import pairwise, product
 
 from shapely import MultiLineString
 
-from robocorba.errors.robots import InTheWay, MissionFailed
+from robocorba.errors.robots import MissionFailed
 from robocorba.map_editor.geometry import shaft_polygon
 from robocorba.map_editor.movable import movables
 from robocorba.map_editor.spatial.frames import out_of
 from robocorba.map_editor.spatial.pose import XY
-from robocorba.missions.clearing import Way, in_the_way, places_aside, united
+from robocorba.missions.clearing import Way, place_aside
 from robocorba.missions.cooperative_planner import CooperativePlanner
-from robocorba.missions.formation import BACK_OFF_M
-from robocorba.missions.gathering import GatheringPaths, blocked_lanes
+from robocorba.missions.formation import BACK_OFF_M, MARGIN_M
+from robocorba.missions.gathering import GATHER_LIMIT_S, NEAR_LIMIT_S, GatheringPaths, clear_way
 from robocorba.missions.obstacles import BuildingObstacles
 from robocorba.missions.subplan import BackOff, CooperativePlan, Gather, Grip, Idle, PhaseSteps, Reach, plan_of
 from robocorba.missions.world import StandingRobot, World
@@ -30,22 +30,10 @@ from robocorba.robot.kinematics.smartpal import RADIUS_M, Side
 
 #: Distance between the centres of both bases [m].
 BETWEEN_M = 1.2
-#: Height of the object, and its offset to the left of the giver [m].
-HEIGHT_M, OFFSET_M = 1.0, -0.15
 #: Hands of giver and taker.
 GIVING, TAKING = Side.RIGHT, Side.LEFT
-#: Distance that hands keep behind the object's ends before and after the hand-over [m].
-HAND_BACK_M = 0.1
-#: Distance between candidate meeting points along the path [m].
-SPACING_M = 0.25
 #: Distances from the path at which they look for a meeting point if there is no room on it [m].
 BESIDE_M = tuple(0.5 * number for number in range(1, 9))
-#: Directions tried at each of them, relative to the path [rad].
-TURNS_RAD = (0.0, math.pi / 4, -math.pi / 4, math.pi / 2)
-#: Clearance around both robots [m].
-MARGIN_M = 0.05
-#: Time limits of gathering and of each other step [s].
-GATHER_LIMIT_S, STEP_LIMIT_S = 240.0, 30.0
 
 
 class HandOverPlanner(CooperativePlanner):
@@ -65,8 +53,7 @@ class HandOverPlanner(CooperativePlanner):
         self.required = frozenset({giver, taker} - {leader})
         self.helpers = len(self.required)
         self.meeting_point = here
-        #: Of the last plan: all robots, and the room that it needs.
-        self._standing: list[StandingRobot] = []
+        #: The room that the last plan needs.
         self._way: Way = {}
 
     def plan(
@@ -75,25 +62,16 @@ class HandOverPlanner(CooperativePlanner):
         """See CooperativePlanner. Raises MissionFailed if there is no room on the path between the robots and near it,
         PathError if there is no path; InTheWay."""
         giver, taker = robots[self._giver], robots[self._taker]
-        self._standing = self._world.robots()
-        others = [robot for robot in self._standing if robot.name not in (self._giver, self._taker)]
+        others = [robot for robot in self._world.robots() if robot.name not in (self._giver, self._taker)]
         gathers = self._meeting_poses(giver, taker, others)
         goals = [Place(gather.floor, gather.x, gather.y) for gather in gathers]
-        stay = [robot for robot in others if robot.name in staying]
-        self._way = united(blocked_lanes(self._world, None, [giver, taker], goals, others, stay))
-        if blocking := in_the_way(self._way, [robot for robot in others if robot.name not in staying]):
-            raise InTheWay(self._aside(blocking))
+        self._way = clear_way(self._world, None, (), [(giver, goals[0]), (taker, goals[1])], others, staying)
         roles = [(self._giver, "giver"), (self._taker, "taker")]
         return plan_of(mission, "hand over", leader, self._object, roles, _phases(*gathers))
 
     def aside(self, robot: str) -> Place | None:
         """See CooperativePlanner. Raises NotReachable."""
-        self._standing = self._world.robots()
-        return self._aside([each for each in self._standing if each.name == robot]).get(robot)
-
-    def _aside(self, blocking: Sequence[StandingRobot]) -> dict[str, Place | None]:
-        objects = self._world.others("")
-        return places_aside(self._world.building(), objects, self._way, blocking, self._standing)
+        return place_aside(self._world, self._way, robot)
 
     def _meeting_poses(self, giver: Place, taker: Place, others: Sequence[StandingRobot]) -> tuple[Gather, Gather]:
         """Poses face to face on the path between the robots, as near to its middle as there is room beside others; near
@@ -108,8 +86,8 @@ class HandOverPlanner(CooperativePlanner):
             floor: [shaft_polygon(elevator) for elevator in building.elevators_through(floor)]
             for floor in building.floors
         }
-        half_m = BETWEEN_M / 2
-        for (floor, x, y, along, away), turn in product(_candidates(paths.path(giver, taker).points), TURNS_RAD):
+        half_m, turns_rad = BETWEEN_M / 2, (0.0, math.pi / 4, -math.pi / 4, math.pi / 2)  # relative to the path
+        for (floor, x, y, along, away), turn in product(_candidates(paths.path(giver, taker).points), turns_rad):
             at = (x, y, along)
             middle = (*out_of(*away, at), along + turn)
             ends = [out_of(ahead_m, 0.0, middle) for ahead_m in (-half_m - BACK_OFF_M, half_m + BACK_OFF_M)]
@@ -136,7 +114,7 @@ def _candidates(points: Sequence[PathPoint]) -> Iterator[tuple[str, float, float
         if one.floor != other.floor:
             continue
         dx, dy = other.x - one.x, other.y - one.y
-        count = max(1, math.ceil(math.hypot(dx, dy) / SPACING_M))
+        count = max(1, math.ceil(math.hypot(dx, dy) / 0.25))  # at most 0.25 m from one to the next
         for number in range(count + 1):
             share = number / count
             passed_m = one.distance + share * (other.distance - one.distance)
@@ -149,10 +127,10 @@ def _candidates(points: Sequence[PathPoint]) -> Iterator[tuple[str, float, float
 
 def _phases(giver_gathers: Gather, taker_gathers: Gather) -> list[PhaseSteps]:
     """Each with the giver's and the taker's step; the taker grips before the giver lets go."""
-    ends = tasks.hand_over(BETWEEN_M, HEIGHT_M, OFFSET_M)
-    idle = Idle(limit_s=STEP_LIMIT_S)
-    giver_back, taker_back = ends.giver.moved(-HAND_BACK_M), ends.taker.moved(-HAND_BACK_M)
-    back_off = BackOff(distance_m=BACK_OFF_M, limit_s=STEP_LIMIT_S)
+    ends = tasks.hand_over(BETWEEN_M, height_m=1.0, aside_m=-0.15)  # on the giver's right
+    idle = Idle(limit_s=NEAR_LIMIT_S)
+    giver_back, taker_back = ends.giver.moved(-0.1), ends.taker.moved(-0.1)  # m behind the object's ends
+    back_off = BackOff(distance_m=BACK_OFF_M, limit_s=NEAR_LIMIT_S)
     return [
         PhaseSteps("gathering", [giver_gathers, taker_gathers]),
         PhaseSteps("getting ready", [_grip(GIVING, True), _grip(TAKING, False)]),
@@ -171,8 +149,8 @@ def _gather(at: Place, heading: float) -> Gather:
 
 
 def _grip(side: Side, closes: bool) -> Grip:
-    return Grip(hand=side.value, closes=closes, limit_s=STEP_LIMIT_S)
+    return Grip(hand=side.value, closes=closes, limit_s=NEAR_LIMIT_S)
 
 
 def _reach(side: Side, hand: HandPose) -> Reach:
-    return Reach(hand=side.value, pose=(*hand,), limit_s=STEP_LIMIT_S)
+    return Reach(hand=side.value, pose=(*hand,), limit_s=NEAR_LIMIT_S)

@@ -11,21 +11,20 @@ import random
 import time
 from collections.abc import Callable, Collection, Container, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
 
 from msgspec.structs import replace
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import GoalReached, InTheWay, MissionFailed, MissionTakenOver, RobotLost
 from robocorba.map_editor.polygons import FloorArea
-from robocorba.missions.attempt import Attempt, AttemptFailed, Interrupted, OnProgress, Phases
-from robocorba.missions.clearing import requests_for
+from robocorba.missions.attempt import Attempt, AttemptFailed, Interrupted, LeaderRobot
+from robocorba.missions.clearing import Requests
 from robocorba.missions.clock import OWN_CLOCK
-from robocorba.missions.cooperative_planner import CarriedBody, CooperativePlanner, Grant
-from robocorba.missions.leader_areas import LeaderAreas
+from robocorba.missions.cooperative_planner import CarriedBody, CooperativePlanner
 from robocorba.missions.leader_policy import DEFAULT_POLICY, LeaderPolicy
-from robocorba.missions.lookout import Look
 from robocorba.missions.messages import Answer, Assignment, Call, Offer, WayMade
+from robocorba.missions.recorder import LedMission
+from robocorba.missions.remaining_carry import RemainingCarry
 from robocorba.missions.report import ASKING, RECOVERING, WAITING_FOR_AREAS, MissionReport
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.missions.transport import Transport
@@ -34,52 +33,15 @@ from robocorba.planning.request import Place
 _log = logging.getLogger(__name__)
 
 
-class Inherited(NamedTuple):
-    """The plan of a former leader whose robots hold what they carry, and this body."""
-
-    plan: CooperativePlan
-    body: CarriedBody
-
-
-class _Offers(NamedTuple):
-    """The answers to a call: positions of the free robots, and what occupies the busy ones."""
-
-    free: dict[str, Place]
-    busy: dict[str, str]
-
-
 class Leader:
-    """Leads one mission, in one thread. place: returns the leader's current place. on_phase: called with the plan and
-    each phase that begins. areas: what the leader's robot reserves. interruption: returns the reason of an
-    interruption, else an empty string. on_progress: called with the latest plan, None before there is one, the phases
-    of all attempts that have begun, and whether the mission ends safely, after each change of them; must not block.
-
-    term, attempts: of the mission's record; see MissionContent. begin_attempt: called with the number of each attempt
-    before it begins, and before others go on without a robot; raises MissionTakenOver if another robot leads the
-    mission now, NotReachable if that is unknown. look: what is on the leader's floor, for its carries.
-
-    The leader's own part is done by its mission agent, like that of every other robot."""
+    """Leads one mission, in one thread. led: the mission, which others follow. robot: the one that leads; its own part
+    is done by its mission agent, like that of every other robot."""
 
     def __init__(
-        self,
-        mission: str,
-        transport: Transport,
-        place: Callable[[], Place],
-        areas: LeaderAreas,
-        on_phase: Callable[[CooperativePlan, str], None] = lambda plan, phase: None,
-        interruption: Callable[[], str] = lambda: "",
-        policy: LeaderPolicy = DEFAULT_POLICY,
-        on_progress: OnProgress = lambda plan, phases, is_ending: None,
-        term: int = 1,
-        attempts: int = 0,
-        begin_attempt: Callable[[int], None] = lambda attempt: None,
-        look: Look = lambda: (),
+        self, led: LedMission, transport: Transport, robot: LeaderRobot, policy: LeaderPolicy = DEFAULT_POLICY
     ) -> None:
-        self._mission, self._transport, self._place, self._areas = mission, transport, place, areas
-        self._on_attempt, self._look = begin_attempt, look
-        self._interruption, self._policy = interruption, policy
-        self._name, self._term, self._attempts = transport.name, term, attempts
-        self._phases = Phases(on_phase, on_progress)
+        self._led, self._transport, self._robot, self._policy = led, transport, robot, policy
+        self._mission, self._name = led.name, transport.name
         #: What ended the attempts before.
         self._faults: list[str] = []
         #: Whether robots have begun to do a plan.
@@ -87,11 +49,11 @@ class Leader:
         #: The last attempt on which all agreed, and whether it goes on.
         self._attempt: Attempt | None = None
         self._is_under_way = False
-        #: Until when it waits for areas [s, monotonic].
-        self._areas_deadline = 0.0
+        #: Until when it waits for areas [s, monotonic], and whether it had to.
+        self._areas_deadline, self._has_waited = 0.0, False
 
     def lead(
-        self, kind: str, make_planner: Callable[[], CooperativePlanner], inherited: Inherited | None = None
+        self, kind: str, make_planner: Callable[[], CooperativePlanner], inherited: RemainingCarry | None = None
     ) -> MissionReport:
         """Run the mission to its end. kind: for display. make_planner: called before each attempt; its planner plans
         with what is where then. It raises GoalReached if there is nothing to do. inherited: what the robots hold as
@@ -111,7 +73,7 @@ class Leader:
             if self._faults:
                 reason = f"{reason}; before: {'; '.join(self._faults)}"
             self._end("aborted", reason)
-        self._areas.release()
+        self._robot.areas.release()
         attempt = self._attempt
         states = attempt.states if attempt else {}
         measurements = {name: state.measurements for name, state in states.items() if state.measurements}
@@ -125,7 +87,7 @@ class Leader:
             began,
             OWN_CLOCK.now(),
             attempt.plan if attempt else None,
-            self._phases.times,
+            self._led.phases,
             measurements,
             received,
             tuple(self._faults),
@@ -138,9 +100,9 @@ class Leader:
         self._has_begun = True
         return self._is_run(attempt.run) and not attempt.without
 
-    def _carry_on(self, inherited: Inherited) -> None:
+    def _carry_on(self, inherited: RemainingCarry) -> None:
         """Do the rest of a plan with the robots that are left, as far as possible. Then all have ended safely."""
-        attempt = self._begin(inherited.plan, inherited.body)
+        attempt = self._begin(inherited.plan, inherited)
         self._transport.subscribe(attempt.subscriptions())
         self._has_begun = True
         self._is_run(lambda: attempt.carry_on(inherited.plan.leader))
@@ -155,35 +117,20 @@ class Leader:
             _log.warning("mission %s: %s; %s tries again", self._mission, fault, self._name)
             self._end("aborted", str(fault))
             self._faults.append(str(fault))
-            self._phases.begin_without_robots(RECOVERING)
+            self._led.begin_without_robots(RECOVERING)
             return False
         self._end("done", "")
         return True
 
     def _begin(self, plan: CooperativePlan, body: CarriedBody) -> Attempt:
-        number = self._attempts
         self._is_under_way = True
-        self._attempt = Attempt(
-            plan,
-            self._transport,
-            self._term,
-            self._policy,
-            self._phases,
-            body,
-            self._look,
-            self._check_interruption,
-            lambda: self._on_attempt(number),
-        )
+        self._attempt = Attempt(plan, body, self._led, self._transport, self._robot, self._policy)
         return self._attempt
 
     def _end(self, end: str, reason: str, never_began: Collection[str] = ()) -> None:
         if self._attempt and self._is_under_way:
             self._is_under_way = False
             self._attempt.end(end, reason, never_began)
-
-    def _check_interruption(self, prefix: str = "") -> None:
-        if reason := self._interruption():
-            raise Interrupted(prefix + reason)
 
     # ---- agreement: no robot moves ----
 
@@ -194,21 +141,19 @@ class Leader:
         refusing: dict[str, str] = {}
         staying: dict[str, str] = {}
         while True:
-            self._attempts += 1
-            mission = f"{self._mission}.{self._attempts}"
             try:
-                self._on_attempt(self._attempts)
+                self._led.begin_attempt()
                 began = time.monotonic()
                 planner = self._planner_with_areas(make_planner, staying)
                 deadline += time.monotonic() - began  # waiting for areas may take longer than agreeing
-                offers = self._collect_offers(mission, planner)
-                if missing := _lacking(planner, offers.free, offers.busy):
-                    is_hopeless = not offers.busy or _lacking(planner, [*offers.free, *offers.busy])
+                free, busy = self._collect_offers(planner)
+                if missing := _lacking(planner, free, busy):
+                    is_hopeless = not busy or _lacking(planner, [*free, *busy])
                     if is_hopeless and not is_recovering:
                         raise MissionFailed(missing)
                 else:
-                    candidates = self._candidates(planner, offers.free, {*refusing, *staying})
-                    plan = planner.plan(mission, self._name, candidates, staying)
+                    candidates = self._candidates(planner, free, {*refusing, *staying})
+                    plan = planner.plan(self._led.attempt, self._name, candidates, staying)
                     attempt = self._begin(plan, planner)
                     refusing = self._refusals(attempt)
                     if not refusing:
@@ -216,7 +161,7 @@ class Leader:
                     reasons = "; ".join(f"{name}: {why}" for name, why in refusing.items())
                     missing = f"not enough robots accept: {reasons}"
             except InTheWay as blocked:
-                staying.update(self._clear_way(mission, blocked.aside))
+                staying.update(self._clear_way(blocked.aside))
                 missing = _stays(staying) or str(blocked)
                 if time.monotonic() <= deadline:
                     continue
@@ -236,73 +181,78 @@ class Leader:
         """A planner whose areas are granted to this robot, with what is where after the wait for them."""
         self._areas_deadline = time.monotonic() + self._policy.areas_timeout_s
         while True:
-            planner = make_planner()
-            if not planner.reserve(self._reserve, staying):
+            planner, self._has_waited = make_planner(), False
+            planner.reserve(self._reserve, staying)
+            if not self._has_waited:
                 return planner
 
-    def _reserve(self, alternatives: Sequence[Sequence[FloorArea]], hold_s: float) -> Grant:
+    def _reserve(self, alternatives: Sequence[Sequence[FloorArea]], hold_s: float) -> int:
         """See ReserveOneOf. Raises MissionFailed, SimulationError, RobotLost."""
-        policy = self._policy
-        index, waited = self._areas.request(alternatives, hold_s), False
+        policy, areas = self._policy, self._robot.areas
+        index = areas.request(alternatives, hold_s)
         answered = time.monotonic()
         while True:
             try:
-                state = self._areas.state()
+                state = areas.state()
                 if state and state.granted:
                     break
                 if state is None:  # the robot was logged off meanwhile
-                    index = self._areas.request(alternatives, hold_s)
+                    index = areas.request(alternatives, hold_s)
                 answered = time.monotonic()
             except RobotLost:  # the simulation server may come back
                 if time.monotonic() - answered > policy.recovery_timeout_s:
                     raise
-            if not waited:
-                waited = True
-                self._phases.begin_without_robots(WAITING_FOR_AREAS)
+            if not self._has_waited:
+                self._has_waited = True
+                self._led.begin_without_robots(WAITING_FOR_AREAS)
             if time.monotonic() > self._areas_deadline:
                 raise MissionFailed(f"the areas were not granted within {policy.areas_timeout_s:g} s")
             self._pause(policy.areas_interval_s)
-        if waited:
-            self._phases.begin_without_robots(ASKING)
-        return Grant(index, waited)
+        if self._has_waited:
+            self._led.begin_without_robots(ASKING)
+        return index
 
-    def _clear_way(self, mission: str, aside: Mapping[str, tuple[str, float, float] | None]) -> dict[str, str]:
+    def _clear_way(self, aside: Mapping[str, tuple[str, float, float] | None]) -> dict[str, str]:
         """Ask robots to step aside. Returns those that stay, with the reasons."""
-        self._phases.begin_without_robots(f"clearing the way: {', '.join(sorted(aside))}")
-        requests = requests_for(aside, mission, self._name, self._term, self._transport.publish)
+        self._led.begin_without_robots(f"clearing the way: {', '.join(sorted(aside))}")
+        requests = Requests(aside, self._led.attempt, self._led.term, self._transport, self._policy)
         self._transport.subscribe([(WayMade, name) for name in requests.robots])
         while requests.robots:
             requests.update()
             received = self._transport.receive(0.05)
             if received and isinstance(received.message, WayMade):
                 requests.receive(received.message)
-            self._check_interruption()
+            self._robot.check()
         return requests.staying
 
-    def _collect_offers(self, mission: str, planner: CooperativePlanner) -> _Offers:
-        """Publish calls and collect the offers."""
-        offers, policy = _Offers({}, {}), self._policy
+    def _collect_offers(self, planner: CooperativePlanner) -> tuple[dict[str, Place], dict[str, str]]:
+        """Publish calls and collect the offers: the places of free robots, and what occupies the busy ones."""
+        free: dict[str, Place] = {}
+        busy: dict[str, str] = {}
+        mission, policy = self._led.attempt, self._policy
         if not planner.helpers:
-            return offers
+            return free, busy
         self._transport.subscribe([(Offer, "*")])
         floor, x, y = planner.meeting_point
-        call = Call(mission=mission, leader=self._name, term=self._term, floor=floor, x=x, y=y, helpers=planner.helpers)
+        call = Call(
+            mission=mission, leader=self._name, term=self._led.term, floor=floor, x=x, y=y, helpers=planner.helpers
+        )
         began, sent_at = time.monotonic(), 0.0
         while (now := time.monotonic()) - began < (
-            policy.offer_timeout_s if _lacking(planner, offers.free) else policy.surplus_offer_timeout_s
+            policy.offer_timeout_s if _lacking(planner, free) else policy.surplus_offer_timeout_s
         ):
             if now - sent_at > policy.repeat_interval_s:
-                self._transport.publish(replace(call, received_offers=[*offers.free, *offers.busy]), 1.0)
+                self._transport.publish(replace(call, received_offers=[*free, *busy]), 1.0)
                 sent_at = now
             received = self._transport.receive(0.05)
             if received and isinstance(received.message, Offer) and received.message.mission == mission:
                 offer = received.message
                 if offer.busy:
-                    offers.busy[offer.robot] = offer.busy
+                    busy[offer.robot] = offer.busy
                 else:
-                    offers.free[offer.robot] = Place(offer.floor, offer.x, offer.y)
-            self._check_interruption()
-        return offers
+                    free[offer.robot] = Place(offer.floor, offer.x, offer.y)
+            self._robot.check()
+        return free, busy
 
     def _candidates(
         self, planner: CooperativePlanner, free: dict[str, Place], refusing: Container[str]
@@ -319,19 +269,19 @@ class Leader:
         willing = [name for name in nearest if name not in refusing]
         names = willing if len(willing) >= planner.helpers else nearest
         names = names[: planner.helpers + self._policy.spare_candidates]
-        return {self._name: self._place(), **{name: free[name] for name in names}}
+        return {self._name: self._robot.place(), **{name: free[name] for name in names}}
 
     def _pause(self, seconds: float) -> None:
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0.0:
             time.sleep(min(left, 0.05))
-            self._check_interruption()
+            self._robot.check()
 
     def _refusals(self, attempt: Attempt) -> dict[str, str]:
         """Robots that refuse their SubPlan, with the reasons; then the attempt has ended and the others are free again.
 
         Raises MissionFailed if the leader's own mission agent refuses."""
-        self._phases.note(attempt.plan, ASKING)
+        self._led.note(attempt.plan, ASKING)
         refusing = {name: why for name, why in self._assign(attempt).items() if why}
         if refusing:
             self._end("aborted", f"{', '.join(refusing)} did not accept", set(refusing))
@@ -343,10 +293,10 @@ class Leader:
     def _assign(self, attempt: Attempt) -> dict[str, str]:
         """Assign the SubPlans to the robots: each one's reason to refuse, empty if it accepts. Orders are published
         meanwhile, so that robots that have accepted do not time out."""
-        plan = attempt.plan
+        plan, leader, term = attempt.plan, self._name, self._led.term
         assignments = {
             subplan.robot: Assignment(
-                mission=plan.mission, leader=self._name, term=self._term, phases=plan.phases, subplan=subplan
+                mission=plan.mission, leader=leader, term=term, phases=plan.phases, subplan=subplan
             )
             for subplan in plan.subplans
         }
@@ -366,7 +316,7 @@ class Leader:
                 if not answer.accepts:
                     deadline = min(deadline, time.monotonic() + self._policy.timeout_after_refusal_s)
             attempt.publish_order()
-            self._check_interruption()
+            self._robot.check()
         return {name: answers.get(name, "no answer in time") for name in assignments}
 
 

@@ -8,34 +8,19 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.simulation import InvalidReservation
 from robocorba.map_editor.polygons import FloorArea
-from robocorba.robot.session import once_back
+from robocorba.robot.session import BuildingSession, once_back
 from robocorba.simulation.reservations import Reservation
 from robocorba.system.backoff import Backoff
-
-#: A leader that is taken over is gone after this time, as its lease ends [s].
-GONE_LIMIT_S = 5.0
-GONE_POLLING = Backoff(0.1, 0.1)
-
-
-class AreaSession(Protocol):
-    """The session of the leader's robot, as far as areas are concerned; see control.session.Session."""
-
-    def reservation(self) -> Reservation | None: ...
-    def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int: ...
-    def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool: ...
-    def take_over_areas(self, former: str) -> None: ...
-    def release_areas(self) -> None: ...
 
 
 class LeaderAreas:
     """The areas of the mission that a robot leads. All methods raise SimulationError, RobotLost."""
 
-    def __init__(self, session: AreaSession) -> None:
+    def __init__(self, session: BuildingSession) -> None:
         self._session = session
 
     def request(self, alternatives: Sequence[Sequence[FloorArea]], hold_s: float) -> int:
@@ -57,7 +42,7 @@ class LeaderAreas:
         something. is_gone: whether it is logged off.
         Raises NotReachable."""
         with contextlib.suppress(InvalidReservation):
-            GONE_POLLING.poll(is_gone, GONE_LIMIT_S)
+            Backoff(0.1, 0.1).poll(is_gone, 5.0)  # s, within which the lease of its robot ends
             self._session.take_over_areas(former)
             return True
         return False

@@ -52,6 +52,26 @@ class LeaderPolicy:
     step_grace_s: float = 3.0
     #: Time for members to end safely [s].
     end_timeout_s: float = 25.0
+    #: Time for robots to step aside, and to answer that they will [s]. One without an agent for missions does not.
+    aside_timeout_s: float = 30.0
+    aside_answer_timeout_s: float = 3.0
+    #: How far ahead the way of a carry is watched, and how far ahead it must be free for the body to go on [s of its
+    #: trajectory].
+    look_ahead_s: float = 4.0
+    stop_ahead_s: float = 2.0
+    #: Distance between the poses of the body that are examined [s], and interval between looks [s].
+    look_step_s: float = 0.25
+    look_interval_s: float = 0.1
+    #: Others are expected to move on as now for this time [s].
+    predicted_s: float = 1.0
+    #: What is nearer to the body than this is in its way [m]; plans keep more from what they know.
+    way_gap_m: float = 0.02
+    #: The carry stops once what is around it is unknown for this time [s].
+    unknown_timeout_s: float = 1.0
+    #: It goes on once its way has been free for this time [s].
+    settle_s: float = 0.5
+    #: Share of the planned speed with which it approaches what is in its way.
+    approach_rate: float = 0.5
     #: The attempt ends if something stays in the way of a carry for this time [s].
     way_timeout_s: float = 20.0
     #: The carry runs at half rate if a carrier's position error exceeds this [m].

@@ -37,12 +37,9 @@ class MakingWay:
             result, reason = ProgramResult.FAILED, f"{type(error).__name__}: {error}"
             raise
         finally:
-            self._end(result, reason)
-
-    def _end(self, result: ProgramResult, reason: str) -> None:
-        self.report = self.report._replace(
-            result=result, reason=reason, icons_done=int(not reason), seconds=time.monotonic() - self._began
-        )
+            seconds = time.monotonic() - self._began
+            done = int(result is ProgramResult.DONE)
+            self.report = self.report._replace(result=result, reason=reason, icons_done=done, seconds=seconds)
 
     def is_for(self, request: MakeWay) -> bool:
         """Whether a request is this one again."""

@@ -23,11 +23,6 @@ from robocorba.robot.robot import Robot
 
 _log = logging.getLogger(__name__)
 
-#: Remaining times up to this are slept in one piece before a step [s].
-_FINE_WAIT_S = 0.005
-#: Latest control cycles of a carry that are reported.
-_MAX_TICKS_REPORTED = 2000
-
 
 @dataclass(frozen=True)
 class MemberPolicy:
@@ -42,6 +37,11 @@ class MemberPolicy:
     #: leader has been silent for a shorter time [s].
     holding_timeout_s: float = 20.0
     succession_timeout_s: float = 2.0
+    #: In the order of succession each member waits this much longer than the one before it [s].
+    turn_s: float = 3.0
+    #: Interval between its looks at the record of a mission without a leader [s], and time after which it gives up [s].
+    record_interval_s: float = 0.5
+    succession_limit_s: float = 60.0
     #: A member that failed waits this long for the leader to end the mission [s].
     end_order_timeout_s: float = 5.0
     #: Interval between status messages to the leader [s]; changes are published immediately.
@@ -210,7 +210,7 @@ class Member:
             for number in range(len(self._subplan.steps)):
                 self._wait_for(number)
                 self._do_step(number)
-            self._wait_for_end()
+            self._wait_for(len(self._subplan.steps))
             self._executor.release_reservations()  # after a fault the leader keeps them for its next attempt
             self._update_report(ProgramResult.DONE)
         except RoboCorbaError as error:
@@ -222,11 +222,14 @@ class Member:
             self.has_ended = True
 
     def _wait_for(self, number: int) -> None:
-        """Wait until the leader's start time of a step. Raises Aborted, or the robot's interruption."""
+        """Wait until the leader's start time of a step; after the last one for the end. Raises Aborted, or the robot's
+        interruption."""
         while True:
             self._robot.execution.check()
             with self._changed:
                 order = self._order
+                if order.end == "done" and number == len(self._subplan.steps):
+                    return
                 if order.end:
                     raise Aborted(order.reason or "the mission ended early")
                 if order.step < number:
@@ -235,7 +238,8 @@ class Member:
             early_s = order.at - self._clock.now()
             if early_s <= 0.0:
                 return
-            time.sleep(min(early_s, 0.05) if early_s > _FINE_WAIT_S else early_s)
+            # The last 5 ms in one piece.
+            time.sleep(min(early_s, 0.05) if early_s > 0.005 else early_s)
 
     def _do_step(self, number: int) -> None:
         step = self._subplan.steps[number]
@@ -246,16 +250,6 @@ class Member:
         self._executor.execute(step)
         self._late_at = float("inf")
         self._is_done = True
-
-    def _wait_for_end(self) -> None:
-        while True:
-            self._robot.execution.check()
-            with self._changed:
-                if self._order.end == "done":
-                    return
-                if self._order.end:
-                    raise Aborted(self._order.reason)
-                self._changed.wait(0.1)
 
     def _fail(self, error: RoboCorbaError) -> None:
         """Stay stopped until the leader ends the mission for all robots, then end safely."""
@@ -288,5 +282,5 @@ class Member:
 
     def _measurements(self) -> MemberMeasurements:
         carry, clock = self._executor.carry, self._clock
-        ticks = list(carry.ticks)[-_MAX_TICKS_REPORTED:] if carry else []
-        return MemberMeasurements(clock.offset_s, clock.round_trip_s, ticks, carry.max_slip_m if carry else 0.0)
+        ticks, max_slip_m = (list(carry.ticks), carry.max_slip_m) if carry else ([], 0.0)
+        return MemberMeasurements(clock.offset_s, clock.round_trip_s, ticks, max_slip_m)

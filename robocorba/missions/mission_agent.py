@@ -26,8 +26,6 @@ from robocorba.system.background import Background
 RETRY_S = 1.0
 #: Failed attempts after which a warning is logged: a channel that starts meanwhile is there before.
 WARN_AFTER = 3
-#: Missions whose terms are remembered, the latest ones.
-MAX_TERMS = 100
 
 _log = logging.getLogger(__name__)
 
@@ -48,7 +46,7 @@ class MissionAgent:
         self._transport, self._agent, self._locate, self._policy = transport, agent, locate, policy
         self._on_orphaned = on_orphaned
         self._member: Member | None = None
-        #: The highest term of each mission, the latest mission last.
+        #: The highest term of each of the latest 100 missions, the latest one last.
         self._terms: dict[str, int] = {}
         #: The latest task to step aside for others.
         self._making_way: MakingWay | None = None
@@ -147,7 +145,7 @@ class MissionAgent:
         with the same attempt."""
         highest = self._terms.pop(message.of, 0)
         self._terms[message.of] = max(highest, message.term)
-        while len(self._terms) > MAX_TERMS:
+        while len(self._terms) > 100:
             del self._terms[next(iter(self._terms))]
         member = self._member
         if member and member.of == message.of and member.term < message.term and not member.has_ended:

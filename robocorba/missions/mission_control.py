@@ -24,8 +24,6 @@ from robocorba.simulation.mission_record import MissionContent, MissionState, ne
 HAND_OVER_S = 20.0
 #: After this time it fails [s].
 GONE_LIMIT_S = 60.0
-#: The same for a leader that is logged on, but does not answer [s].
-SILENT_LIMIT_S = 60.0
 #: Maximum number of robots that are asked to lead a mission.
 MAX_ASKED = 5
 #: Calls to leaders at the same time, so that robots that hang don't occupy all threads of the server.
@@ -127,13 +125,11 @@ class MissionControl:
 
 
 class _Doubt(NamedTuple):
-    """Since when a mission seems to have no leader in its term [s, monotonic], the reason, and the limit [s].
-    is_offered: whether other robots were asked to lead it."""
+    """Since when a mission seems to have no leader in its term [s, monotonic]. is_offered: whether other robots were
+    asked to lead it."""
 
     since: float
     term: int
-    reason: str
-    limit_s: float
     is_offered: bool = False
 
 
@@ -167,20 +163,19 @@ class LeaderWatch:
             led[leader] = self._led_by(leader)
         doubts: dict[str, _Doubt] = {}
         for state in running:
-            reason, limit_s = self._problem(state, led[state.content.leader])
+            reason = self._problem(state, led[state.content.leader])
             if not reason:
                 continue
             now, term = self._clock(), state.content.term
             doubt = self._doubts.get(state.name)
             if doubt is None or doubt.term != term:
-                doubt = _Doubt(now, term, reason, limit_s)
-            doubt = doubt._replace(reason=reason, limit_s=limit_s)
+                doubt = _Doubt(now, term)
             if now - doubt.since >= HAND_OVER_S and not doubt.is_offered:
                 with _logged(f"mission {state.name} can't be given to another robot"):
                     self._offer(state)
                     term = self._missions.mission(state.name).content.term
-                doubt = doubt._replace(is_offered=True, term=term)
-            if now - doubt.since >= limit_s:
+                doubt = _Doubt(doubt.since, term, is_offered=True)
+            if now - doubt.since >= GONE_LIMIT_S:
                 with _logged(f"mission {state.name} can't be ended"):
                     self._missions.fail(state, f"{reason} for {now - doubt.since:.0f} s")
             else:
@@ -218,17 +213,14 @@ class LeaderWatch:
         except NotReachable:
             return None
 
-    def _problem(self, state: MissionState, led: str | None) -> tuple[str, float]:
-        """Why a mission seems to have no leader, empty if it has one; and for how long that is accepted [s]. led: what
-        its leader leads."""
+    def _problem(self, state: MissionState, led: str | None) -> str:
+        """Why a mission seems to have no leader, empty if it has one. led: what its leader leads."""
         leader = state.content.leader
         if led == state.name:
-            return "", 0.0
+            return ""
         if led is not None:
-            return f"its leader {leader} did not lead it any more", GONE_LIMIT_S
-        if self._is_logged_on(leader):
-            return f"its leader {leader} did not answer", SILENT_LIMIT_S
-        return f"its leader {leader} was gone", GONE_LIMIT_S
+            return f"its leader {leader} did not lead it any more"
+        return f"its leader {leader} " + ("did not answer" if self._is_logged_on(leader) else "was gone")
 
 
 @contextlib.contextmanager

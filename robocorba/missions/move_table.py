@@ -10,31 +10,27 @@ from itertools import islice
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors.robots import GoalReached, InTheWay, MissionFailed
+from robocorba.errors.robots import GoalReached, MissionFailed
 from robocorba.map_editor.geometry import Obstacle, shaft_polygon
 from robocorba.map_editor.spatial.frames import out_of
-from robocorba.map_editor.spatial.pose import Pose, Pose2D
+from robocorba.map_editor.spatial.pose import Limits, Pose, Pose2D
+from robocorba.missions import subplan
+from robocorba.missions.carry_control import GOAL_M, GOAL_RAD
 from robocorba.missions.carry_planning import CarryLeg, CarryPlan, plan_carries
-from robocorba.missions.clearing import Way, in_the_way, places_beside, united
+from robocorba.missions.clearing import Way, in_the_way, place_aside, united
 from robocorba.missions.cooperative_planner import CooperativePlanner, ReserveOneOf
 from robocorba.missions.formation import GripPoint
-from robocorba.missions.gathering import GatheringPaths, assign_places, blocked_lanes, driving_groups, spread_apart
-from robocorba.missions.obstacles import placed
-from robocorba.missions.subplan import (
-    Approach,
-    BackOff,
-    CallCabin,
-    Carry,
-    CooperativePlan,
-    Gather,
-    Idle,
-    PhaseSteps,
-    PutDown,
-    Reserve,
-    Ride,
-    TakeHold,
-    plan_of,
+from robocorba.missions.gathering import (
+    GATHER_LIMIT_S,
+    NEAR_LIMIT_S,
+    GatheringPaths,
+    assign_places,
+    clear_way,
+    driving_groups,
+    spread_apart,
 )
+from robocorba.missions.obstacles import placed
+from robocorba.missions.subplan import CooperativePlan, PhaseSteps, plan_of
 from robocorba.missions.swept_area import swept_areas, swept_shapes
 from robocorba.missions.trajectory import Trajectory
 from robocorba.missions.world import StandingRobot, World
@@ -44,31 +40,10 @@ from robocorba.simulation.elevator import BOARDING_LIMIT_S, BOARDING_MARGIN_S, M
 from robocorba.simulation.occupants import PAYLOAD_KG
 from robocorba.simulation.reservations import MAX_ALTERNATIVES, MAX_LIMIT_S
 
-#: Distance from its goal within which an object need not be carried [m, rad].
-AT_GOAL_M, AT_GOAL_RAD = 0.01, math.radians(1.0)
-#: Depth of the hands below the top of the object [m].
-BELOW_TOP_M = 0.02
-#: Clearance of the body from the shaft while it waits for the cabin [m].
-DOOR_CLEARANCE_M = 0.15
-#: Sampling interval of the trajectory when that clearance is checked [s].
-DOOR_SAMPLE_S = 0.1
-#: Limits in elevator doors if the ordinary ones are too slow [m/s, rad/s, m/s²]. Without orders carriers stand a tenth
-#: of a second later than at the ordinary ones with each 0.1 m/s more.
-DOOR_LIMITS = (0.3, 0.5, 0.6)
 #: Time to spare before the doors close [s].
 DOOR_MARGIN_S = 4.0
 #: Time for another leader to take over while the party drives through the doors [s].
 SUCCESSION_S = 12.0
-#: How long the swept areas stay reserved [s]: the server's maximum.
-RESERVATION_LIMIT_S = MAX_LIMIT_S
-#: Time limit of gathering [s].
-GATHER_LIMIT_S = 240.0
-#: Time limit of confirming the areas, approaching, gripping, putting down and backing off [s].
-NEAR_LIMIT_S = 30.0
-#: Time limits of waiting for the cabin while other missions use it, and of riding [s].
-CALL_LIMIT_S, RIDE_LIMIT_S = 1800.0, 300.0
-#: Time limit of a carry: a multiple of its planned duration, plus an extra time [s].
-CARRY_LIMIT_FACTOR, CARRY_LIMIT_EXTRA_S = 3.0, 20.0
 
 
 class MoveTablePlanner(CooperativePlanner):
@@ -88,8 +63,7 @@ class MoveTablePlanner(CooperativePlanner):
         #: The ways by different elevators, and the one that is taken; all have the same formation.
         self._ways = self._plan_ways()
         self._carry = self._ways[0]
-        #: Of the last plan: all robots, and the room that it needs.
-        self._standing: list[StandingRobot] = []
+        #: The room that the last plan needs.
         self._way: Way = {}
         self.helpers = count - 1
         self.required: frozenset[str] = frozenset()
@@ -100,44 +74,37 @@ class MoveTablePlanner(CooperativePlanner):
         """See CooperativePlanner."""
         return self._carry.footprint()
 
-    def reserve(self, reserve: ReserveOneOf, staying: Collection[str] = ()) -> bool:
+    def reserve(self, reserve: ReserveOneOf, staying: Collection[str] = ()) -> None:
         """See CooperativePlanner."""
         stay = [robot for robot in self._world.robots() if robot.name in staying] if staying else []
         if any(in_the_way(united(swept_shapes(way)), stay) for way in self._ways):
             self._ways = self._plan_ways(stay)
-        grant = reserve([swept_areas(way) for way in self._ways], RESERVATION_LIMIT_S)
-        self._carry = self._ways[grant.way]
-        return grant.waited
+        self._carry = self._ways[reserve([swept_areas(way) for way in self._ways], MAX_LIMIT_S)]
 
     def plan(
         self, mission: str, leader: str, robots: dict[str, Place], staying: Collection[str] = ()
     ) -> CooperativePlan:
         """See CooperativePlanner. Raises MissionFailed, InTheWay, ImpossibleCarry, NotReachable."""
         paths = GatheringPaths(self._world, self._object)
-        self._standing = self._world.robots()
         gathering, names = self._assign_gathering_poses(leader, robots, paths)
         carried, formation, legs = self._object, self._carry.formation, self._carry.legs
-        others = [robot for robot in self._standing if robot.name not in names]
-        stay = [robot for robot in others if robot.name in staying]
+        others = [robot for robot in self._world.robots() if robot.name not in names]
         starts = [robots[name] for name in names]
         goals = [Place(carried.floor, x, y) for x, y, _ in gathering]
-        lanes = blocked_lanes(self._world, carried, starts, goals, others, stay)
-        self._way = united([*swept_shapes(self._carry), *lanes])
-        blocking = in_the_way(self._way, [robot for robot in others if robot.name not in staying])
-        if blocking:
-            raise InTheWay(self._aside(blocking))
-        reserve = Reserve(areas=swept_areas(self._carry), hold_s=RESERVATION_LIMIT_S, limit_s=NEAR_LIMIT_S)
-        idle = Idle(limit_s=NEAR_LIMIT_S)
+        drives = list(zip(starts, goals, strict=True))
+        self._way = clear_way(self._world, carried, swept_shapes(self._carry), drives, others, staying)
+        reserve = subplan.Reserve(areas=swept_areas(self._carry), hold_s=MAX_LIMIT_S, limit_s=NEAR_LIMIT_S)
+        idle = subplan.Idle(limit_s=NEAR_LIMIT_S)
         phases = [
             PhaseSteps("reserving", [reserve if name == leader else idle for name in names]),
-            *self._gathering_phases(gathering, starts, paths),
+            *self._gathering_phases(gathering, drives, paths),
             PhaseSteps("approaching", [_approach(_in_building(pose, carried.pose)) for pose in self._carrier_poses]),
             PhaseSteps("gripping", [self._take_hold(grip) for grip in formation.grips]),
         ]
         for before, leg, after in zip([None, *legs[:-1]], legs, [*legs[1:], None], strict=True):
             phases += self._leg_phases(mission, before.elevator_after if before else "", leg, after)
-        phases.append(PhaseSteps("putting down", [PutDown(limit_s=NEAR_LIMIT_S)] * len(names)))
-        back_off = BackOff(distance_m=self._carry.back_off_m, limit_s=NEAR_LIMIT_S)
+        phases.append(PhaseSteps("putting down", [subplan.PutDown(limit_s=NEAR_LIMIT_S)] * len(names)))
+        back_off = subplan.BackOff(distance_m=self._carry.back_off_m, limit_s=NEAR_LIMIT_S)
         phases.append(PhaseSteps("backing off", [back_off] * len(names)))
         roles = [(name, "leader" if name == leader else "helper") for name in names]
         enough = formation.enough(self._carry.outline, carried.mass_kg, PAYLOAD_KG)
@@ -146,8 +113,7 @@ class MoveTablePlanner(CooperativePlanner):
 
     def aside(self, robot: str) -> Place | None:
         """See CooperativePlanner. Raises NotReachable."""
-        self._standing = self._world.robots()
-        return self._aside([each for each in self._standing if each.name == robot]).get(robot)
+        return place_aside(self._world, self._way, robot, self._object)
 
     def _plan_ways(self, staying: Sequence[StandingRobot] = ()) -> list[CarryPlan]:
         """The carry by each elevator, around robots that stay where they are."""
@@ -161,10 +127,6 @@ class MoveTablePlanner(CooperativePlanner):
     @property
     def _carrier_poses(self) -> tuple[Pose2D, ...]:
         return self._carry.formation.carrier_poses()
-
-    def _aside(self, blocking: Sequence[StandingRobot]) -> dict[str, Place | None]:
-        """Where robots step aside out of the mission's way."""
-        return places_beside(self._world, self._object, self._way, blocking, self._standing)
 
     def _assign_gathering_poses(
         self, leader: str, robots: dict[str, Place], paths: GatheringPaths
@@ -183,23 +145,26 @@ class MoveTablePlanner(CooperativePlanner):
         return assigned(close)
 
     def _gathering_phases(
-        self, poses: Sequence[Pose2D], starts: Sequence[Place], paths: GatheringPaths
+        self, poses: Sequence[Pose2D], drives: Sequence[tuple[Place, Place]], paths: GatheringPaths
     ) -> list[PhaseSteps]:
         """All robots gather simultaneously, or in groups if they would block each other."""
         floor = self._object.floor
-        goals = [Place(floor, x, y) for x, y, _ in poses]
-        points = [paths.points(start, goal) for start, goal in zip(starts, goals, strict=True)]
-        gathers = [Gather(floor=floor, x=x, y=y, heading=heading, limit_s=GATHER_LIMIT_S) for x, y, heading in poses]
+        points = [paths.points(start, goal) for start, goal in drives]
+        gathers = [
+            subplan.Gather(floor=floor, x=x, y=y, heading=heading, limit_s=GATHER_LIMIT_S) for x, y, heading in poses
+        ]
         return [
-            PhaseSteps("gathering", [step if number in group else Idle() for number, step in enumerate(gathers)])
-            for group in driving_groups(starts, goals, points)
+            PhaseSteps(
+                "gathering", [step if number in group else subplan.Idle() for number, step in enumerate(gathers)]
+            )
+            for group in driving_groups(drives, points)
         ]
 
-    def _take_hold(self, grip: GripPoint) -> TakeHold:
+    def _take_hold(self, grip: GripPoint) -> subplan.TakeHold:
         carried = self._object
         x, y = out_of(grip.x, grip.y, carried.pose)
-        height_m = carried.height_m - BELOW_TOP_M
-        return TakeHold(thing=carried.name, at=carried.pose, x=x, y=y, height_m=height_m, limit_s=NEAR_LIMIT_S)
+        height_m = carried.height_m - 0.02  # the hands are 2 cm below its top
+        return subplan.TakeHold(thing=carried.name, at=carried.pose, x=x, y=y, height_m=height_m, limit_s=NEAR_LIMIT_S)
 
     def _leg_phases(
         self, mission: str, elevator_before: str, leg: CarryLeg, after: CarryLeg | None
@@ -219,15 +184,15 @@ class MoveTablePlanner(CooperativePlanner):
         count = len(self._carry.formation.grips)
         ways = inside, self._split_at_doors(_poses(after)[::-1], elevator)[1][::-1]
         boarding_s = max(self._trajectory_through_doors(each).duration for each in ways)
-        call = CallCabin(
+        call = subplan.CallCabin(
             elevator=elevator,
             destination=after.floor,
             party=f"{mission} to {after.floor}",  # the carriers ride together
             size=count,
             boarding_s=min(MAX_BOARDING_S - BOARDING_MARGIN_S, boarding_s + SUCCESSION_S),
-            limit_s=CALL_LIMIT_S,
+            limit_s=1800.0,  # other missions may use the cabin
         )
-        ride = Ride(elevator=elevator, destination=after.floor, limit_s=RIDE_LIMIT_S)
+        ride = subplan.Ride(elevator=elevator, destination=after.floor, limit_s=300.0)
         return [
             *phases,
             *self._carry_phases("carrying", outside),
@@ -243,9 +208,11 @@ class MoveTablePlanner(CooperativePlanner):
     def _phases_of(self, phase: str, trajectory: Trajectory) -> list[PhaseSteps]:
         if trajectory.duration == 0.0:
             return []
-        limit_s = CARRY_LIMIT_FACTOR * trajectory.duration + CARRY_LIMIT_EXTRA_S
+        limit_s = 3.0 * trajectory.duration + 20.0  # it may have to wait for what is in its way
         rows = trajectory.to_rows()
-        return [PhaseSteps(phase, [Carry(rows=rows, place=pose, limit_s=limit_s) for pose in self._carrier_poses])]
+        return [
+            PhaseSteps(phase, [subplan.Carry(rows=rows, place=pose, limit_s=limit_s) for pose in self._carrier_poses])
+        ]
 
     def _through_doors(self, phase: str, poses: Sequence[Pose2D], elevator: str) -> list[PhaseSteps]:
         """The phase that passes the doors. Raises MissionFailed if it takes longer than doors stay open for a party."""
@@ -258,22 +225,23 @@ class MoveTablePlanner(CooperativePlanner):
         return self._phases_of(phase, trajectory)
 
     def _trajectory_through_doors(self, poses: Sequence[Pose2D]) -> Trajectory:
-        """At DOOR_LIMITS if the ordinary ones need the doors open for longer than a lone robot does."""
+        """Faster than elsewhere if that would need the doors open for longer than a lone robot does."""
         ordinary = Trajectory(poses, self._carrier_poses)
         if ordinary.duration <= BOARDING_LIMIT_S - DOOR_MARGIN_S:
             return ordinary
-        return Trajectory(poses, self._carrier_poses, *DOOR_LIMITS)
+        # Without orders carriers stand a tenth of a second later than elsewhere with each 0.1 m/s more.
+        return Trajectory(poses, self._carrier_poses, Limits(0.3, 0.5, 0.6))
 
     def _split_at_doors(self, poses: list[Pose2D], elevator: str) -> tuple[list[Pose2D], list[Pose2D]]:
         """A path into a cabin, split at the last pose at which the body is clear of the shaft."""
-        shaft = shaft_polygon(self._world.building().elevators[elevator]).buffer(DOOR_CLEARANCE_M)
+        shaft = shaft_polygon(self._world.building().elevators[elevator]).buffer(0.15)  # m of clearance
         footprint = Polygon(self._carry.footprint().convex_hull)
         trajectory = Trajectory(poses, self._carrier_poses)
-        clear_until = 0.0
-        while clear_until + DOOR_SAMPLE_S < trajectory.duration:
-            if placed(footprint, trajectory.at(clear_until + DOOR_SAMPLE_S)[0]).intersects(shaft):
+        clear_until, step_s = 0.0, 0.1
+        while clear_until + step_s < trajectory.duration:
+            if placed(footprint, trajectory.at(clear_until + step_s)[0]).intersects(shaft):
                 break
-            clear_until += DOOR_SAMPLE_S
+            clear_until += step_s
         rows, last = trajectory.to_rows(), trajectory.at(clear_until)[0]
         before = [(x, y, heading) for time, x, y, heading, _ in rows if time < clear_until]
         after = [(x, y, heading) for time, x, y, heading, _ in rows if time > clear_until]
@@ -283,16 +251,16 @@ class MoveTablePlanner(CooperativePlanner):
 def _is_at(pose: Pose, goal: Pose) -> bool:
     """Whether an object need not be carried from a pose to its goal."""
     off_rad = math.remainder(pose.heading - goal.heading, math.tau)
-    return pose.floor == goal.floor and math.dist(pose[1:3], goal[1:3]) <= AT_GOAL_M and abs(off_rad) <= AT_GOAL_RAD
+    return pose.floor == goal.floor and math.dist(pose[1:3], goal[1:3]) <= GOAL_M and abs(off_rad) <= GOAL_RAD
 
 
 def _poses(leg: CarryLeg) -> list[Pose2D]:
     return [(x, y, heading) for x, y, heading in leg.poses.tolist()]
 
 
-def _approach(pose: Pose2D) -> Approach:
+def _approach(pose: Pose2D) -> subplan.Approach:
     x, y, heading = pose
-    return Approach(x=x, y=y, heading=heading, limit_s=NEAR_LIMIT_S)
+    return subplan.Approach(x=x, y=y, heading=heading, limit_s=NEAR_LIMIT_S)
 
 
 def _in_building(pose: Pose2D, body: Pose2D) -> Pose2D:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -21,15 +20,6 @@ from robocorba.system.lazy_property import lazy_property
 
 #: Obstacles in addition to the map, by floor: with a name, or just shapes.
 Blocked = Mapping[str, Sequence[Obstacle | BaseGeometry]]
-#: Free margin around all obstacles that paths may use on a floor without an outline [m].
-AROUND_M = 4.0
-
-
-class ObstacleInMargin(NamedTuple):
-    """The obstacle nearest to a footprint, and its distance [m]."""
-
-    item: Obstacle
-    distance_m: float
 
 
 class FloorObstacles:
@@ -49,11 +39,12 @@ class FloorObstacles:
             return self.outline.bounds
         points = [shapely.Point(pose[0], pose[1]) for pose in poses]
         x0, y0, x1, y1 = shapely.total_bounds([*(item.geometry for item in self.found), *points])
-        return float(x0 - AROUND_M), float(y0 - AROUND_M), float(x1 + AROUND_M), float(y1 + AROUND_M)
+        around_m = 4.0  # of free floor that paths may use
+        return float(x0 - around_m), float(y0 - around_m), float(x1 + around_m), float(y1 + around_m)
 
-    def nearest(self, footprint: BaseGeometry, margin_m: float) -> ObstacleInMargin | None:
-        """The nearest obstacle that overlaps a footprint or is nearer to it than `margin_m`, else the floor's outline
-        if the footprint crosses it, else None."""
+    def nearest(self, footprint: BaseGeometry, margin_m: float) -> tuple[Obstacle, float] | None:
+        """The nearest obstacle that overlaps a footprint or is nearer to it than `margin_m`, with its distance [m];
+        else the floor's outline if the footprint crosses it, else None."""
         near = [
             (float(shapely.distance(self.found[i].geometry, footprint)), i)
             for i in self._tree.query(footprint, predicate="dwithin", distance=margin_m)
@@ -61,9 +52,9 @@ class FloorObstacles:
         near = [(distance, i) for distance, i in near if distance < margin_m - 1e-9 or distance == 0.0]
         if near:
             distance, i = min(near)
-            return ObstacleInMargin(self.found[i], distance)
+            return self.found[i], distance
         if self.outline is not None and not self.outline.covers(footprint):
-            return ObstacleInMargin(Obstacle("floor", self.floor, self.outline.exterior), 0.0)
+            return Obstacle("floor", self.floor, self.outline.exterior), 0.0
         return None
 
 

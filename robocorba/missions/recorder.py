@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Protocol
 
 import msgspec
@@ -17,7 +17,7 @@ from robocorba.errors.robots import MissionFailed, MissionTakenOver
 from robocorba.errors.services import NotPermitted, NotReachable
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.missions.clock import OWN_CLOCK
-from robocorba.missions.report import ASKING, RECOVERING, MissionReport, PhaseTimes
+from robocorba.missions.report import ASKING, ENDING, RECOVERING, MissionReport, PhaseTimes
 from robocorba.missions.subplan import CooperativePlan
 from robocorba.simulation.mission_record import (
     MAX_FAULTS,
@@ -32,18 +32,10 @@ from robocorba.simulation.store import Mission
 from robocorba.system.background import Background
 from robocorba.system.backoff import Backoff
 
-#: Pause after each write [s]: changes that come faster are written together.
-WRITE_PAUSE_S = 0.1
-#: Pauses after failed writes.
+#: Pauses after failed writes [s].
 BACKOFF = Backoff(0.25, 2.0)
 #: Missions that wait to be written; the oldest are dropped. A robot leads one at a time.
 MAX_WAITING = 20
-#: Time for the last writes when the recorder is closed [s].
-CLOSE_LIMIT_S = 3.0
-#: How often a claim is made of a record that others write at the same time.
-CLAIM_TRIALS = 5
-#: The phase after one that failed.
-ENDING = "ending safely"
 
 _log = logging.getLogger(__name__)
 
@@ -96,7 +88,7 @@ class MissionRecorder:
             self._is_closing = True
             self._changed.notify_all()
         if self._thread:
-            self._thread.join(CLOSE_LIMIT_S)
+            self._thread.join(3.0)  # s; the process does not wait longer for a database that hangs
 
     def _run(self) -> None:
         failures = 0
@@ -112,7 +104,8 @@ class MissionRecorder:
             with self._changed:
                 if not is_written and not self._is_closing:
                     self._waiting.setdefault(name, content)
-                pause_s = self._backoff.pause_s(failures) if failures else WRITE_PAUSE_S
+                # After a write 0.1 s, so that changes that come faster are written together.
+                pause_s = self._backoff.pause_s(failures) if failures else 0.1
                 self._changed.wait_for(lambda: self._is_closing, pause_s)
 
     def _thread_failed(self, reason: str) -> None:
@@ -164,7 +157,7 @@ def claimed(
     term: the one in which it was asked to lead the mission, or whose leader is silent; 0 if it begins the mission. A
     claim that comes too late has an older one. leads: whether a robot answers that it leads a mission; such a one is
     never displaced. Raises MissionTakenOver if another robot leads it, MissionFailed if it has ended, NotReachable."""
-    for _ in range(CLAIM_TRIALS):
+    for _ in range(5):  # others may write the record at the same time
         try:
             stored = records.mission(name)
         except UnknownMission:
@@ -207,9 +200,11 @@ def _check_leader(stored: Mission, content: MissionContent) -> None:
 
 
 class LedMission:
-    """The record of a mission that this robot leads; only its leader's thread calls it.
+    """A mission that this robot leads, as others see it: its record in the Omni database, and its plan in the data
+    pool. Only its leader's thread calls it.
 
-    content: the record as it begins. clock: POSIX time [s]."""
+    content: the record as it begins. clock: POSIX time [s]. store_plan: stores a plan with its current phase in the
+    data pool; must not block."""
 
     def __init__(
         self,
@@ -217,39 +212,64 @@ class LedMission:
         name: str,
         content: MissionContent,
         clock: Callable[[], float] = OWN_CLOCK.now,
+        store_plan: Callable[[CooperativePlan, str], None] = lambda plan, phase: None,
     ) -> None:
-        self._recorder, self._name, self._clock = recorder, name, clock
+        self._recorder, self.name, self._clock, self._store_plan = recorder, name, clock, store_plan
         #: How far the times of the record are ahead of `clock` [s]: they go on from those of a former leader, whose
         #: clock was ahead of ours, or of our own before it was set back.
         self._ahead_s = max(0.0, content.latest - clock())
         #: Phases under earlier leaders, and the one in which this leader looks for helpers.
         self._before = (*content.phases, PhaseRecord(RECOVERING if content.phases else ASKING, self._now()))
+        #: Phases that have begun under this leader, of all attempts.
+        self.phases: list[PhaseTimes] = []
         self._content = replace(content, phases=_closed(self._before))
         self._plan: CooperativePlan | None = None
-        self._recorder.record(name, self._content)
+        self._recorder.record(self.name, self._content)
 
     @property
     def term(self) -> int:
         return self._content.term
 
     @property
-    def attempts(self) -> int:
-        return self._content.attempts
+    def attempt(self) -> str:
+        """The name of the present attempt."""
+        return f"{self.name}.{self._content.attempts}"
 
-    def begin_attempt(self, number: int) -> None:
-        """Note an attempt, before it begins. Raises MissionTakenOver, NotReachable."""
-        self._content = replace(self._content, attempts=number)
+    def begin_attempt(self) -> None:
+        """Note another attempt, before it begins. Raises MissionTakenOver, NotReachable."""
+        self._content = replace(self._content, attempts=self._content.attempts + 1)
+        self.confirm()
+
+    def confirm(self) -> None:
+        """Raise MissionTakenOver if another robot leads the mission, NotReachable if that is unknown."""
         try:
-            self._recorder.write(self._name, self._content)
+            self._recorder.write(self.name, self._content)
         except InvalidMission as error:  # there is no room; nobody could take it over
-            _log.warning("mission %s can't be recorded: %s", self._name, error)
+            _log.warning("mission %s can't be recorded: %s", self.name, error)
 
-    def update(self, plan: CooperativePlan | None, phases: Sequence[PhaseTimes], is_ending: bool) -> None:
-        """Record the phases that have begun, of all attempts. plan: the latest one, if any. is_ending: all end safely
-        after a failure."""
+    def begin_without_robots(self, phase: str) -> None:
+        """A phase begins in which no robot does a plan."""
+        self.phases.append(PhaseTimes(phase, OWN_CLOCK.now(), {}, {}))
+        self.update(self._plan)
+
+    def begin_phase(self, plan: CooperativePlan, name: str, at: float, without: Collection[str]) -> PhaseTimes:
+        """A phase in which all robots of the plan except some take part begins at this time of the leader's clock."""
+        phase = PhaseTimes(name, at, {}, {}, frozenset(without))
+        self.phases.append(phase)
+        self._store_plan(plan, name)
+        self.update(plan)
+        return phase
+
+    def note(self, plan: CooperativePlan, phase: str, is_ending: bool = False) -> None:
+        """The robots of a plan are asked to do it, or all end. is_ending: safely, after a failure."""
+        self._store_plan(plan, phase)
+        self.update(plan, is_ending)
+
+    def update(self, plan: CooperativePlan | None, is_ending: bool = False) -> None:
+        """Record a change of the phases. plan: the latest one, if any. is_ending: all end safely after a failure."""
         robots = [subplan.robot for subplan in plan.subplans] if plan else []
-        rows = [*self._before, *(self._phase(phase, robots) for phase in phases)]
-        if phases and is_ending:
+        rows = [*self._before, *(self._phase(phase, robots) for phase in self.phases)]
+        if self.phases and is_ending:
             now = next((row.begun for row in self._content.phases[len(rows) :] if row.name == ENDING), self._now())
             if not rows[-1].ended:  # it may have been ordered for a moment that has not come
                 rows[-1] = replace(rows[-1], begun=min(rows[-1].begun, now), ended=now)
@@ -260,25 +280,24 @@ class LedMission:
                 self._content,
                 members=tuple(MemberRecord(subplan.robot, subplan.role) for subplan in plan.subplans),
                 plan=msgspec.to_builtins(plan),
-                phases_in_all=len(self._before) + len(phases) + len(plan.phases),
+                phases_in_all=len(self._before) + len(self.phases) + len(plan.phases),
             )
         self._content = replace(self._content, phases=_closed(rows))
-        self._recorder.record(self._name, self._content)
+        self._recorder.record(self.name, self._content)
 
     def end(self, report: MissionReport, is_aborted: bool) -> None:
         """Record the end. is_aborted: a user has aborted the mission."""
         result = MissionResult(report.result)
         if is_aborted and result is not MissionResult.DONE:
             result = MissionResult.ABORTED
-        self._end(result, report.reason, report.ended + self._ahead_s)
+        ended = self._content.ended_as(result, report.reason, report.ended + self._ahead_s)
         document = {**report.brief_json(), "result": result.value}
-        self._content = replace(self._content, faults=report.faults[-MAX_FAULTS:], report=document)
-        self._recorder.record(self._name, self._content)
+        self._recorder.record(self.name, replace(ended, faults=report.faults[-MAX_FAULTS:], report=document))
 
     def fail(self, reason: str, is_aborted: bool = False) -> None:
         """Record that the mission failed before it was led, or without a report."""
-        self._end(MissionResult.ABORTED if is_aborted else MissionResult.FAILED, reason, self._now())
-        self._recorder.record(self._name, self._content)
+        result = MissionResult.ABORTED if is_aborted else MissionResult.FAILED
+        self._recorder.record(self.name, self._content.ended_as(result, reason, self._now()))
 
     def _now(self) -> float:
         return self._clock() + self._ahead_s
@@ -290,9 +309,6 @@ class LedMission:
             last = max(phase.done, key=phase.done.__getitem__)
             return PhaseRecord(phase.name, began, max(phase.done[last] + self._ahead_s, began), last)
         return PhaseRecord(phase.name, began, 0.0, missing[0] if phase.done else "")
-
-    def _end(self, result: MissionResult, reason: str, at: float) -> None:
-        self._content = self._content.ended_as(result, reason, at)
 
 
 def _closed(rows: Sequence[PhaseRecord]) -> tuple[PhaseRecord, ...]:

@@ -6,7 +6,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.robots import MissionFailed
-from robocorba.missions.clearing import Way, places_beside, united
+from robocorba.missions.clearing import Way, place_aside, united
 from robocorba.missions.cooperative_planner import CarriedBody
 from robocorba.missions.formation import Formation
 from robocorba.missions.subplan import Carry, CooperativePlan, Gather, Reserve, Ride
@@ -17,12 +17,12 @@ from robocorba.planning.request import Place
 
 
 class RemainingCarry(CarriedBody):
-    """The carried object of a plan, and all of its carriers.
+    """What the robots of a former leader's plan hold: its object, and all of its carriers.
 
     Raises MissionFailed if the plan carries nothing that exists, NotReachable."""
 
     def __init__(self, world: World, plan: CooperativePlan) -> None:
-        self._world, self._plan = world, plan
+        self._world, self.plan = world, plan
         carries = [step for subplan in plan.subplans for step in subplan.steps if isinstance(step, Carry)]
         if not carries:
             raise MissionFailed("the plan carries nothing")
@@ -37,14 +37,12 @@ class RemainingCarry(CarriedBody):
 
     def aside(self, robot: str) -> Place | None:
         """See CarriedBody."""
-        carried, standing = self._world.movable(self._plan.thing), self._world.robots()
-        blocking = [each for each in standing if each.name == robot]
-        return places_beside(self._world, carried, self._way(), blocking, standing).get(robot)
+        return place_aside(self._world, self._way(), robot, self._world.movable(self.plan.thing))
 
     def _way(self) -> Way:
         """What the carries of the plan sweep on each floor."""
-        steps = self._plan.subplans[0].steps
-        floor = next((step.floor for step in _all_steps(self._plan) if isinstance(step, Gather)), "")
+        steps = self.plan.subplans[0].steps
+        floor = next((step.floor for step in _all_steps(self.plan) if isinstance(step, Gather)), "")
         areas: list[tuple[str, BaseGeometry]] = []
         for step in steps:
             if isinstance(step, Ride):

@@ -15,8 +15,9 @@ from robocorba.missions.subplan import CooperativePlan
 from robocorba.missions.transport import Received
 
 REPORT_FILE = "report.json"
-#: Phases without robots: while the leader looks for helpers, and before that for its turn, and after a fault.
-ASKING, WAITING_FOR_AREAS, RECOVERING = "asking", "waiting for areas", "recovering"
+#: Phases that no plan has: while the leader looks for helpers, and before that for its turn; after a fault; and after
+#: a phase that failed.
+ASKING, WAITING_FOR_AREAS, RECOVERING, ENDING = "asking", "waiting for areas", "recovering", "ending safely"
 #: Messages in the report that the Omni database keeps, the last ones.
 MAX_BRIEF_EVENTS = 500
 

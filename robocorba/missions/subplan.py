@@ -16,7 +16,6 @@ from robocorba.system.decoding import decode_msgpack
 
 #: Version of the format of plans and messages; other versions are refused.
 VERSION = 1
-MAX_STEPS = 100
 #: A row of Trajectory.to_rows.
 Row = tuple[float, ...]
 
@@ -127,7 +126,7 @@ class Idle(_Step, frozen=True, kw_only=True, tag="wait"):
     """Do nothing while other robots do their step."""
 
 
-Steps = Annotated[tuple[Step | Idle, ...], Meta(min_length=1, max_length=MAX_STEPS)]
+Steps = Annotated[tuple[Step | Idle, ...], Meta(min_length=1, max_length=100)]
 
 
 class SubPlan(Struct, frozen=True):

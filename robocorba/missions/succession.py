@@ -6,33 +6,18 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
+from robocorba.missions.member import DEFAULT_POLICY, MemberPolicy
 from robocorba.missions.recorder import MissionRecords
 from robocorba.simulation.mission_record import decoded
 from robocorba.system.background import Background
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class SuccessionPolicy:
-    """Intervals and limits."""
-
-    #: Each member waits this much longer than the one before it [s].
-    turn_s: float = 3.0
-    #: Interval between looks at the record [s].
-    interval_s: float = 0.5
-    #: After this time without another leader a member gives up [s].
-    limit_s: float = 60.0
-
-
-DEFAULT_POLICY = SuccessionPolicy()
 
 
 class Successor(Protocol):
@@ -57,7 +42,7 @@ class Succession:
         records: MissionRecords,
         leads: Callable[[str, str], bool],
         successor: Successor,
-        policy: SuccessionPolicy = DEFAULT_POLICY,
+        policy: MemberPolicy = DEFAULT_POLICY,
     ) -> None:
         self._robot, self._records, self._leads = robot, records, leads
         self._successor, self._policy = successor, policy
@@ -86,14 +71,16 @@ class Succession:
     def _run(self, mission: str, term: int) -> None:
         began = time.monotonic()
         try:
-            while time.monotonic() - began < self._policy.limit_s and not self._closing.is_set():
+            while time.monotonic() - began < self._policy.succession_limit_s and not self._closing.is_set():
                 try:
                     if self._is_over(mission, term, time.monotonic() - began):
                         return
                 except NotReachable as error:
                     _log.info("mission %s: %s", mission, error)
-                self._closing.wait(self._policy.interval_s)
-            _log.info("mission %s: this robot has not taken it over within %g s", mission, self._policy.limit_s)
+                self._closing.wait(self._policy.record_interval_s)
+            _log.info(
+                "mission %s: this robot has not taken it over within %g s", mission, self._policy.succession_limit_s
+            )
         finally:
             with self._lock:
                 del self._waiting[mission]

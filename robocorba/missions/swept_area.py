@@ -17,12 +17,6 @@ from robocorba.map_editor.spatial.pose import XY, Pose2D
 from robocorba.missions.carry_planning import CarryPlan
 from robocorba.missions.obstacles import placed
 
-#: Distance between samples of the path [m, rad].
-_SAMPLE_M, _SAMPLE_RAD = 0.25, 0.2
-#: Tolerances of the simplified outline [m]; the first with at most _MAX_CORNERS corners is used.
-_TOLERANCES_M = (0.05, 0.15, 0.5)
-_MAX_CORNERS = 100
-
 
 def swept_areas(plan: CarryPlan) -> tuple[FloorArea, ...]:
     """An area (floor, corners [m]) around each of `swept_shapes`."""
@@ -52,9 +46,10 @@ def swept(body: BaseGeometry, poses: Sequence[Pose2D]) -> list[BaseGeometry]:
 
 
 def _sampled(poses: Sequence[Pose2D]) -> list[Pose2D]:
+    """Poses along a path, at most 0.25 m and 0.2 rad apart."""
     found = [poses[0]]
     for here, there in pairwise(poses):
-        parts = 1 + int(max(math.dist(here[:2], there[:2]) / _SAMPLE_M, abs(there[2] - here[2]) / _SAMPLE_RAD))
+        parts = 1 + int(max(math.dist(here[:2], there[:2]) / 0.25, abs(there[2] - here[2]) / 0.2))
         for part in range(1, parts + 1):
             x, y, heading = (a + part / parts * (b - a) for a, b in zip(here, there, strict=True))
             found.append((x, y, heading))
@@ -62,10 +57,11 @@ def _sampled(poses: Sequence[Pose2D]) -> list[Pose2D]:
 
 
 def _corners(shape: BaseGeometry) -> tuple[XY, ...]:
-    """The corners of a simplified polygon around a connected shape."""
-    for tolerance_m in _TOLERANCES_M:
+    """The corners of a polygon around a connected shape, simplified until it has at most 100; of its hull if need
+    be."""
+    for tolerance_m in (0.05, 0.15, 0.5):
         around = _simplified(shapely.get_coordinates(shape.buffer(tolerance_m, quad_segs=2).exterior), tolerance_m)
-        if around.is_valid and len(around.exterior.coords) <= _MAX_CORNERS:
+        if around.is_valid and len(around.exterior.coords) <= 100:
             break
     else:
         around = shape.convex_hull

@@ -7,11 +7,6 @@ from typing import Any
 
 #: File name of the picture, and its caption on the report page.
 PICTURE, CAPTION = "timeline.png", "Timeline: when each robot worked and waited"
-#: Width of the picture, and height of a robot's row [inches].
-WIDTH_IN, ROW_IN = 11.0, 0.55
-WORK_COLOUR, WAIT_COLOUR = "#3b7dd8", "#e8c46a"
-#: Minimum distance between the labels of two phases, as a share of the duration: the first phases are very short.
-LABEL_SPACING = 0.025
 
 
 def draw(report: dict[str, Any], file: Path) -> None:
@@ -22,7 +17,7 @@ def draw(report: dict[str, Any], file: Path) -> None:
     from matplotlib import pyplot
 
     robots = sorted(report["robots"], key=lambda name: (report["robots"][name] != "leader", name))
-    figure, axes = pyplot.subplots(figsize=(WIDTH_IN, 1.6 + ROW_IN * max(1, len(robots))))
+    figure, axes = pyplot.subplots(figsize=(11.0, 1.6 + 0.55 * max(1, len(robots))))
     above, written_at = len(robots) - 0.4, -float("inf")
     for phase in report["phases"]:
         done = phase["done_s"]
@@ -30,10 +25,11 @@ def draw(report: dict[str, Any], file: Path) -> None:
         for row, name in enumerate(robots):
             began = phase["started_s"].get(name, phase["began_s"])
             finished = done.get(name, end)
-            axes.barh(row, finished - began, left=began, height=0.6, color=WORK_COLOUR)
-            axes.barh(row, max(0.0, end - finished), left=finished, height=0.6, color=WAIT_COLOUR)
+            axes.barh(row, finished - began, left=began, height=0.6, color="#3b7dd8")
+            axes.barh(row, max(0.0, end - finished), left=finished, height=0.6, color="#e8c46a")
         axes.axvline(phase["began_s"], color="0.6", linewidth=0.6)
-        written_at = max(phase["began_s"], written_at + LABEL_SPACING * report["seconds"])
+        # Labels keep 2.5 % of the duration apart: the first phases are very short.
+        written_at = max(phase["began_s"], written_at + 0.025 * report["seconds"])
         axes.plot((phase["began_s"], written_at), (above, above + 0.15), color="0.6", linewidth=0.6, clip_on=False)
         axes.text(written_at, above + 0.15, f" {phase['name']}", fontsize=7, rotation=40, va="bottom")
     axes.set_yticks(range(len(robots)), [f"{name} ({report['robots'][name]})" for name in robots])

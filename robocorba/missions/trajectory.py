@@ -15,14 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from robocorba.errors.robots import InvalidPlan
-from robocorba.map_editor.spatial.pose import Pose2D
+from robocorba.map_editor.spatial.pose import Limits, Pose2D
 from robocorba.missions.subplan import Row
 
-#: Limits of each carrier, and of the body's origin.
-SPEED_M_S, TURN_SPEED_RAD_S, ACCELERATION_M_S2 = 0.25, 0.3, 0.4
-MAX_POSES = 2000
-#: Shorter segments [m] and turns [rad] are skipped.
-NEGLIGIBLE = 1e-9
+#: Limits of each carrier, and of the body's origin. None of the turn's acceleration: that follows from theirs.
+CARRY_LIMITS = Limits(speed=0.25, turn_speed=0.3, acceleration=0.4)
 #: The deviation of a body that is on its path [m, m, rad].
 ON_PATH: Pose2D = (0.0, 0.0, 0.0)
 #: Maximum slope of a smooth step, relative to a linear one.
@@ -31,25 +28,11 @@ _SMOOTH_STEP_SLOPE = 1.5
 
 class Trajectory:
     """The motion of the body through `poses` (k, 3): x, y [m], unwrapped heading [rad]. carrier_poses: of the
-    carriers' bases in the body's frame.
+    carriers' bases in the body's frame. Raises InvalidPlan."""
 
-    Neither a carrier nor the body's origin exceeds `speed` [m/s], `turn_speed` [rad/s] or `acceleration` [m/s²].
-    Raises InvalidPlan."""
-
-    def __init__(
-        self,
-        poses: ArrayLike,
-        carrier_poses: Sequence[Pose2D] = (),
-        speed: float = SPEED_M_S,
-        turn_speed: float = TURN_SPEED_RAD_S,
-        acceleration: float = ACCELERATION_M_S2,
-    ) -> None:
-        for field, value in (("speed", speed), ("turn speed", turn_speed), ("acceleration", acceleration)):
-            if not 0.0 < value < math.inf:
-                raise InvalidPlan(field, f"{value!r} is not greater than 0")
+    def __init__(self, poses: ArrayLike, carrier_poses: Sequence[Pose2D] = (), limits: Limits = CARRY_LIMITS) -> None:
         path = [(x, y, heading) for x, y, heading in np.asarray(poses, dtype=float).reshape(-1, 3).tolist()]
         reach = max((math.hypot(x, y) for x, y, _ in carrier_poses), default=0.0)
-        limits = (speed, turn_speed, acceleration)
         rows, now = [], 0.0
         for here, there in pairwise(path):
             span, ramp = _times(here, there, reach, limits)
@@ -73,8 +56,9 @@ class Trajectory:
 
     def _set(self, rows: Sequence[Sequence[float]]) -> None:
         checked = [tuple(map(float, row)) for row in rows]
-        if not 1 <= len(checked) <= MAX_POSES:
-            raise InvalidPlan("trajectory", f"{len(checked)} poses; must be 1 to {MAX_POSES}")
+        most = 2000  # poses of a carry, in each plan
+        if not 1 <= len(checked) <= most:
+            raise InvalidPlan("trajectory", f"{len(checked)} poses; must be 1 to {most}")
         for i, row in enumerate(checked):
             if len(row) != 5 or not all(map(math.isfinite, row)):
                 raise InvalidPlan(f"trajectory[{i}]", f"{row} is not a row of 5 finite numbers")
@@ -118,24 +102,25 @@ class Trajectory:
         return (x + ahead, y + left, heading + place[2]), (vx - turn * left, vy + turn * ahead, turn)
 
 
-def _times(here: Pose2D, there: Pose2D, reach: float, limits: tuple[float, float, float]) -> tuple[float, float]:
+def _times(here: Pose2D, there: Pose2D, reach: float, limits: Limits) -> tuple[float, float]:
     """Duration of a segment, and of its acceleration phase [s]. reach: distance of the farthest carrier from the body's
     origin [m]."""
-    speed, turn_speed, acceleration = limits
+    speed, turn_speed, acceleration, _ = limits
     turn = abs(there[2] - here[2])
     length = math.hypot(there[0] - here[0], there[1] - here[1]) + turn * reach  # upper bound for every carrier
-    if max(length, turn) < NEGLIGIBLE:
+    negligible = 1e-9  # m, rad
+    if max(length, turn) < negligible:
         return 0.0, 0.0
     # Rates in segments per second. Half of the acceleration is left for the centripetal part of a turning carrier.
     rates = [math.inf]
-    if length > NEGLIGIBLE:
+    if length > negligible:
         rates.append(speed / length)
-    if turn > NEGLIGIBLE:
+    if turn > negligible:
         rates.append(turn_speed / turn)
         if reach > 0.0:
             rates.append(math.sqrt(acceleration / 2 / (turn * turn * reach)))
     rate = min(rates)
-    if length > NEGLIGIBLE:
+    if length > negligible:
         along = acceleration - turn * turn * reach * rate * rate
         rate = min(rate, math.sqrt(along / length / _SMOOTH_STEP_SLOPE))
         ramp = _SMOOTH_STEP_SLOPE * rate * length / along

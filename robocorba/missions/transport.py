@@ -21,8 +21,6 @@ from robocorba.missions.messages import Message, message_of, payload, sender_of,
 
 #: Messages in the queue; newer ones are dropped when it is full.
 MAX_QUEUED = 1000
-#: Latest messages kept for the report.
-MAX_KEPT = 5000
 
 _log = logging.getLogger(__name__)
 
@@ -55,7 +53,7 @@ class Transport:
     def __init__(self, channel: MissionChannel, name: str) -> None:
         self._channel, self.name = channel, name
         self._queue: queue.Queue[Received | None] = queue.Queue(MAX_QUEUED)
-        self.received: deque[Received] = deque(maxlen=MAX_KEPT)
+        self.received: deque[Received] = deque(maxlen=5000)
 
     def subscribe(self, patterns: Sequence[tuple[type[Message], str]]) -> None:
         """Subscribe to these messages from these robots, * for all, in place of earlier subscriptions.

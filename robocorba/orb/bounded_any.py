@@ -21,19 +21,26 @@ from typing import Any
 
 import omniORB
 from omniORB import CORBA
-from omniORB import tcInternal as tc
 
-from robocorba.orb import encoded_types, values
+from robocorba.orb import encoded_types
 from robocorba.orb.bounded_reading import CHOSEN, NOTHING, OCTETS, REFUSED, chosen, struct_of
-from robocorba.orb.references import BoundedTypeCode, reference_of
+from robocorba.orb.references import reference_of
+from robocorba.orb.workarounds import (
+    DescribedType,
+    correct_omniorb,
+    descriptor_of,
+    invoke_described,
+    named_type,
+    operation_of,
+    read_arguments_as,
+    tc,
+)
 from robocorba.system.settings import accepts_valuetypes
 
-values.patch_omniorb()
+correct_omniorb()
 
 #: Maximum nesting depth of a value.
 MAX_DEPTH = 1000
-#: Number of types that are kept, with what they are read as, and their largest size [bytes].
-MAX_KEPT, MAX_KEPT_BYTES = 256, 16 * 1024
 
 #: The kind of a reference to a type around, also as omniORBpy writes it.
 _INDIRECT = (tc.tv__indirect, 2**32 + tc.tv__indirect)
@@ -83,14 +90,14 @@ class _Accepted:
 
 def _accepted(kind: int, content: Any) -> _Accepted | None:
     """The type with this encoding; None for one that is refused."""
-    is_kept = not isinstance(content, bytes) or len(content) <= MAX_KEPT_BYTES
+    is_small = not isinstance(content, bytes) or len(content) <= 16 * 1024
     try:
-        return _read(kind, content) if is_kept else _Accepted(_descriptor(kind, content))
+        return (_read if is_small else _read.__wrapped__)(kind, content)  # large ones are not kept
     except Exception:  # an exception in the constructor of a value would not reach the caller as MARSHAL
         return None
 
 
-@functools.lru_cache(MAX_KEPT)  # keeps none that raises
+@functools.lru_cache(256)  # keeps none that raises
 def _read(kind: int, content: Any) -> _Accepted:
     return _Accepted(_descriptor(kind, content))
 
@@ -102,10 +109,10 @@ def _descriptor(kind: int, content: Any) -> Any:
         return kind, content
     if kind == tc.tv_fixed:
         encoded_types.check_fixed(*content)
-        return kind, content.digits, content.scale
+        return (kind, *content)
     encoded_types.check(kind, content)
     encoded = b"\1\0\0\0" + struct.pack("<II", kind, len(content)) + content
-    return omniORB.cdrUnmarshal(CORBA.TC_TypeCode, encoded)._d
+    return descriptor_of(omniORB.cdrUnmarshal(CORBA.TC_TypeCode, encoded))
 
 
 def _rebuilt(descriptor: Any, part: Callable[[Any], Any]) -> Any:
@@ -146,7 +153,7 @@ class _Reading:
     def _of(self, descriptor: Any) -> tuple[Any, int]:
         while isinstance(descriptor, tuple) and descriptor[0] in _INDIRECT:
             (target,) = descriptor[1]
-            descriptor = omniORB.typeMapping[target] if isinstance(target, str) else target
+            descriptor = named_type(target) if isinstance(target, str) else target
         if not isinstance(descriptor, tuple):
             self.is_checked |= descriptor in _READ_AS
             return _READ_AS.get(descriptor, descriptor), 1
@@ -249,30 +256,13 @@ def _lone_type(kind: int, content: Any) -> Any:
     return found.typecode if found else None
 
 
-def _fixed(digits: int, scale: int) -> Any:
-    return _Fixed(digits, scale)
-
-
-class _Fixed(tuple[int, int]):
-    """Digits and scale of a fixed-point type."""
-
-    __slots__ = ()
-
-    def __new__(cls, digits: int, scale: int) -> _Fixed:
-        return super().__new__(cls, (digits, scale))
-
-    @property
-    def digits(self) -> int:
-        return self[0]
-
-    @property
-    def scale(self) -> int:
-        return self[1]
-
-
 _CASES = (
     *((kind, "bound", tc.tv_ulong) for kind in _BOUNDED),
-    (tc.tv_fixed, "fixed", struct_of(_fixed, "digits", tc.tv_ushort, "scale", tc.tv_short)),
+    (
+        tc.tv_fixed,
+        "fixed",
+        struct_of(lambda digits, scale: (digits, scale), "digits", tc.tv_ushort, "scale", tc.tv_short),
+    ),
     *((kind, "content", OCTETS) for kind in _COMPLEX),
 )
 
@@ -288,7 +278,7 @@ ANY = struct_of(_any, "type", _encoded_type(_type), "value", CHOSEN)
 
 
 #: For omniORB.cdrUnmarshal, in place of CORBA.TC_any.
-TC_ANY = BoundedTypeCode(ANY)
+TC_ANY = DescribedType(ANY)
 
 
 _TYPECODE = struct_of(lambda found, nothing: found, "type", _encoded_type(_lone_type), "nothing", CHOSEN)
@@ -305,22 +295,19 @@ def read_bounded(servant: Any) -> None:
     """Let the operations of a servant's class read the anys, types and references in their arguments so, other
     than those that the class names in `takes_connections`: a reference that is read so has lost the connection by which
     it came."""
-    operations, omitted = getattr(servant, "_omni_op_d", {}), getattr(servant, "takes_connections", ())
-    servant._omni_op_d = {
-        name: (wanted if name in omitted else tuple(map(bounded, wanted)), *rest)
-        for name, (wanted, *rest) in operations.items()
-    }
+    omitted = getattr(servant, "takes_connections", ())
+    read_arguments_as(servant, lambda name, wanted: wanted if name in omitted else tuple(map(bounded, wanted)))
 
 
 def invoke(reference: Any, interface: Any, operation: str, *arguments: Any) -> Any:
     """Call an object of another process, and read what it answers so. An object of this process raises BAD_PARAM for
     an answer with anys, types or references."""
-    return reference._obj.invoke(operation, _with_bounded_answers(interface, operation), arguments)
+    return invoke_described(reference, operation, _with_bounded_answers(interface, operation), arguments)
 
 
 @functools.cache
 def _with_bounded_answers(interface: Any, operation: str) -> Any:
-    wanted, returned, raised, *rest = getattr(interface, f"_d_{operation}")
+    wanted, returned, raised, *rest = operation_of(interface, operation)
     return wanted, tuple(map(bounded, returned)), raised and {id: bounded(each) for id, each in raised.items()}, *rest
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from omniORB import tcInternal as tc
+from robocorba.orb.workarounds import tc
 
 OCTETS = (tc.tv_sequence, tc.tv_octet, 0)
 #: Nothing can be read as this, so the call fails with MARSHAL.

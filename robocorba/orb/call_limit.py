@@ -16,6 +16,7 @@ from typing import Any
 from omniORB import CORBA
 
 from robocorba.orb.texts import refuse_unreadable_texts
+from robocorba.orb.workarounds import operations_of
 
 #: Maximum number of waiting calls, unless CallLimit sets another one.
 MAX_WAITING = 2000
@@ -28,17 +29,23 @@ class CallLimit:
     that has waited longest goes first.
 
     A call that can't wait, or has waited in vain, raises CORBA.TRANSIENT: it was not executed. Whether its client still
-    waits is not looked up: that takes as long as most calls do, and just when there are too many."""
+    waits is not looked up: that takes as long as most calls do, and just when there are too many.
+
+    Python's own semaphore takes a lock in each operation. Where dozens of threads want it, the one that holds this lock
+    often waits for the interpreter, and all others for it: a short call waited for 1.4 s behind sixty others. Here each
+    waiting thread has a lock of its own, and single operations of deques, which are atomic, do the rest."""
 
     def __init__(self, at_once: int, waiting: int = MAX_WAITING, limit_s: float = WAITING_LIMIT_S) -> None:
-        self._places = _Places(at_once, waiting)
-        self._limit_s = limit_s
+        self._max_waiting, self._limit_s = waiting, limit_s
+        self._free = deque([None] * at_once)
+        #: Locks that are held until their thread gets a place.
+        self._waiting: deque[threading.Lock] = deque()
 
     def apply(self, servant: Any, *operations: str) -> None:
         """Limit these operations of a servant, or all; attributes are called _get_NAME and _set_NAME."""
         kind: Any = type(servant)
         refuse_unreadable_texts(kind)  # before the operations are replaced
-        for name in operations or tuple(servant._omni_op_d):
+        for name in operations or tuple(operations_of(servant)):
             setattr(servant, name, self.limited(getattr(servant, name)))
 
     def limited(self, call: Callable[..., Any]) -> Callable[..., Any]:
@@ -54,32 +61,16 @@ class CallLimit:
     @contextmanager
     def place(self) -> Iterator[None]:
         """A place for a part of a call. Raises CORBA.TRANSIENT."""
-        if not (self._places.take_free() or self._places.take(self._limit_s)):
+        has_place = not self._waiting and self._has_taken_free()
+        if not has_place and not self._has_got_place():
             raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
         try:
             yield
         finally:
-            self._places.give_back()
+            self._free.append(None)
+            self._serve_waiting()
 
-
-class _Places:
-    """A semaphore that hands each place on to the thread that has waited longest.
-
-    Python's own takes a lock in each operation. Where dozens of threads want it, the one that holds this lock often
-    waits for the interpreter, and all others for it: a short call waited for 1.4 s behind sixty others. Here each
-    waiting thread has a lock of its own, and single operations of deques, which are atomic, do the rest."""
-
-    def __init__(self, count: int, waiting: int) -> None:
-        self._max_waiting = waiting
-        self._free = deque([None] * count)
-        #: Locks that are held until their thread gets a place.
-        self._waiting: deque[threading.Lock] = deque()
-
-    def take_free(self) -> bool:
-        """Take a place without waiting; False if none is free, or others wait."""
-        return not self._waiting and self._has_taken_free()
-
-    def take(self, limit_s: float) -> bool:
+    def _has_got_place(self) -> bool:
         """Wait for a place; False if too many threads wait already, or none became free in time."""
         if len(self._waiting) >= self._max_waiting:
             return False
@@ -87,17 +78,13 @@ class _Places:
         got_place.acquire()
         self._waiting.append(got_place)
         self._serve_waiting()  # a place may have become free before this thread began to wait
-        if got_place.acquire(timeout=limit_s):
+        if got_place.acquire(timeout=self._limit_s):
             return True
         try:
             self._waiting.remove(got_place)
         except ValueError:  # it has got a place just now
             return True
         return False
-
-    def give_back(self) -> None:
-        self._free.append(None)
-        self._serve_waiting()
 
     def _serve_waiting(self) -> None:
         """Hand free places to waiting threads."""

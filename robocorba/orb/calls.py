@@ -9,6 +9,9 @@ from omniORB import CORBA
 
 from robocorba.orb.exceptions import domain_error
 
+#: What calls to CORBA objects raise that nobody has translated; `error_of` describes it.
+CALL_ERRORS: tuple[type[Exception], ...] = (CORBA.Exception,)
+
 
 def set_call_timeout(reference: Any, timeout_s: float | None) -> None:
     """Set the timeout of calls through this reference object; None: the timeout of the ORB."""

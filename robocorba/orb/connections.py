@@ -17,23 +17,14 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from robocorba.system.repeating import Repeating
 
-#: Soft limit of descriptors that a process asks for; the hard limit may be lower.
-DESCRIPTORS = 16_384
 #: Maximum number of connections: more of them, each with a thread, would need gigabytes.
 MAX_CONNECTIONS = 4096
-#: Connections that may wait to be accepted, as far as the kernel allows: when a server restarts, all its clients
-#: connect at once. Of more than omniORB's 128, those beyond would wait for 1 s, then for 3 s.
-QUEUE = 4096
-#: Share of the descriptors that stays free, for files and for connections within CHECK_INTERVAL_S.
-FREE_SHARE = 0.125
 #: Interval between checks [s].
 CHECK_INTERVAL_S = 1.0
-#: The same after some have ended: others may wait to be accepted, and take their places [s].
-BUSY_INTERVAL_S = 0.1
 #: Time after which a connection that has never got an answer ends first [s].
 UNANSWERED_S = 5.0
 #: Minimum interval between log entries [s].
@@ -42,16 +33,11 @@ LOG_INTERVAL_S = 10.0
 _LISTING = Path("/proc/self/fd")
 #: GIOP 1.0, CloseConnection: requests without an answer were not executed.
 _CLOSE_CONNECTION = b"GIOP\1\0\1\5\0\0\0\0"
-#: Of struct tcp_info: time since data arrived [ms], and the number of segments with data that were sent.
-_LAST_DATA_RECEIVED, _SEGMENTS_SENT = struct.Struct("52xI"), struct.Struct("156xI")
-_TCP_INFO_BYTES = 232
-#: State of a connection that neither end has closed: the first byte of struct tcp_info.
-_ESTABLISHED = 1
 
 _log = logging.getLogger(__name__)
 
 
-def raise_descriptor_limit(wanted: int = DESCRIPTORS) -> int:
+def raise_descriptor_limit(wanted: int = 16_384) -> int:
     """Raise the soft limit of descriptors as far as the hard limit allows, never lower it; return it."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == resource.RLIM_INFINITY:
@@ -62,19 +48,6 @@ def raise_descriptor_limit(wanted: int = DESCRIPTORS) -> int:
             resource.setrlimit(resource.RLIMIT_NOFILE, (raised, hard))
             soft = raised
     return soft
-
-
-class Connection(NamedTuple):
-    """A connection that a client has opened. idle_s: since data arrived. is_answered: it has got an answer before."""
-
-    descriptor: int
-    idle_s: float
-    is_answered: bool
-
-    @property
-    def order(self) -> tuple[bool, float]:
-        """Connections end in this order."""
-        return self.is_answered or self.idle_s < UNANSWERED_S, -self.idle_s
 
 
 class ConnectionLimit:
@@ -102,14 +75,15 @@ class ConnectionLimit:
         """End connections if there are too many."""
         self._process.renew()
         used, self._interval_s = len(self._process.in_use()), CHECK_INTERVAL_S
-        most = self._most or round(self._process.limit() * (1 - FREE_SHARE))
+        # An eighth stays free, for files and for connections until the next check.
+        most = self._most or round(self._process.limit() * 7 / 8)
         if used > min(most, self._connections):
-            found = sorted(_connections(self._process), key=lambda each: each.order)
+            found = sorted(_connections(self._process))
             excess = max(used - most, len(found) - self._connections)
             if excess > 0:  # a few more, so that not each new connection ends another one
                 ending = found[: excess + len(found) // 20]
-                self._ended += sum(_end(self._process, each.descriptor) for each in ending)
-                self._interval_s = BUSY_INTERVAL_S
+                self._ended += sum(_end(self._process, descriptor) for _, _, descriptor in ending)
+                self._interval_s = 0.1  # others may wait to be accepted, and take their places
         if self._ended and time.monotonic() >= self._logged_at + LOG_INTERVAL_S:
             reason = "%d connections%s have ended, the longest idle ones: there were more than %d, or %d descriptors"
             _log.warning(reason, self._ended, self._process.title, self._connections, most)
@@ -166,13 +140,15 @@ class OwnDescriptors:
             borrowed.detach()
 
 
-def enlarge_queue(process: Descriptors | None = None) -> None:
-    """Let QUEUE connections wait to be accepted, at each port on which a process (this one by default) listens."""
-    process = process or OwnDescriptors()
+def enlarge_queue() -> None:
+    """Let 4096 connections wait to be accepted at each port on which this process listens, as far as the kernel allows:
+    when a server restarts, all its clients connect at once. Beyond omniORB's 128 they would wait for 1 s,
+    then for 3 s."""
+    process = OwnDescriptors()
     for descriptor in process.in_use():
         with contextlib.suppress(OSError), process.borrowed(descriptor) as listener:
             if listener.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
-                listener.listen(QUEUE)
+                listener.listen(4096)
 
 
 def check_tcp(connection: socket.socket) -> None:
@@ -183,12 +159,14 @@ def check_tcp(connection: socket.socket) -> None:
 
 def is_established(connection: socket.socket) -> bool:
     """Whether neither end has closed a connection."""
-    return connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0] == _ESTABLISHED
+    state = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0]  # the first byte of struct tcp_info
+    return state == 1  # TCP_ESTABLISHED
 
 
-def _connections(process: Descriptors) -> Iterator[Connection]:
-    """The connections at ports on which a process listens."""
-    found: list[tuple[int, Connection]] = []
+def _connections(process: Descriptors) -> Iterator[tuple[bool, float, int]]:
+    """The descriptors of connections at ports on which a process listens, so that those that end first are the least:
+    those that have never got an answer for UNANSWERED_S, then those without data for the longest time."""
+    found: list[tuple[int, tuple[bool, float, int]]] = []
     ports: set[int] = set()
     for descriptor in process.in_use():
         with contextlib.suppress(OSError), process.borrowed(descriptor) as connection:
@@ -197,10 +175,11 @@ def _connections(process: Descriptors) -> Iterator[Connection]:
             else:
                 if not is_established(connection):  # such as one that was ended a moment ago
                     continue
-                info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
-                idle_s = _LAST_DATA_RECEIVED.unpack_from(info)[0] / 1000
-                is_answered = _SEGMENTS_SENT.unpack_from(info)[0] > 0
-                found.append((connection.getsockname()[1], Connection(descriptor, idle_s, is_answered)))
+                info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 232)
+                # Of struct tcp_info: time since data arrived [ms], and number of segments with data that were sent.
+                (idle_ms,), (sent,) = struct.unpack_from("52xI", info), struct.unpack_from("156xI", info)
+                is_in_use = sent > 0 or idle_ms < UNANSWERED_S * 1000
+                found.append((connection.getsockname()[1], (is_in_use, -idle_ms, descriptor)))
     yield from (each for port, each in found if port in ports)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from omniORB import tcInternal as tc
+from robocorba.orb.workarounds import tc
 
 #: Maximum size of an encoded type [bytes]: about 10,000 members, which take tens of milliseconds to read.
 MAX_BYTES = 256 * 1024
@@ -33,25 +33,22 @@ _LABELS = {
 _NAMED_ONLY = (tc.tv_objref, tc.tv_abstract_interface, tc.tv_local_interface)
 
 
-class IllFormed(ValueError):
-    """The octets are no type, or one that is too large or too deep."""
-
-
 def check(kind: int, content: bytes) -> None:
-    """Check a type by its kind and the encapsulation that follows. Raises IllFormed."""
+    """Check a type by its kind and the encapsulation that follows. Raises ValueError if it is no type, too large or
+    too deep."""
     if len(content) > MAX_BYTES:
-        raise IllFormed(f"{len(content)} bytes; at most {MAX_BYTES} are allowed")
+        raise ValueError(f"{len(content)} bytes; at most {MAX_BYTES} are allowed")
     reader = _Reader(struct.pack("<II", kind, len(content)) + content)
     try:
         reader.typecode(1)
     except (struct.error, IndexError, UnicodeError) as error:
-        raise IllFormed(str(error)) from None
+        raise ValueError(str(error)) from None
 
 
 def check_fixed(digits: int, scale: int) -> None:
-    """Check the digits of a fixed-point type, and those after the point. Raises IllFormed."""
+    """Check the digits of a fixed-point type, and those after the point. Raises ValueError."""
     if not (1 <= digits <= 31 and 0 <= scale <= digits):
-        raise IllFormed(f"fixed<{digits}, {scale}>")
+        raise ValueError(f"fixed<{digits}, {scale}>")
 
 
 class _Type(NamedTuple):
@@ -74,15 +71,15 @@ class _Reader:
 
     def typecode(self, depth: int) -> _Type:
         if depth > MAX_DEPTH:
-            raise IllFormed(f"nested more than {MAX_DEPTH} deep")
+            raise ValueError(f"nested more than {MAX_DEPTH} deep")
         kind = self._number("I")
         begin = self._at - 4
         if kind == _INDIRECTION:
             target = self._at + self._number("i")
             if target not in self._types:
-                raise IllFormed("a reference to no type before it")
+                raise ValueError("a reference to no type before it")
             if not self._types[target].size:  # a kilobyte could describe a value with more members than can be read
-                raise IllFormed("a reference to a type whose values take no bytes")
+                raise ValueError("a reference to a type whose values take no bytes")
             return self._types[target]
         self._types[begin] = _Type(kind, 1)  # where it refers to itself
         self._types[begin] = found = self._with_parameters(kind, depth)
@@ -99,12 +96,12 @@ class _Reader:
             return _Type(kind, 1)
         size = self._number("I")
         if not 0 < size <= self._end - self._at:
-            raise IllFormed("longer than the type around")
+            raise ValueError("longer than the type around")
         outer, end = (self._end, self._order, self._base), self._at + size
         self._end, self._base = end, self._at
         order = self._number("B")
         if order not in (0, 1):
-            raise IllFormed("neither big-endian nor little-endian")
+            raise ValueError("neither big-endian nor little-endian")
         self._order = "><"[order]
         found = self._encapsulated(kind, depth + 1)
         self._end, self._order, self._base = outer
@@ -115,7 +112,7 @@ class _Reader:
         if kind in (tc.tv_sequence, tc.tv_array):
             size, count = self.typecode(depth).size, self._number("I")
             if not size and (kind == tc.tv_sequence or count > MAX_EMPTY):
-                raise IllFormed("many elements that take no bytes")
+                raise ValueError("many elements that take no bytes")
             return _Type(kind, 4 if kind == tc.tv_sequence else size * count)
         self._text()
         self._text()
@@ -124,7 +121,7 @@ class _Reader:
         if kind == tc.tv_alias:
             return self.typecode(depth)
         if kind == tc.tv_value_box:  # omniORBpy reads none without stubs, and the thread's next call fails
-            raise IllFormed("a boxed value")
+            raise ValueError("a boxed value")
         if kind in (tc.tv_struct, tc.tv_except):
             return _Type(kind, sum(self._member(depth) for _ in range(self._count())))
         if kind == tc.tv_enum:
@@ -137,7 +134,7 @@ class _Reader:
         if kind == tc.tv_value:
             self._valuetype(depth)
             return _Type(kind, 4)
-        raise IllFormed(f"there is no kind {kind}")
+        raise ValueError(f"there is no kind {kind}")
 
     def _member(self, depth: int) -> int:
         """The least size of a member [bytes]."""
@@ -149,16 +146,16 @@ class _Reader:
         discriminator = self.typecode(depth)
         size = _LABELS.get(discriminator.kind, 0)
         if not size:
-            raise IllFormed(f"a discriminator of kind {discriminator.kind}")
+            raise ValueError(f"a discriminator of kind {discriminator.kind}")
         default, count = self._number("i"), self._count()
         if default != -1 and not 0 < default < count:  # omniORBpy crashes at others, also at the first one
-            raise IllFormed("the default case is the first one, or none of the cases")
+            raise ValueError("the default case is the first one, or none of the cases")
         limit = discriminator.members if discriminator.kind == tc.tv_enum else 2**64
         labels: set[int] = set()
         for number in range(count):
             label = self._number({1: "B", 2: "H", 4: "I", 8: "Q"}[size])
             if number != default and (label >= limit or label in labels):
-                raise IllFormed(f"label {label} does not exist, or exists twice")
+                raise ValueError(f"label {label} does not exist, or exists twice")
             labels.add(label)
             self._member(depth)
         return size
@@ -166,7 +163,7 @@ class _Reader:
     def _valuetype(self, depth: int) -> None:
         self._number("h")
         if self.typecode(depth).kind not in (tc.tv_null, tc.tv_value):
-            raise IllFormed("a valuetype whose base is none")
+            raise ValueError("a valuetype whose base is none")
         for _ in range(self._count()):
             self._member(depth)
             self._number("h")
@@ -174,14 +171,14 @@ class _Reader:
     def _count(self) -> int:
         count = self._number("I")
         if count > (self._end - self._at) // 5:
-            raise IllFormed("more members than there can be")
+            raise ValueError("more members than there can be")
         return count
 
     def _text(self) -> None:
         size = self._number("I")
         text = self._data[self._at : self._at + size]
         if not 0 < size <= self._end - self._at or text.find(0) != size - 1:
-            raise IllFormed("a text without an end, or with NUL")
+            raise ValueError("a text without an end, or with NUL")
         text.decode()
         self._at += size
 
@@ -189,7 +186,7 @@ class _Reader:
         size = struct.calcsize(f"<{format}")
         self._at += (self._base - self._at) % size
         if self._at + size > self._end:
-            raise IllFormed("it ends too early")
+            raise ValueError("it ends too early")
         (number,) = struct.unpack_from(self._order + format, self._data, self._at)
         self._at += size
         return int(number)

@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 
 from omniORB import CORBA
 
+from robocorba.orb.workarounds import operations_of
 from robocorba.system.names import ACCESS
 from robocorba.system.roles import Role, may_call, may_name
 
@@ -59,7 +60,7 @@ def guarded(servant: Any, role: Role) -> Any:
     skeleton = servant._omni_skeleton
     interface = interface_of(skeleton)
     guard = _guard_class(skeleton)()
-    for operation in skeleton._omni_op_d:
+    for operation in operations_of(skeleton):
         if not may_call(role, interface, operation):
             setattr(guard, operation, _refuse)
         elif hasattr(servant, operation):

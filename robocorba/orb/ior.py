@@ -1,40 +1,40 @@
-"""What a stringified object reference says of its server's address."""
+"""What a stringified object reference says of its object and its server; may be forged like all of a reference."""
 
 from __future__ import annotations
 
 import struct
 from typing import NamedTuple
 
-#: Tag of a profile with an IIOP address.
-_TAG_INTERNET_IOP = 0
+
+class Ior(NamedTuple):
+    """type: the repository id. address, key: HOST:PORT and object key of the first IIOP profile, which identify the
+    object: omniORB marks the IORs of objects that are called over their own connections, so the same object has
+    several. Each is empty where there is none."""
+
+    type: str = ""
+    address: str = ""
+    key: bytes = b""
 
 
-class IorAddress(NamedTuple):
-    """The address in the first IIOP profile of a reference; may be forged like all of a reference."""
-
-    host: str
-    port: int
-
-    def __str__(self) -> str:
-        return f"{self.host}:{self.port}"
-
-
-def address_of(ior: str) -> IorAddress | None:
-    """The address of a stringified reference ("IOR:..."); None if it has none or is malformed."""
-    if not ior.startswith("IOR:"):
-        return None
+def parsed(ior: str) -> Ior:
+    """The content of a stringified reference ("IOR:..."), as far as it is well-formed."""
+    found = Ior()
     try:
-        reader = _Encapsulation(bytes.fromhex(ior[4:]))
-        reader.octets()  # the type
+        reader = _Encapsulation(bytes.fromhex(ior.removeprefix("IOR:")))
+        found = Ior(reader.text())
         for _ in range(reader.unsigned()):
-            tag, profile = reader.unsigned(), reader.octets()
-            if tag == _TAG_INTERNET_IOP:
-                inner = _Encapsulation(profile)
-                inner.skip(2)  # version of IIOP
-                return IorAddress(inner.octets().rstrip(b"\0").decode("latin-1"), inner.short())
+            tag, profile = reader.unsigned(), _Encapsulation(reader.octets())
+            if tag == 0:  # TAG_INTERNET_IOP
+                profile.skip(2)  # version of IIOP
+                return found._replace(address=f"{profile.text()}:{profile.short()}", key=profile.octets())
     except (ValueError, struct.error):
         pass
-    return None
+    return found
+
+
+def address_of(ior: str) -> str:
+    """HOST:PORT of the server; empty if there is none."""
+    return parsed(ior).address
 
 
 class _Encapsulation:
@@ -52,6 +52,9 @@ class _Encapsulation:
 
     def short(self) -> int:
         return self._number("H", 2)
+
+    def text(self) -> str:
+        return self.octets().rstrip(b"\0").decode(errors="replace")
 
     def octets(self) -> bytes:
         length = self.unsigned()

@@ -22,23 +22,15 @@ from robocorba.system.backoff import Backoff
 from robocorba.system.repeating import Repeating
 from robocorba.system.settings import Address, RoleNaming
 
-#: Interval at which a process checks that its names are still bound to its objects [s]. With the calls of a check, a
-#: stolen name is taken back within 2 s.
-BINDING_CHECK_INTERVAL_S = 1.0
 #: For this time a name may be stolen [s].
 STOLEN_S = 2.5
-#: Interval between two log lines about the same stolen name [s].
-THEFT_LOG_INTERVAL_S = 60.0
-#: Interval between two log lines about names that can't be bound [s]: over a bad link that changes all the time.
-OUTAGE_LOG_INTERVAL_S = 60.0
+#: Interval between two log lines about the same stolen name, and about names that can't be bound [s]: over a bad link
+#: that changes all the time.
+LOG_INTERVAL_S = 60.0
 #: Timeout of a single call to the naming service, and of a call that probes an object [s].
 PROBE_TIMEOUT_S = 1.0
 #: Pauses between attempts to resolve or bind names.
 BACKOFF = Backoff(0.02, 0.25)
-#: Number of names in one answer of the naming service.
-_PAGE_SIZE = 500
-#: Most names in a context.
-MAX_NAMES = 20_000
 
 _log = logging.getLogger(__name__)
 
@@ -46,19 +38,18 @@ _log = logging.getLogger(__name__)
 class NamingService:
     """The naming service at `address`. connect: converts a URI to a reference without a call; uri: the reverse.
 
-    context: the naming context that names are relative to, parts separated by slashes; empty for the root.
-    with_kinds: names may have kinds, as Mobility.Unit; otherwise a dot is part of a name, such as a robot's."""
+    context: the naming context that names are relative to, parts separated by slashes, where a dot is part of a name,
+    such as a robot's; empty for the root, where names may have kinds, as Mobility.Unit."""
 
     def __init__(
         self,
         connect: Callable[[str], Any],
         address: Address,
         context: str,
-        with_kinds: bool = False,
         uri: Callable[[Any], str] = lambda reference: "",
     ) -> None:
         self._connect, self.address, self._uri = connect, address, uri
-        self._context, self._with_kinds = context, with_kinds
+        self._context = context
         self._contexts = NamingContexts(uri)
         key = address.key if isinstance(address, RoleNaming) else "NameService"
         self.root_uri = f"corbaloc:{address.scheme}:1.2@{address}/{key}"
@@ -122,11 +113,11 @@ class NamingService:
         deadline = time.monotonic() + timeout_s
         try:
             bindings = BACKOFF.call(
-                lambda: self._bindings(path, deadline), timeout_s, CORBA.SystemException, _ContextAway
+                lambda: self._bindings(path, deadline), timeout_s, CORBA.SystemException, _Retryable
             )
         except CosNaming.NamingContext.NotFound:
             return []
-        except _ContextAway as away:
+        except _Retryable as away:
             raise NotReachable(f"the naming context {self.path(path)} is {away}") from None
         except CORBA.SystemException as error:
             raise self._unanswered(error) from None
@@ -169,7 +160,7 @@ class NamingService:
 
     def address_bound(self, reference: Any) -> str:
         """The address of a reference's server, for display."""
-        return str(address_of(self._uri(reference)) or "an unknown address")
+        return address_of(self._uri(reference)) or "an unknown address"
 
     def unbind(self, name: str, reference: Any) -> None:
         """Unbind a name, if it is bound to this object. Raises CORBA.SystemException."""
@@ -195,19 +186,19 @@ class NamingService:
         try:
             return self._listed(found, deadline)
         except CORBA.SystemException as error:  # it may be another server's, or have a wrong address
-            raise _ContextAway(self._unanswered_by(found, error)) from None
+            raise _Retryable(self._unanswered_by(found, error)) from None
 
     def _listed(self, found: Any, deadline: float) -> list[Any]:
         context = found._unchecked_narrow(CosNaming.NamingContext)
         set_call_timeout(context, PROBE_TIMEOUT_S)
-        bindings, rest = invoke(context, CosNaming.NamingContext, "list", _PAGE_SIZE)
+        bindings, rest = invoke(context, CosNaming.NamingContext, "list", 500)
         if rest is not None:
             set_call_timeout(rest, PROBE_TIMEOUT_S)
             has_more = True
             while has_more:
-                if time.monotonic() > deadline or len(bindings) > MAX_NAMES:  # a context of another client's
+                if time.monotonic() > deadline or len(bindings) > 20_000:  # a context of another client's
                     raise CORBA.TIMEOUT
-                has_more, more = rest.next_n(_PAGE_SIZE)
+                has_more, more = rest.next_n(500)
                 bindings += more
             rest.destroy()
         return list(bindings)
@@ -218,7 +209,8 @@ class NamingService:
         return self._contexts.context(self._root(), path[:-1]), path[-1:]
 
     def _components(self, name: str) -> list[Any]:
-        return [_component(part, self._with_kinds) for part in self.path(name).split("/")]
+        parts = [(part, "", "") if self._context else part.partition(".") for part in self.path(name).split("/")]
+        return [CosNaming.NameComponent(name, kind) for name, _, kind in parts]
 
     def _root(self, timeout_s: float = PROBE_TIMEOUT_S) -> Any:
         root = self._connect(self.root_uri)
@@ -262,9 +254,11 @@ def resolve_corbaname(connect: Callable[[str], Any], uri: str) -> Any:
 
 class BoundNames:
     """Binds the names of a process in the background until `close`, again after a naming service has lost them or
-    another process has bound them."""
+    another process has bound them.
 
-    def __init__(self, names: NamingService) -> None:
+    check_interval_s: interval between checks [s]. With the calls of a check, a stolen name is taken back within 2 s."""
+
+    def __init__(self, names: NamingService, check_interval_s: float = 1.0) -> None:
         self._names = names
         self._served: dict[str, Any] = {}
         self._owns_names: Callable[[], bool] = lambda: True
@@ -273,9 +267,7 @@ class BoundNames:
         self._thefts: dict[str, tuple[int, float]] = {}
         self._is_started = False
         self._failures, self._outages = 0, BindingOutages(names.address)
-        self._binding = Repeating(
-            "bindings", self._bind, lambda: BACKOFF.pause_s(self._failures) or BINDING_CHECK_INTERVAL_S
-        )
+        self._binding = Repeating("bindings", self._bind, lambda: BACKOFF.pause_s(self._failures) or check_interval_s)
         #: Set as soon as all names have been bound.
         self.are_bound = threading.Event()
 
@@ -288,7 +280,7 @@ class BoundNames:
         self._is_started = True
 
     def add(self, name: str, reference: Any) -> None:
-        """Bind another name, within BINDING_CHECK_INTERVAL_S if it can be bound. It must not be bound by this yet."""
+        """Bind another name, with the next check if it can be bound. It must not be bound by this yet."""
         self._served[name] = reference
 
     def withdraw(self, name: str) -> None:
@@ -303,11 +295,15 @@ class BoundNames:
 
     def _bind(self) -> None:
         """Bind all names at start; later those that were lost or stolen."""
-        errors = failures_of(self._check, self._served.items())
+        errors = _failures_of(self._check, self._served.items())
         self._outages.note(errors)
         self._failures = self._failures + 1 if errors else 0
-        if not errors:
+        if self._bound.issuperset(list(self._served)):
             self.are_bound.set()
+
+    def _note_bound(self, name: str) -> None:
+        self._bound.add(name)
+        _log.info("bound %s at %s", self._names.path(name), self._names.address)
 
     def _check(self, name: str, reference: Any) -> None:
         if self._served.get(name) is not reference:
@@ -324,29 +320,31 @@ class BoundNames:
             if self._served.get(name) is not reference:  # withdrawn meanwhile
                 self._names.unbind(name, reference)
                 return
-            self._bound.add(name)
-            _log.info("bound %s at %s", self._names.path(name), self._names.address)
+            self._note_bound(name)
         elif not found._is_equivalent(reference) and self._owns_names():
             self._names.take_back(name, reference)
             self._note_theft(self._names.path(name), self._names.address_bound(found))
 
     def _note_theft(self, path: str, other: str) -> None:
-        """Log who had bound a name, at most once in THEFT_LOG_INTERVAL_S."""
+        """Log who had bound a name, at most once in LOG_INTERVAL_S."""
         count, logged_at = self._thefts.get(path, (0, -math.inf))
         now = time.monotonic()
-        if now - logged_at >= THEFT_LOG_INTERVAL_S:
+        if now - logged_at >= LOG_INTERVAL_S:
             more = f"; {count} times more in the last minute" if count else ""
             _log.warning("took back the name %s: an object at %s was bound to it%s", path, other, more)
             count, logged_at = -1, now
         self._thefts[path] = count + 1, logged_at
 
+    def _release(self, name: str, reference: Any) -> None:
+        self._names.unbind(name, reference)
+
     def _unbind(self, served: dict[str, Any]) -> None:
-        if errors := failures_of(self._names.unbind, served.items()):
+        if errors := _failures_of(self._release, served.items()):
             _log.warning("cannot unbind names at %s (%s)", self._names.address, describe(errors[0]))
 
 
 class BindingOutages:
-    """Logs that names can't be bound, once for each outage and at most once in OUTAGE_LOG_INTERVAL_S, and that they are
+    """Logs that names can't be bound, once for each outage and at most once in LOG_INTERVAL_S, and that they are
     bound again. address: of the naming service. clock: the time [s]."""
 
     def __init__(self, address: Address, clock: Callable[[], float] = time.monotonic) -> None:
@@ -362,7 +360,7 @@ class BindingOutages:
             self._is_out = False
         elif not self._is_out:
             self._is_out = True
-            self._is_logged = self._clock() - self._logged_at >= OUTAGE_LOG_INTERVAL_S
+            self._is_logged = self._clock() - self._logged_at >= LOG_INTERVAL_S
             if not self._is_logged:
                 self._unlogged += 1
                 return
@@ -371,7 +369,7 @@ class BindingOutages:
             self._logged_at, self._unlogged = self._clock(), 0
 
 
-def failures_of(do: Callable[..., None], arguments: Iterable[tuple[Any, ...]]) -> list[CORBA.Exception]:
+def _failures_of(do: Callable[..., None], arguments: Iterable[tuple[Any, ...]]) -> list[CORBA.Exception]:
     """Call `do` with each of these arguments; the errors. One that fails does not stop the others, unless the naming
     service does not answer."""
     errors = []
@@ -386,20 +384,11 @@ def failures_of(do: Callable[..., None], arguments: Iterable[tuple[Any, ...]]) -
 
 
 class _Retryable(Exception):
-    """An attempt to resolve failed for a reason that may be temporary."""
-
-
-class _ContextAway(Exception):
-    """The server of a naming context does not answer."""
+    """An attempt to resolve or to list failed for a reason that may be temporary."""
 
 
 class _OtherKind(_Retryable):
     """An object of another kind is bound: the name may be stolen."""
-
-
-def _component(part: str, with_kinds: bool) -> Any:
-    name, _, kind = part.partition(".") if with_kinds else (part, "", "")
-    return CosNaming.NameComponent(name, kind)
 
 
 def corbaname(naming: Address, name: str = "") -> str:

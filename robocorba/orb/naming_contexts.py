@@ -14,7 +14,7 @@ from omniORB import CORBA
 
 from robocorba.orb.bounded_any import invoke
 from robocorba.orb.calls import set_call_timeout
-from robocorba.orb.ior import IorAddress, address_of
+from robocorba.orb.ior import address_of
 
 #: Timeout of a call to a naming context [s].
 CALL_TIMEOUT_S = 1.0
@@ -32,7 +32,7 @@ class NamingContexts:
         self._uri = uri
         #: The last usable context of each path, and the address that the naming service gives to its contexts.
         self._former: dict[str, Any] = {}
-        self._home: IorAddress | None = None
+        self._home = ""
         #: Time of the last log line [s].
         self._logged_at = -math.inf
 

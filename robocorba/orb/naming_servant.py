@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 import CosNaming
 import CosNaming__POA
@@ -20,30 +20,14 @@ Context = CosNaming.NamingContext
 MAX_LISTED = 500
 
 
-class NamingObjects(Protocol):
-    """Gives access to the CORBA objects of the naming service."""
-
-    def context(self, role: Role, path: Path, robot: str) -> Any:
-        """The reference of a role's naming context, which is activated on the first call. robot: the name of the only
-        robot that has it, empty for all of the role."""
-
-    def registry(self, role: Role, robot: str) -> Any:
-        """The reference of the role's registry, None for a role that binds no names."""
-
-    def found(self, reference: Any, path: Path, robot: str) -> Any:
-        """The reference that the role has, for this robot."""
-
-    def iterator(self, bindings: list[Any]) -> Any:
-        """The reference of an iterator over these bindings."""
-
-    def forget(self, iterator: BindingIteratorServant) -> None:
-        """Deactivate an iterator."""
-
-
 class NamingContextServant(CosNaming__POA.NamingContextExt):
-    """CosNaming::NamingContextExt: the names below `path`, as `role` sees them, or only `robot`."""
+    """CosNaming::NamingContextExt: the names below `path`, as `role` sees them, or only `robot`.
 
-    def __init__(self, table: NameTable, role: Role, path: Path, objects: NamingObjects, robot: str = "") -> None:
+    objects: gives references, each object being activated when it is first needed: `context(role, path, robot)` of a
+    role's context; `registry(role, robot)`, None for a role that binds no names; `found(reference, path, robot)`, what
+    the role gets for a bound one; `iterator(bindings)`."""
+
+    def __init__(self, table: NameTable, role: Role, path: Path, objects: Any, robot: str = "") -> None:
         self._table, self._role, self._path, self._objects, self._robot = table, role, path, objects, robot
 
     def resolve(self, n: Any) -> Any:
@@ -90,9 +74,9 @@ class NamingContextServant(CosNaming__POA.NamingContextExt):
 
 
 class BindingIteratorServant(CosNaming__POA.BindingIterator):
-    """CosNaming::BindingIterator: the rest of a list."""
+    """CosNaming::BindingIterator: the rest of a list. objects: its `forget` deactivates this servant."""
 
-    def __init__(self, bindings: list[Any], objects: NamingObjects) -> None:
+    def __init__(self, bindings: list[Any], objects: Any) -> None:
         self._bindings, self._objects = bindings, objects
 
     def next_one(self) -> Any:

@@ -35,10 +35,7 @@ from omniORB import CORBA, BiDirPolicy
 
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.orb import tls
-from robocorba.orb.accepting import Door
-from robocorba.orb.allocator import TRIM_INTERVAL_S, return_freed_memory, trim
 from robocorba.orb.bounded_any import read_bounded
-from robocorba.orb.call_threads import wait_for_end
 from robocorba.orb.calls import describe, set_call_timeout
 from robocorba.orb.connections import ConnectionLimit, enlarge_queue
 from robocorba.orb.guard import Guard, guarded, without_keys
@@ -46,6 +43,14 @@ from robocorba.orb.naming import PROBE_TIMEOUT_S, BoundNames, NamingService, res
 from robocorba.orb.references import object_at
 from robocorba.orb.robot_objects import RobotObjects
 from robocorba.orb.texts import refuse_unreadable_texts
+from robocorba.orb.workarounds import (
+    hold_connections,
+    let_connections_wait,
+    return_freed_memory,
+    serve_connections,
+    trim,
+    wait_for_call_threads,
+)
 from robocorba.system.endpoints import is_free
 from robocorba.system.repeating import Repeating
 from robocorba.system.roles import Role
@@ -53,10 +58,6 @@ from robocorba.system.settings import Address, RoleNaming, omniorb_trace
 from robocorba.system.stop_request import StopRequest
 
 CONTEXT = "RoboCorba"
-#: Name of the adapter of objects whose keys are secrets.
-SECRETS = "secrets"
-#: Timeout of every call, unless `Orb` or `resolve` sets another one [s].
-DEFAULT_CALL_TIMEOUT_S = 10.0
 
 #: Options of omniORB 4.2 and 4.3 that differ from their defaults; `Orb(options=...)` changes single ones.
 #: clientConnectTimeOutPeriod is omitted on purpose: on a new connection it would replace the timeout of the call.
@@ -129,8 +130,8 @@ class Orb:
         see robocorba.orb.guard, unless `guards` is False, and uses TLS if that system does.
     endpoint: address of a server, fixed so that references survive restarts. Without one, an ORB that activates
         objects listens on a free port: on loopback if the naming service does, else on all interfaces.
-    context: the naming context that names are relative to, parts separated by slashes; empty for the root.
-    with_kinds: names may have kinds, as Mobility.Unit; otherwise a dot is part of a name, such as a robot's.
+    context: the naming context that names are relative to, parts separated by slashes; empty for the root, where names
+        may have kinds, as Mobility.Unit; otherwise a dot is part of a name, such as a robot's.
     call_timeout_s: timeout of every call through this ORB, unless `resolve` sets another one.
 
     Raises PortInUse if another process listens on the endpoint, ServiceError if that is none of this machine, or if the
@@ -143,13 +144,12 @@ class Orb:
         endpoint: Address | None = None,
         *,
         context: str = CONTEXT,
-        with_kinds: bool = False,
-        call_timeout_s: float = DEFAULT_CALL_TIMEOUT_S,
+        call_timeout_s: float = 10.0,
         options: Mapping[str, str] | None = None,
         guards: bool = True,
     ) -> None:
         self.naming, self.endpoint = naming, endpoint
-        self._names = NamingService(self._connect, naming, context, with_kinds, self.uri)
+        self._names = NamingService(self._connect, naming, context, self.uri)
         self._bound_names: Any = BoundNames(self._names)
         self._guard: Guard | None = None
         self._robot_objects: RobotObjects | None = None
@@ -161,7 +161,6 @@ class Orb:
             self._bound_names = HeldNames(self._names, self._guard)
         self._connections = ConnectionLimit()
         self._trimming: Repeating | None = None
-        self._door = Door()
         self._active_keys: set[str] = set()
         self._options = {
             **OPTIONS,
@@ -186,11 +185,12 @@ class Orb:
         for option, value in self._options.items():
             arguments += [f"-ORB{option}", value]
         try:
+            let_connections_wait()
             self._orb = CORBA.ORB_init(arguments, CORBA.ORB_ID)
             if self.endpoint:
                 if return_freed_memory():
-                    self._trimming = Repeating("trim", trim, TRIM_INTERVAL_S).start()
-                self._door.close()
+                    self._trimming = Repeating("trim", trim, 30.0).start()
+                hold_connections()
                 _ = self._named_adapter  # listens from here on, so that a port in use is detected now; callers wait
                 enlarge_queue()
             self._connections.start()
@@ -216,12 +216,12 @@ class Orb:
             self.__dict__.pop(adapter, None)
         if self._trimming:
             self._trimming.close()
-        self._door.open()
+        serve_connections()
         try:
             if orb:
                 orb.shutdown(True)  # waits for calls in progress
                 orb.destroy()
-                wait_for_end()
+                wait_for_call_threads()
         finally:
             faulthandler.cancel_dump_traceback_later()
             _one_orb.release()
@@ -312,7 +312,7 @@ class Orb:
             root.create_request_processing_policy(PortableServer.USE_SERVANT_MANAGER),
             root.create_servant_retention_policy(PortableServer.RETAIN),
         ]
-        self._secret_adapter = root.create_POA(SECRETS, root._get_the_POAManager(), policies)
+        self._secret_adapter = root.create_POA("secrets", root._get_the_POAManager(), policies)
         # The finder is an object, too, which is called here, before the others accept calls. Its key can't be guessed:
         # omniORB would let clients call it as well.
         finders = root.create_POA("finders", None, [root.create_id_assignment_policy(PortableServer.USER_ID)])
@@ -395,7 +395,7 @@ class Orb:
         """Accept calls of active objects; for a process that has objects, but no names for `serve`."""
         for adapter in (self._named_adapter, self._root_adapter):
             adapter._get_the_POAManager().activate()
-        self._door.open()
+        serve_connections()
 
     @cached_property
     def _named_adapter(self) -> Any:
@@ -450,13 +450,13 @@ class Orb:
         """The object bound to `name`, which may have a kind, in the root of another naming service; without retries.
 
         call_timeout_s: timeout of each call, also of later calls through the reference. Raises NotReachable."""
-        other = NamingService(self._connect, naming, "", with_kinds=True)
+        other = NamingService(self._connect, naming, "")
         return other.resolve_once(name, interface, call_timeout_s)
 
     def names_elsewhere(self, naming: Address) -> BoundNames:
         """Names, which may have kinds, that are kept bound in the root of another naming service, or in the root of
         the system's, until they are closed; none at first."""
-        names = BoundNames(NamingService(self._connect, naming, "", with_kinds=True, uri=self.uri))
+        names = BoundNames(NamingService(self._connect, naming, "", self.uri))
         names.start({})
         return names
 

@@ -15,24 +15,16 @@ from typing import Any
 
 import omniORB
 from omniORB import CORBA
-from omniORB import tcInternal as tc
 
 from robocorba.orb.bounded_reading import CHOSEN, NOTHING, OCTETS, REFUSED, chosen, struct_of
-
-#: Interfaces whose descriptors are kept.
-MAX_KEPT = 256
-
-_HEAD = b"\1\0\0\0" if struct.pack("=H", 1) == b"\1\0" else b"\0\0\0\0"
+from robocorba.orb.workarounds import has_stubs, tc
 
 
-@functools.lru_cache(MAX_KEPT)
+@functools.lru_cache(256)
 def reference_of(descriptor: Any) -> Any:
     """The descriptor by which references are read. descriptor: the usual one, of the interface that is expected."""
-    read = struct_of(
-        _reader(descriptor),
-        *("type", OCTETS),
-        *("profiles", (tc.tv_sequence, struct_of(_profile, "tag", tc.tv_ulong, "content", OCTETS), 0)),
-    )
+    profile = struct_of(lambda tag, content: (tag, content), "tag", tc.tv_ulong, "content", OCTETS)
+    read = struct_of(_reader(descriptor), "type", OCTETS, "profiles", (tc.tv_sequence, profile, 0))
     return struct_of(lambda reference, nothing: reference, "reference", read, "nothing", CHOSEN)
 
 
@@ -55,10 +47,6 @@ def _check_type(type: bytes) -> None:
         raise UnicodeError("NUL within, or none at the end")
 
 
-def _profile(tag: int, content: bytes) -> tuple[int, bytes]:
-    return tag, content
-
-
 def _reader(descriptor: Any) -> Callable[[bytes, list[tuple[int, bytes]]], Any]:
     """A function that makes a reference of its type and profiles, and chooses NOTHING or REFUSED."""
     expected = tc.createTypeCode(descriptor)
@@ -67,7 +55,7 @@ def _reader(descriptor: Any) -> Callable[[bytes, list[tuple[int, bytes]]], Any]:
         reference = None
         try:
             _check_type(type)
-            typecode = expected if descriptor[1] in omniORB.objrefMapping else CORBA.TC_Object
+            typecode = expected if has_stubs(descriptor[1]) else CORBA.TC_Object
             reference = omniORB.cdrUnmarshal(typecode, _encoded(type, profiles))
         except Exception:
             chosen[0] = REFUSED
@@ -79,15 +67,8 @@ def _reader(descriptor: Any) -> Callable[[bytes, list[tuple[int, bytes]]], Any]:
 
 
 def _encoded(type: bytes, profiles: list[tuple[int, bytes]]) -> bytes:
-    encoded = bytearray(_HEAD + struct.pack("=I", len(type)) + type)
-    encoded += bytes(-len(encoded) % 4) + struct.pack("=I", len(profiles))
+    encoded = bytearray(b"\1\0\0\0" + struct.pack("<I", len(type)) + type)  # little-endian
+    encoded += bytes(-len(encoded) % 4) + struct.pack("<I", len(profiles))
     for tag, content in profiles:
-        encoded += bytes(-len(encoded) % 4) + struct.pack("=II", tag, len(content)) + content
+        encoded += bytes(-len(encoded) % 4) + struct.pack("<II", tag, len(content)) + content
     return bytes(encoded)
-
-
-class BoundedTypeCode(CORBA.TypeCode):
-    """For omniORB.cdrUnmarshal: reads by a descriptor of this system."""
-
-    def __init__(self, descriptor: Any) -> None:
-        self._d, self._k = descriptor, CORBA.tk_any

@@ -13,7 +13,8 @@ from typing import Any
 
 import omniORB
 from omniORB import CORBA
-from omniORB import tcInternal as tc
+
+from robocorba.orb.workarounds import operations_of, tc
 
 #: Checks a value; raises BAD_PARAM or DATA_CONVERSION.
 Check = Callable[[Any], None]
@@ -24,7 +25,7 @@ def refuse_unreadable_texts(servant: Any) -> None:
     """Let the operations of a servant's class check their texts. Operations without texts stay as they are, and those
     that the class names in `checks_texts_itself`."""
     checked_itself = getattr(servant, "checks_texts_itself", ())
-    for name, descriptor in getattr(servant, "_omni_op_d", {}).items():
+    for name, descriptor in operations_of(servant).items():
         if name in checked_itself:
             continue
         checks = [(index, check) for index, each in enumerate(descriptor[0]) if (check := check_of(each))]

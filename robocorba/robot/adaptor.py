@@ -4,10 +4,23 @@ Its four methods are the paper's. A new kind of robot takes one subclass: see do
 
 from __future__ import annotations
 
+import argparse
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import NoReturn
 
+from robocorba.errors.robots import AdaptorFailed
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+
+
+class ArgumentParser(argparse.ArgumentParser):
+    """Of an adaptor's arguments; raises AdaptorFailed for those that are wrong."""
+
+    def __init__(self) -> None:
+        super().__init__(add_help=False, allow_abbrev=False)
+
+    def error(self, message: str) -> NoReturn:
+        raise AdaptorFailed(f"the adaptor's arguments: {message}")
 
 
 class RobotAdaptor(ABC):

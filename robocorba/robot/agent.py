@@ -8,6 +8,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from robocorba.errors.base import RoboCorbaError
@@ -21,9 +22,9 @@ from robocorba.robot import model_switcher
 from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
 from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.emergency_stop import EmergencyStop
-from robocorba.robot.high_controller import HighController
+from robocorba.robot.high_controller import Callbacks, HighController
 from robocorba.robot.kinematics.inverse import InverseKinematics
-from robocorba.robot.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
+from robocorba.robot.kinematics.smartpal import BASE_LIMITS
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.robot.programs.base_checks import Planner
@@ -31,35 +32,20 @@ from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.robot import Robot
 from robocorba.robot.runner import OtherRobots, Runner
-from robocorba.robot.sensors import Sensors
 from robocorba.robot.session import SessionState, once_back
 from robocorba.robot.teleoperation import Teleoperation, check_order
-from robocorba.robot.tick_file import Tick, TickFile
+from robocorba.robot.tick_file import TickFile
 from robocorba.simulation.emergency_stops import StopAnswer
 from robocorba.simulation.registry import Pose
 from robocorba.system.background import Background
 from robocorba.system.repeating import Repeating
 from robocorba.system.stop_latch import EMERGENCY_STOP
 
-#: Gain with which the body in the building follows an actual robot [1/s].
-FOLLOW_GAIN = 5.0
-#: Validity of the commands to that body [s].
-FOLLOW_VALID_S = 0.1
 #: Distance of the body from its actual robot above which the body counts as blocked by an obstacle in the building [m].
 #: The robot's motion fails then, as if the obstacle blocked the robot.
 BODY_BLOCKED_M = 0.1
-#: Number of control cycles above that distance in which the body neither gets closer nor gains speed while the
-#: simulation goes on, after which it counts as blocked. A body that was only late, because a process got no processor
-#: time, gains speed until it gets closer.
-BODY_BLOCKED_CYCLES = 25
 #: Distance above which the body can't follow any more, and the robot counts as lost [m].
 BODY_LOST_M = 1.0
-#: Interval between renewals of the lease [s], independent of commands.
-LEASE_RENEWAL_S = 0.5
-#: Timeout for the report of an emergency stop to the simulation server [s].
-REPORT_LIMIT_S = 1.0
-#: Timeout for the end of an aborted program [s].
-END_LIMIT_S = 5.0
 
 _log = logging.getLogger(__name__)
 
@@ -81,27 +67,33 @@ class Task(Protocol):
 TaskT = TypeVar("TaskT", bound=Task)
 
 
-class ControlAgent:
-    """Thread-safe. others: for events and cooperative icons. check: checks a program from the present state. ticks:
-    records programs. nearby: other robots and obstacles; see Robot.
+@dataclass(frozen=True)
+class AgentCalls:
+    """What a control agent calls."""
 
-    prepare: called before each task, to bring up to date what rests while the robot has none. changed: called after
-    changes of condition and task; must not block."""
+    #: Checks a program from the present state.
+    check: Callable[[Program, AgentState], CheckReport] = lambda program, state: CheckReport()
+    #: Before each task, to bring up to date what rests while the robot has none.
+    prepare: Callable[[], None] = lambda: None
+    #: After changes of condition and task; must not block.
+    changed: Callable[[], None] = lambda: None
+
+
+class ControlAgent:
+    """Thread-safe. others: for events and cooperative icons. ticks: records programs. nearby: other robots and
+    obstacles; see Robot."""
 
     def __init__(
         self,
         context: AdaptorContext,
         planner: Planner,
         others: OtherRobots,
-        check: Callable[[Program, AgentState], CheckReport] = lambda program, state: CheckReport(),
-        ticks: TickFile | None = None,
         nearby: Nearby | None = None,
-        prepare: Callable[[], None] = lambda: None,
-        changed: Callable[[], None] = lambda: None,
+        ticks: TickFile | None = None,
+        calls: AgentCalls = AgentCalls(),
     ) -> None:
-        self._prepare, self._changed = prepare, changed
-        self._context, self._planner, self._others, self._check = context, planner, others, check
-        self._ticks, self._nearby = ticks, nearby
+        self._context, self._planner, self._others = context, planner, others
+        self._nearby, self._ticks, self._calls = nearby, ticks, calls
         self.name, self.session = context.name, context.session
         self._kinematics = InverseKinematics()
         self._lock = threading.RLock()
@@ -118,8 +110,12 @@ class ControlAgent:
         #: The body brakes more gently than the robot, so it may begin some distance away.
         self._blocked_at_m = math.inf
         self._body_time_s = self._body_distance_m = self._body_speed_m_s = 0.0
+        #: Number of control cycles above that distance in which the body neither got closer nor gained speed while the
+        #: simulation went on. A body that was only late, because a process got no processor time, gains speed until it
+        #: gets closer.
         self._cycles_falling_behind = 0
-        self._lease = Repeating("lease", self._renew, LEASE_RENEWAL_S)
+        # The lease is renewed twice a second, independent of commands.
+        self._lease = Repeating("lease", self._renew, 0.5)
 
     # ---- start and end ----
 
@@ -175,7 +171,7 @@ class ControlAgent:
 
     def check(self, program: Program) -> CheckReport:
         """Check a program from the present state, also while another one runs. Raises NotReachable."""
-        return self._check(program, self.state)
+        return self._calls.check(program, self.state)
 
     def load(self, program: Program) -> None:
         """Check and keep a program. Raises InvalidProgram; IllegalOrder while a program runs."""
@@ -234,17 +230,17 @@ class ControlAgent:
     def pause(self) -> None:
         """Raises IllegalOrder if no program runs."""
         self._running_robot("pause").execution.pause()
-        self._changed()
+        self._calls.changed()
 
     def resume(self) -> None:
         """Raises IllegalOrder if no program runs."""
         self._running_robot("resume").execution.resume()
-        self._changed()
+        self._calls.changed()
 
     def step(self) -> None:
         """Raises IllegalOrder if no program runs."""
         self._running_robot("step").execution.step()
-        self._changed()
+        self._calls.changed()
 
     def abort(self) -> None:
         """End the running program, if any; the robot slows down and stops."""
@@ -301,9 +297,9 @@ class ControlAgent:
             controller.halt()
 
     def stop_durably(self, reason: str = EMERGENCY_STOP) -> None:
-        """The same; returns when the stop outlives this process, or after REPORT_LIMIT_S."""
+        """The same; returns when the stop outlives this process, or after a second."""
         self.stop(reason)
-        if not self._emergency.wait_until_reported(REPORT_LIMIT_S):
+        if not self._emergency.wait_until_reported(1.0):
             _log.warning("stopped, but the simulation server does not know of it yet")
 
     def reset_stop(self) -> None:
@@ -404,20 +400,20 @@ class ControlAgent:
         self.session.state()
         self._is_virtual = made.is_in_building
         self.session.announce_body(made.is_in_building)
-        controller = HighController(
-            *(made, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED),
-            *(self._follow, self._record, self._log_on),
+        calls = Callbacks(
+            on_state=self._follow,
+            on_command=self._record,
+            before_start=self._log_on,
             rests=lambda: not self._is_running,
-            on_stop=self._changed,
+            on_stop=self._calls.changed,
             on_held=self.stop,
-            stops=self._emergency.latch,
         )
+        controller = HighController(made, self._emergency.latch, calls)
         if self._cap is not None:
             controller.speed_cap = self._cap
         controller.start(argv)
         self._controller, self._adaptor = controller, adaptor
-        sensors = Sensors(self.session, lambda: controller.state, RADIUS_M)
-        self._robot = Robot(controller, self.session, sensors, self._kinematics, self._planner, self._nearby)
+        self._robot = Robot(controller, self.session, self._kinematics, self._planner, self._nearby)
 
     @property
     def _is_ready(self) -> bool:
@@ -441,17 +437,17 @@ class ControlAgent:
 
     def _join(self) -> None:
         if self._thread:
-            self._thread.join(END_LIMIT_S)
+            self._thread.join(5.0)
 
     def _begin(self, task: Task) -> None:
         self.refresh()
-        self._prepare()
+        self._calls.prepare()
 
         def run() -> None:
             try:
                 task.run()
             finally:
-                self._changed()
+                self._calls.changed()
 
         self._task = task
         self._thread = Background("program", run, functools.partial(self._task_failed, task))
@@ -460,7 +456,7 @@ class ControlAgent:
             controller.wake()
         if (reason := self.stopped) and self._robot:  # the stop may have come before there was a task to abort
             self._robot.execution.abort(reason)
-        self._changed()
+        self._calls.changed()
 
     def _task_failed(self, task: Task, reason: str) -> None:
         """A task has ended by a defect: stop the robot, unless the task has ended safely and reports why."""
@@ -515,18 +511,18 @@ class ControlAgent:
             self._blocked_at_m = BODY_BLOCKED_M
         elif math.isinf(self._blocked_at_m):
             self._blocked_at_m = distance_m + BODY_BLOCKED_M
-        elif self._cycles_falling_behind > BODY_BLOCKED_CYCLES:
+        elif self._cycles_falling_behind > 25:  # half a second
             self._cycles_falling_behind = 0
             self._blocked_at_m = distance_m + BODY_BLOCKED_M  # the robot brakes, and may return
             if self._controller:
                 self._controller.cancel(MotionFailed(_blocked_reason(body, distance_m)))
-        self.session.command(_follow_velocity(state, body.at), FOLLOW_VALID_S)
+        self.session.command(_follow_velocity(state, body.at), 0.1)
 
     def _record(self, state: RobotState, command: ActorCommand) -> None:
         report = self._report
         if self._ticks and report.icon and report.result is ProgramResult.NO_RESULT:
             floor = self.session.latest.at.floor
-            self._ticks.add(Tick(self._adaptor, report.name, report.icon, report.icons_done, floor, state, command))
+            self._ticks.add((self._adaptor, report.name, report.icon, report.icons_done, floor), state, command)
 
 
 def _as_robot_error(error: RoboCorbaError) -> RobotError:
@@ -540,11 +536,12 @@ def _blocked_reason(body: SessionState, distance_m: float) -> str:
 
 def _follow_velocity(robot: RobotState, body: Pose) -> Velocity:
     """The velocity of a body that follows a robot, in the body's frame."""
+    gain = 5.0  # [1/s]
     error_rad = math.remainder(robot.heading - body.heading, math.tau)
     ahead, left = turned(robot.velocity[0], robot.velocity[1], error_rad)
     error_ahead, error_left = into(robot.x, robot.y, body[1:])
     return (
-        ahead + FOLLOW_GAIN * error_ahead,
-        left + FOLLOW_GAIN * error_left,
-        robot.velocity[2] + FOLLOW_GAIN * error_rad,
+        ahead + gain * error_ahead,
+        left + gain * error_left,
+        robot.velocity[2] + gain * error_rad,
     )

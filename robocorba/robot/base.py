@@ -9,8 +9,11 @@ import random
 from collections.abc import Callable, Sequence
 from itertools import product
 
+from shapely import Polygon
+
+from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import PathError
-from robocorba.errors.robots import MotionFailed
+from robocorba.errors.robots import MotionFailed, RideLost, RobotLost
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
@@ -18,34 +21,64 @@ from robocorba.planning.temporary_obstacles import NO_OBSTACLES
 from robocorba.robot.collision_avoidance.giving_way import Blocked, GiveWay
 from robocorba.robot.collision_avoidance.neighbours import Nearby, OtherRobot
 from robocorba.robot.collision_avoidance.stepping_aside import place_aside
-from robocorba.robot.elevator_rides import RideMovements, check_boarding_time, split_at_doors
+from robocorba.robot.elevator_rides import (
+    ELEVATOR_LIMIT_S,
+    RIDE_TRIALS,
+    WhileRiding,
+    check_boarding_time,
+    split_at_doors,
+    way_out_of_doors,
+)
+from robocorba.robot.execution_control import ExecutionControl
+from robocorba.robot.high_controller import HighController
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, RADIUS_M
-from robocorba.robot.motion.driving import Drive, DriveAt, DriveBy, StopBase
+from robocorba.robot.motion.driving import Drive, DriveAt, DriveBy
 from robocorba.robot.motion.motion import Motion
-from robocorba.robot.motion.robot_state import Velocity
+from robocorba.robot.motion.robot_state import ZERO_VELOCITY, Velocity
 from robocorba.robot.programs.base_checks import CONTACT_M, Planner
+from robocorba.robot.session import BuildingSession
+from robocorba.simulation.elevator import RidePhase
 
 #: Clearances that are tried for a path [m], widest first, because the base cuts corners.
 PATH_CLEARANCES_M = (0.06, 0.03, 0.0)
-#: Maximum length of a path with clearance: this factor of the shortest path plus this distance [m].
-DETOUR_FACTOR, DETOUR_M = 1.05, 0.5
-#: Speed of stepping aside [m/s].
-STEP_ASIDE_M_S = 0.2
-#: Random pause after stepping aside [s], from and to.
-PAUSES_S = (0.2, 0.8)
-#: Interval between searches for a path around the blocking robot [s].
-REPLAN_INTERVAL_S = 0.5
 
 _log = logging.getLogger(__name__)
 
 
-class BaseMovements(RideMovements):
-    """Mixin of Robot, which sets the attributes. Without `_nearby` the base does not give way to other robots."""
+class BaseMovements:
+    """Without `nearby` the base does not give way to other robots. One thread at a time moves the robot; any thread may
+    use `execution`."""
 
-    _planner: Planner
-    _nearby: Nearby | None
     #: The path that is being driven, from its start; empty if there is none.
     path: Sequence[PathPoint] = ()
+
+    def __init__(
+        self, controller: HighController, session: BuildingSession, planner: Planner, nearby: Nearby | None
+    ) -> None:
+        self.controller, self.session = controller, session
+        self._planner, self._nearby = planner, nearby
+        self.execution = ExecutionControl(controller.cancel, self._hold)
+
+    def move(self, motion: Motion) -> None:
+        """Run a motion to its end."""
+        self.execution.check()
+        self.controller.move(motion)
+
+    def wait(self, seconds: float, is_met: Callable[[], bool] = lambda: False) -> bool:
+        """Wait for some time [s, robot's clock] or until a condition is met; returns whether it is."""
+
+        def check() -> bool:
+            self.controller.check()  # the clock of a robot that is stopped does not advance
+            return is_met()
+
+        return self.execution.wait_for(check, seconds, self.clock)
+
+    def clock(self) -> float:
+        """The robot's time [s]."""
+        return self.controller.state.time
+
+    def _hold(self, is_held: bool) -> None:
+        self.controller.is_paused = is_held
 
     # ---- along paths ----
 
@@ -94,11 +127,11 @@ class BaseMovements(RideMovements):
         raise objects.explained(first)
 
     def _with_clearance(self, request: PathRequest, found: Path) -> Path:
-        """The path with the widest clearance that is hardly longer than `found`."""
+        """The path with the widest clearance that is at most 5 % and 0.5 m longer than `found`."""
         for clearance_m in PATH_CLEARANCES_M[:-1]:
             with contextlib.suppress(PathError):
                 wider = self._planner.paths(request._replace(radius=RADIUS_M + clearance_m))[0]
-                if wider.distance <= DETOUR_FACTOR * found.distance + DETOUR_M:
+                if wider.distance <= 1.05 * found.distance + 0.5:
                     return wider
         return found
 
@@ -120,20 +153,22 @@ class BaseMovements(RideMovements):
         return PathRequest(Place(here.floor, state.x, state.y), goal, radius=RADIUS_M, speed=speed)
 
     def _step_aside(self, nearby: Nearby, other: OtherRobot) -> None:
-        """Step aside as far as possible so that another robot gets past, then pause."""
+        """Step aside as far as possible, at 0.2 m/s, so that another robot gets past, then pause for a random time [s]:
+        two robots that wait for each other do not go on at the same time."""
         state = self.controller.state
         with contextlib.suppress(MotionFailed, NotReachable):
             if place := place_aside(nearby, (state.x, state.y), other):
-                self.move(GiveWay(Drive([place], None, STEP_ASIDE_M_S, BASE_LIMITS), nearby, avoid_walls=True))
-        self.wait(random.uniform(*PAUSES_S))
+                self.move(GiveWay(Drive([place], None, 0.2, BASE_LIMITS), nearby, avoid_walls=True))
+        self.wait(random.uniform(0.2, 0.8))
 
     def _path_after_blockage(self, nearby: Nearby, other: OtherRobot, goal: Place, speed: float) -> list[PathPoint]:
-        """A path around another robot as soon as there is one; after the policy's longest pause the map's path."""
+        """A path around another robot as soon as there is one, searched twice a second; after the policy's longest
+        pause the map's path."""
         deadline = self.clock() + nearby.policy.max_search_s
         while self.clock() < deadline:
             if points := self._path_around(goal, speed, other.name):
                 return points
-            self.wait(REPLAN_INTERVAL_S)
+            self.wait(0.5)
         return self._path_past_objects(goal, speed)
 
     def _drive_along(self, points: Sequence[PathPoint], heading: float | None, limit: float) -> None:
@@ -154,25 +189,84 @@ class BaseMovements(RideMovements):
             speeds.append(_speed_between(before, point))
             if point.kind is PointKind.ELEVATOR_ENTRY and after:
                 state = self.controller.state
-                shaft = self._nearby.shaft(point.elevator) if self._nearby else None
-                outside, inside = split_at_doors([(state.x, state.y), *leg], shaft)
+                outside, inside = split_at_doors([(state.x, state.y), *leg], self._shaft(point.elevator))
                 check_boarding_time(point.elevator, [outside[-1], *inside], speeds[-len(inside) :], limit)
-                self._drive(outside, None, limit, speeds[: len(outside)])
+                self.move(self._driving(outside, None, limit, speeds[: len(outside)]))
                 self._ride(point.elevator, after.floor, inside, limit, speeds[-len(inside) :])
                 leg, speeds = [], []
-        self._drive(leg, heading, limit, speeds)
+        self.move(self._driving(leg, heading, limit, speeds))
+
+    def _driving(
+        self, points: Sequence[XY], heading: float | None, speed: float, speeds: Sequence[float] | None = None
+    ) -> Motion:
+        return self._giving_way(Drive(points, heading, speed, BASE_LIMITS, speeds), points[-1])
+
+    def _shaft(self, elevator: str) -> Polygon | None:
+        return self._nearby.shaft(elevator) if self._nearby else None
+
+    # ---- elevators ----
+
+    def call_elevator(
+        self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
+    ) -> None:
+        """Reserve a ride from this floor, and wait until the doors are open. party: name of a group of `size` robots
+        that ride together. boarding_s: time that it needs to drive in, and to drive out; 0 if that is unknown. Raises
+        InvalidRide, ElevatorFull, RideLost."""
+        self.session.call_elevator(elevator, destination, party, size, boarding_s)
+        self.session.state()  # the latest state now has the ride
+        limit_s = ELEVATOR_LIMIT_S + self.session.longest_elevator_wait_s()
+        self.wait_for_ride(RidePhase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}", limit_s)
+
+    def wait_for_ride(
+        self,
+        phase: RidePhase,
+        otherwise: str,
+        limit_s: float = ELEVATOR_LIMIT_S,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Wait until the ride has come to this phase, or beyond: who calls from within the cabin boards at once.
+        otherwise: text of the MotionFailed if it has not within `limit_s`. check: raises another error that ends the
+        wait. Raises RideLost."""
+
+        def is_there() -> bool:
+            check()
+            ride = self.session.latest.ride
+            if ride is None:
+                raise RideLost(otherwise)
+            return ride.phase.value >= phase.value
+
+        if not self.wait(limit_s, is_there):
+            raise MotionFailed(otherwise)
 
     def _ride(
         self, elevator: str, destination: str, inside: Sequence[XY], limit: float, speeds: Sequence[float]
     ) -> None:
-        """Ride to another floor. inside: the way into the cabin, with limits on the segment before each point."""
+        """Ride to another floor from where the robot waits. inside: the way into the cabin [m], with limits on the
+        segment before each point.
 
-        def drive(points: Sequence[XY], around: Callable[[Motion], Motion]) -> None:
-            limits = speeds if points is inside else None
-            self.move(around(self._giving_way(Drive(points, None, limit, BASE_LIMITS, limits), points[-1])))
-
-        shaft = self._nearby.shaft(elevator) if self._nearby else None
-        self.ride(elevator, destination, inside, shaft, drive)
+        A ride that is lost before the robot is in the cabin is asked for again, RIDE_TRIALS times in all. Raises
+        RideLost, MotionFailed, InvalidRide, ElevatorFull."""
+        start, shaft = self.controller.state, self._shaft(elevator)
+        way = [(start.x, start.y), *inside]
+        try:
+            for trial in range(RIDE_TRIALS, 0, -1):
+                try:
+                    self.call_elevator(elevator, destination)
+                    self.move(WhileRiding(self._driving(inside, None, limit, speeds), self.session, elevator))
+                    break
+                except RideLost as lost:
+                    self.session.cancel_elevator()
+                    state = self.controller.state
+                    if back := way_out_of_doors((state.x, state.y), way, shaft):
+                        self.move(self._driving(back, None, limit))
+                    if trial == 1:
+                        raise
+                    _log.info("%s; the robot asks again", lost)
+            self.wait_for_ride(RidePhase.ALIGHTING, f"{elevator} did not arrive at {destination}")
+        except RoboCorbaError:
+            with contextlib.suppress(RobotLost):
+                self.session.cancel_elevator()
+            raise
 
     # ---- on this floor ----
 
@@ -205,16 +299,7 @@ class BaseMovements(RideMovements):
 
     def stop_base(self) -> None:
         """Stop the base, and wait until it is stationary."""
-        self.move(StopBase())
-
-    def _drive(
-        self,
-        points: Sequence[tuple[float, float]],
-        heading: float | None,
-        speed: float,
-        speeds: Sequence[float] | None = None,
-    ) -> None:
-        self.move(self._giving_way(Drive(points, heading, speed, BASE_LIMITS, speeds), points[-1]))
+        self.move(DriveAt(ZERO_VELOCITY, 0.0))
 
     def _giving_way(
         self, motion: Motion, goal: XY | None = None, precise_positioning: bool = False, avoid_walls: bool = False

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
-import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import accumulate, pairwise
 
 import shapely
 from shapely import LineString, Point, Polygon
 from shapely.ops import substring
 
-from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import MotionFailed, RideLost, RobotLost
+from robocorba.errors.robots import MotionFailed, RideLost
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.robot.kinematics.smartpal import RADIUS_M
 from robocorba.robot.motion.motion import Motion, MotionCommand
 from robocorba.robot.motion.robot_state import RobotState
-from robocorba.robot.movements import Movements
 from robocorba.robot.session import BuildingSession
 from robocorba.simulation.elevator import BOARDING_LIMIT_S, RidePhase
 
@@ -32,8 +28,6 @@ ELEVATOR_LIMIT_S = 300.0
 RIDE_TRIALS = 3
 #: Part of the time for boarding that is left for acceleration and for others in the way [s].
 BOARDING_RESERVE_S = 3.0
-
-_log = logging.getLogger(__name__)
 
 
 class WhileRiding:
@@ -49,90 +43,15 @@ class WhileRiding:
         return self._motion.command(state, elapsed_s)
 
 
-class RideMovements(Movements):
-    """Mixin of Robot."""
-
-    def call_elevator(
-        self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
-    ) -> None:
-        """Reserve a ride from this floor, and wait until the doors are open. party: name of a group of `size` robots
-        that ride together. boarding_s: time that it needs to drive in, and to drive out; 0 if that is unknown. Raises
-        InvalidRide, ElevatorFull, RideLost."""
-        self.session.call_elevator(elevator, destination, party, size, boarding_s)
-        self.session.state()  # the latest state now has the ride
-        limit_s = ELEVATOR_LIMIT_S + self.session.longest_elevator_wait_s()
-        self.wait_for_ride(RidePhase.BOARDING, f"{elevator} did not come to {self.session.latest.at.floor}", limit_s)
-
-    def wait_for_ride(
-        self,
-        phase: RidePhase,
-        otherwise: str,
-        limit_s: float = ELEVATOR_LIMIT_S,
-        check: Callable[[], None] = lambda: None,
-    ) -> None:
-        """Wait until the ride has come to this phase, or beyond: who calls from within the cabin boards at once.
-        otherwise: text of the MotionFailed if it has not within `limit_s`. check: raises another error that ends the
-        wait. Raises RideLost."""
-
-        def is_there() -> bool:
-            check()
-            ride = self.session.latest.ride
-            if ride is None:
-                raise RideLost(otherwise)
-            return ride.phase.value >= phase.value
-
-        if not self.wait(limit_s, is_there):
-            raise MotionFailed(otherwise)
-
-    def ride(
-        self,
-        elevator: str,
-        destination: str,
-        inside: Sequence[XY],
-        shaft: Polygon | None,
-        drive: Callable[[Sequence[XY], Callable[[Motion], Motion]], None],
-    ) -> None:
-        """Ride to another floor from where the robot waits. inside: the way into the cabin [m]. shaft: [m]; None if it
-        is not known. drive: drives through points, with what it gets around the motion.
-
-        A ride that is lost before the robot is in the cabin is asked for again, RIDE_TRIALS times in all. Raises
-        RideLost, MotionFailed, InvalidRide, ElevatorFull."""
-        start = self.controller.state
-        way = [(start.x, start.y), *inside]
-        try:
-            for trial in range(RIDE_TRIALS, 0, -1):
-                try:
-                    self.call_elevator(elevator, destination)
-                    drive(inside, lambda motion: WhileRiding(motion, self.session, elevator))
-                    break
-                except RideLost as lost:
-                    self.session.cancel_elevator()
-                    self._leave_doors(way, shaft, drive)
-                    if trial == 1:
-                        raise
-                    _log.info("%s; the robot asks again", lost)
-            self.wait_for_ride(RidePhase.ALIGHTING, f"{elevator} did not arrive at {destination}")
-        except RoboCorbaError:
-            with contextlib.suppress(RobotLost):
-                self.session.cancel_elevator()
-            raise
-
-    def _leave_doors(
-        self,
-        way: Sequence[XY],
-        shaft: Polygon | None,
-        drive: Callable[[Sequence[XY], Callable[[Motion], Motion]], None],
-    ) -> None:
-        """Drive back along the way into a cabin to where the robot waits, unless it is completely inside: the doors may
-        close then, and it asks from there."""
-        state = self.controller.state
-        here = Point(state.x, state.y)
-        if shaft is not None and shaft.contains(here) and shaft.exterior.distance(here) >= RADIUS_M:
-            return
-        line = LineString(way)
-        back = substring(line, line.project(here), 0.0)
-        if back.length > 0.0:
-            drive([(x, y) for x, y in back.coords[1:]], lambda motion: motion)
+def way_out_of_doors(here: XY, way: Sequence[XY], shaft: Polygon | None) -> list[XY]:
+    """The points from a place on the way into a cabin back to its start; none if the robot is there, or completely
+    inside of the shaft: the doors may close then, and it asks from there. shaft: None if it is not known."""
+    at = Point(here)
+    if shaft is not None and shaft.contains(at) and shaft.exterior.distance(at) >= RADIUS_M:
+        return []
+    line = LineString(way)
+    back = substring(line, line.project(at), 0.0)
+    return [(x, y) for x, y in back.coords[1:]] if back.length > 0.0 else []
 
 
 def check_boarding_time(elevator: str, way: Sequence[XY], speeds: Sequence[float], limit: float) -> None:

@@ -30,17 +30,13 @@ class SensorStop(RobotError):
 
 class ExecutionControl:
     """end_motion: ends the running motion with an error. hold: pauses the robot (True) or lets it continue.
-    check_interval_s: interval at which waiting threads check their conditions and interruptions [s].
 
     One thread runs the program; any thread may control it."""
 
-    def __init__(
-        self,
-        end_motion: Callable[[RobotError], None],
-        hold: Callable[[bool], None],
-        check_interval_s: float = CHECK_INTERVAL_S,
-    ) -> None:
-        self._end_motion, self._hold, self._check_interval_s = end_motion, hold, check_interval_s
+    def __init__(self, end_motion: Callable[[RobotError], None], hold: Callable[[bool], None]) -> None:
+        self._end_motion, self._hold = end_motion, hold
+        #: Interval at which waiting threads check their conditions and interruptions [s].
+        self.check_interval_s = CHECK_INTERVAL_S
         self._lock = threading.Lock()
         self._interruptions: list[RobotError] = []
         self._is_released = threading.Event()
@@ -117,7 +113,7 @@ class ExecutionControl:
                     raise self._interruptions[0]
             if self._is_released.is_set():
                 return
-            self._is_released.wait(self._check_interval_s)  # an abort sets it, too
+            self._is_released.wait(self.check_interval_s)  # an abort sets it, too
 
     def before_icon(self) -> None:
         """Pause in stepping mode, and check."""
@@ -125,7 +121,7 @@ class ExecutionControl:
             self.pause()
         self.check()
 
-    def wait_for(self, is_met: Callable[[], bool], limit_s: float, clock: Callable[[], float] = time.monotonic) -> bool:
+    def wait_for(self, is_met: Callable[[], bool], limit_s: float, clock: Callable[[], float]) -> bool:
         """Wait until a condition is met, at most `limit_s` by the clock without pauses; returns whether it is."""
         waited_s, before = 0.0, clock()
         while True:
@@ -139,4 +135,4 @@ class ExecutionControl:
                 return True
             if waited_s >= limit_s:
                 return False
-            time.sleep(self._check_interval_s)
+            time.sleep(self.check_interval_s)

@@ -12,6 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -20,8 +21,8 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotHeld, RobotLost
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import turned
-from robocorba.map_editor.spatial.pose import Limits
 from robocorba.robot.adaptor import RobotAdaptor
+from robocorba.robot.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
 from robocorba.robot.motion.motion import Motion, MotionCommand
 from robocorba.robot.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
 from robocorba.robot.realtime import use_realtime_scheduling
@@ -33,35 +34,8 @@ from robocorba.system.stop_latch import StopLatch
 
 #: Period of the control loop [s].
 TICK_S = 0.02
-#: Time without a motion after which a stationary virtual robot is idle [s].
-IDLE_AFTER_S = 1.0
-#: Period of the control loop while the robot is idle [s], so that many waiting robots are little load. A new motion
-#: ends it immediately.
-IDLE_TICK_S = 0.08
-#: Period while it is idle, rests and is not moved by others [s]: a quarter of the lease of a robot in the building,
-#: which reading renews. `refresh` ends it immediately.
-REST_TICK_S = 0.5
-#: Speed from which a robot counts as moved by others, such as by an elevator or when it is pushed [m/s, rad/s].
-MOVED_SPEED = 0.001
-#: Timeout of `refresh` [s].
-REFRESH_LIMIT_S = 0.2
 #: Validity of a command [s].
 VALID_S = 0.1
-#: Pauses between attempts to reconnect to a lost robot.
-RECONNECT = Backoff(0.5, 2.0, 1.5, jitter=0.2)
-#: Time without a tick after which what the control loop waits for counts as hanging [s]. The calls of one tick take
-#: less, unless the simulation server is held up for longer.
-HANG_LIMIT_S = 1.5
-#: Interval between checks of the control loop while a motion runs [s].
-CHECK_INTERVAL_S = 0.5
-#: Time since the last of these checks that counts as time in which this process has run [s]; more is a pause of it.
-LONGEST_CHECK_PAUSE_S = 0.75
-#: Longest pause of this process after which a motion goes on [s]: after the lease the robot's place may be another's.
-PAUSE_LIMIT_S = LEASE_S
-#: Timeout of `close` for an adaptor that hangs, and of `reset_stop` for a start of the adaptor that goes on [s].
-END_LIMIT_S = 5.0
-#: Number of ticks whose lateness is kept: those of ten seconds.
-JITTER_TICKS = 500
 #: Default speed limit [m/s]: from it SmartPal's wheels stop in 78 ms and a virtual robot in four simulation steps,
 #: which leaves a stop command 20 ms to arrive.
 SPEED_CAP = 0.38
@@ -72,44 +46,70 @@ Answer = TypeVar("Answer")
 _log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True)
+class Timing:
+    """Times of a control loop [s], beside its period."""
+
+    #: Time without a motion after which a stationary virtual robot is idle.
+    idle_after_s: float = 1.0
+    #: Period while the robot is idle, so that many waiting robots are little load. A new motion ends it immediately.
+    idle_tick_s: float = 0.08
+    #: Period while it is idle, rests and is not moved by others: a quarter of the lease of a robot in the building,
+    #: which reading renews. `refresh` ends it immediately.
+    rest_tick_s: float = 0.5
+    #: Timeout of `refresh`.
+    refresh_limit_s: float = 0.2
+    #: Time without a tick after which what the control loop waits for counts as hanging. The calls of one tick take
+    #: less, unless the simulation server is held up for longer.
+    hang_limit_s: float = 1.5
+    #: Interval between checks of the control loop while a motion runs.
+    check_interval_s: float = 0.5
+    #: Time since the last of these checks that counts as time in which this process has run; more is a pause of it.
+    longest_check_pause_s: float = 0.75
+    #: Longest pause of this process after which a motion goes on: after the lease the robot's place may be another's.
+    pause_limit_s: float = LEASE_S
+    #: Timeout of `close` for an adaptor that hangs, and of `reset_stop` for a start of the adaptor that goes on.
+    end_limit_s: float = 5.0
+
+
+@dataclass
+class Callbacks:
+    """What a control loop calls. Its thread calls `on_state`, `on_command` and `on_held`."""
+
+    #: After each read; it calls the simulation server. May raise RobotLost.
+    on_state: Callable[[RobotState], None] = lambda state: None
+    #: After each write, with the state that was read before it.
+    on_command: Callable[[RobotState, ActorCommand], None] = lambda state, command: None
+    #: Before each start of the adaptor; may raise RobotError.
+    before_start: Callable[[], None] = lambda: None
+    #: Whether nothing is under way for which the robot has to be read often.
+    rests: Callable[[], bool] = lambda: False
+    #: After each change of `stopped`; must not block.
+    on_stop: Callable[[], None] = lambda: None
+    #: When an emergency stop holds the robot, with the reason; by default `emergency_stop`.
+    on_held: Callable[[str], None] | None = None
+
+
 class HighController:
-    """limits: of the base. lower, upper (n,) [rad] and speed (n,) [rad/s]: limits of the joints. hang_limit_s: see
-    HANG_LIMIT_S. rests: whether nothing is under way for which the robot has to be read often. stops: the latch of the
-    robot's stops, which outlives this controller. Thread-safe.
+    """Controls a robot with SmartPal's base and joints, or without joints. stops: the latch of the robot's stops, which
+    outlives this controller. Thread-safe.
 
     Nothing moves while a stop holds, or while the robot is lost. These are two latches: a reset ends the stops that it
     has seen, and a start of the adaptor ends the losses that were known when it began. What comes in between stops the
     adaptor as soon as it has started.
 
     A pause of the whole process, such as by a debugger, is no fault of the adaptor: its setpoint is old then, so the
-    adaptor is stopped and started again, and after a pause of up to PAUSE_LIMIT_S the motion goes on.
-
-    Callbacks: on_state after each read, which calls the simulation server, may raise RobotLost; on_command after each
-    write, with the state that was read before it; before_start before each start of the adaptor, may raise RobotError;
-    on_stop after each change of `stopped`, must not block; on_held, with the reason, when an emergency stop holds the
-    robot, by default `emergency_stop`. The control loop's thread calls the first two and the last."""
+    adaptor is stopped and started again, and after a short pause the motion goes on."""
 
     def __init__(
         self,
         adaptor: RobotAdaptor,
-        limits: Limits,
-        lower: Floats,
-        upper: Floats,
-        speed: Floats,
-        on_state: Callable[[RobotState], None] = lambda state: None,
-        on_command: Callable[[RobotState, ActorCommand], None] = lambda state, command: None,
-        before_start: Callable[[], None] = lambda: None,
-        hang_limit_s: float = HANG_LIMIT_S,
-        rests: Callable[[], bool] = lambda: False,
-        on_stop: Callable[[], None] = lambda: None,
-        on_held: Callable[[str], None] | None = None,
         stops: StopLatch | None = None,
+        calls: Callbacks | None = None,
+        timing: Timing = Timing(),
     ) -> None:
-        self._adaptor, self._limits, self._on_state, self._on_command = adaptor, limits, on_state, on_command
-        self._before_start, self._hang_limit_s = before_start, hang_limit_s
-        self._rests, self._on_stop, self._on_held = rests, on_stop, on_held or self.emergency_stop
-        self._lower, self._upper, self._speed = lower, upper, speed
-        self.speed_cap = min(SPEED_CAP, limits.speed)
+        self._adaptor, self._timing, self._calls = adaptor, timing, calls or Callbacks()
+        self.speed_cap = min(SPEED_CAP, BASE_LIMITS.speed)
         self.argv: Sequence[str] = ()
         self._stops = stops or StopLatch()
         #: A robot that was lost is restarted once it answers.
@@ -139,17 +139,17 @@ class HighController:
         self._reconnect_problem, self._reconnect_failures = "", 0
         #: The last commanded velocity, in the building's frame.
         self._velocity: Velocity = ZERO_VELOCITY
-        self._targets = np.zeros(len(lower))
+        self._targets = np.zeros(len(JOINT_LOWER))
         self.is_paused = False
         #: Whether the adaptor has confirmed that the robot behind it was stopped.
         self.is_stop_confirmed = False
         #: The last state; replaced, never changed.
         self.state = RobotState(joints=self._targets)
-        #: Lateness of the last ticks [s].
-        self.late_s: deque[float] = deque(maxlen=JITTER_TICKS)
+        #: Lateness of the ticks of the last ten seconds [s].
+        self.late_s: deque[float] = deque(maxlen=500)
         self._read_at = 0.0
         #: The time in which this process has run.
-        self._awake = AttendedTime(longest_pause_s=LONGEST_CHECK_PAUSE_S)
+        self._awake = AttendedTime(longest_pause_s=timing.longest_check_pause_s)
         #: When the last tick began, or the next one is due: by `_awake`, and by the clock.
         self._ticked_at = self._ticked_at_clock = 0.0
 
@@ -168,7 +168,7 @@ class HighController:
         self._woken.set()
         self._end_motion(IllegalOrder("continue", "is switched off"))
         if self._loop:
-            self._loop.join(END_LIMIT_S)
+            self._loop.join(self._timing.end_limit_s)
         self._stop_adaptor()
 
     @property
@@ -177,12 +177,12 @@ class HighController:
 
     # ---- motions ----
 
-    def move(self, motion: Motion, limit_s: float = math.inf) -> None:
-        """Run a motion, and wait for its end. limit_s: timeout, without pauses.
+    def move(self, motion: Motion) -> None:
+        """Run a motion, and wait for its end.
 
         Raises MotionFailed if the robot does not reach the target; IllegalOrder if another motion runs, or the robot is
         or gets stopped; RobotLost; and the error given to `cancel`."""
-        running = _RunningMotion(motion, limit_s)
+        running = _RunningMotion(motion)
         with self._lock:
             if reason := self.stopped:
                 raise IllegalOrder("move", f"is stopped: {reason}")
@@ -192,7 +192,7 @@ class HighController:
                 raise IllegalOrder("move", "is switched off")
             self._motion = running
         self._woken.set()
-        while not running.ended.wait(CHECK_INTERVAL_S):
+        while not running.ended.wait(self._timing.check_interval_s):
             self.check_alive()
         if running.error:
             raise running.error
@@ -233,7 +233,7 @@ class HighController:
         self._stop_adaptor()
         if reason:
             self._end_motion(_stopped(reason, is_lost))
-        self._on_stop()
+        self._calls.on_stop()
 
     def reset_stop(self, seen: int | None = None, end: Callable[[int], None] | None = None) -> None:
         """Restart the robot, and end the stops up to number `seen` of their latch, by default all until now. end: ends
@@ -244,8 +244,8 @@ class HighController:
         seen = self._stops.number if seen is None else seen
         if not self.stopped:
             raise IllegalOrder("restart", "was not stopped")
-        is_silent = self._is_looping and self._silent_s > self._hang_limit_s and not self.is_lost
-        if is_silent or not self._adaptor_in_use.acquire(timeout=END_LIMIT_S):
+        is_silent = self._is_looping and self._silent_s > self._timing.hang_limit_s and not self.is_lost
+        if is_silent or not self._adaptor_in_use.acquire(timeout=self._timing.end_limit_s):
             raise AdaptorFailed(f"it still hangs: {self._hang}")
         try:
             self._begin(seen, end or self._stops.end)
@@ -257,7 +257,7 @@ class HighController:
 
     def check_alive(self) -> None:
         """Stop the robot if the control loop hangs; it restarts once the loop continues. Any thread may call this. One
-        has to every CHECK_INTERVAL_S, as `move` does, to show that the process runs: its pauses are no hang."""
+        has to every `check_interval_s`, as `move` does, to show that the process runs: its pauses are no hang."""
         self._awake.attend()
         self._check_hang()
         self._halt_if_due()
@@ -273,12 +273,12 @@ class HighController:
 
     def refresh(self) -> None:
         """Wait until the state is as new as that of an idle robot; it is older if the robot rests. Returns after
-        REFRESH_LIMIT_S at the latest, and at once for a robot that is stopped."""
-        if self.stopped or self._closing.is_set() or time.monotonic() - self._read_at < 2 * IDLE_TICK_S:
+        `refresh_limit_s` at the latest, and at once for a robot that is stopped."""
+        if self.stopped or self._closing.is_set() or time.monotonic() - self._read_at < 2 * self._timing.idle_tick_s:
             return
         self._ticked.clear()
         self._woken.set()
-        self._ticked.wait(REFRESH_LIMIT_S)
+        self._ticked.wait(self._timing.refresh_limit_s)
 
     @property
     def targets(self) -> Floats:
@@ -317,11 +317,11 @@ class HighController:
         if self.stopped or self._closing.is_set():
             self._stop_adaptor()
         self._woken.set()
-        self._on_stop()
+        self._calls.on_stop()
 
     def _start_adaptor(self) -> RobotState | None:
         """Returns the state that it reads first; None if it was stopped before that."""
-        self._before_start()
+        self._calls.before_start()
         state = RobotState()
         try:
             self._adaptor.start(self.argv)
@@ -362,7 +362,7 @@ class HighController:
                 due = time.monotonic()
             self.late_s.append(max(0.0, time.monotonic() - due))
             self._check_hang()
-            if (pause_s := time.monotonic() - self._ticked_at_clock) > self._hang_limit_s:
+            if (pause_s := time.monotonic() - self._ticked_at_clock) > self._timing.hang_limit_s:
                 self._restart_after_pause(pause_s)
             self._tick()
             self._ticked.set()
@@ -374,7 +374,7 @@ class HighController:
         """This process was paused, and no call hung: the adaptor is stopped, since its setpoint is old, and started."""
         if self.stopped:
             return
-        if pause_s > PAUSE_LIMIT_S:
+        if pause_s > self._timing.pause_limit_s:
             self.lose(f"the robot's process was paused for {pause_s:.1f} s")
             return
         _log.warning("the robot's process was paused for %.1f s: the robot stops, and goes on", pause_s)
@@ -390,7 +390,7 @@ class HighController:
 
     def _check_hang(self) -> None:
         is_held = self._is_beginning or self._closing.is_set() or bool(self.stopped)
-        if not is_held and self._silent_s > self._hang_limit_s:
+        if not is_held and self._silent_s > self._timing.hang_limit_s:
             self.lose(self._hang)
 
     @property
@@ -413,26 +413,26 @@ class HighController:
     def _tick(self) -> None:
         self._note_tick()
         with self._adaptor_in_use:
-            self._use_adaptor()
+            if self.stopped:
+                self._halt_if_due()
+            else:
+                self._use_adaptor()
 
     def _use_adaptor(self) -> None:
-        if self.stopped:
-            self._halt_if_due()
-            return
         state, robot = RobotState(), self._adaptor.waits_for
         try:
             if not self._answer_of(robot, self._adaptor.read, state):
                 if not (self.stopped or self._closing.is_set()):  # by a late halt after a stop that has ended meanwhile
                     self.lose("its adaptor was stopped")
                 return
-            self._answer_of("the simulation server", self._on_state, state)
+            self._answer_of("the simulation server", self._calls.on_state, state)
             self.state, self._read_at = state, time.monotonic()
             command = self._command(state)
             self._answer_of(robot, self._adaptor.write, command)
-            self._on_command(state, command)
+            self._calls.on_command(state, command)
         except RobotHeld as error:
             if not self.stopped:  # a stop makes the adaptor's calls fail, and has set its own reason
-                self._on_held(str(error))
+                (self._calls.on_held or self.emergency_stop)(str(error))
         except RobotLost as error:
             if not self.stopped:
                 self.lose(str(error))
@@ -458,10 +458,12 @@ class HighController:
         if self._motion or any(self._velocity) or not self._adaptor.is_in_building:
             self._moved_at = now
         is_stopped = self._stops.is_on  # ticks have no effect
-        if self._closing.is_set() or (now - self._moved_at < IDLE_AFTER_S and not is_stopped):
+        if self._closing.is_set() or (now - self._moved_at < self._timing.idle_after_s and not is_stopped):
             return False
-        is_moved = max(map(abs, self.state.velocity)) > MOVED_SPEED
-        pause_s = (REST_TICK_S if self._rests() and not is_moved else IDLE_TICK_S) - TICK_S
+        # By others, such as by an elevator or when it is pushed, above 1 mm/s or 0.001 rad/s.
+        is_moved = max(map(abs, self.state.velocity)) > 0.001
+        rests = self._calls.rests() and not is_moved
+        pause_s = (self._timing.rest_tick_s if rests else self._timing.idle_tick_s) - TICK_S
         self._note_tick(pause_s)
         self._woken.wait(pause_s)
         self._ticked_at = min(self._ticked_at, self._awake())
@@ -492,7 +494,7 @@ class HighController:
         return True
 
     def _reconnect(self) -> None:
-        self._closing.wait(RECONNECT.pause_s(self._reconnect_failures + 1))
+        self._closing.wait(Backoff(0.5, 2.0, 1.5, jitter=0.2).pause_s(self._reconnect_failures + 1))
         if self._closing.is_set() or not self.is_lost:
             return
         try:
@@ -504,7 +506,7 @@ class HighController:
             if str(error) != self._reconnect_problem:
                 self._reconnect_problem = str(error)
                 _log.info("can't reconnect to the robot, attempts go on: %s", error)
-                self._on_stop()
+                self._calls.on_stop()
 
     def _command(self, state: RobotState) -> ActorCommand:
         wanted = self._motion_command(state)
@@ -512,9 +514,10 @@ class HighController:
         joints, velocities = wanted.joints, wanted.joint_velocities
         if joints is None or velocities is None:
             joints, velocities = self._targets, np.zeros(len(self._targets))
-        self._targets = np.clip(joints, self._lower, self._upper) if len(joints) == len(self._lower) else joints
-        if len(velocities) == len(self._speed):
-            velocities = np.clip(velocities, -self._speed, self._speed)
+        if len(joints) == len(JOINT_LOWER):
+            joints = np.clip(joints, JOINT_LOWER, JOINT_UPPER)
+            velocities = np.clip(velocities, -JOINT_SPEED, JOINT_SPEED)
+        self._targets = joints
         return ActorCommand(velocity, self._targets, velocities, VALID_S)
 
     def _motion_command(self, state: RobotState) -> MotionCommand:
@@ -527,8 +530,6 @@ class HighController:
             command = running.motion.command(state, running.elapsed(state))
             if command is None:
                 self._end_motion(None)
-            elif running.elapsed(state) > running.limit_s:
-                raise MotionFailed(f"not done within {running.limit_s:g} s")
             return command or MotionCommand()
         except MotionFailed as error:
             self._end_motion(error)
@@ -544,12 +545,12 @@ class HighController:
         speed = math.hypot(ahead, left)
         if speed > self.speed_cap:
             ahead, left = ahead * self.speed_cap / speed, left * self.speed_cap / speed
-        turn = min(max(turn, -self._limits.turn_speed), self._limits.turn_speed)
+        turn = min(max(turn, -BASE_LIMITS.turn_speed), BASE_LIMITS.turn_speed)
         vx, vy, turning = self._velocity
         wanted_x, wanted_y = turned(ahead, left, heading)
         dx, dy = wanted_x - vx, wanted_y - vy
-        share = min(1.0, self._limits.acceleration * TICK_S / max(math.hypot(dx, dy), 1e-12))
-        step = self._limits.turn_acceleration * TICK_S
+        share = min(1.0, BASE_LIMITS.acceleration * TICK_S / max(math.hypot(dx, dy), 1e-12))
+        step = BASE_LIMITS.turn_acceleration * TICK_S
         turning += min(max(turn - turning, -step), step)
         self._velocity = vx + dx * share, vy + dy * share, turning
         return *turned(self._velocity[0], self._velocity[1], -heading), turning
@@ -565,8 +566,8 @@ class HighController:
 class _RunningMotion:
     """A motion, and the time since its start by the robot's clock."""
 
-    def __init__(self, motion: Motion, limit_s: float) -> None:
-        self.motion, self.limit_s = motion, limit_s
+    def __init__(self, motion: Motion) -> None:
+        self.motion = motion
         self.ended = threading.Event()
         self.error: RobotError | None = None
         self._since: float | None = None

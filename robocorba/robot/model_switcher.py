@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
 from robocorba.errors.robots import UnknownAdaptor
 from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.session import BuildingSession
-
-GROUP = "robocorba.adaptors"
 
 
 class AdaptorContext(NamedTuple):
@@ -36,5 +34,4 @@ def make(name: str, context: AdaptorContext) -> RobotAdaptor:
 
 
 def _found() -> dict[str, EntryPoint]:
-    found: Sequence[EntryPoint] = tuple(entry_points(group=GROUP))
-    return {entry.name: entry for entry in found}
+    return {entry.name: entry for entry in entry_points(group="robocorba.adaptors")}

@@ -15,7 +15,7 @@ _log = logging.getLogger(__name__)
 
 #: Interval of the calls [s].
 INTERVAL_S = 0.1
-#: Smallest change of an angle that is news [rad]: encoders are noisy.
+#: Smallest change of an angle that is reported [rad]: encoders are noisy.
 MIN_CHANGE_RAD = 0.001
 #: Interval at which unchanged angles are reported [s]: the server keeps them in memory only, and may have restarted.
 REFRESH_S = 2.0

@@ -9,7 +9,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from functools import singledispatchmethod
 from typing import Any, NamedTuple, Protocol
 
 from robocorba.errors.base import RoboCorbaError
@@ -22,10 +21,6 @@ from robocorba.robot.programs.program import Program, icons_with_paths
 from robocorba.robot.robot import Robot
 from robocorba.system.background import Background
 
-#: Maximum number of events that are kept until a condition consumes them; the oldest are dropped.
-MAX_EVENTS = 1000
-#: Maximum number of icons that `begun` returns; older ones are dropped.
-MAX_ICONS_BEGUN = 1000
 #: Time without a distance from its sensor after which a stop_if_closer icon fails [s].
 BLIND_LIMIT_S = 1.0
 
@@ -60,9 +55,10 @@ class Runner:
         self._program, self._robot, self._others, self._mission = program, robot, others, mission
         self._started_at = time.monotonic()
         self._last_report = ProgramReport(program.name)
-        self._begun: deque[IconBegun] = deque(maxlen=MAX_ICONS_BEGUN)
+        #: The last icons that have begun, and the last events that no condition has consumed.
+        self._begun: deque[IconBegun] = deque(maxlen=1000)
+        self._events: deque[ReceivedEvent] = deque(maxlen=1000)
         self._last_outcome: Outcome = "done"
-        self._events: deque[ReceivedEvent] = deque(maxlen=MAX_EVENTS)
 
     @property
     def report(self) -> ProgramReport:
@@ -99,95 +95,54 @@ class Runner:
             self._robot.execution.before_icon()
             count = self._begun[-1].number + 1 if self._begun else 0
             self._begun.append(IconBegun(count, path, kind(icon), self.report.seconds))
-            self._last_outcome = self._perform(icon, path) or "done"
+            self._last_outcome = self._perform(icon, path)
             self._update(icons_done=self.report.icons_done + 1)
 
-    @singledispatchmethod
-    def _perform(self, icon: Any, path: str) -> Outcome | None:
-        """Perform an icon; returns its outcome, None for `done`."""
-        raise MotionFailed(f"unsupported icon type {kind(icon)}")
-
-    @_perform.register
-    def _(self, icon: icons.MbasePath, path: str) -> None:
-        self._robot.drive_path(icon.floor, icon.x, icon.y, icon.heading, icon.speed or 0.0)
-
-    @_perform.register
-    def _(self, icon: icons.MbaseTo, path: str) -> None:
-        self._robot.drive_to(icon.x, icon.y, icon.heading, icon.speed or 0.0)
-
-    @_perform.register
-    def _(self, icon: icons.MbaseBy, path: str) -> None:
-        self._robot.drive_by(icon.ahead, icon.left, icon.turn, icon.speed or 0.0)
-
-    @_perform.register
-    def _(self, icon: icons.MbaseVelocity, path: str) -> None:
-        self._robot.drive_at((icon.ahead, icon.left, icon.turn), icon.seconds)
-
-    @_perform.register(icons.MhandJoints)
-    @_perform.register(icons.MhandPosture)
-    @_perform.register(icons.MhandPose)
-    @_perform.register(icons.MhandOffset)
-    @_perform.register(icons.Lumbar)
-    def _(self, icon: Any, path: str) -> None:
-        postures = hands.joint_path(icon, self._robot.joints, self._robot.kinematics)
-        self._robot.move_joints_along(postures, icon.seconds or 0.0)
-
-    @_perform.register
-    def _(self, icon: icons.Gripper, path: str) -> None:
-        if icon.action == "open":
-            self._robot.release(sides(icon.hand), icon.angle_rad)
+    def _perform(self, icon: Icon, path: str) -> Outcome:
+        """Perform an icon; returns its outcome."""
+        if isinstance(icon, icons.MovementIcon):
+            icon.perform(self._robot)
+        elif isinstance(icon, hands.ArmIcon):
+            postures = hands.joint_path(icon, self._robot.joints, self._robot.kinematics)
+            self._robot.move_joints_along(postures, icon.seconds or 0.0)
+        elif isinstance(icon, icons.WaitUntil):
+            return "done" if self._robot.wait(icon.seconds, lambda: self._is_met(icon.condition)) else "timed_out"
+        elif isinstance(icon, icons.StopIfCloser):
+            return self._run_watched(icon, path)
+        elif isinstance(icon, icons.Repeat):
+            for _ in range(icon.times):
+                self._run_icons(f"{path}.icons", icon.icons)
+        elif isinstance(icon, icons.Branch):
+            branch = "then" if self._is_met(icon.condition) else "otherwise"
+            self._run_icons(f"{path}.{branch}", getattr(icon, branch))
+            return self._last_outcome
+        elif isinstance(icon, icons.Say):
+            self._others.publish(icon.type, icon.payload)
+        elif isinstance(icon, icons.CooperativeIcon):
+            mission, self._mission = self._mission, ""
+            self._others.cooperate(icon, mission)
         else:
-            self._robot.grip(sides(icon.hand), icon.angle_rad, icon.force, icon.object or "")
+            raise MotionFailed(f"unsupported icon type {kind(icon)}")
+        return "done"
 
-    @_perform.register
-    def _(self, icon: icons.WaitUntil, path: str) -> Outcome:
-        return "done" if self._robot.wait(icon.seconds, lambda: self._is_met(icon.condition)) else "timed_out"
-
-    @_perform.register
-    def _(self, icon: icons.Wait, path: str) -> None:
-        self._robot.wait(icon.seconds)
-
-    @_perform.register
-    def _(self, icon: icons.StopIfCloser, path: str) -> Outcome:
-        is_stopped = False
+    def _run_watched(self, icon: icons.StopIfCloser, path: str) -> Outcome:
         with self._watching(icon):
             try:
                 self._run_icons(f"{path}.icons", icon.icons)
+                return "done"
             except SensorStop as stop:
                 if stop.icon is not icon:
                     raise
-                is_stopped = True
-        if is_stopped:
-            self._robot.stop_base()
-        return "stopped" if is_stopped else "done"
-
-    @_perform.register
-    def _(self, icon: icons.Repeat, path: str) -> None:
-        for _ in range(icon.times):
-            self._run_icons(f"{path}.icons", icon.icons)
-
-    @_perform.register
-    def _(self, icon: icons.Branch, path: str) -> Outcome:
-        branch = "then" if self._is_met(icon.condition) else "otherwise"
-        self._run_icons(f"{path}.{branch}", getattr(icon, branch))
-        return self._last_outcome
-
-    @_perform.register
-    def _(self, icon: icons.Say, path: str) -> None:
-        self._others.publish(icon.type, icon.payload)
-
-    @_perform.register(icons.CooperativeIcon)
-    def _(self, icon: Icon, path: str) -> None:
-        mission, self._mission = self._mission, ""
-        self._others.cooperate(icon, mission)
+        self._robot.stop_base()
+        return "stopped"
 
     # ---- conditions ----
 
     def _is_met(self, condition: Condition) -> bool:
         if isinstance(condition, icons.CloserThan):
-            return self._robot.sensors.nearest_m(condition.sensor) < condition.distance
+            return self._robot.nearest_m(condition.sensor) < condition.distance
         if isinstance(condition, icons.FartherThan):
-            return self._robot.sensors.nearest_m(condition.sensor) >= condition.distance
+            return self._robot.nearest_m(condition.sensor) >= condition.distance
         if isinstance(condition, icons.Holding):
             return all(self._robot.holds(side) for side in sides(condition.hand))
         if isinstance(condition, icons.Result):
@@ -211,7 +166,7 @@ class Runner:
             blind_since: float | None = None
             while not ended.wait(CHECK_INTERVAL_S):
                 try:
-                    nearest = self._robot.sensors.nearest_m(icon.sensor)
+                    nearest = self._robot.nearest_m(icon.sensor)
                     blind_since = None
                 except RoboCorbaError as error:
                     blind_since = blind_since or time.monotonic()

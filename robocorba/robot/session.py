@@ -78,7 +78,7 @@ class BuildingSession(Protocol):
         """Stop as hard as the wheels hold."""
 
     def scan(self, at: Pose, mount: Mount, spec: ScanSpec) -> Floats:
-        """Distances (rays,) [m]. Raises SensingError, UnknownFloor."""
+        """Distances (rays,) [m]. Raises InvalidScan, SensorBehind, UnknownFloor."""
 
     def grip(self, what: str, x: float, y: float) -> None:
         """Hold an object at a point (x, y) [m]. Raises CannotGrip."""

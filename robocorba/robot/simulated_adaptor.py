@@ -17,11 +17,6 @@ from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.robot.session import BuildingSession
 from robocorba.robot.virtual_controller import VirtualController
 
-#: Maximum time step of the joints [s].
-JOINT_STEP_S = 0.01
-#: Maximum time for which the joints move between two states [s], after the server did not answer for longer.
-MAX_GAP_S = 0.2
-
 
 def adaptor(context: AdaptorContext) -> RobotAdaptor:
     """The entry point `simulated` of the adaptors."""
@@ -88,10 +83,9 @@ class SimulatedAdaptor(RobotAdaptor):
         return self._is_started
 
     def _follow(self, now: float) -> None:
-        passed = min(now - self._time, MAX_GAP_S)
-        if passed < 0.0:  # the server has restored an older state
-            passed = 0.0
-        steps = int(np.ceil(passed / JOINT_STEP_S))
+        """Move the joints by steps of at most 0.01 s; after a server that did not answer for long, by 0.2 s in all."""
+        passed = max(0.0, min(now - self._time, 0.2))  # the server may have restored an older state
+        steps = int(np.ceil(passed / 0.01))
         for step in range(steps):
             self._joints.advance(now - passed + passed * (step + 1) / steps, passed / steps)
         self._time = now

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
 from functools import partial
-from typing import Any, NoReturn, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import Frame, turned
-from robocorba.robot.adaptor import RobotAdaptor
+from robocorba.robot.adaptor import ArgumentParser, RobotAdaptor
 from robocorba.robot.kinematics.smartpal import (
     ARM,
     BASE_LIMITS,
@@ -37,20 +37,10 @@ from robocorba.robot.kinematics.smartpal import (
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.system.background import Background
 
-#: Timeout of `start` for all units to become ready [s].
-START_LIMIT_S = 10.0
-#: Interval between these checks [s].
-_START_PAUSE_S = 0.05
-#: Bounds of a jog's timeout [s]; between them it is the validity of the command.
-MIN_JOG_S, MAX_JOG_S = 0.02, 1.0
+#: Greatest timeout of a jog [s].
+MAX_JOG_S = 1.0
 #: Gain of the arms' position control [1/s].
 GAIN = 6.0
-#: Deadband of the arms' position control [rad], because encoders are noisy.
-_DEADBAND_RAD = math.radians(0.02)
-#: Change of the target from which lumbar and grippers get a new move [rad].
-_NEW_TARGET_RAD = math.radians(0.01)
-#: Weight of the latest difference quotient in the low-pass filter of the velocities.
-_FILTER_WEIGHT = 0.3
 #: Time after its last command for which a part counts as moving [s].
 _MOVING_S = 3.0
 #: Units that each `read` checks; at 50 Hz all six are checked within 60 ms.
@@ -61,8 +51,6 @@ _SLOW_S = 0.006
 _STOP_LIMIT_S = 0.4
 #: Timeout of a batch of parallel calls [s], longer than that of a single call.
 _BATCH_LIMIT_S = 0.7
-#: Change of the odometry while disconnected above which it must have been reset [m, rad]: the robot was switched off.
-_ODOMETRY_RESET_M, _ODOMETRY_RESET_RAD = 0.5, 0.5
 
 
 class SmartPalUnits(Protocol):
@@ -112,7 +100,7 @@ class SmartPalUnits(Protocol):
 
 class SmartPalAdaptor(RobotAdaptor):
     """connect: resolves the units of the robot whose naming service listens at HOST:PORT. body_pose: the pose of the
-    robot's body in the building, or None. start_limit_s: see START_LIMIT_S.
+    robot's body in the building, or None. start_limit_s: timeout of `start` for all units to become ready [s].
 
     `start` takes `--naming HOST:PORT [--pose=X,Y,HEADING]`. The pose [m, rad] is the robot's at the first start, by
     default that of its body. Later starts use the robot's odometry."""
@@ -123,7 +111,7 @@ class SmartPalAdaptor(RobotAdaptor):
         self,
         connect: Callable[[str], SmartPalUnits],
         body_pose: Callable[[], Frame | None] = lambda: None,
-        start_limit_s: float = START_LIMIT_S,
+        start_limit_s: float = 10.0,
     ) -> None:
         self._connect, self._body_pose, self._start_limit_s = connect, body_pose, start_limit_s
         #: The last pose read.
@@ -234,7 +222,7 @@ class SmartPalAdaptor(RobotAdaptor):
             for unit in waiting:
                 if not units.is_ready(unit):
                     units.make_ready(unit)
-            time.sleep(_START_PAUSE_S)
+            time.sleep(0.05)
             waiting = [unit for unit in units.names if not units.is_ready(unit)]
             if not waiting:
                 return
@@ -244,18 +232,20 @@ class SmartPalAdaptor(RobotAdaptor):
                 raise AdaptorFailed(f"{', '.join(waiting)} did not get ready within {self._start_limit_s:g} s")
 
     def _set_pose(self, units: SmartPalUnits, first_pose: Frame | None) -> None:
-        """Set the odometry at the first start, and after it was reset."""
+        """Set the odometry at the first start, and after it was reset, as by a switch of the robot: it differs by more
+        than a robot moves that is disconnected."""
         if self._pose is None:
             if pose := first_pose or self._body_pose():
                 units.set_pose(*pose)
             return
         x, y, heading = units.pose()
         turned_rad = math.remainder(heading - self._pose[2], math.tau)
-        if math.dist((x, y), self._pose[:2]) > _ODOMETRY_RESET_M or abs(turned_rad) > _ODOMETRY_RESET_RAD:
+        if math.dist((x, y), self._pose[:2]) > 0.5 or abs(turned_rad) > 0.5:
             units.set_pose(*self._pose)
 
     def _set_jog_timeout(self, units: SmartPalUnits, valid_s: float) -> None:
-        units.set_jog_timeout(min(max(valid_s, MIN_JOG_S), MAX_JOG_S))
+        """To the validity of the command, between the bounds of the units."""
+        units.set_jog_timeout(min(max(valid_s, 0.02), MAX_JOG_S))
         self._jog_s = valid_s
 
     # ---- read ----
@@ -266,7 +256,7 @@ class SmartPalAdaptor(RobotAdaptor):
             moved = pose - pose_before
             moved[2] = math.remainder(moved[2], math.tau)
             differences = np.concatenate((moved, joints - joints_before)) / (now - before)
-            self._velocities += _FILTER_WEIGHT * (differences - self._velocities)
+            self._velocities += 0.3 * (differences - self._velocities)  # a low-pass filter
         self._last = now, pose, joints
         self._pose = float(pose[0]), float(pose[1]), float(pose[2])
         state.time, (state.x, state.y, state.heading) = now, self._pose
@@ -296,15 +286,17 @@ class SmartPalAdaptor(RobotAdaptor):
         return calls
 
     def _arm_speeds(self, wanted: Floats, moving: Floats, rows: slice) -> Floats:
-        """The commanded velocities, plus position control by the last read joints."""
+        """The commanded velocities, plus position control by the last read joints, but for a deadband of 0.02 degrees,
+        since encoders are noisy."""
         error = np.zeros(len(wanted)) if self._last is None else wanted - self._last[2][rows]
-        if not moving.any() and np.abs(error).max() < _DEADBAND_RAD:
+        if not moving.any() and np.abs(error).max() < math.radians(0.02):
             return np.zeros(len(wanted))
         return np.asarray(np.clip(moving + GAIN * error, -JOINT_SPEED[rows], JOINT_SPEED[rows]))
 
     def _is_new_target(self, part: str, target: Floats) -> bool:
+        """Whether lumbar or grippers get a new move: for a change of 0.01 degrees."""
         before = self._targets.get(part)
-        if before is not None and np.abs(target - before).max() < _NEW_TARGET_RAD:
+        if before is not None and np.abs(target - before).max() < math.radians(0.01):
             return False
         self._targets[part] = target.copy()
         self._moving_until[part] = time.monotonic() + _MOVING_S
@@ -395,13 +387,8 @@ def _stop_all(units: SmartPalUnits) -> None:
         raise AdaptorFailed("; ".join(reasons))
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        raise AdaptorFailed(f"the adaptor's arguments: {message}")
-
-
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
-    parser = _Parser(prog="smartpal", add_help=False, allow_abbrev=False)
+    parser = ArgumentParser()
     parser.add_argument("--naming", required=True, metavar="HOST:PORT")
     parser.add_argument("--pose", type=_pose, metavar="X,Y,HEADING")
     return parser.parse_args(list(argv))

@@ -22,28 +22,24 @@ MAX_VALID_S = 5.0
 LINGER_S = 1.0
 
 
-class OrderedVelocity:
-    """A motion at the last ordered velocity while that is valid; otherwise the base stops. It ends LINGER_S after the
-    last order, once the base is stationary. Thread-safe."""
+class Teleoperation:
+    """A task of a control agent, and its motion: the base drives at the last ordered velocity while that is valid, and
+    stops otherwise. It ends LINGER_S after the last order, once the base is stationary. Thread-safe. clock: [s]."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
+    def __init__(self, robot: Robot, clock: Callable[[], float] = time.monotonic) -> None:
+        self._robot, self._clock, self._began_at = robot, clock, clock()
         self._lock = threading.Lock()
         self._velocity, self._valid_until_s = ZERO_VELOCITY, clock()
         self._is_ended = False
+        self._last_report = ProgramReport(TELEOPERATION)
 
     def order(self, velocity: Velocity, valid_for_s: float) -> bool:
-        """Order a velocity of the base, ahead and to the left [m/s], turn [rad/s]; returns False if the motion has
+        """Order a velocity of the base, ahead and to the left [m/s], turn [rad/s]; returns False if the task has
         ended."""
         with self._lock:
             if not self._is_ended:
                 self._velocity, self._valid_until_s = velocity, self._clock() + valid_for_s
             return not self._is_ended
-
-    def end(self) -> None:
-        """Refuse further orders."""
-        with self._lock:
-            self._is_ended = True
 
     def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
         with self._lock:
@@ -54,19 +50,6 @@ class OrderedVelocity:
                 self._is_ended = True
                 return None
         return MotionCommand(ZERO_VELOCITY)
-
-
-class Teleoperation:
-    """A task of a control agent: the base drives as ordered."""
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot, self._motion = robot, OrderedVelocity()
-        self._began_at = time.monotonic()
-        self._last_report = ProgramReport(TELEOPERATION)
-
-    def order(self, velocity: Velocity, valid_for_s: float) -> bool:
-        """See OrderedVelocity.order."""
-        return self._motion.order(velocity, valid_for_s)
 
     @property
     def report(self) -> ProgramReport:
@@ -80,7 +63,7 @@ class Teleoperation:
     def run(self) -> ProgramReport:
         """Drive until no more orders come. Errors are in the returned report."""
         try:
-            self._robot.drive_as_ordered(self._motion)
+            self._robot.drive_as_ordered(self)
             self._end(ProgramResult.DONE)
         except Aborted as error:
             self._end(ProgramResult.ABORTED, str(error))
@@ -92,11 +75,12 @@ class Teleoperation:
         return self.report
 
     def _end(self, result: ProgramResult, reason: str = "") -> None:
-        self._motion.end()
+        with self._lock:
+            self._is_ended = True
         self._last_report = ProgramReport(TELEOPERATION, result, reason=reason, seconds=self._seconds())
 
     def _seconds(self) -> float:
-        return time.monotonic() - self._began_at
+        return self._clock() - self._began_at
 
 
 def check_order(velocity: Velocity, valid_for_s: float) -> None:

@@ -10,11 +10,9 @@ import logging
 import queue
 from collections.abc import Iterable
 from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.files import OutputExists
+from robocorba.errors.files import OutputError
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.system.background import Background
@@ -24,59 +22,40 @@ COLUMNS = (
     *("adaptor", "program", "icon", "icons_done", "floor", "time", "x", "y", "heading", "ahead", "left", "turn"),
     *("told_ahead", "told_left", "told_turn", *JOINTS, *(f"told_{joint}" for joint in JOINTS)),
 )
-#: Maximum number of ticks in a file: one hour of programs, 100 MB.
-MAX_TICKS = 180_000
 #: Maximum number of queued ticks, while the disk is slow.
 MAX_QUEUED = 500
-#: Timeout of `close` for each of: queueing the end, and writing the queued ticks [s].
-END_LIMIT_S = 5.0
+
+#: Adaptor, program, icon (a path such as icons[2].then[0]), number of icons done before it, and floor.
+During = tuple[str, str, str, int, str]
+_Tick = tuple[During, RobotState, ActorCommand]
 
 _log = logging.getLogger(__name__)
 
 
-class Tick(NamedTuple):
-    """One control cycle. icon: a path such as icons[2].then[0]. icons_done: number of icons done before it. command:
-    the one written after `state` was read."""
-
-    adaptor: str
-    program: str
-    icon: str
-    icons_done: int
-    floor: str
-    state: RobotState
-    command: ActorCommand
-
-
 class TickFile:
     """Creates a file, in place of an earlier one of its kind but of no other. A separate thread writes it, so `add`
-    never blocks a robot; ticks beyond the queue or `max_ticks` are dropped, and `close` logs their number. Raises
-    RoboCorbaError if the file can't be created, OutputExists for a file of another kind."""
+    never blocks a robot; ticks beyond the queue or `max_ticks`, one hour of programs and 100 MB, are dropped, and
+    `close` logs their number. Raises RoboCorbaError if the file can't be created, OutputError for a file of another
+    kind."""
 
-    def __init__(self, file: Path, max_ticks: int = MAX_TICKS) -> None:
+    def __init__(self, file: Path, max_ticks: int = 180_000) -> None:
         try:
             if file.is_file() and not _is_replaceable(file):
-                raise OutputExists(file, "it is no record of control cycles, choose another name")
+                raise OutputError(file, "exists already; it is no record of control cycles, choose another name")
             self._file = file.open("w", newline="")
         except OSError as error:
             raise RoboCorbaError(f"can't create {file}: {error.strerror or error}") from None
-        self._waiting: queue.Queue[Tick | None] = queue.Queue(MAX_QUEUED)
+        self._waiting: queue.Queue[_Tick | None] = queue.Queue(MAX_QUEUED)
         self._remaining, self.dropped = max_ticks, 0
         self._thread = Background("tick file", self._write, self._end)
         self._thread.start()
 
-    def __enter__(self) -> TickFile:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def add(self, tick: Tick) -> None:
-        """Queue a tick. One thread at a time; the caller no longer changes the tick's content."""
+    def add(self, during: During, state: RobotState, command: ActorCommand) -> None:
+        """Queue a tick; command: the one written after `state` was read. One thread at a time; the caller no longer
+        changes state and command."""
         try:
             if self._remaining:
-                self._waiting.put_nowait(tick)
+                self._waiting.put_nowait((during, state, command))
                 self._remaining -= 1
                 return
         except queue.Full:
@@ -87,8 +66,8 @@ class TickFile:
         """Write the queued ticks, and close the file."""
         with contextlib.suppress(queue.Full):
             if self._thread.is_alive():
-                self._waiting.put(None, timeout=END_LIMIT_S)
-        self._thread.join(END_LIMIT_S)
+                self._waiting.put(None, timeout=5.0)
+        self._thread.join(5.0)
         if self.dropped:
             _log.warning("%s lacks %d ticks: the disk was too slow or the file is full", self._file.name, self.dropped)
 
@@ -98,7 +77,7 @@ class TickFile:
                 rows = csv.writer(self._file)
                 rows.writerow(COLUMNS)
                 while tick := self._waiting.get():
-                    rows.writerow(_row(tick))
+                    rows.writerow(_row(*tick))
                     if self._waiting.empty():
                         self._file.flush()  # for readers of the growing file
         except OSError as error:
@@ -117,11 +96,10 @@ def _is_replaceable(file: Path) -> bool:
         return existing.read(len(head)) in (b"", head)
 
 
-def _row(tick: Tick) -> list[str]:
-    state, command = tick.state, tick.command
+def _row(during: During, state: RobotState, command: ActorCommand) -> list[str]:
     numbers = [state.time, state.x, state.y, state.heading, *state.velocity, *command.velocity]
     joints = [*_cells(state.joints), *_cells(command.joints)]
-    return [*map(str, tick[:5]), *(f"{number:.6f}" for number in numbers), *joints]
+    return [*map(str, during), *(f"{number:.6f}" for number in numbers), *joints]
 
 
 def _cells(joints: Iterable[float]) -> list[str]:

@@ -8,9 +8,6 @@ import numpy as np
 
 from robocorba.map_editor.spatial.arrays import Floats
 
-#: Gain of the joints' position control [1/s].
-GAIN = 20.0
-
 
 class VirtualController:
     """joints (n,): initial angles [rad]. Limits (n,): lower, upper [rad], speed [rad/s], acceleration [rad/s^2]."""
@@ -41,7 +38,7 @@ class VirtualController:
         self._target = np.clip(self._target + self._target_velocities * seconds, self._lower, self._upper)
         # A joint must be able to brake before its target.
         error = self._target - self.joints
-        wanted = self._target_velocities + np.clip(GAIN * error, -self._speed, self._speed)
+        wanted = self._target_velocities + np.clip(20.0 * error, -self._speed, self._speed)  # a gain of 20 1/s
         braking = np.sqrt(2.0 * self._acceleration * np.abs(error)) + np.abs(self._target_velocities)
         limit = np.minimum(braking, self._speed)
         wanted = np.clip(wanted, -limit, limit)

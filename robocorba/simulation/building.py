@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, partial
-from typing import NamedTuple
 
 from shapely import Point, Polygon
 
@@ -16,9 +15,8 @@ from robocorba.map_editor.movable import fixed_obstacles, movables
 from robocorba.map_editor.spatial.pose import XY, Pose
 from robocorba.simulation.body_names import owner
 from robocorba.simulation.elevators import Elevators
-from robocorba.simulation.floor_pool import FloorPool
 from robocorba.simulation.occupants import Occupants
-from robocorba.simulation.physics import STEP_S, FloorPhysics
+from robocorba.simulation.physics import STEP_S, FloorPhysics, StepResult
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import AreaRequest, Reservations
 from robocorba.simulation.simulated_robot import SimulatedRobot
@@ -27,21 +25,12 @@ from robocorba.simulation.static_parts import static_parts
 from robocorba.simulation.world_record import WorldRecord
 
 
-class MapUpdate(NamedTuple):
-    """What an edit of the map did beside the map: the names of the robots that were removed with their floors, and
-    events."""
-
-    removed: list[str]
-    events: list[SimulationEvent]
-
-
 class SimulatedBuilding:
-    """Simulation of `building`; movable objects start at their poses on the map. pool: steps the floors.
+    """Simulation of `building`; movable objects start at their poses on the map.
 
     One thread may use it; methods marked as thread-safe and SimulatedRobot are exceptions."""
 
-    def __init__(self, building: Building, pool: FloorPool | None = None) -> None:
-        self.pool = pool or FloorPool()
+    def __init__(self, building: Building) -> None:
         self.building = Building(building.name)
         self.occupants = Occupants(self._why_inaccessible)
         self.elevators = Elevators(self.occupants)
@@ -83,34 +72,29 @@ class SimulatedBuilding:
         kept = lineage.floors(building.floors)
         return [robot.name for robot in self.occupants.robots.values() if robot.floor not in kept]
 
-    def update(self, building: Building, lineage: Lineage = SAME_NAMES) -> MapUpdate:
-        """Use an edited map. lineage: which of its elements are those of the present map.
+    def update(self, building: Building, lineage: Lineage = SAME_NAMES) -> list[SimulationEvent]:
+        """Use an edited map; return the events. lineage: which of its elements are those of the present map.
 
-        Nothing moves that the edit does not move. Rides of a changed elevator are lost."""
+        Nothing moves that the edit does not move. Robots on lost floors are removed, rides of a changed elevator are
+        lost."""
+        if self._prepared[0] is not building:
+            for prepare in self.preparations(building, lineage):
+                prepare()
+        (_, added), self._prepared = self._prepared, (None, {})
         before, self.building = self.building, building
-        (prepared_for, prepared), self._prepared = self._prepared, (None, {})
         kept = {former: now for former, now in lineage.floors(building.floors).items() if former in before.floors}
-        removed = self.robots_on_lost_floors(building, lineage)
-        for robot in removed:
+        for robot in self.robots_on_lost_floors(building, lineage):
             self.remove(robot)
-        floors = {kept[former]: physics for former, physics in self.occupants.floors.items() if former in kept}
-        for name in building.floors.keys() - floors:
-            is_prepared = prepared_for is building and name in prepared
-            floors[name] = prepared[name] if is_prepared else FloorPhysics((), self._steps, name)
-            floors[name].set_steps(self._steps)
-        former_names = {now: former for former, now in kept.items()}
-        for name in building.floors if prepared_for is not building else ():
-            if self._obstacles_differ(building, name, before, former_names.get(name, "")):
-                floors[name].set_obstacles(fixed_obstacles(building, name))
+        for physics in added.values():
+            physics.set_steps(self._steps)
+        floors = {kept[former]: physics for former, physics in self.occupants.floors.items() if former in kept} | added
         self.occupants.use_floors({name: floors[name] for name in building.floors}, kept)
         lost = self.occupants.update_objects(movables(building), lineage)
         self.reservations.rename_floors(kept)
         self.elevators.update(building, self.time, lineage, kept)
-        self._look_into_cabins()
+        self.refresh(looks_into_cabins=True)
         reason = "the map was edited"
-        return MapUpdate(
-            removed, [SimulationEvent(self.time, floor, "grip lost", (robot,), reason) for robot, floor in lost]
-        )
+        return [SimulationEvent(self.time, floor, "grip lost", (robot,), reason) for robot, floor in lost]
 
     # ---- robots ----
 
@@ -139,7 +123,7 @@ class SimulatedBuilding:
             SimulationEvent(self.time, floor, "grip lost", (holder,), reason)
             for holder, floor in self.occupants.place(name, pose)
         ]
-        self._look_into_cabins()
+        self.refresh(looks_into_cabins=True)
         return [*events, SimulationEvent(self.time, pose.floor, "placed", (name,))]
 
     def _why_inaccessible(self, pose: Pose) -> str:
@@ -167,8 +151,7 @@ class SimulatedBuilding:
         self._steps += 1
         floors = self.occupants.floors
         events = []
-        results = self.pool.step(list(floors.values()))
-        for name, (contacts, lost) in zip(floors, results, strict=True):
+        for name, (contacts, lost) in zip(floors, self._step_floors(), strict=True):
             for first, second in contacts:
                 self.occupants.count_collision(first, second)
                 self.occupants.count_collision(second, first)
@@ -183,19 +166,25 @@ class SimulatedBuilding:
             events.append(SimulationEvent(self.time, ended.areas[0][0], "reservation over", (ended.owner,), reason))
         return events
 
-    def close(self) -> None:
-        """End the threads that step floors."""
-        self.pool.close()
+    def _step_floors(self) -> list[StepResult]:
+        """The results of a step, floor by floor. Raises the first error of a floor, after all others have made their
+        step."""
+        results: list[StepResult] = []
+        first_error = None
+        for physics in self.occupants.floors.values():
+            try:
+                results.append(physics.step())
+            except Exception as error:
+                first_error = first_error or error
+        if first_error:
+            raise first_error
+        return results
 
-    def refresh(self) -> None:
-        """Update the published state after bodies or calls changed, also while time is paused."""
+    def refresh(self, looks_into_cabins: bool = False) -> None:
+        """Update the published state after bodies or calls changed, also while time is paused. looks_into_cabins: see
+        Elevators.refresh."""
         self.occupants.refresh()
-        self.elevators.refresh()
-
-    def _look_into_cabins(self) -> None:
-        """As `refresh`, after bodies or names have changed: an idle cabin opens if an object is in it."""
-        self.occupants.refresh()
-        self.elevators.look_into_cabins()
+        self.elevators.refresh(looks_into_cabins)
 
     # ---- records ----
 
@@ -224,7 +213,7 @@ class SimulatedBuilding:
         same = world.robots.keys() & self.occupants.robots.keys()
         self.elevators.restore(world.cabins, self.time, same)
         self.reservations.restore(world.reservations, self.time, same)
-        self._look_into_cabins()
+        self.refresh(looks_into_cabins=True)
 
 
 @lru_cache(256)

@@ -234,13 +234,10 @@ class Cabin:
 
     def record(self) -> CabinRecord:
         """Floor and sessions, for `restore`."""
-        rides = [
-            RideRecord(
-                *(s.robot, s.origin, s.destination, s.radius_m, s.called_at),
-                *(s.phase in _INSIDE, s.party, s.size, s.limit_s),
-            )
-            for s in self.sessions.values()
-        ]
+        rides = []
+        for s in self.sessions.values():
+            trip = s.robot, s.origin, s.destination, s.radius_m, s.called_at
+            rides.append(RideRecord(*trip, s.phase in _INSIDE, s.party, s.size, s.limit_s))
         return CabinRecord(self.floor, rides, self.doors is Doors.OPEN)
 
     def restore(self, record: CabinRecord, now: float, robots: Container[str]) -> None:
@@ -456,6 +453,12 @@ class Cabin:
             return goal
         here = self.heights[self.floor]
         trip = self.heights[goal] - here
+
+        def is_between(floor: str) -> bool:
+            """Whether a floor lies between the cabin and its goal."""
+            way = self.heights[floor] - here
+            return way * trip >= 0 and abs(way) <= abs(trip) + _TOLERANCE_M
+
         stops = {s.destination for s in self.sessions.values() if s.phase is RidePhase.RIDING} | {goal}
         if leading.phase is not RidePhase.WAITING:
             riders = self._riders_after_stop()
@@ -465,15 +468,9 @@ class Cabin:
                 if s.phase is RidePhase.WAITING
                 and self._has_room(s, riders)
                 and (self.heights[s.destination] - self.heights[s.origin]) * trip > 0
-                and abs(self.heights[s.destination] - here) <= abs(trip) + _TOLERANCE_M
+                and is_between(s.destination)
             }
-        between = [
-            floor
-            for floor in stops
-            if floor != self.floor
-            and (self.heights[floor] - here) * trip >= 0
-            and abs(self.heights[floor] - here) <= abs(trip) + _TOLERANCE_M
-        ]
+        between = [floor for floor in stops if floor != self.floor and is_between(floor)]
         return min(between, key=lambda floor: abs(self.heights[floor] - here))
 
 

@@ -22,16 +22,21 @@ def longest_wait_s(cabin: Cabin, robot: str) -> float:
         return 0.0
     at_cabin = [session for session in sessions if session.phase is not RidePhase.WAITING]
     ahead = _turns([each for each in sessions[: sessions.index(own)] if each.phase is RidePhase.WAITING], own)
-    trips = _Trips(cabin.elevator, cabin.heights)
+
+    def empty_s(here: str, there: str) -> float:
+        """The empty cabin travels to a call, past all others."""
+        return travel_time(cabin.elevator, cabin.heights[there] - cabin.heights[here])
+
     # The cabin may have just left its floor, or be closing its doors there.
-    seconds, floor = trips.leave_s(OPEN_LIMIT_S + BOARDING_LIMIT_S), cabin.floor
+    seconds, floor = OPEN_LIMIT_S + BOARDING_LIMIT_S + cabin.elevator.door_time, cabin.floor
     for session in at_cabin:  # the others usually lie within the ride of the first one
-        seconds += trips.ride_s(session, floor)
+        seconds += _ride_s(cabin.elevator, cabin.heights, session, floor)
         floor = session.destination
     for session in ahead:
-        seconds += trips.empty_s(floor, session.origin) + trips.ride_s(session, session.origin)
+        seconds += empty_s(floor, session.origin)
+        seconds += _ride_s(cabin.elevator, cabin.heights, session, session.origin)
         floor = session.destination
-    return seconds + trips.empty_s(floor, own.origin) + cabin.elevator.door_time
+    return seconds + empty_s(floor, own.origin) + cabin.elevator.door_time
 
 
 def _turns(ahead: Sequence[RideSession], own: RideSession) -> list[RideSession]:
@@ -43,27 +48,14 @@ def _turns(ahead: Sequence[RideSession], own: RideSession) -> list[RideSession]:
     return list(found.values())
 
 
-class _Trips:
-    """Upper bounds of the times of an elevator's trips [s]. heights: of the served floors [m]."""
-
-    def __init__(self, elevator: Elevator, heights: Mapping[str, float]) -> None:
-        self._elevator, self._heights = elevator, heights
-
-    def leave_s(self, open_s: float) -> float:
-        """From the moment when the doors are open until they are closed."""
-        return open_s + self._elevator.door_time
-
-    def empty_s(self, here: str, there: str) -> float:
-        """The empty cabin travels to a call, past all others."""
-        return travel_time(self._elevator, self._heights[there] - self._heights[here])
-
-    def ride_s(self, session: RideSession, origin: str) -> float:
-        """From the arrival at a floor, with closed doors, until they are closed again at the destination."""
-        door_s = self._elevator.door_time
-        low, high = sorted((self._heights[origin], self._heights[session.destination]))
-        stops = sorted({height for height in self._heights.values() if low <= height <= high})
-        travel_s = sum(travel_time(self._elevator, there - here) for here, there in pairwise(stops))
-        # Lone robots may begin to board until OPEN_LIMIT_S.
-        board_s = max(session.limit_s, OPEN_LIMIT_S + BOARDING_LIMIT_S)
-        between_s = max(0, len(stops) - 2) * (2 * door_s + OPEN_LIMIT_S + BOARDING_LIMIT_S)
-        return door_s + board_s + door_s + travel_s + between_s + door_s + session.limit_s + door_s
+def _ride_s(elevator: Elevator, heights: Mapping[str, float], session: RideSession, origin: str) -> float:
+    """Upper bound of the time from the arrival at a floor, with closed doors, until they are closed again at the
+    destination [s]. heights: of the served floors [m]."""
+    door_s = elevator.door_time
+    low, high = sorted((heights[origin], heights[session.destination]))
+    stops = sorted({height for height in heights.values() if low <= height <= high})
+    travel_s = sum(travel_time(elevator, there - here) for here, there in pairwise(stops))
+    # Lone robots may begin to board until OPEN_LIMIT_S.
+    board_s = max(session.limit_s, OPEN_LIMIT_S + BOARDING_LIMIT_S)
+    between_s = max(0, len(stops) - 2) * (2 * door_s + OPEN_LIMIT_S + BOARDING_LIMIT_S)
+    return door_s + board_s + door_s + travel_s + between_s + door_s + session.limit_s + door_s

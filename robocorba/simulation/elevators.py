@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.simulation import InvalidRide
 from robocorba.map_editor.geometry import shaft_polygon
-from robocorba.map_editor.lineage import SAME_NAMES, Lineage
+from robocorba.map_editor.lineage import Lineage
 from robocorba.map_editor.model import Building, ElementKind, Elevator
 from robocorba.map_editor.movable import landing_doors
 from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
@@ -47,17 +47,15 @@ class Elevators:
         self._idle: set[str] = set()
         self._numbers = count()
 
-    def update(
-        self, building: Building, now: float, lineage: Lineage = SAME_NAMES, floors: Mapping[str, str] | None = None
-    ) -> None:
+    def update(self, building: Building, now: float, lineage: Lineage, floors: Mapping[str, str]) -> None:
         """Use an edited map at a simulated time [s]. Rides of an elevator are lost if more than names have changed.
 
         lineage: which of its elevators are those of the present map. floors: names of its floors by their present
-        ones, by default the same."""
-        floors = floors or {name: name for name in building.floors}
+        ones."""
         before, self._served = self._served, building.elevators
         former_shafts, shafts = dict(self._shafts), {}
-        changed: dict[str, str] = {}
+        #: New cabins, and the floors on which those of the former elevators are.
+        changed: dict[str, tuple[Cabin, str]] = {}
         for name, elevator in building.elevators.items():
             origin = lineage.origin(ElementKind.ELEVATOR, "", name)
             former = origin.name if origin else ""
@@ -72,24 +70,19 @@ class Elevators:
                 shaft.cabin.rename(elevator, floors)
                 shaft.rename(floors)
             else:
-                changed[name] = floors.get(shaft.cabin.floor, "") if shaft else ""
+                changed[name] = Cabin(elevator, heights, now), floors.get(shaft.cabin.floor, "") if shaft else ""
         for shaft in former_shafts.values():
-            self._remove(shaft, floors)
-        for name, former_floor in changed.items():
-            elevator = building.elevators[name]
-            heights = {floor: building.floors[floor].floor.elevation for floor in elevator.floors()}
-            landings = {floor: landing_doors(building, name, floor) for floor in heights}
-            shafts[name] = self._added(Cabin(elevator, heights, now), landings, former_floor)
+            for floor in shaft.landings:
+                if physics := self._occupants.floors.get(floors.get(floor, "")):
+                    physics.open_door(shaft.door)
+        for name, (cabin, former_floor) in changed.items():
+            landings = {floor: landing_doors(building, name, floor) for floor in cabin.heights}
+            polygon, last = shaft_polygon(cabin.elevator), (cabin.floor, Doors.CLOSED)
+            shafts[name] = shaft = _Shaft(next(self._numbers), cabin, polygon, landings, last)
+            cabin.doorway = partial(self._doorway, shaft)
+            self._start(shaft, former_floor)
         self._shafts = shafts
         self.cabins = {name: shafts[name].cabin for name in building.elevators}
-
-    def _added(self, cabin: Cabin, landings: dict[str, BaseGeometry], former_floor: str) -> _Shaft:
-        """The shaft of a new cabin."""
-        polygon, last = shaft_polygon(cabin.elevator), (cabin.floor, Doors.CLOSED)
-        shaft = _Shaft(next(self._numbers), cabin, polygon, landings, last)
-        cabin.doorway = partial(self._doorway, shaft)
-        self._start(shaft, former_floor)
-        return shaft
 
     def _start(self, shaft: _Shaft, former_floor: str = "") -> None:
         """Let a new cabin start open on a floor where something is in its doors or its shaft: the former floor if it is
@@ -107,11 +100,6 @@ class Elevators:
         """Whether a body is in a shaft or its doorway on a floor."""
         is_crossed = self._occupants.floors[floor].is_crossed(shaft.landings[floor])
         return is_crossed or bool(self._occupants.within(shaft.polygon, floor))
-
-    def _remove(self, shaft: _Shaft, floors: Mapping[str, str]) -> None:
-        for floor in shaft.landings:
-            if physics := self._occupants.floors.get(floors.get(floor, "")):
-                physics.open_door(shaft.door)
 
     # ---- rides ----
 
@@ -164,18 +152,16 @@ class Elevators:
         self.refresh()
         return events
 
-    def look_into_cabins(self) -> None:
-        """As `refresh`, after bodies or names have changed: an idle cabin opens if an object is in it."""
-        self._idle = set()
-        self.refresh()
-
     def states_on(self, floor: str) -> dict[str, ElevatorState]:
         """States of the elevators that serve a floor, by name. Thread-safe."""
         served = self._served
         return {name: state for name, state in self.states.items() if name in served and floor in served[name].floors()}
 
-    def refresh(self) -> None:
-        """Update `states` and `rides`; skips this while all elevators stay idle."""
+    def refresh(self, looks_into_cabins: bool = False) -> None:
+        """Update `states` and `rides`; skips this while all elevators stay idle. A cabin that gets idle opens if an
+        object is in it; looks_into_cabins: also others that are idle, since bodies or names have changed."""
+        if looks_into_cabins:
+            self._idle = set()
         idle = {name for name, cabin in self.cabins.items() if cabin.is_idle}
         if len(self.states) == len(self.cabins) == len(idle) and idle == self._idle:
             return

@@ -32,12 +32,6 @@ from robocorba.system.stop_latch import EMERGENCY_STOP, StopLatch
 if TYPE_CHECKING:  # `robocorba stop` does without the physics
     from robocorba.simulation.session import Session
 
-#: Speed below which a body counts as standing [m/s, rad/s].
-STANDING_SPEED, STANDING_TURN = 0.01, 0.03
-#: Number of stop targets that are called at a time. Robots that hang hold up the calls of others that much less.
-CALLERS = 16
-#: Pause before another attempt to write the file [s].
-RETRY_S = 0.2
 #: Maximum length of a reason [characters].
 MAX_REASON = 200
 #: Maximum number of names that are held while no robot is logged on by them: a stop of a robot that is just about to
@@ -118,7 +112,7 @@ class _Name:
 
     @property
     def hold(self) -> StopHold:
-        return _hold(self.latch)
+        return StopHold(self.latch.is_on, self.latch.number, self.latch.reason)
 
     def begin_session(self, registration: str, target: str = "", stands_with_body: bool = True) -> None:
         """A robot has logged on, or has reported its target."""
@@ -132,11 +126,8 @@ class _Name:
 
     @property
     def record(self) -> StopRecord:
-        latch = self.latch
-        return StopRecord(
-            *(self.registration, self.target, self.stands_with_body),
-            *(latch.reason, latch.number, dict(latch.reasons)),
-        )
+        stops = self.latch.reason, self.latch.number, dict(self.latch.reasons)
+        return StopRecord(self.registration, self.target, self.stands_with_body, *stops)
 
 
 class EmergencyStops:
@@ -153,26 +144,23 @@ class EmergencyStops:
         call: Callable[[str, str, int], StopAnswer],
         publish: Callable[[Sequence[str], str], None] = lambda robots, reason: None,
     ) -> None:
-        self._file, self._sessions, self._is_paused, self._call, self._publish = (
-            file,
-            sessions,
-            is_paused,
-            call,
-            publish,
-        )
+        self._file, self._sessions, self._is_paused = file, sessions, is_paused
+        self._call, self._publish = call, publish
         self._lock = threading.Lock()
         self._names: dict[str, _Name] = {}
         #: The stop of all robots.
-        self._all = StopLatch()
+        self._all = _Name()
         #: Number that the stops of new names begin after: none that a robot remembers, if the file was damaged.
         self._first_number = 0
-        # A defect of a call becomes the robot's `problem`; it is called again by the next stop.
-        self._callers = Workers("emergency-stops", CALLERS, lambda reason: None)
+        # 16 targets are called at a time: robots that hang hold up the calls of others that much less. A defect of a
+        # call becomes the robot's `problem`; it is called again by the next stop.
+        self._callers = Workers("emergency-stops", 16, lambda reason: None)
         #: Held while the file is written, which is apart from the lock: stops don't wait for a disk.
         self._writing = threading.Lock()
         self._written: object = None
         self._is_failing = self._is_closed = False
-        self._writer = Repeating("stops file", self._write, lambda: RETRY_S if self._is_failing else math.inf)
+        # Another attempt to write the file after 0.2 s.
+        self._writer = Repeating("stops file", self._write, lambda: 0.2 if self._is_failing else math.inf)
 
     def start(self) -> None:
         """Hold again what was held when the former server process ended; all robots, if that can't be read."""
@@ -186,7 +174,7 @@ class EmergencyStops:
                 reasons = record.reasons or ({record.held: 1} if record.held else {})  # of the first release
                 known = _Name(StopLatch(max(record.number, *reasons.values(), 0), reasons))
                 if name == ALL:
-                    self._all = known.latch
+                    self._all = known
                     continue
                 known.registration, known.target = record.registration, record.target
                 known.stands_with_body = record.stands_with_body
@@ -257,7 +245,7 @@ class EmergencyStops:
                 known.is_confirmed &= known.latch.is_on
                 known.latch.stop(reason)
             if not wanted:
-                self._all.stop(reason)
+                self._all.latch.stop(reason)
         for session in stopped:
             session.robot.hold_by(present[session.name].latch)
         self._call_targets(present)
@@ -325,12 +313,12 @@ class EmergencyStops:
     @property
     def stop_of_all(self) -> StopHold:
         """What holds every robot that logs on."""
-        return _hold(self._all)
+        return self._all.hold
 
     def end_stop_of_all(self, number: int) -> StopHold:
         """End the stops of all robots up to a number: robots that log on are free then, the others stay stopped until
         each is reset. Returns what holds still."""
-        self._all.end(number)
+        self._all.latch.end(number)
         self._write_now()
         return self.stop_of_all
 
@@ -342,7 +330,8 @@ class EmergencyStops:
             is_confirmed, problem = is_held and known.is_confirmed, known.problem
         ahead, left, turn = session.robot.state().velocity
         speed = math.hypot(ahead, left)
-        body_stands = self._is_paused() or (speed < STANDING_SPEED and abs(turn) < STANDING_TURN)
+        # Speeds below which a body counts as standing [m/s, rad/s].
+        body_stands = self._is_paused() or (speed < 0.01 and abs(turn) < 0.03)
         waits_for = ""
         if not is_held:
             waits_for = "it is not stopped"
@@ -360,15 +349,15 @@ class EmergencyStops:
         if known.registration != registration(session) and not session.client.is_logged_off:
             known.begin_session(registration(session))
             self._names[session.name] = known
-            if self._all.is_on:
-                known.latch.stop(f"all robots are stopped, {UNTIL_RESET} ({self._all.reason})")
+            if self._all.latch.is_on:
+                known.latch.stop(f"all robots are stopped, {UNTIL_RESET} ({self._all.latch.reason})")
         return known
 
     def _lose_file(self, error: Exception) -> None:
         """Nobody knows which robots the file held."""
         self._first_number = secrets.randbits(40)
-        self._all = StopLatch(self._first_number)
-        self._all.stop(f"{self._file.name} could not be read: {str(error)[:MAX_REASON]}")
+        self._all = _Name(StopLatch(self._first_number))
+        self._all.latch.stop(f"{self._file.name} could not be read: {str(error)[:MAX_REASON]}")
         consequence = f"all robots are stopped, {UNTIL_RESET}"
         try:
             set_aside(self._file, str(error), consequence)
@@ -400,7 +389,15 @@ class EmergencyStops:
                 is_done = known.is_confirmed and known.called == number
                 if is_done or not reason or not target or self._is_closed:
                     break
-            answer, problem = self._answer_of(target, reason, number)
+            answer, problem = None, ""
+            try:
+                answer = self._call(target, reason, number)
+            except RoboCorbaError as error:
+                problem = str(error)
+            except Exception as error:
+                _log.exception("the call of a stop target ended by a defect")
+                kind = type(error).__name__
+                problem = f"internal fault in the call of its stop target ({kind}: {str(error)[:200]})"
             is_confirmed = answer is not None and answer.is_stopped and answer.is_confirmed
             with self._lock:
                 if known.target == target and known.latch.is_on:
@@ -412,22 +409,12 @@ class EmergencyStops:
         with self._lock:
             known.is_calling = False
 
-    def _answer_of(self, target: str, reason: str, number: int) -> tuple[StopAnswer | None, str]:
-        """Call a stop target. Returns its answer, or None and the reason."""
-        try:
-            return self._call(target, reason, number), ""
-        except RoboCorbaError as error:
-            return None, str(error)
-        except Exception as error:
-            _log.exception("the call of a stop target ended by a defect")
-            return None, f"internal fault in the call of its stop target ({type(error).__name__}: {str(error)[:200]})"
-
     def _write(self) -> None:
         with self._writing:
             with self._lock:
                 records = {name: known.record for name, known in self._names.items() if known.is_recorded}
-                if self._all.number:
-                    records[ALL] = _Name(self._all).record
+                if self._all.is_recorded:
+                    records[ALL] = self._all.record
                 content = msgspec.json.encode(records)
             if content == self._written:
                 return
@@ -470,7 +457,3 @@ def _read(file: Path) -> Mapping[str, StopRecord]:
         return decode_json(file.read_bytes(), dict[str, StopRecord])
     except FileNotFoundError:
         return {}
-
-
-def _hold(latch: StopLatch) -> StopHold:
-    return StopHold(latch.is_on, latch.number, latch.reason)

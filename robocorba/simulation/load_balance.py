@@ -8,10 +8,6 @@ from typing import Any, NamedTuple
 
 #: Lease of a sensor server [s]: without a report for this long it is dropped.
 SENSOR_LEASE_S = 2.0
-#: Minimum assumed load of one robot [cores]; holds before anything was measured.
-MIN_LOAD_PER_ROBOT = 0.001
-#: Difference between the busiest and the least busy server above which robots are reassigned [cores].
-REBALANCE_ABOVE = 0.2
 
 
 class Load(NamedTuple):
@@ -105,15 +101,16 @@ class LoadBalance:
         """Assign a robot to a server, and expect the average load of a robot there."""
         total_load = sum(server.load.busy for server in self._servers.values())
         server.robots.add(robot)
-        server.expected_load += max(total_load / max(1, len(self._server_of)), MIN_LOAD_PER_ROBOT)
+        # At least 0.001 cores, before anything was measured.
+        server.expected_load += max(total_load / max(1, len(self._server_of)), 0.001)
         self._server_of[robot] = server
 
     def _rebalance(self) -> list[tuple[str, Any]]:
-        """Move half of the difference in load from the busiest server to the least busy one."""
+        """Move half of the difference in load from the busiest server to the least busy one, if it is 0.2 cores."""
         busiest = max(self._servers.values(), key=lambda server: server.expected_load)
         least_busy = min(self._servers.values(), key=lambda server: server.expected_load)
         difference = busiest.expected_load - least_busy.expected_load
-        if difference < REBALANCE_ABOVE or len(busiest.robots) < 2:
+        if difference < 0.2 or len(busiest.robots) < 2:
             return []
         load_per_robot = busiest.expected_load / len(busiest.robots)
         moving = sorted(busiest.robots)[: min(int(difference / load_per_robot / 2), len(busiest.robots) - 1)]

@@ -23,9 +23,8 @@ from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.load_balance import LoadBalance
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.record_names import with_present_names
-from robocorba.simulation.registry import Description, Registry, RobotClient, name_fault
+from robocorba.simulation.registry import Description, Registry, RobotClient, ServerState, name_fault
 from robocorba.simulation.robot_scans import LastScan, RobotScan
-from robocorba.simulation.server_state import ServerState
 from robocorba.simulation.session import Session
 from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.simulation_loop import SimulationLoop, check_pace
@@ -39,12 +38,6 @@ DEFAULT_LIMIT = 300
 MAX_ROBOTS = 10_000
 #: Maximum number of names that an administrator keeps out.
 MAX_KEPT_OUT = 1000
-#: Interval between writes of all poses [s]. A kill loses at most twice as much.
-WRITE_INTERVAL_S = 0.1
-#: Interval between checks of leases [s].
-LEASE_CHECK_INTERVAL_S = 0.1
-#: Window over which the event rate is averaged [s].
-RATE_WINDOW_S = 2.0
 
 _log = logging.getLogger(__name__)
 
@@ -100,7 +93,6 @@ class ManagementAgent:
     def close(self) -> None:
         """Stop simulated time, and save the final state."""
         self.loop.close()
-        self.simulated.close()
         self._writer.close()
         with contextlib.suppress(ServiceError):
             self._store.save_world(self._record())
@@ -230,22 +222,25 @@ class ManagementAgent:
         if pace is not None:
             check_pace(pace)
 
-        def change(
-            limit: int | None, pace: float | None, is_paused: bool | None
-        ) -> tuple[AdministratorSettings, AdministratorSettings]:
-            before = AdministratorSettings(self.registry.limit, self.loop.pace, self.loop.is_paused)
-            self.registry.limit = self.registry.limit if limit is None else limit
-            self.loop.configure(
-                self.loop.pace if pace is None else pace, self.loop.is_paused if is_paused is None else is_paused
-            )
-            return before, AdministratorSettings(self.registry.limit, self.loop.pace, self.loop.is_paused)
+        wanted = {"limit": limit, "pace": pace, "paused": is_paused}
+        given = {name: value for name, value in wanted.items() if value is not None}
 
-        before, after = self.loop.do(lambda: change(limit, pace, is_paused))
+        def change() -> tuple[AdministratorSettings, AdministratorSettings]:
+            before = AdministratorSettings(self.registry.limit, self.loop.pace, self.loop.is_paused)
+            after = msgspec.structs.replace(before, **given)
+            self._apply(after)
+            return before, after
+
+        before, after = self.loop.do(change)
         try:
             self._store.save_settings(after)
         except ServiceError:
-            self.loop.do(lambda: change(before.limit, before.pace, before.paused))
+            self.loop.do(lambda: self._apply(before))
             raise
+
+    def _apply(self, settings: AdministratorSettings) -> None:
+        self.registry.limit = settings.limit
+        self.loop.configure(settings.pace, settings.paused)
 
     # ---- the map ----
 
@@ -259,7 +254,7 @@ class ManagementAgent:
             # Before their floors go, so that nobody sees a robot without its floor.
             for name in self.simulated.robots_on_lost_floors(edited_map, lineage):
                 self._log_off(self.registry.find(name))
-            self._report(self.simulated.update(edited_map, lineage).events)
+            self._report(self.simulated.update(edited_map, lineage))
             self.database.map_version = version
 
         for preparation in self.simulated.preparations(edited_map, lineage):
@@ -367,8 +362,7 @@ class ManagementAgent:
         """Unregister a robot whose body is gone, and end its session."""
         self.registry.remove(client)
         self.load_balance.release(client.name)
-        self.database.forget_scan(client.name)
-        self.database.robot_scans.forget(client.name)
+        self.database.forget_scans(client.name)
         self._session_ended(self.sessions.pop(client.key))
 
     def _record(self) -> WorldRecord:
@@ -378,15 +372,15 @@ class ManagementAgent:
     def _housekeeping(self) -> None:
         self._lease_time.attend()
         now = time.monotonic()
-        if now - self._checked_at >= LEASE_CHECK_INTERVAL_S:
+        if now - self._checked_at >= 0.1:  # interval between checks of leases [s]
             self._checked_at = now
             for client in self.registry.expired() if self._are_leases_running else ():
                 _log.info("%s logged off: its lease of %g s expired", client.name, self.registry.lease_s)
                 self.simulated.fall_silent(client.name)
                 self._log_off(client)
-        if now - self._written_at >= WRITE_INTERVAL_S:
+        if now - self._written_at >= 0.1:  # interval between writes [s]; a kill loses at most twice as much
             self._written_at = now
             self._writer.submit(self._record())
-        if now - self._counted_at >= RATE_WINDOW_S:
+        if now - self._counted_at >= 2.0:  # window of the average [s]
             self._event_rate = (self._event_count - self._counted_events) / (now - self._counted_at)
             self._counted_events, self._counted_at = self._event_count, now

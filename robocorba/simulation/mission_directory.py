@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import secrets
 import threading
 import time
 from collections.abc import Callable
@@ -13,9 +12,7 @@ import msgspec
 from robocorba.errors.simulation import NoLeader, NoRoom, UnknownMission
 from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState, decoded
 from robocorba.simulation.store import Mission, SimulationStore
-
-#: The bits of the first version of a process; JavaScript has 53.
-VERSION_BITS = 50
+from robocorba.simulation.versioned import Versioned, first_version
 
 _log = logging.getLogger(__name__)
 
@@ -31,10 +28,9 @@ class MissionDirectory:
     def __init__(self, store: SimulationStore, clock: Callable[[], float] = time.monotonic) -> None:
         self._store, self._clock = store, clock
         self._lock = threading.RLock()
-        # Random: clients of an earlier process hold other versions, and so get all missions.
-        self._version = 1 + secrets.randbits(VERSION_BITS)
+        self._version = first_version()
         #: Without plans and reports.
-        self._states: dict[str, MissionState] = {}
+        self._states: Versioned[str, MissionState] = Versioned(self._version)
         #: When each state was stored, or read after a restart [s, clock].
         self._noted_at: dict[str, float] = {}
         for mission in store.missions():
@@ -95,10 +91,8 @@ class MissionDirectory:
     def since(self, version: int) -> list[MissionState]:
         """The missions that changed after a version, oldest change first; all of them if it is not one of ours."""
         with self._lock:
-            if version > self._version:
-                version = 0
-            changed = [state for state in self._states.values() if state.version > version]
-        return sorted(changed, key=lambda state: state.version)
+            changed = self._states.since(version if version <= self._version else 0)
+        return sorted(changed.values(), key=lambda state: state.version)
 
     def mission(self, name: str) -> MissionState:
         """Raises UnknownMission."""
@@ -144,23 +138,23 @@ class MissionDirectory:
 
     def give(self, state: MissionState, robot: str, reason: str) -> MissionState | None:
         """Let another robot lead a mission, unless it has changed since `state`; returns its state, None if it has."""
-        with self._lock:
-            stored = self._store.mission(state.name)
-            if stored is None or self._states.get(state.name) is not state:
-                return None
-            content = state.content.taken_over(robot, reason, self._now_of(state))
-            self.put_mission(Mission(state.name, stored.version, content.encode()))
-            return self._states[state.name]
+        return self._change(state, lambda now: state.content.taken_over(robot, reason, now))
 
     def fail(self, state: MissionState, reason: str) -> None:
         """End a mission whose leader is gone, unless it has changed since `state`. A leader that comes back stores what
         is true."""
+        self._change(state, lambda now: state.content.ended_as(MissionResult.FAILED, reason, now))
+
+    def _change(self, state: MissionState, changed: Callable[[float], MissionContent]) -> MissionState | None:
+        """Change a mission, unless it has changed since `state`; returns its state, None if it has. changed: gets the
+        time by the clock of the mission's leader, which stored `state` right after its latest time [s]."""
         with self._lock:
             stored = self._store.mission(state.name)
             if stored is None or self._states.get(state.name) is not state:
-                return
-            content = state.content.ended_as(MissionResult.FAILED, reason, self._now_of(state))
-            self.put_mission(Mission(state.name, stored.version, content.encode()))
+                return None
+            now = state.content.latest + self._clock() - self._noted_at[state.name]
+            self.put_mission(Mission(state.name, stored.version, changed(now).encode()))
+            return self._states.get(state.name)
 
     def running(self) -> list[MissionState]:
         """The missions that have not ended."""
@@ -168,10 +162,6 @@ class MissionDirectory:
             return [state for state in self._states.values() if state.content.is_running]
 
     # ---- implementation; the lock is held ----
-
-    def _now_of(self, state: MissionState) -> float:
-        """The time by the clock of a mission's leader, which stored the state right after its latest time [s]."""
-        return state.content.latest + self._clock() - self._noted_at[state.name]
 
     def _is_offered(self, name: str) -> bool:
         stored = self._store.mission(name)
@@ -186,10 +176,10 @@ class MissionDirectory:
         self._version += 1
         self._noted_at[mission.name] = self._clock()
         # In one step: `mission` reads without the lock, which is held while the disk is written.
-        self._states[mission.name] = MissionState(mission.name, self._version, content.summary)
+        self._states.put(mission.name, MissionState(mission.name, self._version, content.summary), self._version)
 
     def _forget(self, name: str) -> None:
-        self._states.pop(name, None)
+        self._states.remove(name, self._version)
         self._noted_at.pop(name, None)
 
     def _forget_oldest(self, except_for: str) -> bool:

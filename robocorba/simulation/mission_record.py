@@ -19,12 +19,10 @@ MAX_TEXT = 2000
 Text = Annotated[str, Meta(max_length=MAX_TEXT, pattern="^[^\x00]*$")]
 Seconds = Annotated[float, Meta(ge=0.0, le=1e12)]
 Count = Annotated[int, Meta(ge=0, le=2**31 - 1)]
-#: Maximum number of members, phases, leaders and faults; of the latter three the first ones are left out.
-MAX_MEMBERS, MAX_PHASES, MAX_LEADERS, MAX_FAULTS = 100, 1000, 20, 20
+#: Maximum number of phases, leaders and faults; the first ones are left out.
+MAX_PHASES, MAX_LEADERS, MAX_FAULTS = 1000, 20, 20
 #: Members of a record that the IDL's MissionState does not have: a state by mission control has their defaults.
 RECORD_ONLY = ("format", "is_offered", "leaders", "icon", "attempts", "faults", "plan", "report")
-#: Maximum length of the leader's part in a new mission's name [characters].
-MAX_LEADER = 150
 
 
 class MissionResult(Enum):
@@ -83,7 +81,7 @@ class MissionContent(Struct, frozen=True, kw_only=True):
     attempts: Count = 0
     faults: Annotated[tuple[Text, ...], Meta(max_length=MAX_FAULTS)] = ()
     plan: dict[str, Any] | None = None
-    members: Annotated[tuple[MemberRecord, ...], Meta(max_length=MAX_MEMBERS)] = ()
+    members: Annotated[tuple[MemberRecord, ...], Meta(max_length=100)] = ()
     phases: Annotated[tuple[PhaseRecord, ...], Meta(max_length=MAX_PHASES)] = ()
     phases_in_all: Count = 0
     begun: Seconds
@@ -200,5 +198,5 @@ def decoded(document: bytes) -> MissionContent | None:
 
 
 def new_mission_name(leader: str) -> str:
-    """A unique name of a mission."""
-    return f"{leader[:MAX_LEADER]}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"
+    """A unique name of a mission, not too long for the Omni database."""
+    return f"{leader[:150]}-{time.strftime('%Y%m%d-%H%M%S')}-{uuid.uuid4().hex[:6]}"

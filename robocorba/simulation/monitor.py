@@ -14,9 +14,6 @@ from robocorba.system.lazy_property import lazy_property
 if TYPE_CHECKING:
     from robocorba.simulation.picture import FloorPainter
 
-#: Maximum age of a scan that is drawn, in simulated time [s].
-MAX_SCAN_AGE_S = 1.0
-
 
 class Monitor:
     """Renders the simulation of a building. Thread-safe."""
@@ -37,18 +34,13 @@ class Monitor:
 
     def png(self, floor: str, width_px: int) -> bytes:
         """Render a floor in its current state. Raises UnknownFloor, InvalidPicture."""
-        from robocorba.simulation.picture import ScanFan
-
         database = self._agent.database
         view = FloorView(floor)
         view.apply(database.floor(floor))
-        fans = [
-            ScanFan(scan.at.x, scan.at.y, scan.at.heading, scan.first_rad, scan.step_rad, scan.distances)
-            for scan in database.last_scans(floor)
-            if scan.time >= view.time - MAX_SCAN_AGE_S
-        ]
+        # Scans of the last second of simulated time.
+        scans = [scan for scan in database.last_scans(floor) if scan.time >= view.time - 1.0]
         robots = sum(body.kind is BodyKind.ROBOT for body in view.bodies.values())
         rate = self._agent.state.event_rate
         count = f"{robots} robot{'s' * (robots != 1)}"
         caption = f"{self._building.name} · {floor} · {view.time:.1f} s · {count} · {rate:.1f} events/s"
-        return self._painter.png(view, fans, width_px, caption)
+        return self._painter.png(view, scans, width_px, caption)

@@ -19,20 +19,16 @@ from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.body_names import is_robot, owner
 from robocorba.simulation.physics import FloorPhysics
 from robocorba.simulation.placed_object import PlacedObject
-from robocorba.simulation.registry import Description
+from robocorba.simulation.registry import Description, pose_faults
 from robocorba.simulation.simulated_robot import SimulatedRobot
 from robocorba.simulation.world_record import ObjectRecord, RobotRecord
 
 #: Maximum distance of a grip point from the robot's centre [m].
 MAX_REACH_M = 1.0
-#: Maximum force of a grip [N].
-MAX_GRIP_FORCE_N = 200.0
 #: Mass that one robot carries [kg]: a SmartPal grips with both hands, 2 kg each.
 PAYLOAD_KG = 4.0
 #: Maximum distance of a grip point from the object's outline [m].
 MAX_GRIP_DISTANCE_M = 0.05
-#: Bounds of the coordinates [m] and the heading [rad] of a pose at which a body is placed.
-MAX_COORDINATE_M, MAX_HEADING = 1e6, 1e3
 #: The body that a robot holds, and the grip point on the floor [m].
 Held = tuple[str, tuple[float, float]]
 #: Movable objects of a map, and their floors, by name.
@@ -94,7 +90,7 @@ class Occupants:
         if record.grip and (held := self.find_object(record.grip[0])) and held.floor == pose.floor:
             at = record.grip[1:]
             if robot.physics.distance(held.body, at) <= MAX_GRIP_DISTANCE_M:  # else the map has moved it
-                robot.physics.grip(robot.body, held.body, at, MAX_GRIP_FORCE_N, PAYLOAD_KG)
+                _grip(robot.physics, robot.body, (held.body, at))
 
     def remove_robot(self, name: str) -> None:
         """Remove a robot with its grip. Raises UnknownRobot."""
@@ -201,7 +197,7 @@ class Occupants:
         lost = []
         for robot, grip in held.items():
             if physics.distance(item.body, grip[1]) <= MAX_GRIP_DISTANCE_M:
-                physics.grip(self.robots[robot].body, *grip, MAX_GRIP_FORCE_N, PAYLOAD_KG)
+                _grip(physics, self.robots[robot].body, grip)
             else:
                 lost.append((robot, item.floor))
         return lost
@@ -246,7 +242,7 @@ class Occupants:
         if gap_m > MAX_GRIP_DISTANCE_M:
             reason = f"{point} is {gap_m:.2f} m off its outline; at most {MAX_GRIP_DISTANCE_M:g} m"
             raise CannotGrip(object_name, reason)
-        robot.physics.grip(robot.body, item.body, at, MAX_GRIP_FORCE_N, PAYLOAD_KG)
+        _grip(robot.physics, robot.body, (item.body, at))
         robot.physics.refresh()
 
     def held_by(self, name: str) -> Held | None:
@@ -259,7 +255,7 @@ class Occupants:
         robot = self.robot(name)
         robot.physics.release(robot.body)
         if held:
-            robot.physics.grip(robot.body, *held, MAX_GRIP_FORCE_N, PAYLOAD_KG)
+            _grip(robot.physics, robot.body, held)
         robot.physics.refresh()
 
     def release(self, name: str) -> None:
@@ -281,7 +277,8 @@ class Occupants:
     def place(self, name: str, pose: Pose) -> list[tuple[str, str]]:
         """Put a robot or a movable object at a pose, at rest; grips of it and by it are released. Returns the robots
         that have lost theirs, and on which floors. Raises UnknownBody, UnknownFloor, PlaceTaken, InvalidChoice."""
-        _check_finite(pose)
+        for field, reason in pose_faults(pose):
+            raise InvalidChoice(f"at.{field}", reason)
         floor, x, y, _ = pose
         robot, item = self.robots.get(name), self.find_object(name)
         if robot is None and item is None:
@@ -334,7 +331,7 @@ class Occupants:
                 self._put_object(objects[body], Pose(destination, *pose))
         for body, (held_body, at) in grips.items():
             if held_body in poses:
-                after.grip(body, held_body, at, MAX_GRIP_FORCE_N, PAYLOAD_KG)
+                _grip(after, body, (held_body, at))
 
     def use_floors(self, floors: Mapping[str, FloorPhysics], names: Mapping[str, str]) -> None:
         """Use the floors of an edited map. names: the present names of those that have stayed, by their former ones; no
@@ -385,12 +382,6 @@ class Occupants:
         return self._numbers
 
 
-def _check_finite(pose: Pose) -> None:
-    """Raise InvalidChoice unless the coordinates and the heading are numbers within their bounds."""
-    for field, value, limit in (
-        ("x", pose.x, MAX_COORDINATE_M),
-        ("y", pose.y, MAX_COORDINATE_M),
-        ("heading", pose.heading, MAX_HEADING),
-    ):
-        if not abs(value) <= limit:  # also refuses NaN
-            raise InvalidChoice(f"at.{field}", f"{value} is not a number between -{limit:g} and {limit:g}")
+def _grip(physics: FloorPhysics, robot: str, held: Held) -> None:
+    """Let a robot's body hold another one."""
+    physics.grip(robot, *held, 200.0, PAYLOAD_KG)  # with at most 200 N

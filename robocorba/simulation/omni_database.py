@@ -5,9 +5,7 @@ Versions are created on request, not with every step. Nothing here waits for the
 
 from __future__ import annotations
 
-import secrets
 import threading
-from collections import deque
 
 import numpy as np
 
@@ -20,12 +18,11 @@ from robocorba.map_editor.spatial.posture import Posture
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.reservations import ReservedAreas
 from robocorba.simulation.robot_scans import LastScan, RobotScan, RobotScans
+from robocorba.simulation.versioned import Versioned, first_version
 from robocorba.system.kernels import kernel
 
 #: Departed bodies remembered for each floor; a client with an older version gets the whole floor.
 MAX_DEPARTED = 10_000
-#: The bits of the first version of a process; JavaScript has 53.
-VERSION_BITS = 50
 
 
 class OmniDatabase:
@@ -35,9 +32,7 @@ class OmniDatabase:
         self._building = building
         self.map_version = 0
         self._lock = threading.Lock()
-        # Random: clients of an earlier process hold other versions, and so get whole floors. No clock tells two of them
-        # apart: a computer without a real-time clock starts them at the same time.
-        self._first_version = 1 + secrets.randbits(VERSION_BITS)
+        self._first_version = first_version()
         self._floors: dict[str, _FloorVersions] = {}
         self._scans: dict[str, LastScan] = {}
         #: The last scan of each sensor of the logged-on robots.
@@ -72,9 +67,10 @@ class OmniDatabase:
         """Keep a scan as the last one of its robot."""
         self._scans[scan.robot] = scan
 
-    def forget_scan(self, robot: str) -> None:
-        """Forget the scan of a robot that logged off."""
+    def forget_scans(self, robot: str) -> None:
+        """Forget the scans of a robot that logged off."""
         self._scans.pop(robot, None)
+        self.robot_scans.forget(robot)
 
     def last_scans(self, floor: str) -> list[LastScan]:
         """Last scans on a floor. Raises UnknownFloor."""
@@ -109,16 +105,15 @@ class _FloorVersions:
     """The last examined state of a floor, and the version in which each part changed."""
 
     def __init__(self, version: int) -> None:
-        self.version = self._oldest = version
+        self.version = version
         self._snapshot: FloorState | None = None
-        self._bodies: dict[str, Body] = {}
-        #: One entry for each body: number, row index in the snapshot, row, and version of the last change.
+        #: The bodies by number.
+        self._bodies: Versioned[int, Body] = Versioned(version, MAX_DEPARTED)
+        # The removal of an elevator is in no update: clients get the whole floor.
+        self._elevators: Versioned[str, ElevatorState] = Versioned(version)
+        #: One entry for each body: number, row index in the snapshot, row, and version of the last motion.
         self._numbers = self._snapshot_rows = self._moved_in = np.empty(0, np.int64)
         self._rows: Floats = np.empty((0, 6))
-        self._arrived_in: dict[str, int] = {}
-        self._last_arrival = version
-        self._departed: deque[tuple[int, int]] = deque()
-        self._elevators: dict[str, tuple[ElevatorState, int]] = {}
 
     def update(self, snapshot: FloorState, bodies: dict[str, Body], elevators: dict[str, ElevatorState]) -> None:
         """Create a new version if anything changed."""
@@ -126,69 +121,48 @@ class _FloorVersions:
         has_changed = False
         if snapshot is not self._snapshot:
             if self._snapshot is not None and snapshot.names is self._snapshot.names:
-                has_changed = merge_motion(snapshot.rows, self._snapshot_rows, self._rows, self._moved_in, next_version)
+                has_changed = self._note_motion(snapshot.rows[self._snapshot_rows], next_version)
             else:
                 self._rebuild_rows(snapshot, bodies, next_version)
                 has_changed = True
             self._snapshot = snapshot
-        for name, state in elevators.items():
-            if name not in self._elevators or self._elevators[name][0] != state:
-                self._elevators[name] = (state, next_version)
-                has_changed = True
-        for name in [name for name in self._elevators if name not in elevators]:
-            del self._elevators[name]
-            self._oldest, has_changed = next_version, True  # clients can drop it only with a whole floor
-        if has_changed:
+        if self._elevators.replace(elevators, next_version) or has_changed:
             self.version = next_version
 
     def changes(self, name: str, since: int, map_version: int) -> FloorUpdate:
         """Changes since a version; the whole floor if that version is not remembered."""
-        if not self._oldest <= since <= self.version:
+        if not max(self._bodies.oldest, self._elevators.oldest) <= since <= self.version:
             since = WHOLE
-        came = []
-        if since < self._last_arrival:
-            came = [self._bodies[body] for body, version in self._arrived_in.items() if version > since]
-        went = [] if since == WHOLE else [number for version, number in self._departed if version > since]
-        elevators = {elevator: state for elevator, (state, version) in self._elevators.items() if version > since}
+        came = list(self._bodies.since(since).values())
+        went = [] if since == WHOLE else self._bodies.removed_since(since)
         time_s = self._snapshot.time if self._snapshot else 0.0
-        motions = np.empty(len(self._bodies), MOTION)
+        motions = np.empty(len(self._numbers), MOTION)
         moved = write_motion(self._numbers, self._rows, self._moved_in, since, motions)
+        elevators = self._elevators.since(since)
         return FloorUpdate(name, since, self.version, time_s, map_version, came, went, motions[:moved], elevators)
+
+    def _note_motion(self, rows: Floats, version: int) -> bool:
+        """Take over the rows of all bodies; return whether any has changed."""
+        has_moved = (rows != self._rows).any(axis=1)
+        self._moved_in[has_moved] = version
+        self._rows = rows
+        return bool(has_moved.any())
 
     def _rebuild_rows(self, snapshot: FloorState, published: dict[str, Body], version: int) -> None:
         """Rebuild the rows after bodies were added, removed or reordered."""
         # `published` has neither the static body nor bodies that were just removed.
-        bodies = {name: body for name in snapshot.names if (body := published.get(name))}
-        kept = {name for name, body in bodies.items() if self._bodies.get(name) is body}
-        snapshot_rows = np.array([snapshot.row_of[name] for name in bodies], np.int64)
+        by_name = {name: body for name in snapshot.names if (body := published.get(name))}
+        bodies = {body.number: body for body in by_name.values()}
+        snapshot_rows = np.array([snapshot.row_of[name] for name in by_name], np.int64)
         rows, moved_in = snapshot.rows[snapshot_rows], np.full(len(bodies), version)
-        row_before = {name: row for row, name in enumerate(self._bodies)}
-        for row, name in enumerate(bodies):
-            if name in kept and np.array_equal(rows[row], self._rows[row_before[name]]):
-                moved_in[row] = self._moved_in[row_before[name]]
-        numbers = {body.number for body in bodies.values()}  # those that are not kept have another name or outline
-        self._departed.extend((version, body.number) for body in self._bodies.values() if body.number not in numbers)
-        while len(self._departed) > MAX_DEPARTED:
-            self._oldest = self._departed.popleft()[0]
-        self._arrived_in = {name: self._arrived_in[name] if name in kept else version for name in bodies}
-        self._last_arrival = max(self._arrived_in.values(), default=version)
-        self._bodies, self._snapshot_rows, self._rows, self._moved_in = bodies, snapshot_rows, rows, moved_in
-        self._numbers = np.array([body.number for body in bodies.values()], np.int64)
-
-
-@kernel
-def merge_motion(snapshot: Floats, snapshot_rows: Longs, rows: Floats, moved_in: Longs, version: int) -> bool:
-    """Copy changed rows from `snapshot`, at indices `snapshot_rows`, to `rows` (n, 6); return whether any changed."""
-    has_moved = False
-    for body in range(len(snapshot_rows)):
-        row = snapshot_rows[body]
-        for k in range(6):
-            if snapshot[row, k] != rows[body, k]:
-                rows[body] = snapshot[row]
-                moved_in[body] = version
-                has_moved = True
-                break
-    return has_moved
+        row_before = {number: row for row, number in enumerate(self._numbers.tolist())}
+        for row, (number, body) in enumerate(bodies.items()):
+            is_same = self._bodies.get(number) == body  # else it is new, or has another name or outline
+            if is_same and np.array_equal(rows[row], self._rows[row_before[number]]):
+                moved_in[row] = self._moved_in[row_before[number]]
+        self._bodies.replace(bodies, version)
+        self._snapshot_rows, self._rows, self._moved_in = snapshot_rows, rows, moved_in
+        self._numbers = np.array(list(bodies), np.int64)
 
 
 @kernel
@@ -206,7 +180,6 @@ def write_motion(numbers: Longs, rows: Floats, moved_in: Longs, since: int, moti
 
 
 def warm_up() -> None:
-    """Compile or load the kernels, so that the first answer takes no longer than the others."""
-    numbers, rows = np.zeros(1, np.int64), np.zeros((1, 6))
-    merge_motion(rows, numbers, rows, numbers, 1)
-    write_motion(numbers, rows, numbers, 0, np.empty(1, MOTION))
+    """Compile or load the kernel, so that the first answer takes no longer than the others."""
+    numbers = np.zeros(1, np.int64)
+    write_motion(numbers, np.zeros((1, 6)), numbers, 0, np.empty(1, MOTION))

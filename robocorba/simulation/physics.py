@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 import pymunk
 import shapely
-from numpy.typing import NDArray
 from shapely import LineString
 from shapely.geometry.base import BaseGeometry
 
@@ -31,41 +30,25 @@ from robocorba.simulation.static_parts import StaticChange, StaticPart, StaticPa
 from robocorba.simulation.substeps import MAX_PENETRATION_M, STEP_S, RobotMasses, max_penetration_m, substeps_for
 from robocorba.simulation.velocity_control import BRAKING_M_S2, BRAKING_RAD_S2, control, limit_speeds
 
-#: Overlap that Chipmunk tolerates between touching bodies [m].
-_SLOP_M = 0.001
 #: Packs a command: velocity ahead, to the left [m/s] and turn [rad/s], and the time until which it is valid [s].
 _pack_command = Struct("4d").pack
 #: Stop within the robot's limits.
 _NO_COMMAND = _pack_command(0.0, 0.0, 0.0, math.inf)
 #: Stop as fast as ground friction allows, regardless of the robot's limits.
 _BRAKE = _pack_command(0.0, 0.0, 0.0, -math.inf)
-#: Limits of an object on the floor.
-SLIDING = Limits(0.0, 0.0, BRAKING_M_S2, BRAKING_RAD_S2)
-#: Limits of the static body.
-STATIC = Limits(0.0, 0.0, 0.0, 0.0)
-#: Limits of a lifted object: it follows its carriers, with a little damping.
-CARRIED = Limits(0.0, 0.0, 0.1, 0.1)
 #: Steps between checks whether a floor is still.
 STILL_CHECK_STEPS = 16
-#: Share of the error of a grip that remains after a second: hands are stiff.
-_STIFF = 1e-6
 #: Distance between the two hands of a robot on an edge [m].
 HANDS_APART_M = 0.4
-#: Distance between a hand and its grip point beyond which the grip slips [m].
-SLIP_M = 0.05
-
-
-class Contact(NamedTuple):
-    """Two bodies that began to touch, by name; empty for a static obstacle."""
-
-    first: str
-    second: str
+#: Share of the error of a grip that remains after a second: hands are stiff.
+_STIFF = 1e-6
 
 
 class StepResult(NamedTuple):
-    """Outcome of a step. lost: robots whose grip slipped."""
+    """Outcome of a step. contacts: pairs of bodies that began to touch, by name; empty for a static obstacle. lost:
+    robots whose grip slipped."""
 
-    contacts: list[Contact]
+    contacts: list[tuple[str, str]]
     lost: list[str]
 
 
@@ -98,7 +81,7 @@ class FloorPhysics:
     def __init__(self, obstacles: Iterable[BaseGeometry] = (), steps: int = 0, name: str = "") -> None:
         self.name = name
         self._space = pymunk.Space()
-        self._space.collision_slop = _SLOP_M
+        self._space.collision_slop = 0.001  # overlap that Chipmunk tolerates between touching bodies [m]
         self._space.on_collision(begin=self._contact_began)
         self._ground = self._space.static_body  # pymunk creates it at the first access
         self._bodies: dict[str, pymunk.Body] = {}
@@ -109,7 +92,7 @@ class FloorPhysics:
         self._static: dict[StaticPart, list[pymunk.Shape]] = {}
         self._doors: dict[str, list[pymunk.Shape]] = {}
         self._batched = Bodies(self._space)
-        self._contacts: list[Contact] = []
+        self._contacts: list[tuple[str, str]] = []
         self.set_steps(steps)
         #: Last command of each robot, packed: replacing one needs no lock, reading all of them needs no loop.
         self._packed_commands: dict[str, bytes] = {}
@@ -136,14 +119,16 @@ class FloorPhysics:
     def change_obstacles(self, change: StaticChange) -> None:
         """Make one of the changes of `changes_to`."""
         self.is_still = False
-        for part in change.removed:
+        removed, added = change
+        for part in removed:
             self._space.remove(*self._static.pop(part))
-        for part in change.added:
-            self._static[part] = self._solid(part) if isinstance(part, bytes) else [self._segment(part)]
+        for part in added:
+            if isinstance(part, bytes):
+                polygons = convex_parts(shapely.from_wkb(part))
+                self._static[part] = [pymunk.Poly(self._ground, polygon) for polygon in polygons]
+            else:
+                self._static[part] = [self._segment(part)]
             self._space.add(*self._static[part])
-
-    def _solid(self, wkb: bytes) -> list[pymunk.Shape]:
-        return [pymunk.Poly(self._ground, part) for part in convex_parts(shapely.from_wkb(wkb))]
 
     def _segment(self, row: tuple[float, float, float, float]) -> pymunk.Shape:
         return pymunk.Segment(self._ground, row[:2], row[2:], 0.0)
@@ -151,7 +136,7 @@ class FloorPhysics:
     def close_door(self, name: str, line: BaseGeometry) -> None:
         """Add a static line that `open_door` removes."""
         self.open_door(name)
-        self._doors[name] = self._segments(np.array([line], object))
+        self._doors[name] = self._segments(line)
         self._space.add(*self._doors[name])
 
     def open_door(self, name: str) -> None:
@@ -176,13 +161,12 @@ class FloorPhysics:
 
     def _across(self, line: BaseGeometry) -> set[str]:
         """Names of the bodies across a line."""
-        segments = self._segments(np.array([line], object))
-        found = {self._owner_of(info.shape) for segment in segments for info in self._space.shape_query(segment)}
+        found = {self._owner_of(info.shape) for part in self._segments(line) for info in self._space.shape_query(part)}
         return found - {""}
 
-    def _segments(self, lines: NDArray[np.object_]) -> list[pymunk.Shape]:
-        """Static segments along lines."""
-        return [self._segment(row) for row in segments_of(lines)[0].tolist()]
+    def _segments(self, line: BaseGeometry) -> list[pymunk.Shape]:
+        """Static segments along a line."""
+        return [self._segment(row) for row in segments_of(np.array([line], object))[0].tolist()]
 
     def add_robot(
         self, name: str, pose: tuple[float, float, float], radius_m: float, mass_kg: float, limits: Limits
@@ -252,10 +236,6 @@ class FloorPhysics:
         """Distance from a point to a body [m]; 0 or negative inside. Raises KeyError."""
         return float(min(shape.point_query(at).distance for shape in self._bodies[name].shapes))
 
-    def mass_kg(self, name: str) -> float:
-        """Mass of a body [kg]. Raises KeyError."""
-        return float(self._bodies[name].mass)
-
     def _remove_grip(self, robot: str) -> None:
         grip = self._grips.pop(robot)
         self._space.remove(grip.joint, *([grip.heading] if grip.heading else []))
@@ -279,7 +259,7 @@ class FloorPhysics:
         for robot, grip in self._grips.items():
             hand = grip.joint.a.local_to_world(grip.joint.anchor_a)
             held = grip.joint.b.local_to_world(grip.joint.anchor_b)
-            if hand.get_distance(held) > SLIP_M:
+            if hand.get_distance(held) > 0.05:  # the grip slips beyond 5 cm
                 lost.append(robot)
         for robot in lost:
             self._remove_grip(robot)
@@ -291,10 +271,12 @@ class FloorPhysics:
         """Motion limits of a body."""
         if name in self._robots:
             return self._robots[name]
-        if not name:
-            return STATIC
+        if not name:  # the static body
+            return Limits(0.0, 0.0, 0.0, 0.0)
         lifted_kg = sum(grip.payload_kg for grip in self._grips.values() if grip.held == name)
-        return CARRIED if lifted_kg >= self._bodies[name].mass > 0.0 else SLIDING
+        if lifted_kg >= self._bodies[name].mass > 0.0:  # it follows its carriers, with a little damping
+            return Limits(0.0, 0.0, 0.1, 0.1)
+        return Limits(0.0, 0.0, BRAKING_M_S2, BRAKING_RAD_S2)  # it slides on the floor
 
     def _add(
         self,
@@ -316,10 +298,6 @@ class FloorPhysics:
             self._robots[name] = limits
             self._packed_commands[name] = _NO_COMMAND  # drops a command of an earlier robot of this name
         self._has_changed = True
-
-    def _rebuild_rows_if_changed(self) -> None:
-        if self._has_changed:
-            self._rebuild_rows()
 
     def _rebuild_rows(self) -> None:
         """Rebuild names, limits and commands in pymunk's current order of bodies."""
@@ -395,20 +373,16 @@ class FloorPhysics:
         """Let readers of `snapshot` look at all bodies again."""
         self._has_changed = True
 
-    @property
-    def size(self) -> int:
-        """Number of bodies."""
-        return len(self._bodies)
-
     def step(self) -> StepResult:
         """Advance by STEP_S."""
-        self._rebuild_rows_if_changed()
+        self.refresh()
         has_new_commands = self._has_new_commands
         if has_new_commands:
             self._take_commands()
         self._steps += 1
         self.time = self._steps * STEP_S
         if has_new_commands or not self.is_still:
+            self._limit_speeds()
             self._control()
         if self.is_still:
             rows = self.snapshot.rows
@@ -416,6 +390,7 @@ class FloorPhysics:
             return StepResult([], [])
         self._space.step(STEP_S / self._substeps)
         for _ in range(1, self._substeps):
+            self._batched.read()
             self._limit_speeds()
             self._space.step(STEP_S / self._substeps)
         self._take_snapshot()
@@ -425,7 +400,7 @@ class FloorPhysics:
         if contacts:
             self._contacts = []
         lost = self._drop_slipped_grips() if self._grips else []
-        self._rebuild_rows_if_changed()
+        self.refresh()
         return StepResult(contacts, lost)
 
     def _check_whether_still(self) -> None:
@@ -444,17 +419,14 @@ class FloorPhysics:
         By forces, since Chipmunk first moves bodies by their velocities, then finds contacts, then applies forces: what
         leads into an obstacle is taken away before anything moves."""
         bodies = self._batched
-        rows = self._commands, self._limits, self._inertia, self._caps
-        self._is_moving, is_too_fast = control(bodies.state, *rows, self.time, bodies.forces, bodies.velocities)
+        rows = bodies.state, bodies.velocities, self._commands, self._limits, self._inertia
+        self._is_moving = control(*rows, self.time, bodies.forces)
         self.is_still = self.is_still and not self._is_moving
-        if is_too_fast:
-            bodies.write_velocities()
         bodies.write_forces()
 
     def _limit_speeds(self) -> None:
         """Slow down bodies that others push faster than a substep holds."""
         bodies = self._batched
-        bodies.read()
         if limit_speeds(bodies.state, self._caps, bodies.velocities):
             bodies.write_velocities()
 
@@ -471,11 +443,12 @@ class FloorPhysics:
 
     def refresh(self) -> None:
         """Update `snapshot` after bodies were added or removed, also while time is paused."""
-        self._rebuild_rows_if_changed()
+        if self._has_changed:
+            self._rebuild_rows()
 
     def row(self, name: str) -> tuple[float, ...]:
         """Current x, y [m], heading [rad], velocity along x and y [m/s], turn [rad/s] of a body. Raises KeyError."""
-        self._rebuild_rows_if_changed()
+        self.refresh()
         return tuple(self._batched.state[self._row_of[name]].tolist())
 
     def pose(self, name: str) -> tuple[float, float, float]:
@@ -485,7 +458,7 @@ class FloorPhysics:
 
     def state(self) -> dict[str, tuple[float, ...]]:
         """Rows as of `row` for all bodies, by name."""
-        self._rebuild_rows_if_changed()
+        self.refresh()
         return {name: tuple(row) for name, row in zip(self._names, self._batched.state.tolist(), strict=True) if name}
 
     def _take_snapshot(self) -> None:
@@ -495,8 +468,8 @@ class FloorPhysics:
 
     def _contact_began(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         """Record a contact; pymunk calls this within a step."""
-        first, second = self._batched.pair_of(arbiter)
-        self._contacts.append(Contact(self._name_of.get(first, ""), self._name_of.get(second, "")))
+        first, second = arbiter.shapes
+        self._contacts.append((self._owner_of(first), self._owner_of(second)))
 
 
 def warm_up() -> None:

@@ -33,25 +33,16 @@ from robocorba.map_editor.sheet import GROUND, HEAD_PX, INK, MAX_LABEL_LENGTH, F
 from robocorba.map_editor.spatial.elevator_state import ElevatorState
 from robocorba.map_editor.spatial.floor_update import Body, BodyKind, FloorView
 from robocorba.map_editor.spatial.pose import XY
+from robocorba.simulation.robot_scans import LastScan
 
 #: Minimum and maximum width of a picture [px].
 MIN_WIDTH_PX, MAX_WIDTH_PX = 200, 4096
-#: Default maximum size of a painter's cached layers [px], one byte each.
-MAX_CACHED_PX = 64_000_000
 #: Time after its last picture for which a layer is kept [s].
 UNUSED_LAYER_S = 60.0
-#: Maximum length of a caption [characters].
-MAX_CAPTION = 200
 #: Colours.
 ROBOT, VELOCITY, LASER = "#7b2cbf", "#0b5d51", "#f03e3e"
 #: Share of the laser's colour in lit areas.
 LIGHT = 0.2
-#: Maximum number of drawn rays of a fan; of a larger one every second ray is drawn, or every third, and so on.
-MAX_RAYS = 720
-#: A velocity arrow shows the distance covered in this time [s].
-ARROW_S = 1.0
-#: Minimum drawn radius of a robot, for visibility [px].
-MIN_RADIUS_PX = 3.0
 #: Coordinates beyond this are not drawn [m].
 _FAR_M = 1e9
 #: Pixel coordinates are clipped to this, for Pillow [px].
@@ -66,12 +57,6 @@ _MOVING = (ROBOT, VELOCITY, LASER, MOVABLE, CABIN, CLOSED_SHAFT, DOOR)
 _STATIC = (256 - len(_MOVING) - _SHADES) // 2
 #: Palette index of each moving colour.
 _INDEX = {colour: 2 * _STATIC + i for i, colour in enumerate(_MOVING)} | {INK: 256 - _SHADES, GROUND: 255}
-#: Palette index of the lit version, by palette index.
-_LIT = [i + _STATIC if i < _STATIC else i for i in range(256)]
-#: Palette index of a letter's shade, by the coverage of a pixel (0 to 255).
-_SHADE = [255 - round(i / 255 * (_SHADES - 1)) for i in range(256)]
-#: Mask of a letter with its halo, by the coverage of a pixel (0 to 255).
-_SOLID = [255 if i >= 128 else 0 for i in range(256)]
 #: Colour and label; ~ marks a thin line.
 _LEGEND = (
     (ROBOT, "robot"),
@@ -84,19 +69,6 @@ _LEGEND = (
     (CABIN, "cabin here"),
     (CLOSED_SHAFT, "elsewhere"),
 )
-
-
-class ScanFan(NamedTuple):
-    """A scan to draw: sensor at x, y [m] and heading [rad], distances of its rays [m].
-
-    The first ray is at `first_rad` from the heading, the others `step_rad` apart, counter-clockwise [rad]."""
-
-    x: float
-    y: float
-    heading: float
-    first_rad: float
-    step_rad: float
-    distances: NDArray[np.float64]
 
 
 class _Shaft(NamedTuple):
@@ -117,29 +89,23 @@ class _Layer(NamedTuple):
     shafts: list[_Shaft]
 
 
-class _KeptLayer(NamedTuple):
-    """used_at: when its last picture was drawn [s]."""
-
-    layer: _Layer
-    used_at: float
-
-
 class FloorPainter:
-    """Draws the floors of `building`. Thread-safe. max_cached_px: maximum size of all cached layers [px].
-    clock: returns the time [s]."""
+    """Draws the floors of `building`. Thread-safe. max_cached_px: maximum size of all cached layers [px], one byte
+    each. clock: returns the time [s]."""
 
     def __init__(
-        self, building: Building, max_cached_px: int = MAX_CACHED_PX, clock: Callable[[], float] = time.monotonic
+        self, building: Building, max_cached_px: int = 64_000_000, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._building, self._max_cached_px, self._clock = building, max_cached_px, clock
-        #: Layers by floor and width, least recently used first.
-        self._layers: OrderedDict[tuple[str, int], _KeptLayer] = OrderedDict()
+        #: Layers by floor and width, and when their last pictures were drawn [s]; least recently used first.
+        self._layers: OrderedDict[tuple[str, int], tuple[_Layer, float]] = OrderedDict()
         self._lock = threading.Lock()
         #: Held while a layer is drawn, so that no layer is drawn twice.
         self._drawing = threading.Lock()
 
-    def png(self, view: FloorView, fans: Sequence[ScanFan], width_px: int, caption: str = "") -> bytes:
-        """Render a floor as a PNG file in the pixel coordinates of draw_floor; `view` must not change meanwhile.
+    def png(self, view: FloorView, scans: Sequence[LastScan], width_px: int, caption: str = "") -> bytes:
+        """Render a floor with these scans on it as a PNG file in the pixel coordinates of draw_floor; `view` must not
+        change meanwhile.
 
         Skips bodies without a finite pose. The first picture of a floor and width takes as long as draw_floor. Raises
         UnknownFloor, and InvalidPicture for a width outside MIN_WIDTH_PX to MAX_WIDTH_PX."""
@@ -149,7 +115,7 @@ class FloorPainter:
             raise InvalidPicture("width", f"{width_px} is not {MIN_WIDTH_PX} to {MAX_WIDTH_PX} pixels")
         picture = _Picture(self._layer((view.floor, width_px)))
         picture.add_cabins(view.floor, view.elevators)
-        picture.add_fans(fans)
+        picture.add_scans(scans)
         picture.add_bodies(view)
         picture.add_caption(caption)
         return picture.png()
@@ -158,7 +124,7 @@ class FloorPainter:
         """Drop the layers that no picture has needed for UNUSED_LAYER_S."""
         before = self._clock() - UNUSED_LAYER_S
         with self._lock:
-            while self._layers and next(iter(self._layers.values())).used_at < before:
+            while self._layers and next(iter(self._layers.values()))[1] < before:
                 self._layers.popitem(last=False)
 
     def _layer(self, key: tuple[str, int]) -> _Layer:
@@ -170,16 +136,16 @@ class FloorPainter:
 
     def _cached(self, key: tuple[str, int]) -> _Layer | None:
         with self._lock:
-            kept = self._layers.pop(key, None)
-            if kept is None:
+            if key not in self._layers:
                 return None
-            self._layers[key] = kept._replace(used_at=self._clock())
-            return kept.layer
+            layer, _ = self._layers.pop(key)
+            self._layers[key] = layer, self._clock()
+            return layer
 
     def _cache(self, key: tuple[str, int], layer: _Layer) -> _Layer:
         with self._lock:
-            self._layers[key] = _KeptLayer(layer, self._clock())
-            while sum(math.prod(kept.layer.pixels.size) for kept in self._layers.values()) > self._max_cached_px:
+            self._layers[key] = layer, self._clock()
+            while sum(math.prod(kept.pixels.size) for kept, _ in self._layers.values()) > self._max_cached_px:
                 self._layers.popitem(last=False)
         return layer
 
@@ -226,28 +192,30 @@ class _Picture:
         for leaf in ((ax, ay, ax + dx, ay + dy), (bx, by, bx - dx, by - dy)):
             self._pen.line(leaf, _INDEX[DOOR], round(_px(self._frame, 0.09, 2, 4)))
 
-    def add_fans(self, fans: Sequence[ScanFan]) -> None:
-        """Light the area of each fan, and outline it."""
-        outlines = [outline for fan in fans if len(outline := self._outline(fan)) > 2]
+    def add_scans(self, scans: Sequence[LastScan]) -> None:
+        """Light the area of each scan, and outline it."""
+        outlines = [outline for scan in scans if len(outline := self._outline(scan)) > 2]
         light = Image.new("L", self._pixels.size)
         pen = ImageDraw.Draw(light)
         for outline in outlines:
             pen.polygon(outline, 255)
         box = light.getbbox()
         if box is not None:
-            self._pixels.paste(self._pixels.crop(box).point(_LIT), box, light.crop(box))
+            lit = self._pixels.crop(box).point(lambda index: index + _STATIC if index < _STATIC else index)
+            self._pixels.paste(lit, box, light.crop(box))
         for outline in outlines:
             self._pen.polygon(outline, outline=_INDEX[LASER])
 
-    def _outline(self, fan: ScanFan) -> list[XY]:
+    def _outline(self, scan: LastScan) -> list[XY]:
         """Polygon of the sensor and its ray ends [px]; empty for a sensor without a finite pose."""
-        if not all(abs(value) < _FAR_M for value in fan[:5]):
+        if not all(abs(value) < _FAR_M for value in (*scan.at[1:], scan.first_rad, scan.step_rad)):
             return []
-        rays = np.arange(0, len(fan.distances), 1 + len(fan.distances) // MAX_RAYS)
-        angles = fan.heading + fan.first_rad + fan.step_rad * rays
-        distances = np.nan_to_num(fan.distances[rays]).clip(0.0, _FAR_PX / self._frame.scale)
+        # At most 720 rays: of a larger scan every second one is drawn, or every third, and so on.
+        rays = np.arange(0, len(scan.distances), 1 + len(scan.distances) // 720)
+        angles = scan.at.heading + scan.first_rad + scan.step_rad * rays
+        distances = np.nan_to_num(scan.distances[rays]).clip(0.0, _FAR_PX / self._frame.scale)
         x, y = distances * np.cos(angles), distances * np.sin(angles)
-        return _polygon(self._frame, fan.x + np.append(0.0, x), fan.y + np.append(0.0, y))
+        return _polygon(self._frame, scan.at.x + np.append(0.0, x), scan.at.y + np.append(0.0, y))
 
     def add_bodies(self, view: FloorView) -> None:
         """Draw objects, robots above them, and names above both."""
@@ -283,7 +251,8 @@ class _Picture:
         """Draw a robot. radius: [px]. vx, vy: velocity along the floor's axes [m/s]."""
         speed, course = math.hypot(vx, vy), math.atan2(vy, vx)
         if speed < math.inf:
-            tip = _ahead(column, row, course, min(radius + ARROW_S * speed * self._frame.scale, _FAR_PX))
+            # The arrow shows the distance covered in a second.
+            tip = _ahead(column, row, course, min(radius + speed * self._frame.scale, _FAR_PX))
             self._pen.line((column, row, *tip), _INDEX[VELOCITY], 2)
             self._pen.polygon(_wedge(*tip, course, min(4.0, radius / 2)), _INDEX[VELOCITY])
         for reach, colour in ((radius + 1, GROUND), (radius, ROBOT)):
@@ -293,9 +262,7 @@ class _Picture:
 
     def add_caption(self, caption: str) -> None:
         """Draw a caption above the floor."""
-        letters, halo = _render_text(
-            caption[:MAX_CAPTION], round(min(18.0, max(10.0, self._frame.width / 50))), bold=True
-        )
+        letters, halo = _render_text(caption[:200], round(min(18.0, max(10.0, self._frame.width / 50))), bold=True)
         self._pixels.paste(letters, (12, (HEAD_PX - letters.height) // 2), halo)
 
     def _write(self, name: str, column: float, row: float, room_px: float = math.inf) -> None:
@@ -379,8 +346,8 @@ def _polygon(frame: Frame, x: NDArray[np.float64], y: NDArray[np.float64]) -> li
 
 
 def _radius(frame: Frame, body: Body) -> float:
-    """Drawn radius of a robot [px]."""
-    return min(max(MIN_RADIUS_PX, body.radius_m * frame.scale), _FAR_PX)
+    """Drawn radius of a robot [px], at least 3, for visibility."""
+    return min(max(3.0, body.radius_m * frame.scale), _FAR_PX)
 
 
 def _middle(corners: Sequence[XY]) -> XY:
@@ -414,7 +381,8 @@ def _render_text(text: str, letter_px: int, bold: bool) -> tuple[Image.Image, Im
     letters, halo = Image.new("L", size), Image.new("L", size)
     ImageDraw.Draw(letters).text((_HALO_PX, _HALO_PX), text, 255, font)
     ImageDraw.Draw(halo).text((_HALO_PX, _HALO_PX), text, 255, font, stroke_width=_HALO_PX)
-    return letters.point(_SHADE), halo.point(_SOLID)
+    shades = letters.point(lambda coverage: 255 - round(coverage / 255 * (_SHADES - 1)))
+    return shades, halo.point(lambda coverage: 255 if coverage >= 128 else 0)
 
 
 @lru_cache(maxsize=32)

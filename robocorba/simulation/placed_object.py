@@ -11,9 +11,6 @@ from robocorba.map_editor.spatial.floor_update import Body, BodyKind
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.body_names import object_body
 
-#: Mass of a movable object per area of its outline [kg/m^2]; maps hold no masses. Three robots lift up to 1.33 m^2.
-KG_PER_SQUARE_METRE = 9.0
-
 
 @dataclass(eq=False)
 class PlacedObject:
@@ -43,7 +40,8 @@ class PlacedObject:
 
     @property
     def mass_kg(self) -> float:
-        return float(KG_PER_SQUARE_METRE * object_outline(self.map_object).area)
+        """9 kg/m^2: maps hold no masses. Three robots lift up to 1.33 m^2."""
+        return float(9.0 * object_outline(self.map_object).area)
 
     def published(self) -> Body:
         """As clients see it."""

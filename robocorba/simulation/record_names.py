@@ -9,14 +9,12 @@ from msgspec.structs import replace
 from robocorba.map_editor.lineage import Lineage
 from robocorba.map_editor.model import Building, ElementKind
 from robocorba.map_editor.movable import full_name, movables
+from robocorba.simulation.reservations import GONE
 from robocorba.simulation.world_record import CabinRecord, ObjectRecord, RobotRecord, WorldRecord
-
-#: The name of a floor or an object that is gone.
-GONE = ""
 
 
 def with_present_names(world: WorldRecord, building: Building, lineage: Lineage) -> WorldRecord:
-    """A record with the names of an edited building; what it does not have any more is on no floor.
+    """A record with the names of an edited building; what it does not have any more is GONE, or on no floor.
 
     lineage: which of its elements are those of the building when the record was made."""
     floors = lineage.floors(building.floors)

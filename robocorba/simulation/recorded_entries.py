@@ -7,7 +7,7 @@ import numpy as np
 
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.map_editor.spatial.posture import Posture
-from robocorba.simulation.mission_record import MissionContent
+from robocorba.simulation.mission_record import MissionContent, MissionState
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.system.decoding import decode_json, decode_msgpack
 
@@ -40,9 +40,7 @@ struct RobotScan {
 """
 
 
-class RecordedMission(msgspec.Struct, frozen=True):
-    """The state of a mission by mission control; see MissionContent.state_json."""
-
+class _Mission(msgspec.Struct):
     name: str
     content: MissionContent
 
@@ -79,15 +77,9 @@ def load_posture(data: bytes) -> Posture:
 
 def dump_scan(scan: RobotScan) -> bytes:
     """Distances are rounded to single precision; the parameters of the noise are left out."""
-    floor, x, y, heading = scan.at
-    return msgspec.msgpack.encode(
-        _Scan(
-            *(scan.robot, scan.time, floor, (x, y, heading), scan.mount),
-            *(scan.first_rad, scan.step_rad, scan.range_m, scan.rim_m),
-            scan.distances.astype("<f4").tobytes(),
-            np.packbits(scan.hits).tobytes(),
-        )
-    )
+    frame = scan.first_rad, scan.step_rad, scan.range_m, scan.rim_m
+    rows = scan.distances.astype("<f4").tobytes(), np.packbits(scan.hits).tobytes()
+    return msgspec.msgpack.encode(_Scan(scan.robot, scan.time, scan.at.floor, scan.at[1:], scan.mount, *frame, *rows))
 
 
 def load_scan(data: bytes) -> RobotScan:
@@ -97,19 +89,15 @@ def load_scan(data: bytes) -> RobotScan:
     hits = np.unpackbits(np.frombuffer(found.hits, np.uint8))[: len(distances)].astype(bool)
     if len(hits) != len(distances):
         raise ValueError(f"{len(hits)} hits of {len(distances)} rays")
-    return RobotScan(
-        *(found.robot, found.time, Pose(found.floor_name, *found.at), found.mount),
-        *(found.first_angle, found.step, found.range, found.rim),
-        (0.0, 0.0, 0.0, 0),
-        distances,
-        hits,
-    )
+    at, frame = Pose(found.floor_name, *found.at), (found.first_angle, found.step, found.range, found.rim)
+    return RobotScan(found.robot, found.time, at, found.mount, *frame, (0.0, 0.0, 0.0, 0), distances, hits)
 
 
 def dump_mission(name: str, content: MissionContent) -> bytes:
     return msgspec.json.encode({"name": name, "content": content.state_json()})
 
 
-def load_mission(data: bytes) -> RecordedMission:
-    """The inverse of `dump_mission`. Raises msgspec.MsgspecError."""
-    return decode_json(data, RecordedMission)
+def load_mission(data: bytes) -> MissionState:
+    """The inverse of `dump_mission`; its version is 0. Raises msgspec.MsgspecError."""
+    found = decode_json(data, _Mission)
+    return MissionState(found.name, 0, found.content)

@@ -12,7 +12,6 @@ import contextlib
 import gzip
 import itertools
 import math
-import operator
 import struct
 import zlib
 from collections import Counter
@@ -40,11 +39,10 @@ from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.floor_format import dumps, loads
 from robocorba.map_editor.spatial.floor_update import FloorUpdate, FloorView, memory_of
 from robocorba.map_editor.spatial.posture import Posture
-from robocorba.simulation.mission_record import MissionContent, MissionState
+from robocorba.simulation.mission_record import MissionContent
 from robocorba.simulation.recorded_entries import (
     POSTURE_SCHEMA,
     SCAN_SCHEMA,
-    RecordedMission,
     dump_mission,
     dump_posture,
     dump_scan,
@@ -64,12 +62,8 @@ MAP_ATTACHMENT = "building.yaml.gz"
 TOPIC_PREFIX = "floor/"
 #: The other topics.
 POSTURES, SCANS, MISSIONS = "postures", "scans", "missions"
-#: Encoding of the messages, but for missions, which are JSON.
-ENCODING = "msgpack"
 #: Interval between chunks [s]: a killed recorder loses no more than this.
 CHUNK_S = 1.0
-#: Maximum gap between two recorded updates of a floor [s].
-MAX_GAP_S = 1.0
 #: Nanoseconds per second.
 NS_PER_S = 1_000_000_000
 #: Maximum size of a map, and of a chunk with its messages, decompressed [bytes]. The recorder writes chunks of 1 MiB,
@@ -80,8 +74,6 @@ MAX_MAP_BYTES, MAX_CHUNK_BYTES = 64 * 2**20, 16 * 2**20
 MAX_FLOORS, MAX_STATE_BYTES = 1000, 64 * 2**20
 #: Maximum time from the first update to any other one [s]: a year. Players step through it.
 MAX_DURATION_S = 366 * 86400.0
-#: Maximum length of a topic [characters]; names of floors have 80.
-_MAX_TOPIC = 200
 
 SCHEMA = b"""// RoboCorba::FloorUpdate of omni_database.idl in msgpack: a struct is a map from the names of its members,
 // an enumerator its number, counted from 0.
@@ -129,11 +121,6 @@ _DAMAGE += (ValueError, KeyError, EOFError, OverflowError, MemoryError, RuntimeE
 _RECORD_HEAD = struct.Struct("<BQ")
 
 
-#: What a recording has besides updates of floors.
-Entry = Posture | RobotScan | RecordedMission
-_LOADERS: dict[str, Callable[[bytes], Entry]] = {POSTURES: load_posture, SCANS: load_scan, MISSIONS: load_mission}
-
-
 #: Records that are read, and their maximum sizes in the file [bytes]; others are skipped. One that can't be compressed
 #: is a little longer than its content.
 _MAX_RECORDS = {
@@ -166,6 +153,7 @@ class Recorder:
         self._flushed_at = 0.0
         #: POSIX time of the last update of each floor [s].
         self._written_at: dict[str, float] = {}
+        self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         document = gzip.compress(native.dumps(building).encode(), mtime=0)
         with _translating_write_errors(path):
@@ -173,14 +161,13 @@ class Recorder:
             self._writer = Writer(self._file)
             self._writer.start(PROFILE, f"robocorba {__version__}")
             self._writer.add_attachment(0, 0, MAP_ATTACHMENT, "application/gzip", document)
-            self._schema = self._writer.register_schema("RoboCorba/FloorUpdate", "omgidl", SCHEMA)
+            self._register_schema("RoboCorba/FloorUpdate", SCHEMA)
         self.flush()
 
     def write(self, update: FloorUpdate, at_s: float) -> None:
         """Add an update that was received at POSIX time `at_s` [s]. Raises InvalidRecording."""
-        with _translating_write_errors(self.path):
-            log_time, publish_time = round(at_s * NS_PER_S), round(update.time * NS_PER_S)
-            self._writer.add_message(self._channel(update.floor), log_time, dumps(update), publish_time, self.count)
+        topic = f"{TOPIC_PREFIX}{update.floor}"
+        self._add(topic, "RoboCorba/FloorUpdate", SCHEMA, dumps(update), at_s, update.time, self.count)
         self.count += 1
         if not 0.0 <= at_s - self._flushed_at < CHUNK_S:
             self._flushed_at = at_s
@@ -189,8 +176,8 @@ class Recorder:
     def write_changes(self, changes: SystemChanges, at_s: float) -> None:
         """Add what was received at POSIX time `at_s` [s]. Raises InvalidRecording."""
         for update in changes.updates:
-            # Unchanged floors are recorded too, if rarely, to record the passing of time. POSIX times are rounded.
-            if update.version != update.since or at_s - self._written_at.get(update.floor, 0.0) > MAX_GAP_S - 0.01:
+            # Unchanged floors are recorded each second, to record the passing of time. POSIX times are rounded.
+            if update.version != update.since or at_s - self._written_at.get(update.floor, 0.0) > 1.0 - 0.01:
                 self.write(update, at_s)
                 self._written_at[update.floor] = at_s
         for posture in changes.postures:
@@ -214,26 +201,27 @@ class Recorder:
         InvalidRecording."""
         self._add(MISSIONS, "", b"", dump_mission(name, content), at_s, time_s)
 
-    def _add(self, topic: str, schema: str, text: bytes, data: bytes, at_s: float, time_s: float) -> None:
+    def _add(
+        self, topic: str, schema: str, text: bytes, data: bytes, at_s: float, time_s: float, number: int = 0
+    ) -> None:
+        """schema, text: name and content of the schema of msgpack; without a name the data is JSON."""
         with _translating_write_errors(self.path):
             if topic not in self._channels:
-                number = self._writer.register_schema(schema, "omgidl", text) if schema else 0
-                encoding = ENCODING if schema else "json"
-                self._channels[topic] = self._writer.register_channel(topic, encoding, number)
+                schema_id = self._register_schema(schema, text) if schema else 0
+                self._channels[topic] = self._writer.register_channel(topic, "msgpack" if schema else "json", schema_id)
             log_time, publish_time = round(at_s * NS_PER_S), round(time_s * NS_PER_S)
-            self._writer.add_message(self._channels[topic], log_time, data, publish_time)
+            self._writer.add_message(self._channels[topic], log_time, data, publish_time, number)
+
+    def _register_schema(self, name: str, text: bytes) -> int:
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(name, "omgidl", text)
+        return self._schemas[name]
 
     def flush(self) -> None:
         """Write the current chunk, which then survives a kill of this process. Raises InvalidRecording."""
         with _translating_write_errors(self.path):
             self._writer.flush()
         self.size = self._file.tell()
-
-    def _channel(self, floor: str) -> int:
-        topic = f"{TOPIC_PREFIX}{floor}"
-        if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(topic, ENCODING, self._schema)
-        return self._channels[topic]
 
     def __enter__(self) -> Recorder:
         return self
@@ -297,38 +285,24 @@ class Recording:
                 if isinstance(record, _RecordedMessage) and record.floor and (not floors or record.floor in floors):
                     yield record.log_time / NS_PER_S - self.began, loads(record.data)
 
-    def entries(self) -> Iterator[tuple[float, FloorUpdate | Entry]]:
-        """Updates of all floors and everything else, in recorded order, each with its time after `began` [s]. Raises
-        InvalidRecording."""
-        for at_s, entry, _ in self._entries():
-            yield at_s, entry
-
-    def _entries(self) -> Iterator[tuple[float, FloorUpdate | Entry, int]]:
-        """As `entries`, with the encoded size [bytes]."""
-        with self._translating_read_errors():
-            for record in self._records():
-                if isinstance(record, _RecordedMessage):
-                    load = loads if record.floor else _LOADERS[record.topic]
-                    yield record.log_time / NS_PER_S - self.began, load(record.data), len(record.data)
-
     def changes(self) -> Iterator[SystemChanges]:
         """Everything, in recorded order, what was received at the same time together. Raises InvalidRecording."""
         with self._translating_read_errors():
-            for _, recorded in itertools.groupby(self._entries(), key=operator.itemgetter(0)):
-                changes = SystemChanges([], [], [], [])
-                size = 0
-                for _, entry, entry_size in recorded:
-                    size += entry_size
+            messages = (record for record in self._records() if isinstance(record, _RecordedMessage))
+            for _, recorded in itertools.groupby(messages, key=lambda message: message.log_time):
+                changes, size = SystemChanges([], [], [], []), 0
+                for message in recorded:
+                    size += len(message.data)
                     if size > MAX_STATE_BYTES:
                         raise LimitExceeded("one moment", size, MAX_STATE_BYTES, "bytes")
-                    if isinstance(entry, FloorUpdate):
-                        changes.updates.append(entry)
-                    elif isinstance(entry, Posture):
-                        changes.postures.append(entry)
-                    elif isinstance(entry, RobotScan):
-                        changes.scans.append(entry)
+                    if message.floor:
+                        changes.updates.append(loads(message.data))
+                    elif message.topic == POSTURES:
+                        changes.postures.append(load_posture(message.data))
+                    elif message.topic == SCANS:
+                        changes.scans.append(load_scan(message.data))
                     else:
-                        changes.missions.append(MissionState(entry.name, 0, entry.content))
+                        changes.missions.append(load_mission(message.data))
                 yield changes
 
     def sampled(
@@ -394,13 +368,13 @@ class Recording:
                 for record in _records_of(Chunk.read(stream)):
                     self._check()
                     if isinstance(record, Channel):
-                        topics[record.id] = record.topic[: _MAX_TOPIC + 1]
+                        topics[record.id] = record.topic[:201]
                     else:
                         topic = topics[record.channel_id]
-                        if len(topic) > _MAX_TOPIC:
-                            raise LimitExceeded("a topic", f"more than {_MAX_TOPIC}", _MAX_TOPIC, "characters")
+                        if len(topic) > 200:  # names of floors have 80
+                            raise LimitExceeded("a topic", "more than 200", 200, "characters")
                         floor = topic.removeprefix(TOPIC_PREFIX) if topic.startswith(TOPIC_PREFIX) else ""
-                        if floor or topic in _LOADERS:
+                        if floor or topic in (POSTURES, SCANS, MISSIONS):
                             yield _RecordedMessage(topic, floor, record.log_time, record.data)
 
     def _pieces(self) -> Iterator[tuple[int, ReadDataStream]]:

@@ -8,8 +8,9 @@ import re
 import secrets
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from robocorba.errors.simulation import (
     InvalidDescription,
@@ -35,6 +36,13 @@ def name_fault(name: str) -> str:
     return f"{name[:80]!r} is not 1 to {MAX_NAME} letters, digits or . _ -"
 
 
+def pose_faults(pose: Pose) -> Iterator[tuple[str, str]]:
+    """The members of a pose that no body can have, each with the reason."""
+    for member, value, maximum in (("x", pose.x, 1e6), ("y", pose.y, 1e6), ("heading", pose.heading, 1e3)):
+        if not abs(value) <= maximum:  # also finds NaN
+            yield member, f"{value} is not a number between -{maximum:g} and {maximum:g}"
+
+
 @dataclass(frozen=True)
 class Description:
     """What a robot states about itself to log on. Raises InvalidDescription."""
@@ -48,13 +56,8 @@ class Description:
     def __post_init__(self) -> None:
         if fault := name_fault(self.name):
             raise InvalidDescription("name", fault)
-        for name, value, maximum in (
-            ("x", self.pose.x, 1e6),
-            ("y", self.pose.y, 1e6),
-            ("heading", self.pose.heading, 1e3),
-        ):
-            if not abs(value) <= maximum:  # also refuses NaN
-                raise InvalidDescription(name, f"{value} is not a number between -{maximum:g} and {maximum:g}")
+        for name, reason in pose_faults(self.pose):
+            raise InvalidDescription(name, reason)
         for name, value, minimum, maximum in (
             ("radius", self.radius_m, 0.05, 5.0),
             ("mass", self.mass_kg, 0.1, 10_000.0),
@@ -122,10 +125,6 @@ class RobotClient:
             self.last_call_at = max(self.last_call_at, self._clock())
             self._in_progress -= 1
 
-    def record_latency(self, seconds: float) -> None:
-        """Record the time that a call took."""
-        self.latency_s += 0.05 * (seconds - self.latency_s)
-
     def update_call_rate(self, now: float) -> None:
         """Update `call_rate`, at most once a second."""
         passed = now - self._counted_at
@@ -133,11 +132,27 @@ class RobotClient:
             self.call_rate, self._calls, self._counted_at = self._calls / passed, 0, now
 
 
+class ServerState(NamedTuple):
+    """State of the server, as clients read it. limit, robots: allowed and logged-on robots. time: simulated [s]. pace,
+    achieved: requested (0: as fast as possible) and achieved simulated seconds per second. event_rate: published events
+    per second."""
+
+    limit: int
+    robots: int
+    time: float
+    pace: float
+    achieved: float
+    is_paused: bool
+    map_version: int
+    collisions: int
+    event_rate: float
+
+
 class Registry:
     """The logged-on robots, at most `limit`. clock: returns the time of leases [s]."""
 
-    def __init__(self, limit: int, clock: Callable[[], float], lease_s: float = LEASE_S) -> None:
-        self._clock, self.lease_s = clock, lease_s
+    def __init__(self, limit: int, clock: Callable[[], float]) -> None:
+        self._clock, self.lease_s = clock, LEASE_S
         self._by_key: dict[str, RobotClient] = {}
         self._by_name: dict[str, RobotClient] = {}
         self.limit = limit

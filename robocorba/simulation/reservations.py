@@ -26,15 +26,13 @@ from robocorba.simulation.world_record import ReservationRecord
 MAX_AREAS = 32
 #: Maximum number of corners of all areas in a request.
 MAX_CORNERS = 512
-#: Maximum number of requests, granted and waiting.
-MAX_REQUESTS = 500
 #: Maximum duration of a grant [s].
 MAX_LIMIT_S = 600.0
 #: How long areas are kept that were granted to a robot that fell silent with an object in its hands [s].
 KEPT_S = 20.0
 #: Maximum number of alternatives of a request.
 MAX_ALTERNATIVES = 4
-#: The floor of areas whose floor is gone while another one has its name.
+#: In place of the name of a floor or an object that is gone.
 GONE = ""
 #: Each area is shrunk by this margin [m], so that rounding does not make adjacent areas overlap.
 EDGE_M = 0.001
@@ -105,9 +103,11 @@ class QueuedRequest:
 
 
 class Reservations:
-    """All requests of a building at time `now` [s]. One thread may use it; `find` and `all` are thread-safe."""
+    """All requests of a building at time `now` [s]. One thread may use it; `find` and `all` are thread-safe.
 
-    def __init__(self, now: float = 0.0, max_requests: int = MAX_REQUESTS) -> None:
+    max_requests: maximum number of requests, granted and waiting."""
+
+    def __init__(self, now: float = 0.0, max_requests: int = 500) -> None:
         self.now = now
         self._max_requests = max_requests
         #: By owner, first request first.

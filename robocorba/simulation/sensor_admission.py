@@ -16,9 +16,6 @@ from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import SensorRefused
 from robocorba.system.decoding import decode_json
 
-#: Names that a virtual sensor server may have.
-NAME = r"[A-Za-z0-9_-]{1,60}"
-
 _log = logging.getLogger(__name__)
 
 
@@ -36,7 +33,7 @@ class SensorAdmission:
         """Admit a server at the URI of its reference if its proof shows that it knows the token.
 
         Raises SensorRefused."""
-        if not re.fullmatch(NAME, name):
+        if not re.fullmatch("[A-Za-z0-9_-]{1,60}", name):
             raise SensorRefused(name, "its name is not 1 to 60 letters, digits or _ -")
         if not hmac.compare_digest(proof.encode(errors="replace"), proof_of(self._token, name, uri).encode()):
             reason = "it does not know the token; copy the system's file sensors.token into its state folder"

@@ -93,24 +93,18 @@ class Session:
         self._do(lambda: self._building.occupants.release(self.name))
 
     def call_elevator(
-        self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
+        self, elevator: str, destination: str, party: str | None = None, size: int = 1, boarding_s: float = 0.0
     ) -> None:
-        """Call an elevator to the robot's floor, for one robot or as a member of a party of `size` robots, which needs
-        `boarding_s` to drive in, and to drive out; 0 if that is unknown.
+        """Call an elevator to the robot's floor, for one robot or as a member of a named party of `size` robots, which
+        rides alone and needs `boarding_s` to drive in, and to drive out; 0 if that is unknown.
 
         Raises InvalidRide, ElevatorFull, SimulationBusy, ServiceError."""
+        if party == "":
+            raise InvalidRide("party", "needs a name")
         self._do(
-            lambda: self._building.elevators.call(self.name, elevator, destination, party, size, boarding_s),
+            lambda: self._building.elevators.call(self.name, elevator, destination, party or "", size, boarding_s),
             lambda: self._building.elevators.cancel(self.name),
         )
-
-    def call_elevator_together(
-        self, elevator: str, destination: str, party: str, size: int, boarding_s: float = 0.0
-    ) -> None:
-        """Call an elevator for a named party that rides alone. Raises as `call_elevator`."""
-        if not party:
-            raise InvalidRide("party", "needs a name")
-        self.call_elevator(elevator, destination, party, size, boarding_s)
 
     def longest_elevator_wait_s(self) -> float:
         """Upper bound of the simulated time until the doors open for the robot's ride [s]; 0 without one."""

@@ -24,11 +24,6 @@ MAX_JOINTS = 64
 class SimulatedRobot:
     """A robot in the building. Its methods and `holding` are thread-safe. name_of: names an object by its body."""
 
-    __slots__ = (
-        *("_held", "_last", "_name_of", "body", "collisions", "description", "floor", "number", "physics", "posture"),
-        *("_stops", "touched"),
-    )
-
     def __init__(
         self,
         description: Description,

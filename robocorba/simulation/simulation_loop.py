@@ -24,16 +24,12 @@ CALL_LIMIT_S = 5.0
 MAX_PACE = 1000.0
 #: Maximum number of steps in one request.
 MAX_STEPS = 10_000
-#: Time limit of one requested step [s]; a step usually takes far less.
-MAX_STEP_S = 0.05
 #: Maximum lag behind real time that the loop catches up on [s]; it skips what exceeds it.
 MAX_LAG_S = 0.25
 #: Maximum interval between two runs of the housekeeping [s].
 IDLE_INTERVAL_S = 0.02
 #: Maximum number of steps before pending calls are executed.
 MAX_CONSECUTIVE_STEPS = 50
-#: Window over which the achieved pace is measured [s].
-RATE_WINDOW_S = 2.0
 
 _log = logging.getLogger(__name__)
 
@@ -47,7 +43,7 @@ class SimulationLoop:
     def __init__(self, step: Callable[[], None], housekeeping: Callable[[], None]) -> None:
         self._step, self._housekeeping = step, housekeeping
         self.pace, self.is_paused = 1.0, False
-        #: Achieved pace over the last RATE_WINDOW_S.
+        #: Achieved pace over the last 2 s.
         self.achieved = 0.0
         self._calls: SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = SimpleQueue()
         #: Requests of paused time: the number of the last step, and the result.
@@ -106,10 +102,11 @@ class SimulationLoop:
             )
 
         self.do(request)
+        limit_s = CALL_LIMIT_S + steps * 0.05  # a step usually takes far less
         try:
-            done.result(CALL_LIMIT_S + steps * MAX_STEP_S)
+            done.result(limit_s)
         except FutureTimeoutError:
-            raise SimulationBusy(f"{steps} steps took longer than {CALL_LIMIT_S + steps * MAX_STEP_S:g} s") from None
+            raise SimulationBusy(f"{steps} steps took longer than {limit_s:g} s") from None
 
     def _run(self) -> None:
         due = self._counted_at = time.monotonic()
@@ -153,7 +150,7 @@ class SimulationLoop:
 
     def _count(self) -> None:
         now = time.monotonic()
-        if now - self._counted_at >= RATE_WINDOW_S:
+        if now - self._counted_at >= 2.0:  # window of the measurement [s]
             self.achieved = (self._steps - self._counted) * STEP_S / (now - self._counted_at)
             self._counted, self._counted_at = self._steps, now
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
-from typing import NamedTuple
 
 import shapely
 from shapely.geometry.base import BaseGeometry
@@ -17,15 +16,10 @@ from robocorba.map_editor.spatial.grids import segments_of
 StaticPart = tuple[float, float, float, float] | bytes
 #: Keys in the order in which they are added, on which results depend, without values.
 StaticParts = dict[StaticPart, None]
+#: Parts to be removed, and to be added.
+StaticChange = tuple[list[StaticPart], list[StaticPart]]
 #: Maximum number of parts that are changed between two steps: 5 ms of work.
 MAX_CHANGES = 250
-
-
-class StaticChange(NamedTuple):
-    """Parts to be removed and to be added."""
-
-    removed: list[StaticPart]
-    added: list[StaticPart]
 
 
 def static_parts(obstacles: Iterable[BaseGeometry]) -> StaticParts:
@@ -37,9 +31,9 @@ def static_parts(obstacles: Iterable[BaseGeometry]) -> StaticParts:
 
 
 def changes_between(before: Mapping[StaticPart, object], after: StaticParts) -> Iterator[StaticChange]:
-    """What makes `before` to `after`, in changes of at most MAX_CHANGES parts."""
+    """What makes `before` to `after`, in changes of at most MAX_CHANGES parts: removed and added ones."""
     removed, added = [part for part in before if part not in after], [part for part in after if part not in before]
     for first in range(0, len(removed), MAX_CHANGES):
-        yield StaticChange(removed[first : first + MAX_CHANGES], [])
+        yield removed[first : first + MAX_CHANGES], []
     for first in range(0, len(added), MAX_CHANGES):
-        yield StaticChange([], added[first : first + MAX_CHANGES])
+        yield [], added[first : first + MAX_CHANGES]

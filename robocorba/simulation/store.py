@@ -19,7 +19,6 @@ from robocorba.system.record_file import RecordFile
 
 #: "RoCs": marks store files of the simulation server.
 APPLICATION_ID = 0x526F4373
-SCHEMA_VERSION = 1
 #: Maximum number of missions.
 MAX_MISSIONS = 1000
 #: Maximum size of one mission's document [bytes].
@@ -70,7 +69,7 @@ class SimulationStore(RecordFile):
     """The records in a file, for one process at a time. Raises AlreadyRunning; ServiceError for an unusable file."""
 
     def __init__(self, file: Path) -> None:
-        super().__init__(file, APPLICATION_ID, SCHEMA_VERSION)
+        super().__init__(file, APPLICATION_ID, 1)  # the version of the schema
         self._forget_secrets()
         self._writing_missions = threading.Lock()
         self._missions = {mission.name: mission for mission in self.all("mission", Mission)}

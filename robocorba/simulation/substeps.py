@@ -12,18 +12,15 @@ import pymunk
 
 #: Duration of a step [s].
 STEP_S = 0.02
-#: How far a robot may get into an obstacle: this share of its radius, or this distance if that is longer [m].
-MAX_PENETRATION, MAX_PENETRATION_M = 0.05, 0.005
-#: Bodies of robots are at most this many times as heavy as each other, or iterations can't press a light one between a
-#: heavy one and a wall.
-MAX_MASS_RATIO = 10.0
-#: Chipmunk's default number of iterations, and the number for each unit of the ratio of masses.
-ITERATIONS, ITERATIONS_PER_RATIO = 10, 8
+#: How far any body may get into an obstacle [m].
+MAX_PENETRATION_M = 0.005
+#: Chipmunk's default number of iterations.
+ITERATIONS = 10
 
 
 def max_penetration_m(radius_m: float) -> float:
     """How far a robot of this radius may get into an obstacle [m]."""
-    return max(MAX_PENETRATION_M, MAX_PENETRATION * radius_m)
+    return max(MAX_PENETRATION_M, 0.05 * radius_m)
 
 
 def substeps_for(speed_m_s: float, reach_m: float) -> int:
@@ -33,8 +30,8 @@ def substeps_for(speed_m_s: float, reach_m: float) -> int:
 
 
 class RobotMasses:
-    """The masses of the robots on a floor. A robot that is much lighter than the heaviest one counts as heavier, up to
-    MAX_MASS_RATIO."""
+    """The masses of the robots on a floor. A robot that is much lighter than the heaviest one counts as a tenth of its
+    mass, or iterations can't press a light one between a heavy one and a wall."""
 
     def __init__(self) -> None:
         #: Body, mass, and the mass that it counts as [kg].
@@ -51,7 +48,7 @@ class RobotMasses:
     def apply(self) -> list[str]:
         """Set the masses of the bodies, and the iterations; returns the robots whose mass has changed."""
         masses = [mass_kg for _, mass_kg, _ in self._robots.values()]
-        least_kg = max(masses, default=0.0) / MAX_MASS_RATIO
+        least_kg = max(masses, default=0.0) / 10
         changed = []
         for name, (body, mass_kg, before_kg) in self._robots.items():
             counted_kg = max(mass_kg, least_kg)
@@ -61,5 +58,5 @@ class RobotMasses:
                 self._robots[name] = body, mass_kg, counted_kg
                 changed.append(name)
         ratio = max(masses) / max(least_kg, min(masses)) if masses else 1.0
-        self.iterations = max(ITERATIONS, math.ceil(ITERATIONS_PER_RATIO * ratio))
+        self.iterations = max(ITERATIONS, math.ceil(8 * ratio))  # found by experiment
         return changed

@@ -8,14 +8,9 @@ from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.simulation.substeps import STEP_S
 from robocorba.system.kernels import kernel
 
-#: Coulomb friction coefficient between a sliding body and the floor; our choice.
-GROUND_FRICTION = 0.5
-#: Gravity [m/s^2].
-GRAVITY_M_S2 = 9.81
-#: Deceleration by ground friction, of a sliding object and of a braking robot [m/s^2, rad/s^2].
-BRAKING_M_S2, BRAKING_RAD_S2 = GROUND_FRICTION * GRAVITY_M_S2, 4 * GROUND_FRICTION * GRAVITY_M_S2
-#: Velocity below which a body rests [m/s, rad/s]: forces take velocities to 0 but for their rounding errors.
-REST = 1e-300
+#: Deceleration by ground friction, of a sliding object and of a braking robot [m/s^2, rad/s^2]: gravity by a Coulomb
+#: friction coefficient of 0.5, our choice.
+BRAKING_M_S2, BRAKING_RAD_S2 = 0.5 * 9.81, 4 * 0.5 * 9.81
 
 
 @kernel
@@ -41,24 +36,15 @@ def limit_speeds(state: Floats, caps: Floats, velocities: Floats) -> bool:
 
 @kernel
 def control(
-    state: Floats,
-    commands: Floats,
-    limits: Floats,
-    inertia: Floats,
-    caps: Floats,
-    now: float,
-    forces: Floats,
-    velocities: Floats,
-) -> tuple[bool, bool]:
-    """Compute the forces (n, 3) that change the bodies' velocities in the next substep, before contacts.
+    state: Floats, velocities: Floats, commands: Floats, limits: Floats, inertia: Floats, now: float, forces: Floats
+) -> bool:
+    """Compute the forces (n, 3) that change the bodies' velocities in the next substep, before contacts. Returns
+    whether a body moves or is to move.
 
-    Velocities approach the commands (n, 4) from those in `state` (n, 6) within `limits` (n, 4), columns as in Limits.
-    A command is a velocity in the body's frame and the time until which it is valid [s]. inertia: (n, 2) mass [kg] and
-    moment [kg m^2], over the duration of the substep [s].
-
-    Returns whether a body moves or is to move, and whether one is faster than its cap (n) [m/s], as pushed by others;
-    `velocities` (n, 3) are those in `state` within the caps."""
-    is_moving = is_too_fast = False
+    velocities: (n, 3), as of `limit_speeds`. They approach the commands (n, 4) within `limits` (n, 4), columns as in
+    Limits. A command is a velocity in the body's frame and the time until which it is valid [s]. inertia: (n, 2) mass
+    [kg] and moment [kg m^2], over the duration of the substep [s]."""
+    is_moving = False
     for i in range(len(state)):
         ahead, left, turn, until = commands[i]
         if until < now:
@@ -66,10 +52,7 @@ def control(
         share = share_within(ahead, left, limits[i, 0])
         ahead, left = ahead * share, left * share
         turn = min(max(turn, -limits[i, 1]), limits[i, 1])
-        share = share_within(state[i, 3], state[i, 4], caps[i])
-        is_too_fast = is_too_fast or share < 1.0
-        vx, vy, turning = state[i, 3] * share, state[i, 4] * share, state[i, 5]
-        velocities[i, 0], velocities[i, 1], velocities[i, 2] = vx, vy, turning
+        vx, vy, turning = velocities[i]
         dx, dy = -vx, -vy
         if ahead != 0.0 or left != 0.0:
             c, s = math.cos(state[i, 2]), math.sin(state[i, 2])
@@ -78,7 +61,8 @@ def control(
         share = share_within(dx, dy, (BRAKING_M_S2 if is_braking else limits[i, 2]) * STEP_S)
         max_turn_change = (BRAKING_RAD_S2 if is_braking else limits[i, 3]) * STEP_S
         spin = min(max(turn - turning, -max_turn_change), max_turn_change)
-        is_moving = is_moving or max(abs(vx), abs(vy), abs(turning), abs(dx), abs(dy), abs(spin)) > REST
+        # Forces take velocities to 0 but for their rounding errors.
+        is_moving = is_moving or max(abs(vx), abs(vy), abs(turning), abs(dx), abs(dy), abs(spin)) > 1e-300
         forces[i, 0], forces[i, 1] = dx * share * inertia[i, 0], dy * share * inertia[i, 0]
         forces[i, 2] = spin * inertia[i, 1]
-    return is_moving, is_too_fast
+    return is_moving

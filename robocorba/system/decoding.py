@@ -21,8 +21,6 @@ import msgspec
 
 from robocorba.errors.files import LimitExceeded, WorkEnded
 
-#: Maximum size of a file with a reference, an address or a password [bytes].
-MAX_SMALL_FILE = 64 * 1024
 T = TypeVar("T")
 _examining = threading.Lock()
 _json: dict[Any, msgspec.json.Decoder[Any]] = {}
@@ -45,8 +43,9 @@ def convert(plain: Any, schema: type[T]) -> T:
     return _decoded(lambda data: msgspec.convert(data, schema), plain)
 
 
-def read_text(file: Path, limit: int = MAX_SMALL_FILE) -> str:
-    """The text of a small file that somebody names, which may be anything, such as /dev/zero. Raises OSError,
+def read_text(file: Path, limit: int = 64 * 1024) -> str:
+    """The text of a small file, such as with a reference, an address or a password, that somebody names and that may be
+    anything, such as /dev/zero. limit: of its size [bytes]. Raises OSError,
     UnicodeDecodeError, LimitExceeded."""
     with file.open("rb") as source:
         data = source.read(limit + 1)

@@ -30,9 +30,6 @@ OLD_FILES = 3
 #: Size of the end of a log file that `last_lines` reads [bytes].
 MAX_TAIL = 512 * 1024
 
-#: Longest line on stderr [characters], of up to four bytes each. With a line before it, it fits into PIPE_BUF bytes.
-MAX_STDERR_LINE = 1000
-
 #: All control characters, whatever some reader treats as a line break, the characters that overrule the direction of
 #: text, by which a line could be shown in another order, and surrogates, which can't be written. All but the first 32,
 #: which JSON escapes itself, are escaped in a form that is valid in JSON too.
@@ -54,7 +51,6 @@ def setup(name: str, folder: Path, with_stderr: bool = True) -> None:
     root.addHandler(_file(name, folder))
     stderr = _Stderr()
     stderr.setLevel(logging.WARNING)
-    stderr.setFormatter(_StderrFormatter())
     if with_stderr:
         root.addHandler(stderr)
     logging.captureWarnings(True)
@@ -112,14 +108,19 @@ def _file(name: str, folder: Path) -> logging.Handler:
         )
     except OSError as error:
         raise ServiceError(f"can't write {folder / name}.log: {error.strerror}") from None
-    handler.setFormatter(_FileFormatter(name))
+    handler.process = name
     return handler
 
 
 class _LogFile(RotatingFileHandler):
-    """Counts lines that can't be written."""
+    """Counts lines that can't be written. process: named in each line."""
 
+    process = ""
     _lost = 0
+
+    def format(self, record: logging.LogRecord) -> str:
+        time = datetime.fromtimestamp(record.created).astimezone().isoformat(timespec="milliseconds")
+        return f"{time} {record.levelname} {self.process} {one_line(super().format(record))}"
 
     def emit(self, record: logging.LogRecord) -> None:
         lost, self._lost = self._lost, 0
@@ -158,6 +159,10 @@ class _Stderr(logging.StreamHandler[Any]):
 
     _lost = 0
 
+    def format(self, record: logging.LogRecord) -> str:
+        # Characters have up to four bytes: with a line before it, it fits into PIPE_BUF bytes.
+        return f"{record.levelname} {one_line(record.getMessage())}"[:1000]
+
     def emit(self, record: logging.LogRecord) -> None:
         if not _accepts_line(self.stream):
             self._lost += 1
@@ -176,21 +181,6 @@ def _accepts_line(stream: Any) -> bool:
         return bool(writable.poll(0))
     except (OSError, TypeError, ValueError):  # no descriptor, which a test may have put here
         return True
-
-
-class _FileFormatter(logging.Formatter):
-    def __init__(self, process: str) -> None:
-        super().__init__("%(message)s")
-        self.process = process
-
-    def format(self, record: logging.LogRecord) -> str:
-        time = datetime.fromtimestamp(record.created).astimezone().isoformat(timespec="milliseconds")
-        return f"{time} {record.levelname} {self.process} {one_line(super().format(record))}"
-
-
-class _StderrFormatter(logging.Formatter):
-    def format(self, record: logging.LogRecord) -> str:
-        return f"{record.levelname} {one_line(record.getMessage())}"[:MAX_STDERR_LINE]
 
 
 def _log_uncaught(

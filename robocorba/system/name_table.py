@@ -17,8 +17,6 @@ HOLD_S = 6.0
 #: Maximum number of names, and of those of robots, so that servers can always bind theirs; of parts of a name, of
 #: characters of a part.
 MAX_NAMES, MAX_ROBOTS, MAX_PARTS, MAX_PART = 20_000, 12_000, 8, 200
-#: Length of the secret with which a name is announced [characters].
-SECRET_LENGTH = range(16, 201)
 
 Path = tuple[str, ...]
 
@@ -85,7 +83,7 @@ class NameTable:
         name = "/".join(path)
         if not 1 <= len(path) <= MAX_PARTS or not all(1 <= len(part) <= MAX_PART for part in path):
             raise InvalidBinding(name, f"not 1 to {MAX_PARTS} parts of 1 to {MAX_PART} characters")
-        if len(secret) not in SECRET_LENGTH:
+        if not 16 <= len(secret) <= 200:
             raise InvalidBinding(name, "the secret is too short or too long")
         if not references:
             raise InvalidBinding(name, "no reference")

@@ -11,27 +11,24 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from robocorba.errors.files import OutputError, OutputExists, OutputIsInput
-
-#: Mode of a new file.
-_MODE = 0o644
+from robocorba.errors.files import OutputError
 
 
 def check_output(output: str | Path, inputs: Iterable[str | Path] = (), replace: bool = True) -> None:
-    """Raise OutputIsInput if an output is one of the inputs or a folder that holds one, OutputExists if it exists and
-    may not be replaced. Devices and pipes hold nothing that could be lost."""
+    """Raise OutputError if an output is one of the inputs or a folder that holds one, or exists and may not be
+    replaced. Devices and pipes hold nothing that could be lost."""
     real = Path(os.path.realpath(output))
     for source in inputs:
         read = Path(os.path.realpath(source))
         if real == read or real in read.parents or _is_same(real, read):
-            raise OutputIsInput(output)
+            raise OutputError(output, "this is the input itself, which is never overwritten; choose another name")
     if not replace and (real.is_file() or real.is_dir()):
-        raise OutputExists(output)
+        raise OutputError(output, "exists already; choose another name, or replace it with --force")
 
 
 def write_outputs(contents: Mapping[Path, bytes], inputs: Iterable[str | Path] = (), replace: bool = True) -> None:
     """Write files, each at once; if one of them may not be replaced, none. Files that have their content already may
-    always be written. Raises OutputError, OutputExists, OutputIsInput."""
+    always be written. Raises OutputError."""
     sources = tuple(inputs)
     for path, content in contents.items():
         check_output(path, sources, replace or path.is_dir() or _holds(path, content))
@@ -70,7 +67,7 @@ def _write(path: Path, content: bytes) -> None:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        fresh.chmod(stat.S_IMODE(found.st_mode) if found else _MODE)
+        fresh.chmod(stat.S_IMODE(found.st_mode) if found else 0o644)
         fresh.replace(path)
     finally:
         fresh.unlink(missing_ok=True)

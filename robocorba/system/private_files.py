@@ -17,8 +17,6 @@ from robocorba.errors.services import ServiceError
 FOLDER_MODE, UMASK = 0o700, 0o077
 #: Rights of group and others.
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
-#: Parts of a state folder that may have been created with other rights by earlier releases, or copied.
-_PARTS = ("lock", "logs", "omninames", "channels", "missions", "*.json", "*.ior", "*.sqlite*", "*.new")
 
 _log = logging.getLogger(__name__)
 
@@ -95,7 +93,8 @@ def _is_for_state(folder: Path, found: os.stat_result) -> bool:
 
 
 def _parts(folder: Path) -> Iterator[Path]:
-    for pattern in _PARTS:
+    """Parts of a state folder that may have been created with other rights by earlier releases, or copied."""
+    for pattern in ("lock", "logs", "omninames", "channels", "missions", "*.json", "*.ior", "*.sqlite*", "*.new"):
         yield from folder.glob(pattern)
 
 

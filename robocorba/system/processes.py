@@ -15,8 +15,6 @@ from robocorba.system.decoding import decode_json
 _ROBOT = "robot_"
 #: What a line about a robot's progress begins with.
 _PROGRESS = "progress "
-#: Maximum length of each text in such a line [characters].
-MAX_PROGRESS_TEXT = 1000
 
 
 class ProcessPhase(Enum):
@@ -83,7 +81,7 @@ class RobotProgress(msgspec.Struct, frozen=True):
 
     def line(self) -> str:
         """The line that `read` reads, without a line break."""
-        short = RobotProgress(*(text[:MAX_PROGRESS_TEXT] for text in msgspec.structs.astuple(self)))
+        short = RobotProgress(*(text[:1000] for text in msgspec.structs.astuple(self)))
         return _PROGRESS + msgspec.json.encode(short).decode()
 
     @staticmethod

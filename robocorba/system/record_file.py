@@ -18,8 +18,6 @@ from robocorba.errors.services import ServiceError
 from robocorba.system import sqlite_files
 from robocorba.system.decoding import decode_msgpack
 
-#: Timeout for a backup, or another short reader, to let this process write [s].
-LOCK_LIMIT_S = 5.0
 #: Interval at which servers look whether somebody has removed their file [s].
 KEEP_INTERVAL_S = 2.0
 
@@ -56,7 +54,8 @@ class RecordFile:
 
     def _open(self) -> None:
         sqlite_files.check_room(self.file)
-        self._db = sqlite3.connect(self.file, isolation_level=None, check_same_thread=False, timeout=LOCK_LIMIT_S)
+        # After 5 s a backup, or another short reader, must have let this process write.
+        self._db = sqlite3.connect(self.file, isolation_level=None, check_same_thread=False, timeout=5.0)
         with contextlib.ExitStack() as stack:
             stack.callback(self._db.close)
             self._db.execute("PRAGMA journal_mode = WAL")

@@ -6,7 +6,7 @@ listed is for servers only; a test checks that all operations of the IDL are lis
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from enum import IntEnum
 
 
@@ -28,7 +28,6 @@ ROBOTS: Roles = frozenset({Role.ROBOT, Role.ADMINISTRATOR, Role.SERVER})
 OPERATORS: Roles = frozenset({Role.OPERATOR, Role.ADMINISTRATOR, Role.SERVER})
 #: All but observers: those who publish events.
 PUBLISHERS: Roles = ROBOTS | OPERATORS
-ADMINISTRATORS: Roles = frozenset({Role.ADMINISTRATOR, Role.SERVER})
 SERVERS: Roles = frozenset({Role.SERVER})
 
 #: Interfaces of objects without a name. Their reference is the right to call all of their operations, and the operation
@@ -96,7 +95,7 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         (PUBLISHERS, "supply for_suppliers"),
         (OPERATORS, "unsubscribe"),
         # The address of a peer may contain the key of another guarded system.
-        (ADMINISTRATORS, "peers addPeer removePeer destroy"),
+        (frozenset({Role.ADMINISTRATOR, Role.SERVER}), "peers addPeer removePeer destroy"),
         (SERVERS, "joinGateway joinPeer"),
     ),
 }
@@ -114,8 +113,3 @@ def may_call(role: Role, interface: str, operation: str) -> bool:
 def may_name(role: Role, interface: str, operation: str) -> bool:
     """Whether the first argument of an operation may be other than empty."""
     return role in NAMED.get((interface, operation), EVERYBODY)
-
-
-def operations_for(role: Role, interface: str, operations: Iterable[str]) -> frozenset[str]:
-    """Those of the operations of an interface that a role may call."""
-    return frozenset(operation for operation in operations if may_call(role, interface, operation))

@@ -31,8 +31,6 @@ from robocorba.system.names import ACCESS
 from robocorba.system.roles import Role
 
 DEFAULT_HOST = "127.0.0.1"
-#: The port registered for CORBA naming services.
-DEFAULT_NAMING_PORT = 2809
 
 
 def accepts_valuetypes(environment: Mapping[str, str] = os.environ) -> bool:
@@ -203,7 +201,8 @@ def _naming(address: str, setting: str, default: Path) -> Address:
         return RoleNaming.read(Path(address), setting)
     if not address and os.access(default, os.R_OK):
         return RoleNaming.read(default, "the state folder")
-    return Address.parse(address or f"{DEFAULT_HOST}:{DEFAULT_NAMING_PORT}", setting)
+    # 2809 is the port registered for CORBA naming services.
+    return Address.parse(address or f"{DEFAULT_HOST}:2809", setting)
 
 
 @dataclass(frozen=True)

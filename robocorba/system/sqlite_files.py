@@ -21,7 +21,6 @@ LOG, SHARED, JOURNAL = "-wal", "-shm", "-journal"
 MIN_ROOM = 256 * 1024
 #: Beginning of a write-ahead log: magic number, format, page size, checkpoint, salts, checksums.
 _LOG_HEADER = struct.Struct(">8I")
-_LOG_MAGIC, _LOG_FORMAT = 0x377F0682, 3007000
 
 
 class ReplacedFile(OSError):
@@ -66,7 +65,7 @@ def log_damage(file: Path) -> str:
     if len(header) < _LOG_HEADER.size:
         return f"{file.name}{LOG} is too short"
     magic, format, _, _, _, _, *checksums = _LOG_HEADER.unpack(header)
-    if magic & ~1 != _LOG_MAGIC or format != _LOG_FORMAT or checksums != _checksums(header[:24], bool(magic & 1)):
+    if magic & ~1 != 0x377F0682 or format != 3007000 or checksums != _checksums(header[:24], bool(magic & 1)):
         return f"{file.name}{LOG} does not begin as a log"
     return ""
 

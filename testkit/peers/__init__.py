@@ -12,7 +12,7 @@ PEERS: dict[str, Peer] = {
     for peer in (
         *(corba.PLAIN, corba.PLAIN_TO_BATCHES, corba.HEADER, corba.CLIENT, corba.BOUNDED, corba.ON_ONE_CORE),
         *(corba.RELAY, corba.OMNIEVENTS),
-        *(brokers.REDIS, brokers.MQTT, brokers.NATS, brokers.ZEROMQ, brokers.ZENOH),
+        *(brokers.REDIS, brokers.MQTT),
     )
 }
 

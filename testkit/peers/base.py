@@ -37,18 +37,14 @@ class Broker(NamedTuple):
 
 @dataclass(frozen=True)
 class Supplier:
-    """A connection that sends. push: sends one event, as the client library does. push_run: sends several in one call.
-    flood_all: sends events one by one as fast as possible; by default by `push`."""
+    """A connection that sends. push: sends one event, as the client library does. push_run: sends several in one
+    call."""
 
     push: Callable[[bytes], object]
     push_run: Callable[[Sequence[bytes]], object] | None = None
-    flood_all: Callable[[Iterable[bytes]], object] | None = None
 
     def flood(self, payloads: Iterable[bytes]) -> None:
         """Send events one by one as fast as possible; all are sent when it returns."""
-        if self.flood_all:
-            self.flood_all(payloads)
-            return
         push = self.push
         for payload in payloads:
             push(payload)
@@ -75,19 +71,18 @@ class Peer:
         return ", ".join(absent)
 
 
-def server(*command: str, ports: int = 1, settings: str = "") -> Callable[[Start, Path], Broker]:
-    """Starts a command and waits until it listens. Its address has its ports: HOST:PORT[,HOST:PORT].
-
-    In the command {0} and {1} are its ports, {folder} its folder, and {file} a file with the `settings`."""
+def server(*command: str, settings: str = "") -> Callable[[Start, Path], Broker]:
+    """Starts a command and waits until it listens. In the command {0} is its port, {folder} its folder, and {file} a
+    file with the `settings`."""
 
     def start_server(start: Start, folder: Path) -> Broker:
-        numbers = free_ports(ports)
-        file = folder / f"settings-{numbers[0]}"
-        file.write_text(settings.format(*numbers))
-        name, *arguments = (part.format(*numbers, folder=folder, file=file) for part in command)
+        (port,) = free_ports(1)
+        file = folder / f"settings-{port}"
+        file.write_text(settings.format(port))
+        name, *arguments = (part.format(port, folder=folder, file=file) for part in command)
         pid = start(program(name), *arguments)
-        eventually(lambda: all(map(_listens, numbers)), START_LIMIT_S, f"{name} at its ports")
-        return Broker(",".join(f"127.0.0.1:{number}" for number in numbers), pid)
+        eventually(lambda: _listens(port), START_LIMIT_S, f"{name} at its port")
+        return Broker(f"127.0.0.1:{port}", pid)
 
     return start_server
 

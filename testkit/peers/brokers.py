@@ -1,23 +1,17 @@
-"""The brokers of others that do not speak CORBA: MQTT, NATS, Redis, Zenoh, ZeroMQ."""
+"""The brokers of others that do not speak CORBA: MQTT and Redis."""
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import socket
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from testkit.json_process import checkout_command
 from testkit.peers.base import START_LIMIT_S, Peer, Receive, Supplier, server, split
-from testkit.peers.forwarders import zenoh_session, zmq_context, zmq_socket
 from testkit.processes import eventually
 
 TOPIC = "bench/events"
-#: Number of events after which a flood lets the client of NATS write.
-NATS_TOGETHER = 100
-_FORWARDER = checkout_command("testkit.peers.forwarders")
 
 
 @contextlib.contextmanager
@@ -87,75 +81,6 @@ MQTT = Peer(
 )
 
 
-# ---- NATS, core publish and subscribe ----
-
-
-async def _nats_client(address: str) -> Any:
-    import nats
-
-    return await nats.connect(f"nats://{address}")
-
-
-@contextlib.contextmanager
-def nats_supplier(address: str) -> Iterator[Supplier]:
-    loop = asyncio.new_event_loop()
-    client = loop.run_until_complete(_nats_client(address))
-
-    async def push(payload: bytes) -> None:
-        await client.publish(TOPIC, payload)
-        for _ in range(3):  # let the writer task run
-            await asyncio.sleep(0)
-
-    async def flood(payloads: Iterable[bytes]) -> None:
-        for place, payload in enumerate(payloads):
-            await client.publish(TOPIC, payload)
-            if place % NATS_TOGETHER == 0:
-                await asyncio.sleep(0)
-        await client.flush(60)
-
-    run = loop.run_until_complete
-    try:
-        yield Supplier(lambda payload: run(push(payload)), flood_all=lambda payloads: run(flood(payloads)))
-    finally:
-        run(client.close())
-        loop.close()
-
-
-@contextlib.contextmanager
-def nats_consumer(address: str, receive: Receive) -> Iterator[None]:
-    loop = asyncio.new_event_loop()
-
-    async def take(message: Any) -> None:
-        receive((message.data,))
-
-    async def subscribe() -> Any:
-        client = await _nats_client(address)
-        # No limits of the client: only losses of the delivery should count.
-        await client.subscribe(TOPIC, cb=take, pending_msgs_limit=-1, pending_bytes_limit=-1)
-        await client.flush(START_LIMIT_S)
-        return client
-
-    def run(work: Any) -> Any:
-        return asyncio.run_coroutine_threadsafe(work, loop).result(START_LIMIT_S)
-
-    with _thread(loop.run_forever, lambda: loop.call_soon_threadsafe(loop.stop)):
-        client = run(subscribe())
-        try:
-            yield
-        finally:
-            run(client.close())
-
-
-NATS = Peer(
-    "NATS",
-    server("nats-server", "-a", "127.0.0.1", "-p", "{0}"),
-    nats_supplier,
-    nats_consumer,
-    programs=["nats-server"],
-    modules=["nats"],
-)
-
-
 # ---- Redis publish and subscribe ----
 
 
@@ -206,75 +131,4 @@ REDIS = Peer(
     redis_consumer,
     programs=["redis-server"],
     modules=["redis"],
-)
-
-
-# ---- Zenoh: clients of a router in a process of its own ----
-
-
-@contextlib.contextmanager
-def zenoh_supplier(address: str) -> Iterator[Supplier]:
-    import zenoh
-
-    with zenoh_session("client", "connect", address) as session:
-        publisher = session.declare_publisher(TOPIC, congestion_control=zenoh.CongestionControl.BLOCK)
-        eventually(lambda: publisher.matching_status.matching, START_LIMIT_S, "a subscriber of Zenoh")
-        yield Supplier(publisher.put)
-
-
-@contextlib.contextmanager
-def zenoh_consumer(address: str, receive: Receive) -> Iterator[None]:
-    with zenoh_session("client", "connect", address) as session:
-        subscriber = session.declare_subscriber(TOPIC, lambda sample: receive((sample.payload.to_bytes(),)))
-        try:
-            yield
-        finally:
-            subscriber.undeclare()
-
-
-ZENOH = Peer("Zenoh router", server(*_FORWARDER, "zenoh", "{0}"), zenoh_supplier, zenoh_consumer, modules=["zenoh"])
-
-
-# ---- ZeroMQ: publishers and subscribers around a forwarder in a process of its own ----
-
-
-@contextlib.contextmanager
-def zeromq_supplier(address: str) -> Iterator[Supplier]:
-    import zmq
-
-    with zmq_context() as context:
-        socket = zmq_socket(context, zmq.XPUB)
-        socket.connect(f"tcp://{address.split(',')[0]}")
-        # It connects in the background and loses events before the forwarder passes a consumer's subscription on.
-        if not socket.poll(int(START_LIMIT_S * 1000)):
-            raise TimeoutError("no subscription reached the publisher")
-        yield Supplier(socket.send)
-
-
-@contextlib.contextmanager
-def zeromq_consumer(address: str, receive: Receive) -> Iterator[None]:
-    import zmq
-
-    with zmq_context() as context:
-        socket, ended = zmq_socket(context, zmq.SUB), threading.Event()
-        socket.connect(f"tcp://{address.split(',')[1]}")
-        socket.setsockopt(zmq.SUBSCRIBE, b"")
-
-        def listen() -> None:
-            while not ended.is_set():
-                if socket.poll(200):
-                    with contextlib.suppress(zmq.Again):
-                        while True:
-                            receive((socket.recv(zmq.DONTWAIT),))
-
-        with _thread(listen, ended.set):
-            yield
-
-
-ZEROMQ = Peer(
-    "ZeroMQ forwarder",
-    server(*_FORWARDER, "zeromq", "{0}", "{1}", ports=2),
-    zeromq_supplier,
-    zeromq_consumer,
-    modules=["zmq"],
 )

@@ -41,7 +41,7 @@ from testkit.peers.base import (
     program,
     server,
 )
-from testkit.peers.forwarders import orb_without_names
+from testkit.peers.forwarder import orb_without_names
 from testkit.processes import eventually
 
 CHANNEL, TYPE, SOURCE = "bench", "bench.event", "A"
@@ -251,7 +251,7 @@ def relay_ends(address: str) -> Iterator[tuple[Orb, Any]]:
 
 RELAY = Peer(
     "a bare Python relay",
-    server(*checkout_command("testkit.peers.forwarders", "relay", "{0}")),
+    server(*checkout_command("testkit.peers.forwarder", "{0}")),
     partial(plain_supplier, relay_ends),
     partial(consumers, relay_ends, consume_plain),
 )

@@ -31,17 +31,11 @@ from bench.events.network.networks import SUBNET_OF
 from bench.events.network.report import Interval
 from bench.planning.geometric import EDITS, measure, row
 from bench.robots import virtual_and_actual as bench
-from bench.starts import outage
-from bench.starts.outage import Client
-from bench.starts.systems import OURS, ratio, versions
+from bench.starts.kills import longest_pause_s
 from robocorba.map_editor.validation import problems
-from robocorba.robot.kinematics.body import SmartPalBody
-from robocorba.robot.kinematics.smartpal import JOINTS, Side
-from robocorba.robot.motion.robot_state import ActorCommand, RobotState
-from robocorba.robot.tick_file import Tick, TickFile
+from robocorba.robot.kinematics.smartpal import Side
 from testkit import report
 from testkit.grid_maps import FLOOR, KINDS, OctileGraph, building_of, maze, place_of, random_cells, rooms
-from testkit.json_process import ROOT, ProcessFailed
 from testkit.peers.base import PAYLOAD_BYTES
 from testkit.report import at_least, at_most, summarize
 from testkit.router import DelayLine
@@ -165,27 +159,12 @@ def test_the_report_of_the_network() -> None:
     assert (row["federated local"], row["federated remote"]) == pytest.approx((0.5, 1.0))
     assert (row["ratio"], row["ratio remote"]) == pytest.approx((0.5, 0.5))
     assert row["standard KB over the link"] == pytest.approx(20)
-    loads = np.tile(np.linspace(0.1, 0.6, 6), 4).round(1)
-    runs = [outcome(set_up, 1000 + 500 * load, load) for load in loads for set_up in SET_UPS]
-    sentences = network_report.differences(network_report.cells(runs))
-    assert "1 ms, standard: the latency rises with the leader's load, unlike in the paper" in sentences[0]
-    assert "standard 1.95 ms to the paper's 18.5" in sentences[2]
     cells = network_report.cells(
         outcome(set_up, 1000, load, delay) for delay in (0, 5000) for load in (0.1, 0.6) for set_up in SET_UPS
     )
     assert [network_report.row(cell)["delay, ms"] for cell in network_report.by_delay(cells)] == [0, 5]
     assert [network_report.row(cell)["load, %"] for cell in network_report.by_delay(cells)] == [None, None]
     assert len(network_report.draw(cells).axes) == 4
-
-
-@pytest.mark.parametrize(("slope", "word"), [(3.0, "rises"), (-3.0, "falls"), (0.0, "has no clear trend")])
-def test_trends(slope: float, word: str) -> None:
-    noise = np.tile([20.0, -20.0, 10.0, -10.0], 12)
-    loads = np.repeat(np.linspace(0, 0.2, 6), 8)
-    runs = [outcome(STANDARD, 1000 * (1 + slope * load) + off, load) for load, off in zip(loads, noise, strict=True)]
-    change, found = network_report.trend(runs)
-    assert found == word
-    assert change.low <= change.value <= change.high
 
 
 def test_marks_look_at_the_worst_cell_and_at_lost_events() -> None:
@@ -307,63 +286,15 @@ def test_every_figure_is_reported() -> None:
     assert none["queries"] == 0 and none["median ms"] is None and none["finished"] == "limit"
 
 
-def test_outages_and_versions(monkeypatch: pytest.MonkeyPatch) -> None:
-    def ask(command: dict[str, Any]) -> list[float]:
-        assert command["do"] == "answered"
-        return [at for at in (9.5, 9.995, 10.0, 10.5, 10.505) if at > command["since"]]
-
-    monkeypatch.setattr(outage, "AROUND_S", 0.01)
-    caller: Any = SimpleNamespace(ask=ask)
-    assert Client(caller, caller).away_s(10.001, 10.1) == pytest.approx(0.5)
-    assert [(version.name, version.source) for version in versions("")] == [(OURS, ROOT)]
-    with pytest.raises(ProcessFailed, match="no-such-commit is no commit"):
-        versions("no-such-commit")
-    assert ratio({OURS: [1.0], "base": [4.0]}, sum) == 0.25
-    assert ratio({OURS: [1.0]}, sum) is None
-
-
-ICONS = ("icons[0]", "icons[2].icons[0]", "icons[3]")
-
-
-def ticks(file: Path, moved_m: float = 0.0, turned_rad: float = 0.0, more: int = 0, hold: bool = False) -> None:
-    """A robot that drives ahead icon by icon at 1 m/s, facing backwards. hold: with a tick of the icon that holds."""
-    with TickFile(file) as made:
-        for number, icon in enumerate(ICONS):
-            if hold and "." in icon:
-                made.add(tick("icons[2]", 1, 5.0, 1.0, 0.0, 0.0))
-            for step in range(50):
-                made.add(tick(icon, number, 10.0 * number + step / 50, number + step / 50, moved_m, turned_rad))
-            for step in range(50, 50 + more):
-                made.add(tick(icon, number, 10.0 * number + step / 50, number + 49 / 50, moved_m, turned_rad))
-
-
-def tick(icon: str, done: int, time: float, x: float, y: float, turned_rad: float) -> Tick:
-    joints = np.zeros(len(JOINTS))
-    heading = np.pi - 0.01 + turned_rad
-    state = RobotState(time, x, y, heading if heading < np.pi else heading - 2 * np.pi, joints=joints)
-    return Tick("simulated", "p", icon, done, "L1", state, ActorCommand(joints=joints))
-
-
-def test_ticks_are_compared_icon_by_icon(tmp_path: Path) -> None:
-    ticks(tmp_path / "virtual.csv", hold=True)
-    ticks(tmp_path / "actual.csv", 0.003, 0.02, more=5)
-    virtual, actual = (bench.parts_of(tmp_path / f"{name}.csv") for name in ("virtual", "actual"))
-    assert [part.icon for part in virtual] == [part.icon for part in actual] == list(ICONS)
-    found = bench.compared(1, virtual, actual, SmartPalBody())
-    assert len(found) == 3 * 55
-    assert {row["base_mm"] for row in found} == {3.0}
-    assert {row["turned_deg"] for row in found} == {round(np.degrees(0.02), 4)}
-    assert found[-1]["program_s"] == pytest.approx(3 * 54 / 50)
-    table = bench.rows(found, [(virtual, actual)], [StateDifference(0.004, 0.001, dict.fromkeys(Side, 0.002))])
-    assert [row["icon"] for row in table] == [*("[0] mhand_posture", "[2][0] mbase_by", "[3] gripper", "at the end")]
-    assert (table[0]["s virtual"], table[0]["s actual"]) == pytest.approx((0.98, 1.08))
-    assert table[-1]["base most"] == pytest.approx(4.0)
+def test_an_outage_is_the_longest_pause() -> None:
+    assert longest_pause_s([9.5, 9.995, 10.0, 10.5, 10.505]) == pytest.approx(0.5)
 
 
 def test_marks_of_two_robots() -> None:
     near = StateDifference(0.001, 0.001, dict.fromkeys(Side, 0.001))
     for base_m, is_reached in ((0.009, True), (0.011, False)):
-        found = bench.marks([near, StateDifference(base_m, 0.0, dict.fromkeys(Side, 0.0))])
+        far = StateDifference(base_m, 0.0, dict.fromkeys(Side, 0.0))
+        found = bench.marks([bench.row(1, near), bench.row(2, far)])
         assert all(mark.is_reached for mark in found) == is_reached
 
 

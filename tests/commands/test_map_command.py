@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import runpy
+import sys
 from pathlib import Path
 
 import msgspec
@@ -11,9 +14,20 @@ from PIL import Image
 from typer.testing import CliRunner, Result
 
 from robocorba.commands import command
-from robocorba.map_editor import native
+from robocorba.commands import map as map_commands
+from robocorba.console.map_files import downloads
+from robocorba.map_editor import formats, native
 from robocorba.map_editor.formats import read_map
-from robocorba.map_editor.model import ElementKind, Elevator, ElevatorDoor, Floor, PathEdge, PathNode, TopologicalMap
+from robocorba.map_editor.model import (
+    Building,
+    ElementKind,
+    Elevator,
+    ElevatorDoor,
+    Floor,
+    PathEdge,
+    PathNode,
+    TopologicalMap,
+)
 from robocorba.map_editor.samples import SAMPLES
 from testkit.buildings import two_floors
 from tests.map_editor.formats.rmf_files import small, written
@@ -234,3 +248,48 @@ def test_show_draws_all_floors_or_one() -> None:
         assert everything.size[1] > one.size[1]
     result = robocorba_map("show", "two.yaml", "--floor", "L9")
     assert result.exit_code == 2 and "there are L1, L2" in " ".join(result.output.split())
+
+
+OTHER_FORMAT = """
+from robocorba.map_editor.formats.map_format import MapFormat
+from robocorba.map_editor.losses import Exported, Imported
+from robocorba.map_editor.model import Building
+
+FORMAT = MapFormat(
+    name="other",
+    title="Other maps (.txt)",
+    files="one",
+    mark="an other map (other:)",
+    recognises=lambda data: "other" in data,
+    read=lambda file, options: Imported(Building(file.data["other"]), "other"),
+    suffix=".txt",
+    write=lambda building, path, resolution_m, image: Exported({path: building.name.encode()}),
+)
+"""
+
+
+def test_a_format_is_added_by_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Import, export, help, the console and the manual's table take it from its module."""
+    manual = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "make_formats.py"))
+    page = manual["PAGE"].read_text()
+    assert manual["with_table"](page) == page
+    folder = tmp_path / "formats"
+    folder.mkdir()
+    (folder / "other_map.py").write_text(OTHER_FORMAT)
+    Path("in.yaml").write_text("other: house\n")
+    name = f"{formats.__name__}.other_map"
+    with monkeypatch.context() as added:
+        added.setattr(formats, "__path__", [*formats.__path__, str(folder)])
+        added.setenv("COLUMNS", "300")
+        importlib.reload(map_commands)
+        lines(robocorba_map("import", "in.yaml", "out.yaml"))
+        assert native.load("out.yaml") == Building("house")
+        lines(robocorba_map("export", "in.yaml", "out.txt", "-f", "other"))
+        assert Path("out.txt").read_text() == "house"
+        shown = "\n".join(lines(robocorba_map("export", "--help")))
+        assert "an other map (other:)" in shown and "other, Other maps (.txt)" in shown
+        assert {"name": "other", "title": "Other maps (.txt)", "cells": False} in downloads()
+        assert "| `other` | yes | yes | one |" in manual["with_table"](page)
+    del sys.modules[name]
+    importlib.reload(map_commands)
+    assert "Other maps" not in "\n".join(lines(robocorba_map("export", "--help")))

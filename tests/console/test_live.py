@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import functools
 import json
 import struct
 from collections.abc import Callable, Iterator
@@ -17,8 +16,8 @@ import pytest
 from robocorba.console import live_missions, live_sensors, system_state
 from robocorba.console.corba.system_state import agent_is_driving, path_by_floor
 from robocorba.console.defects import DEFECT
-from robocorba.console.live_missions import LiveMissions, MissionFeed
-from robocorba.console.live_sensors import LiveSensors, Wanted
+from robocorba.console.live_missions import LiveMissions
+from robocorba.console.live_sensors import LiveSensors, Topic
 from robocorba.console.robot_views import RETRY_S, SLOW_INTERVAL_S, RobotView, RobotViews
 from robocorba.console.sensor_feed import MAX_AGE_S, MAX_GONE, NOTHING, Feed, ScanFeed
 from robocorba.console.system_state import SystemState
@@ -30,7 +29,8 @@ from robocorba.map_editor.spatial.posture import Posture
 from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState
 from robocorba.simulation.reservations import Reservation, ReservedAreas
 from robocorba.simulation.robot_scans import RobotScan
-from robocorba.simulation.sensing.fan import LASER, PROXIMITY, Fan
+from robocorba.simulation.sensing.fan import Fan
+from robocorba.simulation.sensing.scan import LASER, PROXIMITY
 from robocorba.system.names import ROBOTS
 from testkit.processes import eventually
 from tests.clock import Clock
@@ -48,8 +48,8 @@ def keys_after(*updates: tuple[list[RobotScan], bool, float, float]) -> list[str
     """The keys of a feed after these updates."""
     feed = ScanFeed()
     for update in updates:
-        feed.update(*update)
-    return list(feed.feed.keys)
+        feed.receive(*update)
+    return list(feed.keys)
 
 
 def test_a_viewer_gets_everything_and_then_changes() -> None:
@@ -81,8 +81,8 @@ def test_scans_of_a_fan() -> None:
     feed = ScanFeed()
     hits = np.array([True, False, True])
     seen = of_fan("A", Fan(-0.1, 0.1, 3, 2.0), rim_m=0.4, distances=np.array([0.5, 2.0, 1.23456]), hits=hits)
-    feed.update([seen], True, 1.0, 50.0)
-    (text,) = feed.feed.since(NOTHING).entries.values()
+    feed.receive([seen], True, 1.0, 50.0)
+    (text,) = feed.since(NOTHING).entries.values()
     assert json.loads(text) == {
         **{"key": "A/sensor 1", "robot": "A", "sensor": "sensor 1", "time": 1.0},
         "pose": {"x": 1.0, "y": 2.0, "heading": 0.0},
@@ -120,6 +120,15 @@ def test_scans_of_a_fan() -> None:
 
 
 SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
+AREAS: Topic = ("reservations", "")
+
+
+def scans_of(*floors: str) -> list[Topic]:
+    return [("scans", floor) for floor in floors]
+
+
+def postures_of(*floors: str) -> list[Topic]:
+    return [("postures", floor) for floor in floors]
 
 
 class Console:
@@ -172,20 +181,20 @@ def console(monkeypatch: pytest.MonkeyPatch) -> Console:
 
 def test_nothing_is_read_for_nobody(console: Console) -> None:
     assert console.follow() == []
-    console.sensors.want("viewer", Wanted(("L1",), ("L2",)))
+    console.sensors.want("viewer", [*scans_of("L1"), *postures_of("L2")])
     assert console.follow() == [("scans", "L1", -1.0), ("postures", "L2", -1.0)]
-    console.sensors.want("another", Wanted(("L1",)))
-    console.sensors.want("viewer", Wanted())
+    console.sensors.want("another", scans_of("L1"))
+    console.sensors.want("viewer", ())
     assert [call[:2] for call in console.follow()] == [("scans", "L1")]
-    console.sensors.want("another", Wanted(reservations=True))
+    console.sensors.want("another", [AREAS])
     assert console.follow() == [("reservations",)]
-    console.sensors.want("another", Wanted())
+    console.sensors.want("another", ())
     assert console.follow(10.0) == []
-    assert console.sensors.scans_message("L1", NOTHING) == (NOTHING, "")
+    assert console.sensors.message(("scans", "L1"), NOTHING) == (NOTHING, "")
 
 
 def test_only_what_is_new_is_asked_for_but_for_a_while_ago_and_now_and_then_all(console: Console) -> None:
-    console.sensors.want("viewer", Wanted(("L1",), ("L1",)))
+    console.sensors.want("viewer", [*scans_of("L1"), *postures_of("L1")])
     console.follow()
     times = [pytest.approx(1.0 - live_sensors.OVERLAP_S)] * 2
     assert [call[2] for call in console.follow()] == times
@@ -193,62 +202,62 @@ def test_only_what_is_new_is_asked_for_but_for_a_while_ago_and_now_and_then_all(
 
 
 def test_scans_go_to_viewers_as_messages(console: Console) -> None:
-    console.sensors.want("viewer", Wanted(("L1",)))
+    console.sensors.want("viewer", scans_of("L1"))
     console.follow()
-    version, text = console.sensors.scans_message("L1", NOTHING)
+    version, text = console.sensors.message(("scans", "L1"), NOTHING)
     message = json.loads(text)["scans"]
     assert (message["floor"], message["whole"], message["gone"]) == ("L1", True, [])
     assert [(scan["key"], scan["time"], len(scan["ranges"])) for scan in message["scans"]] == [("A/laser", 1.0, 181)]
-    assert console.sensors.scans_message("L1", version) == (version, "")
+    assert console.sensors.message(("scans", "L1"), version) == (version, "")
     console.scans = [of_fan("A", LASER, 1.1), of_fan("B", LASER, 1.1)]
     console.follow()
-    version, text = console.sensors.scans_message("L1", version)
+    version, text = console.sensors.message(("scans", "L1"), version)
     message = json.loads(text)["scans"]
     assert (message["whole"], [scan["key"] for scan in message["scans"]]) == (False, ["A/laser", "B/laser"])
     console.scans.pop(0)
     console.follow(live_sensors.WHOLE_S)
-    version, text = console.sensors.scans_message("L1", version)
+    version, text = console.sensors.message(("scans", "L1"), version)
     assert json.loads(text)["scans"] == {"floor": "L1", "whole": False, "gone": ["A/laser"], "scans": []}
 
 
 def test_postures_go_to_viewers_as_messages(console: Console) -> None:
-    console.sensors.want("viewer", Wanted(postures=("L1", "L2")))
+    console.sensors.want("viewer", postures_of("L1", "L2"))
     console.follow()
-    version, text = console.sensors.postures_message("L1", NOTHING)
+    version, text = console.sensors.message(("postures", "L1"), NOTHING)
     assert json.loads(text)["postures"] == {"floor": "L1", "whole": True, "gone": [], "robots": {"A": [0.5]}}
     console.angles = {"L1": [], "L2": [Posture("A", 2.0, (0.123456,)), Posture("B", 1.0, (0.7,))]}
     console.follow(live_sensors.WHOLE_S)
-    version, text = console.sensors.postures_message("L1", version)
+    version, text = console.sensors.message(("postures", "L1"), version)
     assert json.loads(text)["postures"] == {"floor": "L1", "whole": False, "gone": ["A"], "robots": {}}
-    _, text = console.sensors.postures_message("L2", NOTHING)
+    _, text = console.sensors.message(("postures", "L2"), NOTHING)
     assert json.loads(text)["postures"]["robots"] == {"B": [0.7], "A": [0.1235]}
 
 
 def test_reservations_go_to_viewers_as_messages(console: Console) -> None:
-    assert console.sensors.reservations_message(NOTHING) == (NOTHING, "")
-    console.sensors.want("viewer", Wanted(reservations=True))
+    assert console.sensors.message(AREAS, NOTHING) == (NOTHING, "")
+    console.sensors.want("viewer", [AREAS])
     console.follow()
-    version, text = console.sensors.reservations_message(NOTHING)
+    version, text = console.sensors.message(AREAS, NOTHING)
     areas = [{"floor": "L1", "polygon": [list(corner) for corner in SQUARE]}]
     expected = {"robot": "A", "phase": "granted", "ahead": 0, "left": 10.0, "areas": areas}
     assert json.loads(text) == {"reservations": [expected]}
     assert console.follow() == []  # seldom
     console.reserved = []
     console.follow(live_sensors.RESERVATIONS_S)
-    _, text = console.sensors.reservations_message(version)
+    _, text = console.sensors.message(AREAS, version)
     assert json.loads(text) == {"reservations": []}
 
 
 def test_viewers_are_woken_by_news_and_problems_only(console: Console) -> None:
-    console.sensors.want("viewer", Wanted(("L1",), ("L1",)))
+    console.sensors.want("viewer", [*scans_of("L1"), *postures_of("L1")])
     for _ in range(2):
         console.follow()
         assert console.news == 1
-    version, _ = console.sensors.scans_message("L1", NOTHING)
+    version, _ = console.sensors.message(("scans", "L1"), NOTHING)
     console.is_away = True
     console.follow()
     assert (console.sensors.problem, console.news) == ("away", 2)
-    assert console.sensors.scans_message("L1", version) == (version, "")  # what was seen stays
+    assert console.sensors.message(("scans", "L1"), version) == (version, "")  # what was seen stays
     console.is_away = False
     console.follow()
     assert (console.sensors.problem, console.news) == ("", 3)
@@ -257,13 +266,13 @@ def test_viewers_are_woken_by_news_and_problems_only(console: Console) -> None:
 def test_an_unknown_floor_is_empty_and_names_of_any_kind_survive(console: Console) -> None:
     name = '"</script>\u202e'
     console.angles["L1"] = [Posture(name, 1.0, ())]
-    console.sensors.want("viewer", Wanted(("roof",), ("roof", "L1")))
+    console.sensors.want("viewer", [*scans_of("roof"), *postures_of("roof", "L1")])
     console.follow()
-    for message in (console.sensors.scans_message, console.sensors.postures_message):
-        (content,) = json.loads(message("roof", NOTHING)[1]).values()
+    for kind in ("scans", "postures"):
+        (content,) = json.loads(console.sensors.message((kind, "roof"), NOTHING)[1]).values()
         assert content["whole"]
     assert console.sensors.problem == ""
-    assert list(json.loads(console.sensors.postures_message("L1", NOTHING)[1])["postures"]["robots"]) == [name]
+    assert list(json.loads(console.sensors.message(("postures", "L1"), NOTHING)[1])["postures"]["robots"]) == [name]
 
 
 def mission(name: str, version: int, result: MissionResult = MissionResult.RUNNING) -> MissionState:
@@ -285,11 +294,6 @@ class MissionsPlace:
             raise NotReachable("mission control does not answer")
         return [each for each in self.states.values() if each.version > version]
 
-    def feed(self) -> MissionFeed:
-        feed = MissionFeed(self.missions)
-        feed.want(True)
-        return feed
-
     def follow(self, *missions: MissionState) -> None:
         """Follow mission control once it has these."""
         self.states.update((each.name, each) for each in missions)
@@ -301,60 +305,71 @@ def place() -> MissionsPlace:
     return MissionsPlace()
 
 
-def news(feed: MissionFeed) -> tuple[bool, list[str]] | None:
-    """Whether a message is whole, and the names in it; None for no message."""
-    message = feed.message()
+class MissionsPage:
+    """A page that wants missions."""
+
+    def __init__(self, place: MissionsPlace) -> None:
+        self._missions, self._version = place.missions, NOTHING
+        place.missions.want(self, True)
+
+    def message(self) -> str:
+        self._version, text = self._missions.message(self._version)
+        return text
+
+
+def news(page: MissionsPage) -> tuple[bool, list[str], list[str]] | None:
+    """Whether a message is whole, the names in it, and those of missions that are gone; None for no message."""
+    message = page.message()
     if not message:
         return None
     found: dict[str, Any] = json.loads(message)
-    return found["whole"], [row["name"] for row in found["missions"]]
+    return found["whole"], [row["name"] for row in found["missions"]], found["gone"]
 
 
 def test_nobody_is_asked_for_nobody_and_a_building_without_missions_is_known_as_such(place: MissionsPlace) -> None:
     place.follow()
     assert place.asked == []
-    feed = place.feed()
+    page = MissionsPage(place)
     place.follow()
-    assert news(feed) == (True, [])
+    assert news(page) == (True, [], [])
     place.follow()
-    assert news(feed) is None
-    feed.want(False)
+    assert news(page) is None
+    place.missions.want(page, False)
     place.follow()
     assert len(place.asked) == 2
 
 
 def test_a_viewer_gets_all_and_then_what_has_changed(place: MissionsPlace) -> None:
-    early, late = place.feed(), MissionFeed(place.missions)
+    early = MissionsPage(place)
     assert news(early) is None, "nothing is known yet"
     place.follow(mission("one", 5), mission("two", 6))
-    assert news(early) == (True, ["one", "two"])
+    assert news(early) == (True, ["one", "two"], [])
     assert news(early) is None
     place.follow(mission("one", 7, MissionResult.DONE))
-    assert news(early) == (False, ["one"])
-    late.want(True)
-    assert news(late) == (True, ["two", "one"])
+    assert news(early) == (False, ["one"], [])
+    assert news(MissionsPage(place)) == (True, ["one", "two"], [])
     assert place.asked == [0, 6]
     assert len(place.woken) == 2
 
 
 def test_removed_missions_disappear(place: MissionsPlace, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_missions, "ALL_INTERVAL_S", 0.0)
-    feed = place.feed()
+    page = MissionsPage(place)
     place.follow(mission("one", 5), mission("<b>مهمة\u202e", 6))
-    _, row = json.loads(feed.message())["missions"]
+    _, row = json.loads(page.message())["missions"]
     assert row == {
         **{"name": "<b>مهمة\u202e", "kind": "move_table", "about": "desk", "leader": "A", "term": 1, "members": []},
         **{"phases": [], "phases_in_all": 0, "begun": 1.0, "ended": 0.0, "result": "running", "reason": ""},
     }
     del place.states["one"]
     place.follow()
-    assert news(feed) == (True, ["<b>مهمة\u202e"])
+    assert news(page) == (False, [], ["one"])
 
 
 def test_a_server_that_was_away_is_asked_for_everything(place: MissionsPlace) -> None:
-    feed = place.feed()
+    page = MissionsPage(place)
     place.follow(mission("one", 5))
-    news(feed)
+    news(page)
     place.is_away = True
     for _ in range(2):
         place.follow()
@@ -363,7 +378,7 @@ def test_a_server_that_was_away_is_asked_for_everything(place: MissionsPlace) ->
     place.is_away = False
     place.follow(mission("one", 100), mission("new", 101))
     assert place.missions.problem == ""
-    assert news(feed) == (False, ["new"]), "the other one is as it was"
+    assert news(page) == (False, ["new"], []), "the other one is as it was"
     assert place.asked[-1] == 0
 
 
@@ -374,9 +389,8 @@ class Wants:
     problem, version = "", 1
 
     def __init__(self) -> None:
-        self.watched, self.wanted = list[list[str]](), list[Wanted]()
-        self.scans_message = functools.partial(self._message, "scans")
-        self.postures_message = functools.partial(self._message, "postures")
+        self.watched, self.wanted, self.wants_missions = list[list[str]](), list[Any](), list[bool]()
+        self.missions = SimpleNamespace(problem="", want=self._want_missions, message=self._missions)
 
     def watch(self, viewer: object, floors: Any) -> None:
         self.watched.append(list(floors))
@@ -387,14 +401,18 @@ class Wants:
     def frame_since(self, version: int) -> tuple[int, bytes]:
         return 1, b"" if version else b"frame"
 
-    def want(self, viewer: object, wanted: Wanted) -> None:
+    def want(self, viewer: object, wanted: Any) -> None:
         self.wanted.append(wanted)
 
-    def _message(self, kind: str, floor: Any, version: int) -> tuple[int, str]:
-        return 7, json.dumps({kind: floor}) if version == NOTHING else ""
+    def message(self, topic: Topic, version: int) -> tuple[int, str]:
+        kind, floor = topic
+        return 7, json.dumps({kind: floor or []}) if version == NOTHING else ""
 
-    def reservations_message(self, version: int) -> tuple[int, str]:
-        return self._message("reservations", [], version)
+    def _want_missions(self, viewer: object, is_wanted: bool) -> None:
+        self.wants_missions.append(is_wanted)
+
+    def _missions(self, version: int) -> tuple[int, str]:
+        return self.message(("missions", ""), version)
 
 
 class Socket:
@@ -439,23 +457,25 @@ def serve(*messages: str, is_done: Callable[[list[Any]], bool]) -> tuple[list[An
 
 def viewers_of(wants: Any, **more: Any) -> Any:
     viewers: Any = Viewers(SimpleNamespace(rows=dict), **more)
-    viewers.attach(wants, wants, wants)
+    viewers.attach(wants, wants, wants, wants.missions)
     return viewers
 
 
 def test_a_viewer_gets_what_it_wants_unless_it_sends_nonsense() -> None:
-    wanted = {"watch": ["L1"], "scans": ["L1", "L2"], "postures": ["L2"], "reservations": True}
-    got, wants = serve(json.dumps(wanted), is_done=lambda got: {"reservations": []} in got)
-    for message in (b"frame", {"scans": "L1"}, {"scans": "L2"}, {"postures": "L2"}, {"reservations": []}):
+    wanted = {"watch": ["L1"], "scans": ["L1", "L2"], "postures": ["L2"], "reservations": True, "missions": True}
+    got, wants = serve(json.dumps(wanted), is_done=lambda got: {"missions": []} in got)
+    texts = [{"scans": "L1"}, {"scans": "L2"}, {"postures": "L2"}, {"reservations": []}, {"missions": []}]
+    for message in (b"frame", *texts):
         assert got.count(message) == 1
-    assert wants.wanted == [Wanted(("L1", "L2"), ("L2",), True), Wanted()]
+    assert wants.wants_missions == [True, False]
+    assert wants.wanted == [[*scans_of("L1", "L2"), *postures_of("L2"), AREAS], ()]
     assert wants.watched == [["L1"], []]
-    for others in ({}, {"scans": False}, {"scans": None, "postures": "L1", "reservations": 1}):
+    for others in ({}, {"scans": False}, {"scans": None, "postures": "L1", "reservations": 1, "missions": 1}):
         got, wants = serve(json.dumps({"watch": ["L1"], **others}), is_done=lambda got: b"frame" in got)
         assert b"frame" in got
-        assert wants.wanted[0] == Wanted()
+        assert not wants.wanted[0] and not wants.wants_missions[0]
     for nonsense in ("no json", "[]", "5", "{}", "null", "[" * 3000, "x" * 5000):
-        assert serve(nonsense, is_done=lambda got: False)[1].wanted == [Wanted()]
+        assert serve(nonsense, is_done=lambda got: False)[1].wanted == [()]
 
 
 def test_a_viewer_too_many_is_refused_until_another_one_leaves() -> None:

@@ -21,20 +21,18 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from robocorba.console import arguments
-from robocorba.console.arguments import InvalidArguments
+from robocorba.console.arguments import InvalidArguments, NotPossible
 from robocorba.console.calls import MAX_BODY, STOPS, Calls
-from robocorba.console.films import Films, InvalidFilm
+from robocorba.console.films import Films
 from robocorba.console.history import History
-from robocorba.console.kinematics_operations import InvalidPosture, KinematicsOperations
 from robocorba.console.leaving import in_thread
 from robocorba.console.mission_operations import MissionOperations
 from robocorba.console.monitor_operations import MonitorOperations
 from robocorba.console.monitor_state import MonitorState
 from robocorba.console.operations import Operations
-from robocorba.console.process_operations import ProcessOperations
 from robocorba.console.program_operations import MAX_ARGUMENTS, ProgramOperations
-from robocorba.console.recordings import Recordings, UnknownRecording
-from robocorba.console.simulation_operations import SimulationOperations
+from robocorba.console.recordings import Recordings
+from robocorba.console.system_operations import SystemOperations
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.files import WorkEnded
 from robocorba.errors.robots import IllegalOrder, InvalidProgram, Unreachable
@@ -189,21 +187,20 @@ def test_operations_need_rights_and_orders_the_right_types(tmp_path: Path) -> No
     with pytest.raises(ValueError, match="add_up"):
         operations.add(Part())
     operations, supervisor = Operations(NOBODY), tmp_path / "supervisor.ior"
-    operations.add(SimulationOperations(NOBODY, None, supervisor))
+    system = SystemOperations(NOBODY, None, supervisor)
+    operations.add(system)
     assert operations.call("rights", {}) == {"administrator": False, "supervisor": False}
     for name, given in (("pause_simulation", {}), ("evict", {"robot": "A"})):
         with pytest.raises(Exception, match="--administrator FILE"):
             operations.call(name, given)
-    operations.add(ProcessOperations(NOBODY, supervisor))
     with pytest.raises(Exception, match=r"the supervisor is not reachable: .*supervisor.ior"):
         operations.call("processes", {})
-    operations = ProcessOperations(NOBODY, tmp_path / "supervisor.ior")
-    wrong: list[dict[str, Any]] = [{"name": name} for name in (3, "A\0", "\ud800", "A" * 5000)]
+    wrong: list[dict[str, Any]] = [{"name": name} for name in (3, "A\0", "\ud800")]
     wrong += [{"name": "A", "x": 1.0}, *({"name": "A", "x": x, "y": 2} for x in ("1", math.nan, True))]
     wrong += [{"name": "A", **others} for others in ({"adaptor_arguments": "-x"}, {"adaptor_arguments": [1]})]
     for given in (*wrong, {"name": "A", "channel": None}):
         with pytest.raises(InvalidArguments):
-            operations.start_robot(**given)
+            operations.call("start_robot", given)
     for value in (0, 501, 1.0, "1", True, None):
         with pytest.raises(InvalidArguments, match="lines is not a whole number from 1 to 500"):
             arguments.count("lines", value, 500)
@@ -221,7 +218,7 @@ def test_impossible_arguments_of_the_monitor() -> None:
     with contextlib.closing(Films()) as films:
         state = MonitorState(nothing, history)
         operations.add(MonitorOperations(state, history, lambda: building[0], Recordings(), films))
-        with pytest.raises(InvalidFilm, match="map is not known"):
+        with pytest.raises(NotPossible, match="map is not known"):
             operations.call("start_film", film)
         building[0] = two_floors()
         assert operations.call("recordings", {}) == operations.call("happenings", {}) == []
@@ -229,12 +226,12 @@ def test_impossible_arguments_of_the_monitor() -> None:
             ("start_film", {**film, "begin": "now"}, InvalidArguments),
             ("start_film", {**film, "floor": 1}, InvalidArguments),
             ("start_film", {**film, "end": math.nan}, InvalidArguments),
-            ("start_film", {**film, "begin": 2.0}, InvalidFilm),
-            ("start_film", {**film, "floor": "cellar"}, InvalidFilm),
+            ("start_film", {**film, "begin": 2.0}, NotPossible),
+            ("start_film", {**film, "floor": "cellar"}, NotPossible),
             ("start_film", {**film, "floor": "L2"}, RoboCorbaError),
-            ("start_film", {**film, "recording": "recording 9"}, UnknownRecording),
+            ("start_film", {**film, "recording": "recording 9"}, NotPossible),
             ("film_state", {"film": "1"}, InvalidArguments),
-            ("film_state", {"film": 1}, InvalidFilm),
+            ("film_state", {"film": 1}, NotPossible),
             ("cancel_film", {"film": True}, InvalidArguments),
             *(("happenings", {"after": after}, InvalidArguments) for after in ("x", 10**400)),
             ("forget_robot", {"robot": None}, InvalidArguments),
@@ -244,7 +241,7 @@ def test_impossible_arguments_of_the_monitor() -> None:
 
 
 def test_a_hand_follows_its_target_and_both_mirror_each_other() -> None:
-    poser = KinematicsOperations()
+    poser = ProgramOperations(NOBODY)
     ready = [*poser.arm_postures()["ready"] * 2, 0.0, 0.0, 0.0, 0.0]
     pose = poser.hand_poses(ready)["left"]
     wanted = {**pose, "x": pose["x"] + 0.05, "z": pose["z"] + 0.1}
@@ -267,7 +264,7 @@ def test_a_hand_follows_its_target_and_both_mirror_each_other() -> None:
         *((still, "left", pose, "x, y and z") for pose in ({"x": 0, "y": 0}, {**zero, "w": 1}, None)),
         (still, "left", {**zero, "z": math.inf}, "z is not a number"),
     ):
-        with pytest.raises(InvalidPosture, match=match):
+        with pytest.raises(InvalidArguments, match=match):
             poser.solve_hand(joints, side, wrong)  # type: ignore[arg-type]
 
 
@@ -452,23 +449,6 @@ def test_a_program_that_is_refused_does_not_run(operations: ProgramOperations, a
         operations.run_program("A", WAITS)
     assert agent.calls == []
 
-    class Part:
-        @property
-        def _rights(self) -> None:
-            raise NotReachable("nobody")
-
-        def answer(self) -> int:
-            """42."""
-            return 42
-
-    table = Operations(None)  # type: ignore[arg-type]
-    table.add(operations)
-    table.add(Part())
-    assert table.call("adaptors", {"robot": "A"}) == ["simulated", "smartpal"]
-    with pytest.raises(InvalidArguments):
-        table.call("run_program", {"robot": "A"})
-    assert table.call("answer", {}) == 42
-
 
 def test_progress_has_what_is_new_and_the_adaptor_can_be_switched(operations: ProgramOperations, agent: Agent) -> None:
     progress = operations.program_progress("A", 2)
@@ -480,6 +460,8 @@ def test_progress_has_what_is_new_and_the_adaptor_can_be_switched(operations: Pr
     assert operations.adaptors("A") == ["simulated", "smartpal"]
     operations.switch_adaptor("A", "smartpal", ["--naming", "localhost:2809"])
     assert agent.switched == ("smartpal", ["--naming", "localhost:2809"])
+    table = Operations(NOBODY)
+    table.add(operations)
     for words in (["x" * MAX_ARGUMENTS, "x"], [1], ["\0"], "-x", 5):
         with pytest.raises(InvalidArguments, match="arguments"):
-            operations.switch_adaptor("A", "smartpal", words)  # type: ignore[arg-type]
+            table.call("switch_adaptor", {"robot": "A", "adaptor": "smartpal", "arguments": words})

@@ -87,7 +87,7 @@ class Node:
 
     def _join(self, record: Peer) -> tuple[FeedWire, str]:
         there, sent = self.network.reach(self.name, record.name), time.monotonic()
-        terms = there.links.join(self.name, self.name, GatewayWire(self.network, there.name, self.name))
+        terms = there.links.join(self.name, self.name, GatewayWire(self.network, there.name, self.name).forward)
         if self.network.weather.strikes(self.network.weather.fails):
             raise NotReachable("the answer was lost")
         wire = FeedWire(self.network, self.name, there.name, *terms)

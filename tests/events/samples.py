@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from robocorba.errors.events import EventError
-from robocorba.events.account import Account, Arrivals, Totals
+from robocorba.events.account import Account
 from robocorba.events.channel import Channel
 from robocorba.events.event import CorrelatedEvents, EventBatch, EventHeader
 from robocorba.events.federation import Federation
-from robocorba.events.policies import DeliveryPolicy
+from robocorba.events.policies import ChannelPolicy, DeliveryPolicy
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import QueueItem, QueuePolicy
@@ -25,6 +25,7 @@ NOW = 1_000_000.0
 BOTH: Subscription = (Clause((Pattern("a"), Pattern("b"))),)
 #: A consumer that does not answer is probed sooner, and disconnected after fewer failures, than by default.
 IMPATIENT = DeliveryPolicy(backoff=Backoff(0.001, 0.002), settle_s=0.0, max_failures=4)
+DEFAULTS = ChannelPolicy()
 _references = itertools.count()
 
 
@@ -51,7 +52,7 @@ def wanting(*types: str) -> Subscription:
     return tuple(Clause((Pattern(type),)) for type in types)
 
 
-def is_balanced(totals: Totals) -> bool:
+def is_balanced(totals: Account) -> bool:
     """Whether no event is missing or counted twice."""
     return totals.received == totals.delivered + totals.discarded + totals.expired + totals.queued
 
@@ -128,15 +129,17 @@ def failing(*errors: Exception) -> Callable[[Sequence[QueueItem]], None]:
 
 
 @contextmanager
-def open_channel(folder: Path, first_number: int = 1, name: str = "lab") -> Iterator[Channel]:
+def open_channel(
+    folder: Path, first_number: int = 1, name: str = "lab", policy: ChannelPolicy = DEFAULTS
+) -> Iterator[Channel]:
     """A channel without peers."""
     with SeenEvents(folder / f"{name}.seen") as seen:
-        yield Channel(Federation(name, []), seen, first_number)
+        yield Channel(Federation(name, []), seen, first_number, policy=policy)
 
 
-def arrive(channel: Channel, *batches: EventBatch, before: int = 0) -> Arrivals:
+def arrive(channel: Channel, *batches: EventBatch, before: int = 0) -> Account:
     """Events come from a peer, for this channel. before: number of the event before the first of each batch."""
-    account = Arrivals()
+    account = Account()
     for batch in batches:
         batch.targets = {channel.name: before}
     channel.deliver(channel.forward(list(batches), account))
@@ -201,7 +204,7 @@ def received(consumer: Consumer) -> list[int]:
     return [int(str(payload, "ascii")) for payload in consumer.payloads if isinstance(payload, bytes)]
 
 
-def totals(proxy: ProxySupplier) -> Totals:
+def totals(proxy: ProxySupplier) -> Account:
     with proxy._lock:
         return proxy.totals()
 

@@ -21,15 +21,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from robocorba.events import feed, resequencer, seen_events
-from robocorba.events.account import Account, Arrivals
+from robocorba.events import seen_events
+from robocorba.events.account import Account
 from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.events.channel import Channel
 from robocorba.events.event import EventBatch
 from robocorba.events.event_numbers import first_number_of, next_life
 from robocorba.events.federation import Advertisement, Federation
 from robocorba.events.feed import Feed
-from robocorba.events.policies import LinkPolicy
+from robocorba.events.policies import ChannelPolicy, LinkPolicy
 from robocorba.events.seen_events import SeenEvents
 from tests.events.samples import is_balanced, pull_supplier_of, pulled, supplied, wanting
 
@@ -44,7 +44,7 @@ class Wire(Feed):
     """A feed that the test carries packets of."""
 
     def __init__(self, lock: threading.Lock, peer: str, is_up: bool) -> None:
-        super().__init__(lock, peer, LinkPolicy())
+        super().__init__(lock, peer, LinkPolicy(packet_events=2))
         self.works = is_up
 
     @property
@@ -99,10 +99,11 @@ class Node:
         self.life, self.ahead_s = life, ahead_s
         self.seen = SeenEvents(folder / f"{name}.seen")
         clock = ArrivalClock(lambda: time.time() + self.ahead_s)
-        self.channel = Channel(Federation(name, known, life), self.seen, first_number_of(life), clock)
+        policy = ChannelPolicy(max_held_s=1e9)
+        self.channel = Channel(Federation(name, known, life), self.seen, first_number_of(life), clock, policy)
         self.proxy = pull_supplier_of(self.channel, wanting(*types), 10**6)
         #: Of the events by peer, and how many came.
-        self.arrivals: dict[str, Arrivals] = defaultdict(Arrivals)
+        self.arrivals: dict[str, Account] = defaultdict(Account)
         self.came: Counter[str] = Counter()
 
     @property
@@ -128,8 +129,6 @@ class FederationMachine(RuleBasedStateMachine):
         self.folder = tempfile.TemporaryDirectory()
         self.patch = pytest.MonkeyPatch()
         self.patch.setattr(seen_events, "MAX_LIVES", 64)  # smaller files
-        self.patch.setattr(feed, "PACKET_EVENTS", 2)
-        self.patch.setattr(resequencer, "MAX_WAIT_S", 1e9)
         self.nodes: dict[str, Node] = {}
         self.dead: set[str] = set()
         self.links: nx.Graph = nx.Graph()
@@ -279,8 +278,8 @@ class FederationMachine(RuleBasedStateMachine):
             if name not in self.dead:
                 assert all(is_balanced(wire.snapshot().totals) for wire in node.wires.values())
                 for peer, account in node.arrivals.items():
-                    assert is_balanced(account.snapshot())
-                    assert account.snapshot().received + account.repeated == node.came[peer]
+                    assert is_balanced(account)
+                    assert account.received + account.repeated == node.came[peer]
 
     def teardown(self) -> None:
         """In the end everything works again."""
@@ -290,9 +289,8 @@ class FederationMachine(RuleBasedStateMachine):
             self._restore(link)
         self._update()
         self._carry_all()
-        self.patch.setattr(resequencer, "MAX_WAIT_S", -1.0)
         for node in self.nodes.values():
-            node.channel.release_overdue()
+            node.channel.release_overdue(is_over=True)
         self.each_event_comes_once_and_in_order()
         self.accounts_are_exact()
         assert {payload: due for payload, due in self.due.items() if due} == {}
@@ -442,7 +440,7 @@ def test_one_copy_crosses_the_links_to_those_who_want_it_and_no_others(graph: nx
             here, there = data.draw(st.sampled_from(loaded), label="link")
             batches = nodes[here].wires[there].send()
             carried[here, there] += [payload.decode() for batch in batches for payload in batch.payloads]
-            nodes[there].channel.forward(batches, Arrivals())
+            nodes[there].channel.forward(batches, Account())
         got = {name: [payload for _, _, payload in node.got()] for name, node in nodes.items()}
     crossed: dict[tuple[str, str], list[str]] = defaultdict(list)
     for number, (origin, type) in enumerate(supplied):

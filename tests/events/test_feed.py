@@ -11,9 +11,9 @@ from dataclasses import replace
 import pytest
 
 from robocorba.errors.events import NotDelivered, SessionOver
-from robocorba.events.account import Totals
+from robocorba.events.account import Account
 from robocorba.events.event import Encoding, EventBatch, EventHeader
-from robocorba.events.feed import INLINE_TIMEOUT_S, INLINE_WINDOW, PACKET_BYTES, PACKET_EVENTS, WINDOW, Feed
+from robocorba.events.feed import Feed
 from robocorba.events.policies import LinkPolicy
 from testkit.processes import eventually
 from tests.events.samples import is_balanced
@@ -98,7 +98,7 @@ class Setting:
 
     def join(self) -> str:
         with self.lock:
-            self.session, position = self.feed.join(self.gateway)
+            self.session, position = self.feed.join(self.gateway.forward)
         assert position == 1
         return self.session
 
@@ -123,7 +123,7 @@ class Setting:
         with self.lock:
             return self.feed.snapshot().problem
 
-    def check_account(self) -> Totals:
+    def check_account(self) -> Account:
         with self.lock:
             totals = self.feed.snapshot().totals
         assert is_balanced(totals)
@@ -176,17 +176,17 @@ def test_a_packet_that_is_sent_again_counts_once(at: Setting) -> None:
     at.acknowledge(2)
     with at.lock:
         assert (at.feed.snapshot().packets, at.feed.snapshot().bytes) == (1, batch.size)
-    assert at.check_account() == (1, 1, 0, 0, 0, 0)
+    assert at.check_account() == Account(1, 1)
 
 
 def test_at_most_a_window_of_packets_is_in_flight(at: Setting) -> None:
     at.connect()
-    for number in range(3 * WINDOW):
+    for number in range(3 * DEFAULTS.window):
         at.publish(1, type=f"t{number % 2}")
-    eventually(lambda: len(at.gateway.got) >= INLINE_WINDOW + 1, what="a full window")
-    stays(lambda: max(position for _, position, _ in at.gateway.got) <= WINDOW)
+    eventually(lambda: len(at.gateway.got) >= DEFAULTS.inline_window + 1, what="a full window")
+    stays(lambda: max(position for _, position, _ in at.gateway.got) <= DEFAULTS.window)
     at.acknowledge(at.gateway.got[-1][1] + 1)
-    eventually(lambda: len(at.gateway.payloads()) == 3 * WINDOW, what="the rest")
+    eventually(lambda: len(at.gateway.payloads()) == 3 * DEFAULTS.window, what="the rest")
     assert at.gateway.payloads() == sorted(at.gateway.payloads())
 
 
@@ -263,13 +263,13 @@ def test_without_events_the_feed_notices_that_the_gateway_is_out_of_reach(at: Se
 def test_a_packet_that_a_supplier_had_no_time_for_is_sent_again_at_once(at: Setting) -> None:
     """Without a renewal: the link is not down because a thread waited for a processor."""
     at.connect()
-    at.gateway.shortest_s = 2 * INLINE_TIMEOUT_S
+    at.gateway.shortest_s = 2 * DEFAULTS.inline_timeout_s
     at.publish()
     at.publish()
     eventually(lambda: at.gateway.payloads() == [1, 2], what="both, in order")
     assert at.problem() == ""
     at.acknowledge(3)
-    assert at.check_account() == (2, 2, 0, 0, 0, 0)
+    assert at.check_account() == Account(2, 2)
 
 
 @pytest.mark.parametrize("at", [replace(DEFAULTS, retransmit_s=2.0)], indirect=True)
@@ -307,7 +307,7 @@ def test_nobody_waits_for_discarded_events(at: Setting) -> None:
         send(at, for_channels(at.batch(), hall=number, yard=number))
     at.connect()
     eventually(lambda: sent(at.gateway) == [(4, 7, {"hall": 0, "yard": 0})], what="the newest, the first ones there")
-    assert at.check_account() == (7, 0, 0, 3, 0, 4)
+    assert at.check_account() == Account(7, discarded=3, queued=4)
 
 
 def test_nobody_waits_for_expired_events(at: Setting) -> None:
@@ -320,7 +320,7 @@ def test_nobody_waits_for_expired_events(at: Setting) -> None:
     eventually(lambda: sent(at.gateway) == [(1, 1, {"hall": 0}), (5, 5, {"hall": 1})], what="what lives")
     send(at, for_channels(at.batch(), hall=6))
     eventually(lambda: sent(at.gateway)[2:] == [(7, 7, {"hall": 5})], what="what comes next")
-    assert at.check_account() == (7, 0, 0, 0, 4, 3)
+    assert at.check_account() == Account(7, expired=4, queued=3)
 
 
 def test_what_waits_moves_to_a_shorter_way_and_what_is_in_flight_stays(at: Setting) -> None:
@@ -333,7 +333,7 @@ def test_what_waits_moves_to_a_shorter_way_and_what_is_in_flight_stays(at: Setti
     assert [(batch.first, batch.last, batch.targets) for batch in moved] == [(2, 3, {"yard": 1}), (4, 4, {"yard": 3})]
     eventually(lambda: len(sent(at.gateway)) == 2, what="the rest")
     assert sent(at.gateway) == [(1, 1, {"yard": 0, "hall": 0}), (2, 3, {"hall": 1})]
-    assert at.check_account() == (3, 0, 0, 0, 0, 3)
+    assert at.check_account() == Account(3, queued=3)
 
 
 def test_what_is_in_flight_at_a_link_that_is_down_goes_by_both_ways(at: Setting) -> None:
@@ -358,10 +358,10 @@ def test_a_large_batch_is_sent_in_several_packets(at: Setting) -> None:
     at.publish(20, bytes=300_000)
     eventually(lambda: len(at.gateway.payloads()) == 20, what="all of it")
     assert at.gateway.payloads() == list(range(1, 21))
-    assert max(sum(batch.size for batch in batches) for _, _, batches in at.gateway.got) < 2 * PACKET_BYTES
-    at.publish(2 * PACKET_EVENTS + 1)
-    eventually(lambda: len(at.gateway.payloads()) == 21 + 2 * PACKET_EVENTS, what="a long batch")
-    assert max(len(batch) for _, _, batches in at.gateway.got for batch in batches) <= PACKET_EVENTS
+    assert max(sum(batch.size for batch in batches) for _, _, batches in at.gateway.got) < 2 * DEFAULTS.packet_bytes
+    at.publish(2 * DEFAULTS.packet_events + 1)
+    eventually(lambda: len(at.gateway.payloads()) == 21 + 2 * DEFAULTS.packet_events, what="a long batch")
+    assert max(len(batch) for _, _, batches in at.gateway.got for batch in batches) <= DEFAULTS.packet_events
 
 
 @pytest.mark.parametrize("is_quick", [False, True])
@@ -375,8 +375,8 @@ def test_unsendable_events_are_discarded_and_delay_no_others(at: Setting, refuse
     eventually(lambda: at.check_account().discarded == len(refused), what="the account")
     assert len(at.gateway.payloads()) == left
     at.acknowledge(2)
-    assert at.check_account() == (3, left, 0, len(refused), 0, 0)
-    assert at.feed.snapshot().oldest_s == 0.0
+    assert at.check_account() == Account(3, left, discarded=len(refused))
+    assert at.feed.snapshot().lag_s == 0.0
 
 
 def test_plain_values_count_as_events_in_a_large_batch(at: Setting) -> None:
@@ -396,7 +396,7 @@ def test_the_end_discards_all_that_waits_and_ends_the_thread(at: Setting) -> Non
     with at.lock:
         at.feed.end()
     at.feed.deliver(claimed)
-    assert at.check_account() == (3, 0, 0, 3, 0, 0)
+    assert at.check_account() == Account(3, discarded=3)
     assert thread is not None
     thread.join(60.0)
     assert not thread.is_alive()

@@ -19,11 +19,12 @@ from hypothesis import strategies as st
 from robocorba.errors.events import InvalidPeer, SessionOver, UnknownPeer
 from robocorba.errors.services import NotReachable
 from robocorba.events import seen_events
+from robocorba.events.account import Account
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import Peer
 from robocorba.events.event import EventBatch, EventHeader
 from robocorba.events.federation import Advertisement, Federation
-from robocorba.events.gateway import MAX_EARLY, FeedPort, Gateway
+from robocorba.events.gateway import FeedPort, Gateway
 from robocorba.events.links import LinkSnapshot
 from robocorba.events.peer_clock import MAX_EXCHANGES, STEADY_S, Exchange, PeerClock
 from robocorba.events.policies import LinkPolicy
@@ -31,7 +32,7 @@ from robocorba.events.seen_events import SeenEvents
 from robocorba.system.backoff import Backoff
 from testkit.processes import eventually
 from tests.events.network import DEFAULTS, Consumer, GatewayWire, Network, Node, Weather
-from tests.events.samples import is_balanced
+from tests.events.samples import arrive, is_balanced
 from tests.waits import pause, stays
 
 
@@ -76,7 +77,7 @@ def test_a_removed_link_ends_at_both_ends_and_can_be_added_again(pair: Network) 
     a, b, before = pair.restart("A"), pair.restart("B"), a
     for node in (before, a):
         with pytest.raises(InvalidPeer, match="A has removed B; add it there again"):
-            node.links.join("B", "B", GatewayWire(pair, "A", "B"))
+            node.links.join("B", "B", GatewayWire(pair, "A", "B").forward)
     consumer = b.consume("t")
     assert a.links.snapshots() == b.links.snapshots() == []
 
@@ -103,7 +104,7 @@ def test_a_peer_that_was_removed_while_unreachable_learns_why_it_is_refused(pair
 def test_a_second_channel_of_the_same_name_takes_nothing_from_the_first(pair: Network) -> None:
     a, joins = pair["A"], link(pair["A"]).feed.joins
     with pytest.raises(InvalidPeer, match="another B is linked with A"):
-        a.links.join("B", "a copy of B", GatewayWire(pair, "A", "B"))
+        a.links.join("B", "a copy of B", GatewayWire(pair, "A", "B").forward)
     a.publish("event")
     eventually(lambda: pair["B"].consumers[0].read() == ["event"], what="the event")
     assert (link(a).feed.joins, record(a, "B").reference) == (joins, "B")
@@ -112,7 +113,7 @@ def test_a_second_channel_of_the_same_name_takes_nothing_from_the_first(pair: Ne
 def test_the_reference_of_a_peer_that_moved_is_saved(pair: Network) -> None:
     pair.cut.add(frozenset("AB"))
     eventually(lambda: not link(pair["A"]).feed.is_up, what="the end of the lease")
-    pair["A"].links.join("B", "where B is now", GatewayWire(pair, "A", "B"))
+    pair["A"].links.join("B", "where B is now", GatewayWire(pair, "A", "B").forward)
     assert record(pair["A"], "B").reference == "where B is now"
 
 
@@ -131,7 +132,7 @@ def test_a_renewal_overtaken_by_a_join_does_not_count_as_received() -> None:
     """Its answer never came: in the next session all advertisements are sent again."""
     with Network("A") as network:
         links = network["A"].links
-        wire = GatewayWire(network, "A", "B")
+        wire = GatewayWire(network, "A", "B").forward
         first, _ = links.join("B", "B", wire)
         assert [advertisement.name for advertisement in links.renew(first, 1, 0, [])] == ["A"]
         sessions = []
@@ -170,6 +171,16 @@ def test_a_channel_that_ends_does_not_remove_itself_from_its_peers() -> None:
         let_go.set()
         eventually(lambda: b.links.snapshots(), what="the join")
         stays(lambda: [(record.name, record.removed) for record in b.store.peers()] == [("A", False)])
+
+
+def test_nothing_waits_for_peers_that_are_gone(pair: Network) -> None:
+    """What waits for earlier events is delivered when the last link is removed."""
+    consumer = pair["A"].consume("t")
+    late = EventBatch(EventHeader("t", "s", "B"), [1.0], [b"late"], 5)
+    arrive(pair["A"].channel, late, before=4)
+    assert consumer.read() == []
+    pair["A"].links.remove("B")
+    eventually(lambda: consumer.read() == ["late"], what="the event that has waited")
 
 
 # ---- wires that lose, repeat and reorder packets and fail calls: nothing is lost, nothing comes twice ----
@@ -512,7 +523,7 @@ class Alone:
 
     def received(self) -> tuple[int, int]:
         state = self.gateway.snapshot()
-        return state.totals.received, state.duplicates
+        return state.totals.received, state.totals.repeated
 
 
 @pytest.fixture
@@ -536,12 +547,12 @@ def test_early_packets_wait_and_duplicates_are_dropped(alone: Alone) -> None:
 
 
 def test_early_packets_are_bounded(alone: Alone) -> None:
-    last = 2 * MAX_EARLY
+    last = 2 * DEFAULTS.max_early
     for position in range(last, 1, -1):
         alone.forward(position, position)
     alone.forward(1, 1)
-    assert alone.received() == (MAX_EARLY + 1, 0)
-    for position in range(MAX_EARLY + 2, last + 1):
+    assert alone.received() == (DEFAULTS.max_early + 1, 0)
+    for position in range(DEFAULTS.max_early + 2, last + 1):
         alone.forward(position, position)
     assert alone.received() == (last, 0)
 
@@ -611,9 +622,9 @@ def test_a_gateway_is_up_only_while_packets_arrive(tmp_path: Path) -> None:
 def test_refused_events_are_reported_to_the_peer(alone: Alone, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(seen_events, "MAX_INTERVALS", 2)
     alone.forward(1, 11, 13, 15, 12)
-    assert alone.gateway.snapshot().totals == (4, 3, 0, 1, 0, 0)
+    assert alone.gateway.snapshot().totals == Account(4, 3, discarded=1, refused=1)
     alone.gateway.forward("s1", 2, [], invalid=2)  # which could not be read
-    assert alone.gateway.snapshot().totals == (6, 3, 0, 3, 0, 0)
+    assert alone.gateway.snapshot().totals == Account(6, 3, discarded=3, refused=3)
     alone.gateway.wake()
     eventually(lambda: alone.feed.refused == 3, what="the report")
 
@@ -627,7 +638,7 @@ def test_the_age_of_events_does_not_depend_on_clocks_that_are_set(tmp_path: Path
         batch.epoch = made - (time.monotonic() - 1000.0)
         alone.accept(1, batch)
         snapshot = alone.gateway.snapshot()
-        assert snapshot.totals == (2, 1, 0, 0, 1, 0)
+        assert snapshot.totals == Account(2, 1, expired=1)
         assert 5.0 <= snapshot.lag_s < 10.0
 
 

@@ -34,7 +34,7 @@ from robocorba.events.channel_store import ChannelStore, Peer
 from robocorba.events.event import EventBatch
 from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Advertisement
-from robocorba.events.policies import PollingPolicy, ProxyPolicy
+from robocorba.events.policies import DeliveryPolicy, ProxyPolicy
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
 from robocorba.events.proxy_consumer import ORDERS, ProxyConsumer, ProxyPullConsumer, own_supplier
@@ -45,7 +45,7 @@ from robocorba.events.subscription import ALL
 from robocorba.system.backoff import Backoff
 from robocorba.system.names import STOP_EVENT
 from testkit.processes import eventually
-from tests.events.samples import Consumer, Supplier, failing, open_channel, supplied, wanting
+from tests.events.samples import BOTH, Consumer, Supplier, failing, open_channel, supplied, wanting
 from tests.waits import stays
 
 POLICY = QueuePolicy(100)
@@ -60,7 +60,7 @@ class Lab:
         self.removed: list[str] = []
         self.proxies = Proxies(channel, store, POLICY, lambda: None, self.removed.append, policy)
 
-    def find(self, kind: str, reference: str) -> Any:
+    def find(self, kind: ProxyKind, reference: str) -> Any:
         return self.clients[reference]
 
     def known(self, client: Any) -> Any:
@@ -77,7 +77,7 @@ class Lab:
 def lab_in(folder: Path, clients: dict[str, Any] | None = None, policy: ProxyPolicy = DEFAULTS) -> Iterator[Lab]:
     with ChannelStore(folder / "lab.sqlite") as store, open_channel(folder, store.first_number()) as channel:
         lab = Lab(channel, store, clients if clients is not None else {}, policy)
-        lab.proxies.restore(lab)
+        lab.proxies.restore(lab.find)
         yield lab
         with channel.lock:
             for state in lab.proxies._all.values():
@@ -110,6 +110,9 @@ CLIENTS = {
 def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: ProxyKind, client: Any) -> None:
     proxy = lab.proxies.obtain(kind)
     assert lab.proxies.snapshot(proxy).condition is ProxyCondition.WAITING
+    with lab.channel.lock:
+        lab.channel.update_routes()
+    assert lab.channel.interest() == ()
     lab.proxies.connect(proxy, client)
     with pytest.raises(AlreadyConnected):
         lab.proxies.connect(proxy, client and CLIENTS[kind]())
@@ -253,6 +256,23 @@ def test_a_named_supplier_gets_its_proxy_again_and_that_of_its_own_events_publis
         lab.proxies.supply(own_supplier("A")).push(supplied(STOP_EVENT, b"1"))
 
 
+@pytest.mark.parametrize("change", ["select", "end"])
+def test_events_that_come_during_a_change_of_a_conjunction_reach_the_others(lab: Lab, change: str) -> None:
+    """Their route was found before."""
+    other = Consumer()
+    proxy = lab.proxies.subscribe("", Consumer(), (*wanting("u"), *BOTH), POLICY)
+    lab.proxies.subscribe("", other, wanting("a"), POLICY)
+    supplier = lab.proxies.supply("A")
+    supplier.push(supplied("a", b"before"))
+    lab.proxies._store.save_proxy = lambda stored: supplier.push(supplied("a", b"meanwhile"))  # type: ignore[method-assign]
+    lab.proxies._store.forget_proxy = lambda id: supplier.push(supplied("a", b"meanwhile"))  # type: ignore[method-assign]
+    if change == "select":
+        lab.proxies.change(proxy, ALL)
+    else:
+        lab.proxies.disconnect(proxy)
+    eventually(lambda: other.payloads == [b"before", b"meanwhile"], what="both events")
+
+
 def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> None:
     with pytest.raises(InvalidQueue):
         lab.proxies.subscribe("", Consumer(), ALL, QueuePolicy(0))
@@ -262,7 +282,7 @@ def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> Non
 # ---- suppliers ----
 
 #: Shorter pauses, and fewer failures, than the defaults.
-POLLING = PollingPolicy(backoff=Backoff(0.001, 0.002), max_failures=4)
+POLLING = DeliveryPolicy(backoff=Backoff(0.001, 0.002), max_failures=4)
 
 
 class Published:
@@ -284,7 +304,7 @@ class Published:
     def lost(self, proxy: ProxyPullConsumer, reason: str) -> None:
         self.reasons.append(reason)
 
-    def polled(self, supplier: Supplier, policy: PollingPolicy = POLLING) -> ProxyPullConsumer:
+    def polled(self, supplier: Supplier, policy: DeliveryPolicy = POLLING) -> ProxyPullConsumer:
         one = ProxyPullConsumer(self.lock, "1", self.publish, self.has_had, policy, self.lost)
         one.connect(supplier)
         return one
@@ -332,7 +352,7 @@ def test_a_supplier_is_polled_continuously(published: Published) -> None:
 
 def test_polls_become_rare_after_an_event(published: Published) -> None:
     supplier = Supplier(supplied("t", b"a"))
-    one = published.polled(supplier, PollingPolicy(intervals=Backoff(0.001, 3600.0, factor=1e7)))
+    one = published.polled(supplier, DeliveryPolicy(poll_intervals=Backoff(0.001, 3600.0, factor=1e7)))
     eventually(lambda: supplier.asked == 3, what="the poll with the event and two without")
     stays(lambda: supplier.asked == 3, 0.2)
     one.end()
@@ -405,7 +425,7 @@ def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
 
 
 def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(tmp_path: Path) -> None:
-    policy = ProxyPolicy(polling=PollingPolicy(intervals=Backoff(0.0, 0.01)))
+    policy = ProxyPolicy(delivery=DeliveryPolicy(poll_intervals=Backoff(0.0, 0.01)))
     clients: dict[str, Any] = {}
     with lab_in(tmp_path, clients, policy) as lab:
         supplier = lab.known(Supplier())

@@ -12,13 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robocorba.errors.events import Disconnected, EventError, NotDelivered, Refused, Unconfirmed
-from robocorba.events.account import Totals
+from robocorba.events.account import Account
 from robocorba.events.blocking_budget import BUDGET_S, STEADY_S, BlockingBudget
-from robocorba.events.channel import MAX_WAIT_S, Channel
+from robocorba.events.channel import Channel
 from robocorba.events.event import CorrelatedEvents, EventBatch
 from robocorba.events.policies import DeliveryPolicy
 from robocorba.events.proxy import ProxyCondition
-from robocorba.events.proxy_push_supplier import MAX_REPEATS
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
 from robocorba.events.queue import OverflowRule, QueueItem, QueuePolicy
 from robocorba.events.subscription import ALL
@@ -105,7 +104,7 @@ def test_concurrent_suppliers_call_a_consumer_one_after_another(channel: Channel
         list(suppliers.map(supply, bases))
     eventually(lambda: is_settled(proxy))
     assert consumer.overlaps == 0
-    assert totals(proxy) == Totals(received=800, delivered=800)
+    assert totals(proxy) == Account(received=800, delivered=800)
     for base in bases:
         assert [number for number in received(consumer) if 0 <= number - base < 1000] == [*range(base, base + 200)]
 
@@ -113,21 +112,21 @@ def test_concurrent_suppliers_call_a_consumer_one_after_another(channel: Channel
 @pytest.mark.parametrize(
     ("error", "is_delivered", "account"),
     [
-        (NotDelivered("not reachable"), True, Totals(received=3, delivered=3)),
-        (Unconfirmed("no answer"), False, Totals(received=3, delivered=3, unconfirmed=1)),
-        (Refused("no"), False, Totals(received=3, delivered=2, discarded=1)),
+        (NotDelivered("not reachable"), True, Account(received=3, delivered=3)),
+        (Unconfirmed("no answer"), False, Account(received=3, delivered=3, unconfirmed=1)),
+        (Refused("no"), False, Account(received=3, delivered=2, discarded=1)),
     ],
 )
 @pytest.mark.parametrize("in_line", [False, True])
 def test_each_failure_is_counted_as_what_it_is(
-    channel: Channel, error: EventError, is_delivered: bool, account: Totals, in_line: bool
+    channel: Channel, error: EventError, is_delivered: bool, account: Account, in_line: bool
 ) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer)
     if in_line:
         publish(channel, 0)
         eventually(lambda: is_settled(proxy))
-        account = account._replace(received=4, delivered=account.delivered + 1)
+        account = replace(account, received=4, delivered=account.delivered + 1)
     consumer.answer = failing(error)
     for number in (1, 2, 3):
         publish(channel, number)
@@ -199,7 +198,7 @@ def test_a_stalled_consumer_loses_the_oldest_events_and_delays_no_other(channel:
     is_stalled.clear()
     eventually(lambda: is_settled(first))
     assert received(asleep) == list(range(15, 25))
-    assert totals(first) == Totals(received=25, delivered=10, discarded=15)
+    assert totals(first) == Account(received=25, delivered=10, discarded=15)
 
 
 def test_events_wait_in_order_or_expire_while_delivery_is_suspended(channel: Channel) -> None:
@@ -217,7 +216,7 @@ def test_events_wait_in_order_or_expire_while_delivery_is_suspended(channel: Cha
         proxy.resume()
     eventually(lambda: is_settled(proxy))
     assert received(consumer) == [0, 2, 3]
-    assert totals(proxy) == Totals(received=4, delivered=3, expired=1)
+    assert totals(proxy) == Account(received=4, delivered=3, expired=1)
 
 
 def test_a_blocked_supplier_loses_no_event(channel: Channel) -> None:
@@ -285,7 +284,7 @@ def test_a_consumer_that_hardly_takes_events_is_not_waited_for_without_end(chann
     publish(channel, 0)
     limits, others = limits_of(slow), limits_of(other)
     publish(channel, 1)
-    assert (limits, others) == ([pytest.approx(MAX_WAIT_S, abs=1.0)], [pytest.approx(MAX_WAIT_S, abs=1.0)])
+    assert (limits, others) == ([pytest.approx(4.0, abs=1.0)], [pytest.approx(4.0, abs=1.0)])
     channel._blocking_budget.spend(BUDGET_S, "slow")
     for proxy in (slow, other):  # each takes an event, so that it is waited for again
         proxy._is_too_slow = False
@@ -320,11 +319,11 @@ def test_a_conjunction_is_delivered_together_or_to_plain_consumers_one_by_one(ch
     proxies = [push_supplier_of(channel, consumer, wanted=BOTH) for consumer in (batches, plain)]
     publish(channel, 1, type="a")
     publish(channel, 2, type="c")
-    assert [totals(proxy) for proxy in proxies] == [Totals(received=1, queued=1)] * 2
+    assert [totals(proxy) for proxy in proxies] == [Account(received=1, queued=1)] * 2
     publish(channel, 3, type="b")
     for proxy in proxies:
         eventually(lambda proxy=proxy: is_settled(proxy))
-        assert totals(proxy) == Totals(received=2, delivered=2)
+        assert totals(proxy) == Account(received=2, delivered=2)
     (item,) = batches.items
     assert isinstance(item, CorrelatedEvents) and item.clause_number == 0
     assert received(plain) == [1, 3]
@@ -347,7 +346,7 @@ def test_a_conjunction_keeps_its_waiting_events_when_the_subscription_changes(ch
     publish(channel, 3, type="a")
     with channel.lock:
         proxy.select(())
-    assert totals(proxy) == Totals(received=3, delivered=2, discarded=1)
+    assert totals(proxy) == Account(received=3, delivered=2, discarded=1)
 
 
 def test_an_ended_proxy_discards_its_queue_and_calls_no_client(channel: Channel) -> None:
@@ -360,7 +359,7 @@ def test_an_ended_proxy_discards_its_queue_and_calls_no_client(channel: Channel)
     publish(channel, 1, 2)
     with channel.lock:
         proxy.end()
-    assert totals(proxy) == Totals(received=3, delivered=1, discarded=2)
+    assert totals(proxy) == Account(received=3, delivered=1, discarded=2)
     publish(channel, 3)  # by a route that still leads here
     assert received(consumer) == [0]
 
@@ -402,7 +401,7 @@ def test_accounts_are_exact_whatever_fails(
         assert is_balanced(totals(proxy))
         if pauses:
             pause(0.001)
-    eventually(lambda: proxy.condition is ProxyCondition.CONNECTED and not proxy._queue)
+    eventually(lambda: proxy.condition is ProxyCondition.CONNECTED and not proxy._queue.length)
     eventually(lambda: proxy._in_flight == 0)
     with channel.lock:
         proxy.end()
@@ -433,7 +432,7 @@ def test_pull_returns_one_event_at_a_time_and_then_none(channel: Channel) -> Non
         3,
         3,
     ]  # the conjunction of 1 and 3 came true before 3 came as such
-    assert totals(proxy) == Totals(received=7, delivered=5, expired=1, queued=1)  # 2 waits for another b
+    assert totals(proxy) == Account(received=7, delivered=5, expired=1, queued=1)  # 2 waits for another b
 
 
 class Pulling:
@@ -477,9 +476,9 @@ def test_events_wait_for_a_client_that_has_not_gone(channel: Channel) -> None:
         client.has_gone = True
     publish(channel, 1, 2)
     assert [client.result() for client in clients] == [None] * 3
-    assert totals(proxy) == Totals(received=2, queued=2)
+    assert totals(proxy) == Account(received=2, queued=2)
     assert [batch.payloads for batch in pulled(proxy)] == [[b"1"], [b"2"]]
-    assert totals(proxy) == Totals(received=2, delivered=2)
+    assert totals(proxy) == Account(received=2, delivered=2)
 
 
 def test_a_pull_behind_one_that_has_gone_is_served(channel: Channel) -> None:
@@ -489,7 +488,7 @@ def test_a_pull_behind_one_that_has_gone_is_served(channel: Channel) -> None:
     goes.has_gone = True
     publish(channel, 1, 2)
     assert (stays.result(), goes.result()) == (1, None)
-    assert totals(proxy) == Totals(received=2, delivered=1, queued=1)
+    assert totals(proxy) == Account(received=2, delivered=1, queued=1)
 
 
 def test_the_number_of_pulls_that_wait_is_bounded(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -548,7 +547,7 @@ def test_an_idempotent_consumer_gets_all_once_and_in_order(
 ) -> None:
     bounded: list[str] = []
     for outcome in outcomes:
-        bounded += ["answered", outcome] if len(bounded) % 4 == MAX_REPEATS else [outcome]
+        bounded += ["answered", outcome] if len(bounded) % 4 == IMPATIENT.max_repeats else [outcome]
     consumer = IdempotentConsumer(bounded)
     proxy = push_supplier_of(channel, consumer, name="durable")
     number = 0
@@ -558,21 +557,21 @@ def test_an_idempotent_consumer_gets_all_once_and_in_order(
         assert is_balanced(totals(proxy))
     eventually(lambda: is_settled(proxy))
     assert consumer.executed == list(range(number))
-    assert totals(proxy) == Totals(received=number, delivered=number)
+    assert totals(proxy) == Account(received=number, delivered=number)
     with channel.lock:
         proxy.end()
 
 
 def test_a_call_that_is_never_answered_is_given_up(channel: Channel) -> None:
     """Its events could be the cause; the others must not wait for ever."""
-    consumer = IdempotentConsumer(["lost"] * (1 + MAX_REPEATS))
+    consumer = IdempotentConsumer(["lost"] * (1 + IMPATIENT.max_repeats))
     proxy = push_supplier_of(channel, consumer, name="durable")
     publish(channel, 0)
     eventually(lambda: is_settled(proxy))
     publish(channel, 1)
     eventually(lambda: is_settled(proxy))
     assert consumer.executed == [1]
-    assert totals(proxy) == Totals(received=2, delivered=2, unconfirmed=1)
+    assert totals(proxy) == Account(received=2, delivered=2, unconfirmed=1)
 
 
 def test_a_successor_does_not_get_what_its_predecessor_may_have(channel: Channel) -> None:
@@ -582,11 +581,11 @@ def test_a_successor_does_not_get_what_its_predecessor_may_have(channel: Channel
     publish(channel, 0)
     eventually(lambda: proxy.condition is ProxyCondition.STALLED)
     publish(channel, 1)
-    assert totals(proxy) == Totals(received=2, queued=2)
+    assert totals(proxy) == Account(received=2, queued=2)
     successor = Consumer()
     with channel.lock:
         proxy.leave()
         proxy.connect(successor)
     eventually(lambda: is_settled(proxy))
     assert received(successor) == [1]
-    assert totals(proxy) == Totals(received=2, delivered=2, unconfirmed=1)
+    assert totals(proxy) == Account(received=2, delivered=2, unconfirmed=1)

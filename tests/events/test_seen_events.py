@@ -17,7 +17,7 @@ from tests.damage import damage
 
 
 def add(seen: SeenEvents, origin: str, first: int, last: int) -> list[tuple[int, int]]:
-    return seen.add(origin, first, last).parts
+    return seen.add(origin, first, last)[0]
 
 
 def test_lives_are_independent_of_each_other_and_restored_after_a_kill(tmp_path: Path) -> None:
@@ -86,6 +86,8 @@ def test_the_most_recent_lives_are_remembered(tmp_path: Path, monkeypatch: pytes
     with SeenEvents(tmp_path / "seen") as again:
         assert [life for life in range(1, 9) if again.has_seen("lab", first_number_of(life))] == [1, *range(3, 9)]
         assert again.has_seen("hall", 1)
+        add(again, "yard", 1, 1)  # which one was used last is known after a restart, too
+        assert [life for life in range(1, 9) if again.has_seen("lab", first_number_of(life))] == [1, *range(4, 9)]
 
 
 ROOM = 4
@@ -99,7 +101,6 @@ class SeenAgainstASet(RuleBasedStateMachine):
         self.folder = tempfile.TemporaryDirectory()
         self.patch = pytest.MonkeyPatch()
         self.patch.setattr(seen_events, "MAX_INTERVALS", ROOM)
-        self.patch.setattr(seen_events, "_LIFE_BYTES", seen_events._HEAD.size + ROOM * seen_events._INTERVAL.size)
         self.had: set[int] = set()
         self.horizon = 0
 
@@ -110,11 +111,11 @@ class SeenAgainstASet(RuleBasedStateMachine):
     @rule(first=st.integers(1, 40), count=st.integers(1, 6))
     def see(self, first: int, count: int) -> None:
         batch = range(first, first + count)
-        found = self.seen.add("lab", batch[0], batch[-1])
+        parts, late = self.seen.add("lab", batch[0], batch[-1])
         new = [number for number in batch if number not in self.had]
-        assert [number for part in found.parts for number in range(part[0], part[1] + 1)] == new
-        assert found.late == sum(number < self.horizon for number in batch)
-        for part in found.parts:
+        assert [number for part in parts for number in range(part[0], part[1] + 1)] == new
+        assert late == sum(number < self.horizon for number in batch)
+        for part in parts:
             self._note(range(part[0], part[1] + 1))
 
     def _note(self, part: range) -> None:

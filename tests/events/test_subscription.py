@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from robocorba.errors.events import InvalidSubscription
-from robocorba.events.interest import Interest
 from robocorba.events.subscription import (
     EVERYTHING,
     MAX_UNION,
     Clause,
+    Interest,
     Pattern,
     Subscription,
     SubscriptionMatch,

@@ -25,7 +25,7 @@ from robocorba.map_editor.model import (
 )
 from robocorba.map_editor.plan_defects import DEPTH_M, plan_defects
 from robocorba.map_editor.samples import SAMPLES, load_sample
-from robocorba.map_editor.time_limit import TimeLimit
+from robocorba.map_editor.time_limit import time_limit
 from testkit.buildings import grid, two_floors, with_all
 from tests.planning.scenes import edge, node, wall
 
@@ -192,7 +192,7 @@ def test_a_floor_that_is_larger_than_any_building(scale: float, sentence: str) -
 def test_a_check_ends_at_its_time_limit() -> None:
     now = iter(range(1000))
     with pytest.raises(TooSlow, match="the check takes longer than 3 s"):
-        findings(load_sample("five-floors"), check_time=TimeLimit("the check", 3.0, lambda: float(next(now))).check)
+        findings(load_sample("five-floors"), check_time=time_limit("the check", 3.0, lambda: float(next(now))))
     assert next(now) == 5
 
 
@@ -213,7 +213,7 @@ def test_a_wall_through_an_object_is_found_where_it_goes_through(movable: bool) 
     table = MapObject("table", BoxShape((2.0, 1.0)), (5.0, 5.0), movable=movable)
     (found,) = plan_defects(floor(table, Wall("w", (0.0, 5.2), (9.0, 5.2))), "L1")
     assert (found.kind, found.name, found.reason) == (ElementKind.WALL, "w", "it goes through object 'table'")
-    assert found.at == pytest.approx((5.0, 5.2))
+    assert found.where == ("L1", pytest.approx(5.0), pytest.approx(5.2))
 
 
 @pytest.mark.parametrize(
@@ -231,14 +231,14 @@ def test_a_wall_through_an_object_is_found_where_it_goes_through(movable: bool) 
 @pytest.mark.parametrize("locked", [True, False])
 def test_a_door_beside_all_walls_is_found(walls: list[Wall], is_found: bool, locked: bool) -> None:
     found = plan_defects(floor(*walls, Door("d", (6.0, 5.0), (7.0, 5.0), locked=locked)), "L1")
-    expected = (ElementKind.DOOR, "d", (6.5, 5.0), "it lies neither on a wall nor between two walls")
-    assert [(each.kind, each.name, each.at, each.reason) for each in found] == [expected] * is_found
+    expected = (ElementKind.DOOR, "d", ("L1", 6.5, 5.0), "it lies neither on a wall nor between two walls")
+    assert [(each.kind, each.name, each.where, each.reason) for each in found] == [expected] * is_found
 
 
 def test_a_room_without_a_door_is_found_and_named_by_its_area() -> None:
     (found,) = plan_defects(floor(*ROOM, *ROAD), "L1")
-    assert (found.kind, found.name, found.reason) == (ElementKind.FLOOR, "", "the room of 12 m² here has no door")
-    assert 13.0 < found.at[0] < 17.0 and 5.5 < found.at[1] < 8.5
+    assert (found.kind, found.name, found.reason) == (ElementKind.FLOOR, "L1", "the room of 12 m² here has no door")
+    assert 13.0 < found.where[1] < 17.0 and 5.5 < found.where[2] < 8.5
     store = Area("store", ((13.0, 5.5), (17.0, 5.5), (17.0, 8.5), (13.0, 8.5)))
     whole = Area("whole", OUTLINE)
     assert defects(floor(*ROOM, *ROAD, whole, store)) == [(ElementKind.AREA, "store", "it has no door")]
@@ -285,7 +285,7 @@ def test_what_is_in_order(building: Building) -> None:
 
 def test_a_door_too_narrow_for_any_robot_is_named() -> None:
     ((kind, name, reason),) = defects(floor(*ROOM, *ROAD, Door("d", (14.0, 5.5), (14.5, 5.5))))
-    assert (kind, name) == (ElementKind.FLOOR, "")
+    assert (kind, name) == (ElementKind.FLOOR, "L1")
     assert reason.endswith("can't leave the room of 12 m² here through its doors: d of 0.50 m")
 
 

@@ -81,42 +81,22 @@ def test_a_summary_is_read_between_the_edits(editor: BuildingEditor, ada: EditSe
     assert (ada.undoable, ada.redoable) == ("", "wall a on L1 created")
 
 
-@pytest.mark.parametrize("by", ["a change", "a plain undo", "a wall on the floor", "no floor", "an edge to the node"])
 def test_what_others_have_changed_since_is_not_overwritten(
-    editor: BuildingEditor, ada: EditSession, bob: EditSession, by: str
+    editor: BuildingEditor, ada: EditSession, bob: EditSession
 ) -> None:
-    error: type[MapError] = EditedByOthers
     ada.create(L1, wall("first"))
-    if by == "a change":
-        bob.change(L1, wall("a", 3.0), ada.create(L1, wall("a")))
-        reason = "wall 'a' on L1 has been changed by Bob since"
-    elif by == "a plain undo":
-        editor.undo(ada.create(L1, wall("a")))
-        reason = "wall 'a' on L1 has been changed by another client since"
-    elif by == "a wall on the floor":
-        ada.create("", Floor(name="L3", level=3, elevation=8.0))
-        bob.create("L3", wall("b"))
-        reason = "wall 'b' on L3 has been changed by Bob since"
-    elif by == "no floor":
-        made = bob.create("", Floor(name="L3", level=3, elevation=8.0))
-        ada.remove(WALL, "L3", "a", ada.create("L3", wall("a")))
-        bob.remove(FLOOR, "", "L3", made)
-        reason = "floor 'L3' has been changed by Bob since"
-    else:
-        ada.create(L1, PathNode(name="n", at=(2.0, 5.0)))
-        bob.create(L1, PathEdge(name="e", a="n", b="west"))
-        error, reason = InvalidElement, "edge 'e' on L1: node 'n' does not exist on this floor"
-    before, version = editor.building, editor.version
-    with pytest.raises(error, match=reason) as refused:
+    bob.change(L1, wall("a", 3.0), ada.create(L1, wall("a")))
+    with pytest.raises(EditedByOthers, match="wall 'a' on L1 has been changed by Bob since") as refused:
         ada.undo()
-    assert (editor.building, editor.version) == (before, version)
-    if by == "a change":
-        wrong = refused.value
-        assert (wrong.kind, wrong.floor, wrong.name, wrong.author) == ("wall", L1, "a", "Bob")
-        ada.undo()  # the edit before it
-        assert walls(editor) == {"a": 3.0}
-        bob.undo()
-        assert walls(editor) == {"a": 2.0}
+    wrong = refused.value
+    assert (wrong.kind, wrong.floor, wrong.name, wrong.author) == ("wall", L1, "a", "Bob")
+    ada.undo()  # the edit before it
+    assert walls(editor) == {"a": 3.0}
+    bob.undo()
+    assert walls(editor) == {"a": 2.0}
+    editor.undo(ada.create(L1, wall("b")))
+    with pytest.raises(EditedByOthers, match="wall 'b' on L1 has been changed by another client since"):
+        ada.undo()
 
 
 def test_a_transaction_of_a_session_is_one_edit_of_its_author(
@@ -195,7 +175,7 @@ def test_a_transaction_lists_every_rule_that_its_commit_would_break(editor: Buil
     assert transaction.problems() == []
     transaction.change(L1, wall("w", 12.0), 1)
     editor.change(L1, wall("w", 13.0), 1)
-    assert [each[:3] + each[4:] for each in transaction.problems()] == [
+    assert [(each.kind, each.floor, each.name, each.reason) for each in transaction.problems()] == [
         (WALL, L1, "w", "another client has changed it since")
     ]
 

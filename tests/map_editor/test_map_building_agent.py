@@ -45,7 +45,7 @@ from robocorba.map_editor.store import MapLimits, MapStore
 from robocorba.map_editor.validation import problems
 from testkit.buildings import floor_names, is_refused, names, placed, two_floors, with_all
 from tests.clock import Clock
-from tests.map_editor.elements import EDGE, ELEVATOR, FLOOR, NODE, WALL, Elements, building_of, wall
+from tests.map_editor.elements import ELEVATOR, FLOOR, NODE, WALL, Elements, building_of, wall
 
 L1 = "L1"
 
@@ -253,31 +253,6 @@ def test_a_rename_is_followed_by_all_that_refers_to_the_element(editor: Building
 
 
 # -- transactions ------------------------------------------------------------------------------------------------------
-
-
-def test_a_transaction_is_seen_as_a_whole(editor: BuildingEditor, building: Building) -> None:
-    change = editor.begin()
-    change.create(L1, PathEdge(name="e", a="n", b="west"))
-    change.create(L1, PathNode(name="n", at=(3.0, 5.0)))
-    change.change(L1, PathNode(name="n", at=(2.0, 5.0)), 0)
-    change.remove(EDGE, L1, "west-east", 1)
-    change.create(L1, PathEdge(name="west-east", a="east", b="west"))
-    change.change(L1, PathEdge(name="west-east", a="east", b="n"), 1)
-    change.create(L1, wall("gone"))
-    change.remove(WALL, L1, "gone", 0)
-    assert (editor.building, editor.version) == (building, 1)
-    assert change.commit() == 2
-    assert [(step.version, step.key.name, step.kind.value) for step in editor.changes_since(1)] == [
-        (2, "e", "created"),
-        (2, "n", "created"),
-        (2, "west-east", "changed"),
-    ]
-    assert editor.read(NODE, L1, "n") == (PathNode(name="n", at=(2.0, 5.0)), 2)
-    editor.undo(2)
-    assert editor.building == building
-    for use in (change.commit, change.roll_back, lambda: change.create(L1, wall("a"))):
-        with pytest.raises(TransactionClosed):
-            use()
 
 
 def test_a_transaction_checks_each_step(editor: BuildingEditor) -> None:

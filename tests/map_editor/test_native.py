@@ -173,20 +173,6 @@ def test_errors_name_line_and_key(old: str, new: str, line: int, key: str, reaso
     assert reason in found.reason
 
 
-def test_each_element_is_found_on_its_line() -> None:
-    assert native.dumps(Building("x")) == "robocorba: 1\nname: x\nfloors: []\n"
-    text = native.dumps(grid(3, 3, floors=2))
-    for number, line in enumerate(text.splitlines(), 1):
-        name = re.match(r" +- \{(?:name: (?P<name>[\w.]+)|from: (?P<a>[\w.]+), to: (?P<b>[\w.]+))", line)
-        if name:
-            lines = text.splitlines()
-            lines[number - 1] = line.replace("}", ", extra: 1}")
-            assert wrong("\n".join(lines)).line == number
-            if "at: [" in line:
-                lines[number - 1] = re.sub(r"at: .*\]", "at: [1.0e+9, 0.0]", line)
-                assert (wrong("\n".join(lines)).line, name["name"]) == (number, name["name"])
-
-
 def test_keys_with_points_and_brackets_are_found() -> None:
     file = parse_yaml(b"levels:\n  L:\n    x: 1\n  L.1:\n    x:\n    - 2\n    - {y: 3}\n  'a[0]': 4\n", "f")
     assert [file.line(f"$.levels.{key}") for key in ("L.x", "L.1.x", "L.1.x[1].y", "a[0]", "none", "L.1.x[7]")] == [
@@ -257,20 +243,6 @@ def test_any_damage_to_a_sound_file_ends_in_a_building_or_a_typed_error() -> Non
             outcomes.add(MapFileError)
             assert refused.line >= 1
     assert outcomes == {Building, MapFileError}
-
-
-def test_check_lists_what_is_wrong(tmp_path: Path) -> None:
-    file = tmp_path / "house.yaml"
-
-    def found(text: str) -> list[tuple[int, str]]:
-        file.write_text(text)
-        return [(each.line, each.key) for each in native.check(file)]
-
-    assert native.check(file)[0].line == 0
-    assert found(SOUND) == []
-    wrong = SOUND.replace("at: [1, 1]", "at: [1.5, 3]").replace("at: [3, 1]", "at: [2.5, 3]")
-    assert found(wrong)[:2] == [(11, "floors[0].nodes[0]"), (13, "floors[0].nodes[1]")]
-    assert [line for line, _ in found("robocorba: 2")] == [1]
 
 
 CLEARANCE_M = 0.45

@@ -15,7 +15,7 @@ from robocorba.map_editor.changes import ChangeKind, elements_of
 from robocorba.map_editor.edits import MapChange
 from robocorba.map_editor.lineage import Lineage
 from robocorba.map_editor.long_requests import LongRequests
-from robocorba.map_editor.map_building_agent import BuildingEditor
+from robocorba.map_editor.map_building_agent import BuildingEditor, Transaction
 from robocorba.map_editor.model import (
     Area,
     BoxShape,
@@ -37,7 +37,6 @@ from robocorba.map_editor.pages import (
     with_changes_of,
 )
 from robocorba.map_editor.store import MapLimits, MapStore
-from robocorba.map_editor.transactions import Transaction
 from tests.map_editor.elements import ELEVATOR, FLOOR, WALL, wall
 
 
@@ -82,7 +81,7 @@ def loaded(
         page = editor.element_page(start, part, limit)
         assert len(page.elements) <= limit
         read_at = read_at or page.read_at
-        found += [(each.floor, each.element) for each in page.elements]
+        found += [(floor, element) for floor, element, _ in page.elements]
         start, is_last = page.next, page.is_last
         meanwhile(start)
     copy = building_of(editor.building.name, found)
@@ -154,7 +153,7 @@ def test_positions_that_do_not_exist(editor: BuildingEditor) -> None:
     beyond = editor.change_page(ChangePosition(editor.version, 2**32 - 1))
     assert beyond == ChangePage([], ChangePosition(editor.version), True, 0)
     assert editor.element_page(2**64 - 1) == (editor.version, [], 0, True)
-    assert editor.element_page(0, Selection((), "no floor")).elements[0].floor == ""
+    assert editor.element_page(0, Selection((), "no floor")).elements[0][0] == ""
 
 
 def test_a_removed_floor_takes_its_elements_along(editor: BuildingEditor) -> None:

@@ -39,10 +39,10 @@ from robocorba.map_editor.model import (
 )
 from robocorba.map_editor.samples import SAMPLES, load_sample
 from robocorba.map_editor.spatial.pose import XY
-from robocorba.map_editor.time_limit import TimeLimit
+from robocorba.map_editor.time_limit import time_limit
 from robocorba.map_editor.topology import topological_map
 from robocorba.map_editor.topology.roadmap import SAME_POINT_M
-from robocorba.map_editor.topology.sites import Sites
+from robocorba.map_editor.topology.sites import sites_of
 from testkit.buildings import with_all
 from tests.map_editor.formats.rmf_files import real_file
 
@@ -236,16 +236,6 @@ def test_a_radius_must_be_positive_and_the_floor_be_there(radius: float) -> None
         topological_map(one_floor(), "L9")
 
 
-@pytest.mark.parametrize(
-    ("doors", "pieces"), [([], 2), ([((6.0, 3.0), (6.0, 4.2))], 1), ([((6.0, 3.0), (6.0, 3.75))], 2)]
-)
-def test_rooms_are_joined_through_their_door_and_only_there(doors: list[tuple[XY, XY]], pieces: int) -> None:
-    roads = topological_map(one_floor(walls=[((6.0, 0.0), (6.0, 8.0))], doors=doors), "L1")
-    assert nx.number_connected_components(graph_of(roads)) == pieces
-    is_in_door = any(node.at == pytest.approx((6.0, 3.6), abs=0.01) for node in roads.nodes.values())
-    assert is_in_door == (pieces == 1)
-
-
 @pytest.mark.parametrize("turn", [0.0, 0.4])
 def test_a_dead_end_corridor_has_a_node_near_its_end_but_corners_have_none(turn: float) -> None:
     cos, sin = math.cos(turn), math.sin(turn)
@@ -293,8 +283,8 @@ def test_the_work_follows_the_content_of_a_floor_and_not_its_size(metres: float)
     width, depth, middle = 20.0 * metres, 10.0 * metres, 10.0 * metres
     wall, door = ((middle, 0.0), (middle, depth)), ((middle, 4.0 * metres), (middle, 4.0 * metres + 0.9))
     building = one_floor(width, depth, [wall], [door])
-    sites = Sites([item.geometry for item in geometry.obstacles(building, "L1")], RADIUS)
-    assert len(sites.xy) < 3000
+    sites, _ = sites_of([item.geometry for item in geometry.obstacles(building, "L1")], RADIUS)
+    assert len(sites) < 3000
     roads = topological_map(building, "L1", RADIUS)
     assert len(list(nx.connected_components(graph_of(roads)))) == 1
     assert any(math.dist(node.at, (middle, 4.0 * metres + 0.45)) < 0.06 for node in roads.nodes.values())
@@ -302,9 +292,9 @@ def test_the_work_follows_the_content_of_a_floor_and_not_its_size(metres: float)
 
 def test_the_work_ends_at_its_time_limit() -> None:
     now = iter(np.arange(0.0, 100.0, 0.5))
-    limit = TimeLimit("the topological map of L1", 10.0, lambda: float(next(now)))
+    check = time_limit("the topological map of L1", 10.0, lambda: float(next(now)))
     with pytest.raises(TooSlow, match="the topological map of L1 takes longer than 10 s"):
-        topological_map(load_sample("five-floors"), "L1", check_time=limit.check)
+        topological_map(load_sample("five-floors"), "L1", check_time=check)
     assert next(now) == 11.0
 
 

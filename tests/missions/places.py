@@ -15,6 +15,7 @@ from robocorba.errors.robots import RobotLost
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.missions import leader_policy, member
+from robocorba.missions.attempt import LeaderRobot
 from robocorba.missions.cooperative_planner import CooperativePlanner
 from robocorba.missions.leader import Leader
 from robocorba.missions.leader_areas import LeaderAreas
@@ -22,15 +23,17 @@ from robocorba.missions.leader_policy import LeaderPolicy
 from robocorba.missions.lookout import Look
 from robocorba.missions.member import MemberPolicy
 from robocorba.missions.mission_agent import MissionAgent
+from robocorba.missions.recorder import LedMission, MissionRecorder
 from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, Step, plan_of
 from robocorba.missions.transport import Transport
 from robocorba.planning.request import Place as Spot
 from robocorba.robot.agent import ControlAgent
 from robocorba.robot.collision_avoidance import policy
-from robocorba.robot.collision_avoidance.neighbours import PoolNearby
+from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.collision_avoidance.policy import GivingWayPolicy
 from robocorba.robot.data_pool.pool import DataPool
 from robocorba.robot.model_switcher import AdaptorContext
+from robocorba.simulation.mission_record import MissionContent
 from robocorba.system.repeating import Repeating
 from tests.robot.places import Channel, Place
 
@@ -78,6 +81,16 @@ class BusEnd:
         self._bus.subscribe(id(self), self._name, patterns, receive)
 
 
+class NoRecorder(MissionRecorder):
+    """There is no database for the records of missions."""
+
+    def __init__(self) -> None: ...
+
+    def record(self, name: str, content: MissionContent) -> None: ...
+
+    def write(self, name: str, content: MissionContent) -> None: ...
+
+
 class Crew:
     """Robots, each with its control agent and its mission agent."""
 
@@ -94,10 +107,10 @@ class Crew:
         self._missions = []
         self._followers = []
         for name, at in robots.items():
-            pool = DataPool(place.agent.database, lambda floor: place.building, at.floor, name)
+            pool = DataPool(place.agent.database.changes, lambda floor: place.building, at.floor, name)
             self._followers.append(Repeating(f"pool of {name}", pool.follow, FOLLOW_S).start())
             surroundings = AdaptorContext(name, place.session(name, at), None)
-            agent = ControlAgent(surroundings, place.planner, Channel(), nearby=PoolNearby(pool, name, giving_way))
+            agent = ControlAgent(surroundings, place.planner, Channel(), nearby=Nearby(pool, name, giving_way))
             agent.start("simulated")
             self.agents[name] = agent
             transport = Transport(BusEnd(self.bus, name), name)
@@ -107,29 +120,21 @@ class Crew:
         self,
         name: str,
         leading: LeaderPolicy | None = None,
-        on_progress: Callable[..., None] = lambda plan, phases, is_ending: None,
-        mission: str = "",
-        term: int = 1,
-        attempts: int = 0,
-        begin_attempt: Callable[[int], None] = lambda attempt: None,
         look: Look = lambda: (),
+        led: type[LedMission] = LedMission,
     ) -> Leader:
+        """led: keeps the mission's record."""
         agent = self.agents[name]
-        course = agent.robot.execution
-        course.reset(False)
-        return Leader(
-            mission or f"m{next(_numbers)}",
-            Transport(BusEnd(self.bus, name), name),
+        agent.robot.execution.reset(False)
+        robot = LeaderRobot(
             lambda: Spot(*agent.place[:3]),
             LeaderAreas(agent.robot.session),
-            interruption=lambda: str(course.interruption or ""),
-            policy=leading or self._leading,
-            on_progress=on_progress,
-            term=term,
-            attempts=attempts,
-            begin_attempt=begin_attempt,
-            look=look,
+            lambda: str(agent.robot.execution.interruption or ""),
+            look,
         )
+        content = MissionContent(kind="test", about="nothing", leader=name, begun=1.0)
+        kept = led(NoRecorder(), f"m{next(_numbers)}", content)
+        return Leader(kept, Transport(BusEnd(self.bus, name), name), robot, leading or self._leading)
 
     def close(self) -> None:
         """Emergency stops are reset, since they would hold the robots of these names from then on."""

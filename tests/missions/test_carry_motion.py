@@ -22,7 +22,7 @@ from robocorba.missions.carry_control import (
 from robocorba.missions.carry_progress import CATCH_UP_RATE, SLOWS_DOWN_AFTER_S, STANDS_AFTER_S, CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.leader_policy import LeaderPolicy
-from robocorba.missions.trajectory import SPEED_M_S, Trajectory
+from robocorba.missions.trajectory import CARRY_LIMITS, Trajectory
 from robocorba.robot.motion.motion import MotionCommand
 from robocorba.robot.motion.robot_state import RobotState
 
@@ -149,7 +149,7 @@ def test_it_slows_down_evenly_without_orders(progress: CarryProgress) -> None:
     places, rates = np.array([progress.at(time) for time in times]).T
     slowing = (times > 102.0 + SLOWS_DOWN_AFTER_S) & (times < 102.0 + STANDS_AFTER_S)
     assert np.all(np.diff(rates) <= 1e-9)
-    assert SPEED_M_S * np.max(-np.diff(rates) / np.diff(times)) <= 0.5 * Limits().acceleration + 1e-6
+    assert CARRY_LIMITS.speed * np.max(-np.diff(rates) / np.diff(times)) <= 0.5 * Limits().acceleration + 1e-6
     assert np.allclose(np.diff(places) / np.diff(times), (rates[1:] + rates[:-1]) / 2, atol=1e-3)
     assert 0.0 < rates[slowing].min() < rates[slowing].max() < 0.5
 

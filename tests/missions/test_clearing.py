@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import shapely
@@ -12,7 +14,8 @@ from shapely import LineString, Point
 
 from robocorba.map_editor.model import Building, Door, Floor, Wall
 from robocorba.missions import clearing
-from robocorba.missions.clearing import NO_ROOM, Requests, Way, in_the_way, places_aside, requests_for, united
+from robocorba.missions.clearing import Requests, Way, in_the_way, place_aside, places_aside, united
+from robocorba.missions.leader_policy import LeaderPolicy
 from robocorba.missions.messages import MakeWay, WayMade
 from robocorba.missions.world import StandingRobot
 from robocorba.robot.kinematics.smartpal import RADIUS_M
@@ -32,6 +35,11 @@ def at(name: str, x: float, y: float, floor: str = "L1") -> StandingRobot:
     return StandingRobot(name, floor, x, y, RADIUS_M)
 
 
+def world(building: Building, *robots: StandingRobot) -> Any:
+    """Without objects."""
+    return SimpleNamespace(building=lambda: building, others=lambda carried: {}, robots=lambda: list(robots))
+
+
 def strip(y: float, half_m: float = 0.8) -> Way:
     return {"L1": LineString([(1.0, y), (11.0, y)]).buffer(half_m)}
 
@@ -44,7 +52,7 @@ def test_robots_in_the_way_are_those_that_the_way_touches() -> None:
 
 
 def test_a_robot_steps_to_the_nearer_side() -> None:
-    place = places_aside(hall(), {}, strip(4.0), [at("a", 5.0, 4.4)], [at("a", 5.0, 4.4)])["a"]
+    place = place_aside(world(hall(), at("a", 5.0, 4.4)), strip(4.0), "a")
     assert place is not None
     assert place.floor == "L1"
     assert 4.8 + RADIUS_M <= place.y <= 4.8 + RADIUS_M + clearing.ASIDE_GAP_M + 0.15
@@ -53,7 +61,7 @@ def test_a_robot_steps_to_the_nearer_side() -> None:
 
 def test_robots_that_step_aside_do_not_meet_there() -> None:
     standing = [at("a", 5.0, 4.3), at("b", 5.0 + 2 * RADIUS_M + 0.05, 4.3), at("c", 5.0, 6.2)]
-    places = places_aside(hall(), {}, strip(4.0), standing[:2], standing)
+    places = places_aside(world(hall(), *standing), strip(4.0), standing[:2])
     a, b = places["a"], places["b"]
     assert a and b
     assert math.dist((a.x, a.y), (b.x, b.y)) >= 2 * RADIUS_M
@@ -64,15 +72,14 @@ def test_robots_that_step_aside_do_not_meet_there() -> None:
 def test_there_may_be_no_room() -> None:
     building = hall(Wall("south", (0.0, 3.5), (12.0, 3.5)), Wall("north", (0.0, 5.0), (12.0, 5.0)))
     way = {"L1": shapely.box(0.0, 3.5, 12.0, 5.0)}
-    assert places_aside(building, {}, way, [at("a", 5.0, 4.2)], [at("a", 5.0, 4.2)]) == {"a": None}
+    assert places_aside(world(building, at("a", 5.0, 4.2)), way, [at("a", 5.0, 4.2)]) == {"a": None}
 
 
 def test_doors_are_kept_free() -> None:
     door = Door("door", (5.0, 3.0), (6.4, 3.0))
     building = hall(Wall("left", (0.0, 3.0), (5.0, 3.0)), Wall("right", (6.4, 3.0), (12.0, 3.0)), door)
-    robot = at("a", 5.7, 3.6)
     way = {"L1": shapely.box(1.0, 3.3, 11.0, 5.0)}
-    place = places_aside(building, {}, way, [robot], [robot])["a"]
+    place = place_aside(world(building, at("a", 5.7, 3.6)), way, "a")
     assert place is not None
     assert LineString([door.a, door.b]).distance(Point(place.x, place.y)) >= clearing.DOOR_M + RADIUS_M
 
@@ -93,7 +100,7 @@ def test_places_are_free_and_outside_the_way(
     standing = [other for other in standing if math.dist((other.x, other.y), (x, y)) > 2 * RADIUS_M]
     dx, dy = 3.0 * math.cos(turn), 3.0 * math.sin(turn)
     way = {"L1": LineString([(x - dx, y - dy), (x + dx, y + dy)]).buffer(half_m)}
-    place = places_aside(hall(), {}, way, [robot], [robot, *standing])["a"]
+    place = place_aside(world(hall(), robot, *standing), way, "a")
     if place is None:
         return
     there = Point(place.x, place.y)
@@ -110,23 +117,26 @@ def test_areas_of_a_floor_are_united() -> None:
 # ---- requests ----
 
 
-def asked(*names: str) -> tuple[Requests, list[MakeWay]]:
+STUCK = {"stuck": "has no room to step aside"}
+
+
+def asked(policy: LeaderPolicy, *names: str) -> tuple[Requests, list[MakeWay]]:
     sent: list[MakeWay] = []
+    transport: Any = SimpleNamespace(name="A", publish=sent.append)
     aside = dict.fromkeys(names, ("L1", 1.0, 2.0))
-    return requests_for({**aside, "stuck": None}, "m.1", "A", 3, sent.append), sent
+    return Requests({**aside, "stuck": None}, "m.1", 3, transport, policy), sent
 
 
 def said(robot: str, is_done: bool = False, reason: str = "", mission: str = "m.1") -> WayMade:
     return WayMade(mission=mission, robot=robot, leader="A", is_done=is_done, reason=reason)
 
 
-def test_requests_are_repeated_until_the_robot_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(clearing, "REPEAT_S", 0.0)
-    requests, sent = asked("B")
+def test_requests_are_repeated_until_the_robot_is_there() -> None:
+    requests, sent = asked(LeaderPolicy(repeat_interval_s=0.0), "B")
     requests.update()
     requests.receive(said("B"))
     requests.update()
-    assert [(each.robot, each.x, each.y, each.term) for each in sent] == [("B", 1.0, 2.0, 3)] * 2
+    assert [(each.robot, each.x, each.y, each.leader, each.term) for each in sent] == [("B", 1.0, 2.0, "A", 3)] * 2
     assert requests.robots == ("B",)
     requests.receive(said("B", is_done=True, mission="m.0"))  # of an earlier attempt
     requests.receive(said("C", is_done=True))
@@ -135,18 +145,23 @@ def test_requests_are_repeated_until_the_robot_is_there(monkeypatch: pytest.Monk
     assert requests.robots == ()
     requests.update()
     assert len(sent) == 2
-    assert requests.staying == {"stuck": NO_ROOM}
+    assert requests.staying == STUCK
 
 
-def test_robots_that_stay_are_named_with_their_reasons(monkeypatch: pytest.MonkeyPatch) -> None:
-    requests, _ = asked("B", "C", "D")
+@pytest.mark.parametrize(
+    ("policy", "left", "late"),
+    [
+        (LeaderPolicy(), ("C", "D"), {}),
+        (LeaderPolicy(aside_answer_timeout_s=0.0), ("C",), {"D": "does not answer"}),
+        (LeaderPolicy(aside_timeout_s=0.0), (), dict.fromkeys("CD", "did not step aside within 0 s")),
+    ],
+)
+def test_robots_that_stay_are_named_with_their_reasons(
+    policy: LeaderPolicy, left: tuple[str, ...], late: dict[str, str]
+) -> None:
+    requests, _ = asked(policy, "B", "C", "D")
     requests.receive(said("B", reason="runs a program"))
     requests.receive(said("C"))
-    monkeypatch.setattr(clearing, "ANSWER_S", 0.0)
     requests.update()
-    assert requests.robots == ("C",)
-    monkeypatch.setattr(clearing, "CLEAR_S", 0.0)
-    requests.update()
-    assert requests.robots == ()
-    late = "did not step aside within 0 s"
-    assert requests.staying == {"stuck": NO_ROOM, "B": "runs a program", "D": "does not answer", "C": late}
+    assert requests.robots == left
+    assert requests.staying == {**STUCK, "B": "runs a program", **late}

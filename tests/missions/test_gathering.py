@@ -34,14 +34,10 @@ def test_paths_avoid_the_object_where_it_is_now() -> None:
     paths = GatheringPaths(world, world.movable("box"))
     assert paths.length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is not None
     assert paths.length_m(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5)) is None
-    on_map = MapWorld(two_storeys())
-    assert GatheringPaths(on_map, on_map.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
-
-
-def test_an_object_in_the_way_is_named() -> None:
-    paths = GatheringPaths(MovedWorld(two_storeys()), MovedWorld(two_storeys()).movable("box"))
     with pytest.raises(NotFree, match="to box, which stands there now"):
         paths.path(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5))
+    on_map = MapWorld(two_storeys())
+    assert GatheringPaths(on_map, on_map.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
 
 
 def test_a_moved_box_can_be_carried_again() -> None:
@@ -102,16 +98,15 @@ def test_carriers_side_by_side_gather_apart() -> None:
 def test_groups_that_drive_simultaneously(
     floors: tuple[str, ...], paths: list[list[tuple[float, float]]], groups: list[set[int]]
 ) -> None:
-    starts = [Place(floor, *path[0]) for floor, path in zip(floors, paths, strict=True)]
-    goals = [Place("L1", *path[-1]) for path in paths]
-    assert driving_groups(starts, goals, paths) == groups
+    drives = [(Place(floor, *path[0]), Place("L1", *path[-1])) for floor, path in zip(floors, paths, strict=True)]
+    assert driving_groups(drives, paths) == groups
 
 
 @settings(deadline=None)
 @given(some.lists(some.tuples(*[some.floats(0, 9)] * 4), min_size=1, max_size=6))
 def test_each_robot_drives_once(paths: list[tuple[float, float, float, float]]) -> None:
-    starts, goals = [Place("L1", x, y) for x, y, _, _ in paths], [Place("L1", x, y) for _, _, x, y in paths]
-    found = driving_groups(starts, goals, [[(x, y), (goal_x, goal_y)] for x, y, goal_x, goal_y in paths])
+    lines = [((x, y), (goal_x, goal_y)) for x, y, goal_x, goal_y in paths]
+    found = driving_groups([(Place("L1", *start), Place("L1", *goal)) for start, goal in lines], lines)
     assert sorted(number for group in found for number in group) == list(range(len(paths)))
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import shapely
@@ -11,17 +13,18 @@ from hypothesis import strategies as st
 from shapely import Point
 
 from robocorba.errors.services import NotReachable
-from robocorba.missions import way_ahead
-from robocorba.missions.clearing import Requests, requests_for
-from robocorba.missions.lookout import GAP_M, LOOK_S, STOP_S, Ahead, Lookout, Seen
+from robocorba.missions import lookout as module
+from robocorba.missions.clearing import Requests
+from robocorba.missions.leader_policy import DEFAULT_POLICY
+from robocorba.missions.lookout import Lookout, Seen, WayAhead
 from robocorba.missions.messages import WayMade
 from robocorba.missions.obstacles import placed
 from robocorba.missions.trajectory import Trajectory
-from robocorba.missions.way_ahead import SLOW_RATE, WayAhead
 
 PATH = Trajectory([(0.0, 0.0, 0.0), (5.0, 0.0, 0.0)])
 NUMBERED = (("table", 7), ("chair", 8))
 BODY = shapely.box(-0.5, -0.4, 0.5, 0.4)
+GAP_M, LOOK_S, STOP_S = DEFAULT_POLICY.way_gap_m, DEFAULT_POLICY.look_ahead_s, DEFAULT_POLICY.stop_ahead_s
 
 
 def robot(x: float, y: float, vx: float = 0.0, vy: float = 0.0, name: str = "r") -> Seen:
@@ -29,20 +32,16 @@ def robot(x: float, y: float, vx: float = 0.0, vy: float = 0.0, name: str = "r")
 
 
 def looking_at(*seen: Seen) -> Lookout:
-    return Lookout(PATH, BODY, {"A", "table"}, lambda: seen)
+    return Lookout(PATH, BODY, {"A", "table"}, lambda: seen, DEFAULT_POLICY)
 
 
 def test_what_stands_ahead_is_seen_in_time() -> None:
     lookout = looking_at(robot(3.0, 0.0))
     assert lookout.ahead(0.0) is None
     reached_s = next(t / 100 for t in range(2000) if PATH.at(t / 100)[0][0] >= 3.0 - 0.3 - 0.5 - GAP_M)
-    ahead = lookout.ahead(reached_s - 3.0)
-    assert ahead is not None
-    assert (ahead.name, ahead.is_robot, ahead.x, ahead.y) == ("r", True, pytest.approx(3.0), pytest.approx(0.0))
-    assert ahead.after_s == pytest.approx(3.0, abs=0.3)
+    assert lookout.ahead(reached_s - 3.0) == (robot(3.0, 0.0), pytest.approx(3.0, abs=0.3))
     assert lookout.ahead(reached_s - LOOK_S - 0.5) is None
-    here = lookout.ahead(reached_s + 0.1)
-    assert here is not None and here.after_s == 0.0
+    assert lookout.ahead(reached_s + 0.1) == (robot(3.0, 0.0), 0.0)
 
 
 def test_the_team_and_what_is_beside_are_not_in_the_way() -> None:
@@ -54,7 +53,7 @@ def test_the_team_and_what_is_beside_are_not_in_the_way() -> None:
 def test_the_team_is_known_under_other_names() -> None:
     table, chair = (Seen(name, False, Point(1.0, 0.0).buffer(0.3), 0.0, 0.0, number) for name, number in NUMBERED)
     seen = [table]
-    lookout = Lookout(PATH, BODY, {"A", "table"}, lambda: seen)
+    lookout = Lookout(PATH, BODY, {"A", "table"}, lambda: seen, DEFAULT_POLICY)
     assert lookout.ahead(4.0) is None
     seen[:] = [table._replace(name="L1/table")]
     assert lookout.ahead(4.0) is None
@@ -62,7 +61,7 @@ def test_the_team_is_known_under_other_names() -> None:
     assert lookout.ahead(4.0) is not None
     seen[:] = [chair._replace(name="table"), table._replace(name="stranger")]  # after a restart of the simulation
     found = lookout.ahead(4.0)
-    assert found is not None and found.name == "stranger"
+    assert found is not None and found[0].name == "stranger"
 
 
 def test_what_moves_is_seen_where_it_will_be() -> None:
@@ -86,17 +85,17 @@ class Scene:
     """A way whose lookout sees `ahead`; the robots in it are asked to go to the origin."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.seen: Ahead | NotReachable | None = None
+        self.seen: tuple[Seen, float] | NotReachable | None = None
         self.now = 100.0
         self.asked: list[str] = []
-        monkeypatch.setattr(way_ahead, "time", self)
-        monkeypatch.setattr(way_ahead, "Background", _AtOnce)
-        self.way = WayAhead(self, self._ask)  # type: ignore[arg-type]
+        monkeypatch.setattr(module, "time", self)
+        monkeypatch.setattr(module, "Background", _AtOnce)
+        self.way = WayAhead(self, self._ask, DEFAULT_POLICY)  # type: ignore[arg-type]
 
     def monotonic(self) -> float:
         return self.now
 
-    def ahead(self, trajectory_s: float) -> Ahead | None:
+    def ahead(self, trajectory_s: float) -> tuple[Seen, float] | None:
         if isinstance(self.seen, NotReachable):
             raise self.seen
         return self.seen
@@ -107,7 +106,8 @@ class Scene:
 
     def _ask(self, robot: str) -> Requests:
         self.asked.append(robot)
-        return requests_for({robot: ("L1", 0.0, 0.0)}, "m.1", "A", 1, lambda message: None)
+        transport: Any = SimpleNamespace(name="A", publish=lambda message: True)
+        return Requests({robot: ("L1", 0.0, 0.0)}, "m.1", 1, transport, DEFAULT_POLICY)
 
 
 class _AtOnce:
@@ -118,12 +118,12 @@ class _AtOnce:
 def test_the_pace_follows_what_is_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene(monkeypatch)
     assert scene.rate() == 1.0
-    scene.seen = Ahead("r", True, 1.0, 1.0, STOP_S + 0.5)
-    assert scene.rate() == SLOW_RATE
+    scene.seen = robot(1.0, 1.0), STOP_S + 0.5
+    assert scene.rate() == DEFAULT_POLICY.approach_rate
     assert scene.way.blocker is None
-    scene.seen = Ahead("r", True, 1.0, 1.0, STOP_S - 0.5)
+    scene.seen = robot(1.0, 1.0), STOP_S - 0.5
     assert scene.rate() == 0.0
-    assert scene.way.blocker == scene.seen
+    assert scene.way.blocker == robot(1.0, 1.0)
     assert scene.asked == ["r"]
     assert scene.rate(3.0) == 0.0
     assert scene.way.waited_s == pytest.approx(3.0)
@@ -136,10 +136,10 @@ def test_the_pace_follows_what_is_ahead(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_objects_are_not_asked_and_refusals_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene(monkeypatch)
-    scene.seen = Ahead("chair", False, 1.0, 1.0, 0.0)
+    scene.seen = robot(1.0, 1.0, name="chair")._replace(is_robot=False), 0.0
     assert scene.rate() == 0.0
     assert scene.asked == [] and scene.way.staying == ""
-    scene.seen = Ahead("r", True, 1.0, 1.0, 0.0)
+    scene.seen = robot(1.0, 1.0), 0.0
     assert scene.rate(5.0) == 0.0
     assert scene.way.waited_s == pytest.approx(5.0)  # for one after another
     scene.way.receive(WayMade(mission="m.1", robot="r", leader="A", reason="runs a program"))

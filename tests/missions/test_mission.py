@@ -5,28 +5,28 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from itertools import pairwise
+from typing import ClassVar
 
 import pytest
 import shapely
 from shapely import Point
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors.robots import InTheWay, MissionTakenOver
+from robocorba.errors.robots import InTheWay
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.polygons import FloorArea
 from robocorba.map_editor.spatial.pose import Pose
-from robocorba.missions import way_ahead
-from robocorba.missions.attempt import OnProgress
 from robocorba.missions.carry_progress import CATCH_UP_RATE
 from robocorba.missions.cooperative_planner import ReserveOneOf
 from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.leader_policy import LeaderPolicy
 from robocorba.missions.lookout import Seen
 from robocorba.missions.member import MemberPolicy
-from robocorba.missions.report import MissionReport, PhaseTimes
+from robocorba.missions.recorder import LedMission
+from robocorba.missions.report import MissionReport
 from robocorba.missions.subplan import Approach, Carry, CooperativePlan, Gather, Idle
 from robocorba.missions.trajectory import Trajectory
 from robocorba.planning.request import Place as Spot
@@ -90,12 +90,11 @@ def leading(
     *planners: Given,
     name: str = "A",
     policy: LeaderPolicy = LEADING,
-    on_progress: OnProgress = lambda plan, phases, is_ending: None,
-    mission: str = "",
+    led: type[LedMission] = LedMission,
 ) -> tuple[threading.Thread, list[MissionReport]]:
     """A mission in a thread of its own. planners: of its attempts, in turn."""
     reports: list[MissionReport] = []
-    leader, left = crew.leader(name, policy, on_progress, mission), iter(planners)
+    leader, left = crew.leader(name, policy, led=led), iter(planners)
     thread = threading.Thread(target=lambda: reports.append(leader.lead("test", lambda: next(left))))
     thread.start()
     return thread, reports
@@ -108,11 +107,13 @@ def free(crew: Crew) -> bool:
 def test_steps_are_synchronized_and_reported(crew: Crew) -> None:
     seen: list[tuple[tuple[str, int], ...]] = []
 
-    def note(plan: CooperativePlan, phases: Sequence[PhaseTimes], is_ending: bool) -> None:
-        seen.append((*((phase.name, len(phase.done)) for phase in phases), ("ending", is_ending)))
+    class Noted(LedMission):
+        def update(self, plan: CooperativePlan | None, is_ending: bool = False) -> None:
+            super().update(plan, is_ending)
+            seen.append((*((phase.name, len(phase.done)) for phase in self.phases), ("ending", is_ending)))
 
     planner = Given([near("A", 0.2), Idle()], [near("B", 0.1), Idle()], [Idle(), Idle()])
-    report = crew.leader("A", on_progress=note).lead("test", lambda: planner)
+    report = crew.leader("A", led=Noted).lead("test", lambda: planner)
     assert (report.result, report.reason) == ("done", "")
     assert seen[0] == (("ending", False),)
     assert seen[-1] == (("phase 0", 3), ("phase 1", 3), ("ending", False))
@@ -196,8 +197,18 @@ class Reserving(Given):
 
     AREA: FloorArea = ("L1", ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)))
 
-    def reserve(self, reserve: ReserveOneOf, staying: Collection[str] = ()) -> bool:
-        return reserve([[self.AREA]], 60.0).waited
+    def reserve(self, reserve: ReserveOneOf, staying: Collection[str] = ()) -> None:
+        reserve([[self.AREA]], 60.0)
+
+
+class Phases(LedMission):
+    """names: of the phases of the latest mission."""
+
+    names: ClassVar[list[str]] = []
+
+    def update(self, plan: CooperativePlan | None, is_ending: bool = False) -> None:
+        super().update(plan, is_ending)
+        self.names[:] = [phase.name for phase in self.phases]
 
 
 def test_a_mission_that_waits_for_its_areas_keeps_no_robot_from_others(crew: Crew) -> None:
@@ -208,28 +219,22 @@ def test_a_mission_that_waits_for_its_areas_keeps_no_robot_from_others(crew: Cre
     areas = LeaderAreas(crew.agents["B"].robot.session)
     assert areas.request([[Reserving.AREA]], 60.0) == 0
     planners = [Reserving([Idle()], [near("C", 0.2)]) for _ in range(2)]
-    phases: list[str] = []
-
-    def note(plan: CooperativePlan | None, times: Sequence[PhaseTimes], is_ending: bool) -> None:
-        phases[:] = [phase.name for phase in times]
-
-    first, reports = leading(crew, *planners, on_progress=note)
-    eventually(lambda: phases == ["waiting for areas"], 60.0)
+    first, reports = leading(crew, *planners, led=Phases)
+    eventually(lambda: Phases.names == ["waiting for areas"], 60.0)
     helped, others = leading(crew, Reserving([Idle()], [near("C", -0.2)]), name="B")
     helped.join(60.0)
     assert (others[0].result, others[0].reason) == ("done", "")
     first.join(60.0)  # the other mission has given its areas back
     assert (reports[0].result, reports[0].reason) == ("done", "")
-    assert phases == ["waiting for areas", "asking", "phase 0"]
+    assert Phases.names == ["waiting for areas", "asking", "phase 0"]
     assert crew.agents["A"].robot.session.reservation() is None
 
 
 def test_a_mission_that_waits_for_its_areas_can_be_aborted(crew: Crew) -> None:
     blocking = LeaderAreas(crew.agents["B"].robot.session)
     blocking.request([[Reserving.AREA]], 60.0)
-    planner, phases = Reserving([Idle()], [Idle()]), list[str]()
-    thread, reports = leading(crew, planner, on_progress=lambda plan, times, ending: phases.append(times[-1].name))
-    eventually(lambda: phases == ["waiting for areas"], 60.0)
+    thread, reports = leading(crew, Reserving([Idle()], [Idle()]), led=Phases)
+    eventually(lambda: Phases.names == ["waiting for areas"], 60.0)
     crew.agents["A"].robot.execution.abort()
     thread.join(60.0)
     assert (reports[0].result, reports[0].reason) == ("failed", "it was aborted")
@@ -245,20 +250,6 @@ def test_a_step_that_exceeds_its_limit_ends_the_mission(crew: Crew) -> None:
     assert "phase 0 took longer than 1 s" in report.reason
     assert time.monotonic() - begun < 30.0
     eventually(lambda: free(crew), "all are free again")
-
-
-def test_members_obey_the_leader_of_the_latest_term_only(crew: Crew) -> None:
-    """C leads the same mission in a later term: B leaves A, and A finds nobody any more."""
-    thread, reports = leading(crew, Given([Idle()], [near("B", 1.5, 60.0)]), mission="same")
-    eventually(lambda: crew.agents["B"].state.actor.velocity[0] > 0.1, "moving")
-    later = Given([Idle()], [Idle()])
-    later.required = frozenset({"B"})
-    report = crew.leader("C", LEADING, mission="same", term=2, attempts=7).lead("test", lambda: later)
-    assert (report.result, report.reason) == ("done", "")
-    thread.join(60.0)
-    assert reports[0].result == "failed"
-    again = crew.leader("A", LEADING, mission="same").lead("test", lambda: Given([Idle()], [Idle()]))
-    assert again.reason == "1 helpers are needed; no robot offered to help"
 
 
 @pytest.mark.parametrize("crew", [PATIENT_PART], indirect=True)
@@ -309,21 +300,6 @@ def test_a_leader_waits_for_servers_that_are_away_after_a_fault(crew: Crew) -> N
         return answer
 
     assert crew.leader("A", RECOVERING).lead("test", make).result == "done"
-
-
-def test_a_leader_of_which_another_has_taken_over_gives_up(crew: Crew) -> None:
-    begun = []
-
-    def begin(attempt: int) -> None:
-        begun.append(attempt)
-        if len(begun) == 2:
-            raise MissionTakenOver("B", 2)
-
-    failing = Given([Idle()], [near("B", 0.6, limit_s=0.01)])
-    report = crew.leader("A", RECOVERING, begin_attempt=begin, attempts=4).lead("test", lambda: failing)
-    assert report.reason.startswith("B has taken the mission over, in term 2; before: ")
-    assert begun == [5, 6]
-    eventually(lambda: free(crew), "all are free again")
 
 
 # ---- the way is cleared ----
@@ -416,9 +392,7 @@ def test_a_carry_that_can_not_see_its_way_says_so_in_one_phase(crew: Crew) -> No
             raise NotReachable(lag)
         return []
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(way_ahead, "UNKNOWN_S", 0.0)
-        report = crew.leader("A", look=look).lead("test", Carried)
+    report = crew.leader("A", replace(LEADING, unknown_timeout_s=0.0), look=look).lead("test", Carried)
     assert (report.result, report.reason) == ("done", "")
     names = [phase.name for phase in report.phases]
     assert [name for name in names if name != "phase 0"] == ["waiting: what is in the way is unknown"]

@@ -83,6 +83,9 @@ T = TypeVar("T")
 class Body(CarriedBody):
     """Of a plan that is taken over."""
 
+    def __init__(self, plan: CooperativePlan) -> None:
+        self.plan = plan
+
 
 class Planner(Given):
     """Three robots carry the desk; two of them can hold it."""
@@ -502,7 +505,7 @@ PARTS: dict[str, Any] = {
     "MissionAgent": functools.partial(MissionAgent, policy=TAKING_PART),
     "Succession": WatchedSuccession,
     "Transport": WatchedTransport,
-    "RemainingCarry": lambda world, plan: Body(),
+    "RemainingCarry": lambda world, plan: Body(plan),
     "reservation": lambda plan: Reserve(areas=(), hold_s=1.0, limit_s=1.0),
     "planner_of": lambda icon: lambda icon, world, leader, here: Planner(world.process.world),
     "_policy": lambda icon: LEADING,

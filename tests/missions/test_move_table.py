@@ -16,7 +16,6 @@ from robocorba.map_editor.geometry import shaft_polygon
 from robocorba.map_editor.model import CabinSide, Elevator, ElevatorDoor
 from robocorba.map_editor.polygons import FloorArea
 from robocorba.missions import move_table
-from robocorba.missions.cooperative_planner import Grant
 from robocorba.missions.formation import BACK_OFF_M
 from robocorba.missions.move_table import DOOR_MARGIN_S, SUCCESSION_S, MoveTablePlanner
 from robocorba.missions.subplan import (
@@ -62,14 +61,14 @@ def test_the_elevator_that_is_granted_the_soonest_is_taken() -> None:
     world = MapWorld(with_all(two_storeys(), [("", west)]))
     asked: list[Sequence[Sequence[FloorArea]]] = []
 
-    def other_way(alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> Grant:
+    def other_way(alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
         asked.append(alternatives)
-        return Grant(1, waited=True)
+        return 1
 
     robots = {"A": Place("L1", 3.8, 1.8), "B": Place("L1", 6.5, 5.5)}
     for reserve, elevator in ((first_way, "W1"), (other_way, "E1")):
         planner = MoveTablePlanner(world, "box", GOAL)
-        assert planner.reserve(reserve) is (reserve is other_way)
+        planner.reserve(reserve)
         plan = planner.plan("m", "A", robots)
         rides = {step.elevator for step in steps_of(plan, "A") if isinstance(step, Ride)}
         assert rides == {elevator}
@@ -189,9 +188,10 @@ def test_robots_in_the_way_are_to_step_aside() -> None:
     assert blocked.value.aside.keys() == {"D"}
     aside = blocked.value.aside["D"]
     assert aside and aside[0] == "L1"
+    in_the_way, world.standing[3] = world.standing[3], standing("D", *aside[1:])
+    assert planner.plan("m", "A", ROBOTS).thing == "box"
+    world.standing[3] = in_the_way  # it comes back while the box is carried
     assert planner.aside("D") == aside
-    world.standing[3] = standing("D", *aside[1:])
-    assert MoveTablePlanner(world, "box", goal).plan("m", "A", ROBOTS).thing == "box"
 
 
 def test_the_carry_is_planned_around_robots_that_stay() -> None:

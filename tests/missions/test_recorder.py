@@ -275,26 +275,25 @@ def kept() -> Kept:
 def test_phases_say_who_is_waited_for(kept: Kept) -> None:
     led = LedMission(kept, "m", NEW, Clock())
     assert kept.latest.phases == (PhaseRecord("asking", 100.0),)
-    led.update(PLAN, [], False)
+    led.update(PLAN)
     assert kept.latest.members == (MemberRecord("A", "leader"), MemberRecord("B", "helper"))
     assert kept.latest.phases_in_all == 3
-    phases = [PhaseTimes("one", 102.0, {}, {})]
-    led.update(PLAN, phases, False)
+    phase = led.begin_phase(PLAN, "one", 102.0, ())
     assert kept.latest.phases == (PhaseRecord("asking", 100.0, 102.0), PhaseRecord("one", 102.0))
-    phases[0].done["A"] = 103.0
-    led.update(PLAN, phases, False)
+    phase.done["A"] = 103.0
+    led.update(PLAN)
     assert kept.latest.phases[1] == PhaseRecord("one", 102.0, 0.0, "B")
-    phases[0].done["B"] = 105.0
-    led.update(PLAN, phases, False)
+    phase.done["B"] = 105.0
+    led.update(PLAN)
     assert kept.latest.phases[1] == PhaseRecord("one", 102.0, 105.0, "B")
 
 
 def test_a_failure_ends_its_phase_and_the_mission_safely(kept: Kept) -> None:
     clock = Clock()
     led = LedMission(kept, "m", NEW, clock)
-    phases = [PhaseTimes("one", 102.0, {}, {"A": 103.0})]
+    led.begin_phase(PLAN, "one", 102.0, ()).done["A"] = 103.0
     clock.now = 110.0
-    led.update(PLAN, phases, True)
+    led.update(PLAN, True)
     assert kept.latest.phases[1:] == (PhaseRecord("one", 102.0, 110.0, "B"), PhaseRecord("ending safely", 110.0))
     led.end(report("failed", "one: B is silent", plan=PLAN), False)
     assert (kept.latest.result, kept.latest.reason) == (MissionResult.FAILED, "one: B is silent")
@@ -307,7 +306,8 @@ def test_a_phase_that_was_ordered_for_later_has_not_lasted(kept: Kept) -> None:
     clock = Clock()
     led = LedMission(kept, "m", NEW, clock)
     clock.now = 101.9
-    led.update(PLAN, [PhaseTimes("one", 102.0, {}, {})], True)
+    led.begin_phase(PLAN, "one", 102.0, ())
+    led.update(PLAN, True)
     assert kept.latest.phases[1:] == (PhaseRecord("one", 101.9, 101.9), PhaseRecord("ending safely", 101.9))
 
 
@@ -320,8 +320,8 @@ def test_times_go_on_under_a_leader_whose_clock_is_behind(database: Database, ke
     taken = claimed(database, "m", replace(NEW, begun=clock.now), 1, is_silent)
     assert taken.leaders[-1].since == began + 1.0
     led = LedMission(kept, "m", taken, clock)
-    phases = [PhaseTimes("one", clock.now + 2.0, {}, dict.fromkeys("AB", clock.now + 5.0))]
-    led.update(PLAN, phases, False)
+    led.begin_phase(PLAN, "one", clock.now + 2.0, ()).done.update(dict.fromkeys("AB", clock.now + 5.0))
+    led.update(PLAN)
     clock.now += 9.0
     led.fail("B is silent")
     assert [(phase.begun - began, phase.ended - began) for phase in kept.latest.phases] == [
@@ -354,10 +354,10 @@ def test_ends(kept: Kept, end: Callable[[LedMission], None], result: MissionResu
 
 def test_the_phases_of_several_attempts_follow_each_other(kept: Kept) -> None:
     led = LedMission(kept, "m", NEW, Clock())
-    phases = [PhaseTimes("one", 102.0, {}, {"A": 103.0}), PhaseTimes("recovering", 108.0, {}, {})]
-    led.update(PLAN, phases, False)
+    led.phases += [PhaseTimes("one", 102.0, {}, {"A": 103.0}), PhaseTimes("recovering", 108.0, {}, {})]
+    led.update(PLAN)
     again = replace(PLAN, mission="m.2")
-    led.update(again, phases, False)
+    led.update(again)
     assert kept.latest.phases == (
         PhaseRecord("asking", 100.0, 102.0),
         PhaseRecord("one", 102.0, 108.0, "B"),
@@ -369,24 +369,24 @@ def test_the_phases_of_several_attempts_follow_each_other(kept: Kept) -> None:
 
 def test_a_leader_that_takes_over_continues_the_record() -> None:
     kept, clock = Kept(), Clock()
-    LedMission(kept, "m", NEW, clock).update(PLAN, [PhaseTimes("one", 102.0, {}, {})], False)
+    LedMission(kept, "m", NEW, clock).begin_phase(PLAN, "one", 102.0, ())
     clock.now = 110.0
     taken = kept.latest.taken_over("B", "A was silent", 109.0)
     led = LedMission(kept, "m", replace(taken, attempts=3), clock)
-    assert (led.term, led.attempts) == (2, 3)
+    assert (led.term, led.attempt) == (2, "m.3")
     assert [phase.name for phase in kept.latest.phases] == ["asking", "one", "recovering"]
     assert [(each.robot, each.term, each.reason) for each in kept.latest.leaders] == [
         ("A", 1, ""),
         ("B", 2, "A was silent"),
     ]
     assert taken.successors() == ["A"]
-    led.begin_attempt(4)
-    assert led.attempts == 4
+    led.begin_attempt()
+    assert led.attempt == "m.4"
 
 
 def test_the_end_needs_no_plan(kept: Kept) -> None:
     led = LedMission(kept, "m", NEW, Clock())
-    led.update(PLAN, [], False)
+    led.update(PLAN)
     assert kept.latest.plan
     led.end(report("done")._replace(faults=("one: B is silent",)), False)
     assert kept.latest.plan is None

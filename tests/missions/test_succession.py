@@ -12,7 +12,8 @@ from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
 from robocorba.missions import succession
-from robocorba.missions.succession import DEFAULT_POLICY, Succession
+from robocorba.missions.member import DEFAULT_POLICY
+from robocorba.missions.succession import Succession
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult
 from robocorba.simulation.store import Mission
 from tests.missions.virtual_time import VirtualTime
@@ -85,7 +86,7 @@ def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
         ("CB", "", 0, ("B", 0.0)),  # in the order of the record
         ("C", "", 0, ("C", DEFAULT_POLICY.turn_s)),
         ("BC", "B", 0, ("C", DEFAULT_POLICY.turn_s)),
-        ("B", "", 3, ("B", 3 * DEFAULT_POLICY.interval_s)),
+        ("B", "", 3, ("B", 3 * DEFAULT_POLICY.record_interval_s)),
     ],
 )
 def test_members_lead_in_turn(scene: Scene, robots: str, busy: str, refusals: int, led: tuple[str, float]) -> None:
@@ -131,7 +132,7 @@ def test_nobody_leads_what_needs_no_leader(
 def test_they_give_up(scene: Scene) -> None:
     scene.is_away = True
     scene.begin("B")
-    scene.time.run_for(DEFAULT_POLICY.limit_s + 1.0)
+    scene.time.run_for(DEFAULT_POLICY.succession_limit_s + 1.0)
     scene.is_away = False
     scene.time.run_for(10.0)
     assert scene.led == []

@@ -9,15 +9,14 @@ from robocorba.map_editor.geometry import Obstacle, object_geometry
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.movable import movables, object_outline
 from robocorba.map_editor.polygons import FloorArea
-from robocorba.missions.cooperative_planner import Grant
 from robocorba.missions.world import MovableObject, StandingRobot
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Path, PathRequest
 
 
-def first_way(alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> Grant:
+def first_way(alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
     """Reserve the first one of several ways."""
-    return Grant(0, waited=False)
+    return 0
 
 
 class MapWorld:

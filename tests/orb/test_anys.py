@@ -28,7 +28,7 @@ from robocorba.orb import bounded_any
 from robocorba.orb.bounded_any import MAX_DEPTH, TC_ANY, bounded, read_bounded
 from robocorba.orb.encoded_types import MAX_DEPTH as MAX_TYPE_DEPTH
 from robocorba.orb.orb import Orb
-from robocorba.orb.references import BoundedTypeCode
+from robocorba.orb.workarounds import DescribedType
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.system.settings import Address
 from testkit.fuzzing.operations import interfaces, operations
@@ -275,8 +275,8 @@ TYPES = [b"\xff\xfe\0", b"abc\xc3\0", b"a\0b\0", b"abc"]
 PROFILES = [b"\0\0\0\0", b"\1\0\0\0\1\0\0\0\4\0\0\0\1\1\2\0"]
 #: The type of a GIOP message that asks whether an object is there.
 LOCATE_REQUEST = 3
-TC_OBJECT = BoundedTypeCode(bounded(CORBA.TC_Object._d))
-TC_EDITOR = BoundedTypeCode(bounded(RoboCorba._d_MapEditor))
+TC_OBJECT = DescribedType(bounded(CORBA.TC_Object._d))
+TC_EDITOR = DescribedType(bounded(RoboCorba._d_MapEditor))
 
 
 def encoded_reference(type: bytes, profiles: bytes) -> bytes:

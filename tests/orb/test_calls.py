@@ -148,7 +148,7 @@ def test_who_has_waited_longest_goes_first() -> None:
         for number in range(6):
             pool.submit(call, number)
             assert call_first.wait(60.0)
-            eventually(lambda waiting=number: len(limit._places._waiting) == waiting)
+            eventually(lambda waiting=number: len(limit._waiting) == waiting)
         go_on.set()
     assert order == list(range(6))
 
@@ -313,7 +313,7 @@ from robocorba.stubs import RoboCorba__POA
 
 class Planner(RoboCorba__POA.PathPlanner):
     def _get_mapVersion(self):
-        return len(sys._current_frames())
+        return 1
 
 with Orb(Address("127.0.0.1", 9), Address("127.0.0.1", {port})) as orb:
     print("listens", flush=True)
@@ -323,35 +323,6 @@ with Orb(Address("127.0.0.1", 9), Address("127.0.0.1", {port})) as orb:
     orb.accept_calls()
     print("serves", flush=True)
     sys.stdin.readline()
-"""
-
-
-RESTARTS = """
-import socket, threading
-from robocorba.orb.orb import Orb
-from robocorba.system.settings import Address
-from robocorba.stubs import RoboCorba__POA
-
-class Planner(RoboCorba__POA.PathPlanner):
-    def _get_mapVersion(self):
-        return 1
-
-def connect():
-    while not is_over.is_set():
-        try:
-            socket.create_connection(("127.0.0.1", {port})).close()
-        except OSError:
-            pass
-
-is_over = threading.Event()
-connecting = threading.Thread(target=connect)
-connecting.start()
-for _ in range({times}):
-    with Orb(Address("127.0.0.1", 9), Address("127.0.0.1", {port})) as orb:
-        orb.activate(Planner(), "Planner")
-        orb.accept_calls()
-is_over.set()
-connecting.join()
 """
 
 
@@ -422,25 +393,8 @@ def test_calls_wait_while_a_server_starts(starting: StartingServer) -> None:
     assert starting.end() == 0
 
 
-def test_python_knows_no_threads_of_connections_without_calls(starting: StartingServer) -> None:
-    """Hundreds of such threads stop a process for seconds when they end at the same time."""
-    starting.start()
-    with contextlib.ExitStack() as stack:
-        *_, last = (Client(stack, starting.port) for _ in range(CONNECTIONS + 1))
-        last.ask()
-        assert last.answer(60.0)[1] < 20
-    assert starting.end() == 0
-
-
 def test_a_server_ends_although_it_has_not_served_yet(starting: StartingServer) -> None:
     with contextlib.ExitStack() as stack:
         client = Client(stack, starting.port)
         client.ask()
         assert starting.end() == 0
-
-
-def test_a_server_opens_while_clients_connect() -> None:
-    """omniORB frees what its accepting thread uses, when its reports are ended by its own function."""
-    with claimed_ports() as port:
-        command = [sys.executable, "-c", RESTARTS.format(port=port, times=150)]
-        assert subprocess.run(command, timeout=120.0, check=False).returncode == 0

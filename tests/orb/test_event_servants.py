@@ -76,7 +76,7 @@ def test_what_a_consumer_has_had_before_is_ignored() -> None:
     receiver = Receiver()
     for number in range(1, 2 * REMEMBERED_CALLS):
         receiver.servant.pushRuns([run(number, number)])
-    assert len(receiver.servant._known) == len(receiver.servant._recent) == REMEMBERED_CALLS
+    assert len(receiver.servant._known) == REMEMBERED_CALLS
     receiver.servant.pushRuns([run(REMEMBERED_CALLS, 0)])  # the oldest that it remembers
     assert receiver.payloads == list(range(1, 2 * REMEMBERED_CALLS))
 
@@ -140,11 +140,8 @@ CALLS: dict[ProxyKind, tuple[Any, type, str, dict[str, tuple[Any, ...]]]] = {
 OCTETS = tc.createTypeCode((tc.tv_sequence, tc.tv_octet, 0))
 
 
-class Clients:
-    """Clients whose references are their names."""
-
-    def of(self, kind: ProxyKind, reference: str) -> Any:
-        return CALLS[kind][1]()
+def client_of(kind: ProxyKind, reference: str) -> Any:
+    return CALLS[kind][1]()
 
 
 @pytest.fixture
@@ -163,8 +160,8 @@ def test_a_proxy_that_was_disconnected_does_not_exist(proxies: Proxies, kind: Pr
     make, _, disconnect, calls = CALLS[kind]
     proxy = proxies.obtain(kind)
     in_force = (lambda proxy, peer: False,) if kind is ProxyKind.PUSH_SUPPLIER else ()
-    servant = make(proxy, proxies, Clients(), *in_force)
-    proxies.connect(proxy, Clients().of(kind, "its"))
+    servant = make(proxy, proxies, client_of, *in_force)
+    proxies.connect(proxy, client_of(kind, "its"))
     getattr(servant, disconnect)()
     with pytest.raises(CORBA.OBJECT_NOT_EXIST):
         getattr(servant, operation)(*calls.get(operation, ()))
@@ -173,7 +170,7 @@ def test_a_proxy_that_was_disconnected_does_not_exist(proxies: Proxies, kind: Pr
 def _supplier(proxies: Proxies) -> PushConsumerServant:
     proxy = proxies.obtain(ProxyKind.PUSH_CONSUMER)
     proxies.connect(proxy, None)
-    return PushConsumerServant(proxy, proxies, Clients())
+    return PushConsumerServant(proxy, proxies, client_of)
 
 
 def _event(payload: bytes) -> Any:

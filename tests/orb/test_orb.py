@@ -21,7 +21,7 @@ from omniORB import CORBA
 from robocorba.errors.services import NotReachable, PortInUse, ServiceError
 from robocorba.orb import naming as module
 from robocorba.orb.guard import Guard, guarded, guarded_for, without_keys
-from robocorba.orb.ior import IorAddress, address_of
+from robocorba.orb.ior import Ior, parsed
 from robocorba.orb.naming import BoundNames, NamingService, corbaname
 from robocorba.orb.orb import OFFER_CALLBACKS, Orb
 from robocorba.orb.tls import load_transport
@@ -320,14 +320,13 @@ class Names:
 
 
 @pytest.fixture
-def names(monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.setattr(module, "BINDING_CHECK_INTERVAL_S", 0.001)
+def names() -> Any:
     return Names()
 
 
 def test_a_lost_or_stolen_name_is_taken_back_and_logged_once(names: Any, caplog: pytest.LogCaptureFixture) -> None:
     own, false = Reference(), Reference()
-    with contextlib.closing(BoundNames(names)) as bound, caplog.at_level(logging.WARNING):
+    with contextlib.closing(BoundNames(names, 0.001)) as bound, caplog.at_level(logging.WARNING):
         bound.start({"A": own})
         eventually(lambda: names.bindings.get("A") is own, PATIENCE_S)
         del names.bindings["A"]
@@ -343,7 +342,7 @@ def test_a_name_that_fails_does_not_stop_the_others(names: Any, caplog: pytest.L
     """Such as one that another process has bound to a reference that can't be read."""
     own = Reference()
     names.unreadable = {"A"}
-    with contextlib.closing(BoundNames(names)) as bound, caplog.at_level(logging.WARNING):
+    with contextlib.closing(BoundNames(names, 0.001)) as bound, caplog.at_level(logging.WARNING):
         bound.start({"A": own, "B": own})
         eventually(lambda: names.bindings.get("B") is own, PATIENCE_S)
         names.bindings["A"] = Reference()
@@ -351,7 +350,7 @@ def test_a_name_that_fails_does_not_stop_the_others(names: Any, caplog: pytest.L
         eventually(lambda: names.bindings == {"A": own, "B": own}, PATIENCE_S)
     assert caplog.messages == ["took back the name RoboCorba/A: an object at an unknown address was bound to it"]
     names.refused = {"A"}
-    with contextlib.closing(BoundNames(names)) as bound:
+    with contextlib.closing(BoundNames(names, 0.001)) as bound:
         bound.start({"A": own, "B": own})
         eventually(lambda: names.bindings.get("B") is own, PATIENCE_S)
         assert not bound.are_bound.is_set()
@@ -363,14 +362,14 @@ def test_a_name_that_fails_does_not_stop_the_others(names: Any, caplog: pytest.L
 
 def test_a_name_that_belongs_to_another_now_is_left_to_it(names: Any) -> None:
     own, other = Reference(), Reference()
-    with contextlib.closing(BoundNames(names)) as bound:
+    with contextlib.closing(BoundNames(names, 0.001)) as bound:
         bound.start({"A": own}, lambda: False)
         eventually(lambda: names.bindings.get("A") is own, PATIENCE_S)
         names.bindings["A"] = other
         calls = names.calls
         eventually(lambda: names.calls > calls + 3, PATIENCE_S)
         assert names.bindings["A"] is other
-    bound = BoundNames(names)
+    bound = BoundNames(names, 0.001)
     bound.start({"A": own})
     eventually(lambda: names.bindings.get("A") is own, PATIENCE_S)
     names.fails = True
@@ -397,9 +396,9 @@ def test_a_name_that_became_a_context_is_taken_back() -> None:
 def test_the_address_in_a_reference(nowhere: Address) -> None:
     with Orb(nowhere) as orb:
         uri = orb.uri(orb.reference("corbaloc:iiop:1.2@10.1.2.3:4567/some/key", CORBA.Object))
-    assert address_of(uri) == IorAddress("10.1.2.3", 4567)
+    assert parsed(uri)[1:] == ("10.1.2.3:4567", b"some/key")
     for malformed in ("", "IOR:", "IOR:zz", "IOR:00", "IOR:01000000ffffffff", "corbaloc::h/a", "IOR:01" * 9):
-        assert address_of(malformed) is None
+        assert parsed(malformed) == Ior()
 
 
 def test_a_stolen_name_is_resolved_once_it_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:

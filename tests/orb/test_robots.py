@@ -39,8 +39,7 @@ from robocorba.robot.programs.report import CheckReport
 from robocorba.simulation.corba.simulation_server_servant import RobotSessionServant
 from robocorba.simulation.emergency_stops import StopAnswer, StopRecord
 from robocorba.simulation.registry import Description, RobotClient
-from robocorba.simulation.sensing.fan import LASER
-from robocorba.simulation.sensing.scan import Mount, ScanSpec
+from robocorba.simulation.sensing.scan import LASER, Mount, ScanSpec
 from robocorba.stubs import RoboCorba
 from testkit.processes import eventually
 from tests.simulation.places import robot

@@ -22,13 +22,11 @@ from robocorba.planning.planner import PathPlanner
 from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.high_controller import HighController
 from robocorba.robot.kinematics.inverse import InverseKinematics
-from robocorba.robot.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.icons import Icon
 from robocorba.robot.robot import Robot
 from robocorba.robot.runner import ReceivedEvent
-from robocorba.robot.sensors import Sensors
 from robocorba.robot.session import SessionState
 from robocorba.robot.simulated_adaptor import SimulatedAdaptor
 from robocorba.simulation.emergency_stops import EmergencyStops, StopAnswer, StopHold
@@ -196,17 +194,12 @@ class Channel:
         raise MotionFailed("nobody else is here")
 
 
-def controller(adaptor: RobotAdaptor, **how: Any) -> HighController:
-    return HighController(adaptor, BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, **how)
-
-
 def robot(place: Place, session: InProcessSession) -> Robot:
     """A virtual SmartPal that is started."""
     session.log_on()
-    high = controller(SimulatedAdaptor(session))
+    high = HighController(SimulatedAdaptor(session))
     high.start(())
-    sensors = Sensors(session, lambda: high.state, RADIUS_M)
-    return Robot(high, session, sensors, InverseKinematics(), place.planner)
+    return Robot(high, session, InverseKinematics(), place.planner)
 
 
 def eventually(is_so: Callable[[], bool], what: str) -> None:

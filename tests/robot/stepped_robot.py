@@ -24,11 +24,11 @@ from robocorba.robot.kinematics.smartpal import BASE_LIMITS
 from robocorba.robot.motion.motion import Motion
 from robocorba.robot.motion.robot_state import RobotState
 from robocorba.robot.programs.base_checks import Planner
-from robocorba.robot.session import SessionState
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description, Pose
 from robocorba.simulation.store import SimulationStore
+from tests.robot.places import InProcessSession
 
 #: Longest motion [s].
 MOTION_LIMIT_S = 300.0
@@ -90,37 +90,17 @@ class World:
         self._closing.close()
 
 
-class Session:
-    """The part of BuildingSession that drives and rides use."""
+class Session(InProcessSession):
+    """Of the robot A. calls: how often it has called an elevator."""
 
     def __init__(self, world: World, at: Pose) -> None:
-        self._session = world.agent.register(Description("A", at))
+        super().__init__(world, Description("A", at))  # type: ignore[arg-type]
         self.calls = 0
-        self.state()
+        self.log_on()
 
-    def state(self) -> SessionState:
-        found, robot = self._session.state(), self._session.robot
-        self.latest = SessionState(
-            *(found.time, found.pose, found.velocity),
-            *(robot.holding, self._session.ride, robot.collisions, robot.touched),
-        )
-        return self.latest
-
-    def command(self, velocity: tuple[float, float, float]) -> None:
-        self._session.command(*velocity, 2 * STEP_S)
-
-    def call_elevator(self, elevator: str, destination: str, *party: Any) -> None:
+    def call_elevator(self, elevator: str, destination: str, party: str = "", *group: Any) -> None:
         self.calls += 1
-        self._session.call_elevator(elevator, destination, *party)
-
-    def longest_elevator_wait_s(self) -> float:
-        return float(self._session.longest_elevator_wait_s())
-
-    def cancel_elevator(self) -> None:
-        self._session.cancel_elevator()
-
-    def log_off(self) -> None:
-        self._session.deregister()
+        self._session.call_elevator(elevator, destination, party or None, *group)
 
 
 class Controller:
@@ -150,16 +130,15 @@ class SteppedRobot(BaseMovements):
     """on_cycle: called in each control cycle."""
 
     def __init__(self, world: World, session: Session, planner: Planner) -> None:
-        super().__init__(Controller(session), session)  # type: ignore[arg-type]
+        super().__init__(Controller(session), session, planner, Alone(world.building))  # type: ignore[arg-type]
         self._world, self._steps_of = world, session
-        self._planner, self._nearby = planner, Alone(world.building)
         self.on_cycle: Callable[[], None] = lambda: None
 
     def move(self, motion: Motion) -> None:
         began = self.clock()
         while self.clock() - began < MOTION_LIMIT_S:
             command = motion.command(self.controller.state, self.clock() - began)
-            self._steps_of.command(command.velocity if command else (0.0, 0.0, 0.0))
+            self._steps_of.command(command.velocity if command else (0.0, 0.0, 0.0), 2 * STEP_S)
             self._step()
             if command is None:
                 return

@@ -11,7 +11,7 @@ import pytest
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.robot import model_switcher
-from robocorba.robot.agent import BODY_BLOCKED_M, BODY_LOST_M, ControlAgent
+from robocorba.robot.agent import BODY_BLOCKED_M, BODY_LOST_M, AgentCalls, ControlAgent
 from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramResult
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import Velocity
@@ -19,7 +19,6 @@ from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.simulation.emergency_stops import StopHold
-from robocorba.simulation.registry import Pose
 from tests.robot.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
 pytestmark = pytest.mark.slow
@@ -27,13 +26,6 @@ pytestmark = pytest.mark.slow
 SHORT = ProgramBuilder("short").mbase_by(ahead=0.05).program()
 LONG = ProgramBuilder("long").mbase_velocity(0.1, 0.0, 0.0, 60.0).program()
 WRONG = ProgramBuilder("wrong").wait(1).program()
-
-
-@pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    place = Place(tmp_path_factory.mktemp("place"))
-    yield place
-    place.close()
 
 
 @pytest.fixture
@@ -51,7 +43,7 @@ def check(program: Program, state: AgentState) -> CheckReport:
 
 @pytest.fixture
 def agent(place: Place, session: InProcessSession) -> Iterator[ControlAgent]:
-    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel(), check)
+    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel(), calls=AgentCalls(check))
     agent.start("simulated")
     yield agent
     session.is_away = False
@@ -108,19 +100,6 @@ def test_a_program_is_checked_while_another_one_runs(agent: ControlAgent) -> Non
             order()
 
 
-def test_a_stop_outlives_a_switch_of_the_adaptor(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch) -> None:
-    agent.stop("fire")
-    for switch in (lambda: agent.switch("simulated", ()), lambda: switch_to_disc(agent, monkeypatch)):
-        switch()
-        assert (agent.state.condition, agent.state.reason) == (AgentCondition.STOPPED, "fire")
-        assert agent.stop_answer == (True, True, "fire")
-    agent.load(SHORT)
-    with pytest.raises(IllegalOrder, match="is stopped: fire"):
-        agent.run()
-    agent.reset_stop()
-    run(agent, SHORT)
-
-
 def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, session: InProcessSession) -> None:
     assert not agent.path
     start = session.latest.at
@@ -136,28 +115,14 @@ def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, sessio
     assert not agent.path
 
 
-def test_a_stop_while_an_adaptor_starts_holds_the_robot(
-    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The agent has another controller already, or none yet."""
-    log_on = session.log_on
-
-    def stop_meanwhile(at: Pose | None = None) -> None:
-        agent.stop("fire")
-        log_on(at)
-
-    monkeypatch.setattr(session, "log_on", stop_meanwhile)
-    agent.switch("simulated", ())
-    assert agent.stop_answer == (True, True, "fire")
-    monkeypatch.undo()
-    agent.reset_stop()
-
-
 def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
-    """It outlives the robot's process, which has no time to log off; only its lease ends."""
+    """It outlives a switch, and the robot's process, which has no time to log off; only its lease ends."""
     agent.stop_durably("fire")
+    agent.switch("simulated", ())
+    assert (agent.state.condition, agent.state.reason) == (AgentCondition.STOPPED, "fire")
+    assert agent.stop_answer == (True, True, "fire")
     place.agent.evict("A")
-    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel(), check)
+    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel(), calls=AgentCalls(check))
     later.start("simulated")
     assert later.stop_answer == (True, True, "fire")
     with pytest.raises(IllegalOrder, match="is stopped: fire"):
@@ -185,21 +150,6 @@ def test_a_stop_of_the_server_is_reset_with_its_number_only(
     monkeypatch.undo()
     agent.reset_stop()
     assert agent.state.condition is AgentCondition.IDLE
-
-
-def test_a_stop_is_reported_once_the_server_answers(
-    agent: ControlAgent, place: Place, session: InProcessSession
-) -> None:
-    session.is_away = True
-    agent.stop("fire")
-    with pytest.raises(RobotLost):
-        agent.reset_stop()
-    assert agent.stop_answer.is_stopped
-    session.is_away = False
-    (held,) = [each for each in place.agent.sessions.values() if each.name == "A"]
-    eventually(lambda: place.stops.hold(held).is_held, "reported")
-    agent.reset_stop()
-    assert not place.stops.hold(held).is_held
 
 
 def test_another_robot_behind_the_same_agent(

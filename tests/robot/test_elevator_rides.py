@@ -25,6 +25,7 @@ from robocorba.planning.request import SMARTPAL_SPEED_M_S, PathRequest, Place, P
 from robocorba.robot.elevator_rides import DOOR_GAP_M, ELEVATOR_CALL_DISTANCE_M, RIDE_TRIALS, split_at_doors
 from robocorba.robot.kinematics.smartpal import RADIUS_M
 from robocorba.simulation.elevator import RidePhase
+from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Pose
 from tests.robot.stepped_robot import ByElevator, Session, SteppedRobot, World
 
@@ -122,7 +123,7 @@ class LosingRides:
             self.times -= 1
             if self.is_late:
                 while self.session.state().ride is not None:
-                    self.session.command((0.0, 0.0, 0.0))
+                    self.session.command((0.0, 0.0, 0.0), 2 * STEP_S)
                     self.place.world.step()
             else:
                 self.session.cancel_elevator()

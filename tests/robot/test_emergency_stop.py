@@ -22,11 +22,11 @@ from robocorba.errors.robots import IllegalOrder, RobotError, RobotHeld, RobotLo
 from robocorba.errors.simulation import InvalidCommand, UnknownRobot
 from robocorba.planning.planner import PathPlanner
 from robocorba.robot import agent as agent_module
-from robocorba.robot import emergency_stop, high_controller, model_switcher, session
+from robocorba.robot import emergency_stop, model_switcher, session
 from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.agent import ControlAgent
 from robocorba.robot.emergency_stop import EmergencyStop
-from robocorba.robot.high_controller import HighController
+from robocorba.robot.high_controller import HighController, Timing
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState, Velocity
@@ -96,6 +96,10 @@ class Stepped(HighController):
 
     last: ClassVar[Stepped | None] = None
     _silent_s = 0.0
+
+    def __init__(self, *parts: Any) -> None:
+        # A reset within another one does not wait for it.
+        super().__init__(*parts, timing=Timing(refresh_limit_s=0.0, check_interval_s=600.0, end_limit_s=0.0))
 
     def _start_loop(self) -> None:
         Stepped.last, self._is_looping = self, True
@@ -459,10 +463,7 @@ class Stops(RuleBasedStateMachine):
         for module in (agent_module, emergency_stop, emergency_stops):
             patch.setattr(module, "Repeating", Steps)
         patch.setattr(emergency_stops, "Workers", Calls)
-        patch.setattr(high_controller, "REFRESH_LIMIT_S", 0.0)
         patch.setattr(session, "GIVING_BACK_S", 0.0)
-        patch.setattr(high_controller, "CHECK_INTERVAL_S", 600.0)
-        patch.setattr(high_controller, "END_LIMIT_S", 0.0)  # a reset within another one does not wait for it
         patch.setattr(model_switcher, "make", lambda name, context: context.orb.make(name, context))
         folder = self._closing.enter_context(tempfile.TemporaryDirectory())
         self.world = World(Path(folder))

@@ -23,7 +23,7 @@ from robocorba.errors.robots import MotionFailed, RobotError, RobotLost
 from robocorba.robot import agent as agent_module
 from robocorba.robot import emergency_stop, execution_control, high_controller, model_switcher, runner
 from robocorba.robot.adaptor import RobotAdaptor
-from robocorba.robot.agent import ControlAgent
+from robocorba.robot.agent import AgentCalls, ControlAgent
 from robocorba.robot.agent_state import ProgramReport, ProgramResult
 from robocorba.robot.high_controller import TICK_S
 from robocorba.robot.kinematics.smartpal import JOINTS
@@ -393,9 +393,8 @@ class Place(Channel):
         #: What happens while a program is about to begin.
         self.meanwhile = ""
         self.agent = ControlAgent(
-            *(AdaptorContext("A", session, None), MagicMock(), self, check),
-            prepare=lambda: self.order(self.meanwhile),
-            changed=self._changed,
+            *(AdaptorContext("A", session, None), MagicMock(), self),
+            calls=AgentCalls(check, lambda: self.order(self.meanwhile), self._changed),
         )
         self.agent.start("ideal")
 

@@ -24,13 +24,6 @@ from tests.robot.places import Channel, InProcessSession, Place, eventually, rob
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    place = Place(tmp_path_factory.mktemp("place"))
-    yield place
-    place.close()
-
-
 @pytest.fixture
 def session(place: Place, request: pytest.FixtureRequest) -> Iterator[InProcessSession]:
     session = place.session("A", getattr(request, "param", Pose("L1", 7.0, 2.0)))
@@ -107,7 +100,7 @@ def test_a_watch_that_ends_by_a_defect_ends_the_program(smartpal: Robot, monkeyp
     def fail(sensor: str) -> float:
         raise ValueError("a fault")
 
-    monkeypatch.setattr(smartpal.sensors, "nearest_m", fail)
+    monkeypatch.setattr(smartpal, "nearest_m", fail)
     builder = ProgramBuilder("stop")
     with builder.stop_if_closer("front", 0.3):
         builder.mbase_velocity(0.2, 0.0, 0.0, 30.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from robocorba.robot.agent_state import AgentCondition, ProgramResult
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
-from robocorba.robot.teleoperation import LINGER_S, OrderedVelocity
+from robocorba.robot.teleoperation import LINGER_S, Teleoperation
 from tests.clock import Clock
 from tests.robot.places import Channel, Place, eventually
 
@@ -29,7 +30,7 @@ def state(velocity: Velocity = ZERO_VELOCITY) -> RobotState:
 
 def test_an_order_holds_until_it_expires_or_the_next_one_and_the_last_ends_once_the_base_stands() -> None:
     clock = Clock()
-    motion = OrderedVelocity(clock)
+    motion = Teleoperation(MagicMock(), clock)
     wanted = []
     for velocity, passed_s in (((0.1, 0.0, 0.0), 0.4), ((0.0, 0.2, 0.3), 0.4), (None, 0.2)):
         assert velocity is None or motion.order(velocity, 0.5)
@@ -51,13 +52,6 @@ def agent(place: Place) -> Iterator[ControlAgent]:
     agent.start("simulated")
     yield agent
     agent.close()
-
-
-@pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    place = Place(tmp_path_factory.mktemp("place"))
-    yield place
-    place.close()
 
 
 def test_the_robot_drives_while_orders_come(agent: ControlAgent) -> None:

@@ -8,13 +8,7 @@ import msgspec
 import pytest
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import (
-    CannotGrip,
-    InvalidChoice,
-    InvalidCommand,
-    PlaceTaken,
-    UnknownBody,
-)
+from robocorba.errors.simulation import CannotGrip, InvalidChoice, InvalidCommand, PlaceTaken, UnknownBody
 from robocorba.map_editor.model import BoxShape, ElementKind, Floor, MapObject, Wall
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.building import SimulatedBuilding
@@ -26,21 +20,6 @@ from tests.simulation.places import enter, robot, run, tower
 @pytest.fixture
 def world() -> SimulatedBuilding:
     return SimulatedBuilding(tower())
-
-
-@pytest.mark.parametrize(
-    ("x", "y", "blocker"),
-    [(3.2, 1.0, ""), (0.2, 5.0, ""), (2.0, 2.2, "T1"), (8.0, 7.5, ""), (7.5, 2.0, "A"), (4.2, 5.0, "")],
-)
-def test_a_robot_needs_room(world: SimulatedBuilding, x: float, y: float, blocker: str) -> None:
-    enter(world, "A", "L1", 7.0, 2.0)
-    with pytest.raises(PlaceTaken) as refused:
-        enter(world, "B", "L1", x, y)
-    assert refused.value.blocker == blocker
-    assert list(world.occupants.robots) == ["A"]
-    with pytest.raises(UnknownFloor):
-        enter(world, "B", "roof", 7.0, 2.0)
-    enter(world, "B", "L2", 7.0, 2.0)
 
 
 def test_a_command_that_is_not_renewed_ends(world: SimulatedBuilding) -> None:
@@ -76,17 +55,30 @@ def test_an_edit_of_the_map_is_followed(world: SimulatedBuilding) -> None:
     run(world, 0.5)
     before = world.occupants.objects["T1"].number
     edited = world.building.with_element("L1", Wall("W2", (6.5, 0.0), (6.5, 4.0)))
-    assert world.update(edited) == ([], [])
+    assert world.update(edited) == []
     run(world, 4.0)
     assert world.occupants.pose("A").x == pytest.approx(6.1, abs=0.02)
     assert world.occupants.objects["T1"].number == before
-    assert world.update(
-        edited.without(ElementKind.FLOOR, "", "L2").without(ElementKind.ELEVATOR, "", "E1")
-    ).removed == ["B"]
+    world.update(edited.without(ElementKind.FLOOR, "", "L2").without(ElementKind.ELEVATOR, "", "E1"))
+    assert list(world.occupants.robots) == ["A"]
     assert not world.elevators.cabins and list(world.occupants.floors) == ["L1"]
     world.occupants.robots["A"].command(-0.5, 0.0, 0.0, 5.0)
     run(world, 1.0)
     assert world.occupants.pose("A").x < 6.0
+
+
+def test_a_defect_on_one_floor_stops_no_other(world: SimulatedBuilding, monkeypatch: pytest.MonkeyPatch) -> None:
+    enter(world, "A", "L2", 5.0, 2.0)
+
+    def fail() -> None:
+        raise ValueError("a defect")
+
+    monkeypatch.setattr(world.occupants.floors["L1"], "step", fail)
+    world.occupants.robots["A"].command(0.5, 0.0, 0.0, 5.0)
+    for _ in range(50):
+        with pytest.raises(ValueError, match="a defect"):
+            world.step()
+    assert world.occupants.pose("A").x > 5.1
 
 
 def test_a_prepared_edit_leaves_little_to_do(world: SimulatedBuilding) -> None:
@@ -179,16 +171,20 @@ def test_an_object_is_placed_and_those_who_held_it_learn_so(world: SimulatedBuil
     [
         *(("A", 3.2, 1.0, ""), ("A", 2.0, 2.2, "T1"), ("A", 8.0, 7.5, ""), ("A", 7.4, 5.1, "B")),
         *(("T1", 3.2, 1.0, ""), ("T1", 7.2, 2.2, "A"), ("T1", 8.2, 8.0, ""), ("T1", 5.0, 4.1, "")),
+        *(("new", 3.2, 1.0, ""), ("new", 0.2, 5.0, ""), ("new", 2.0, 2.2, "T1"), ("new", 7.5, 2.0, "A")),
     ],
 )
-def test_nothing_is_placed_where_something_is(
+def test_nothing_comes_to_where_something_is(
     world: SimulatedBuilding, body: str, x: float, y: float, blocker: str
 ) -> None:
     enter(world, "A", "L1", 7.0, 2.0)
     enter(world, "B", "L1", 7.5, 5.0)
     before = world.record()
     with pytest.raises(PlaceTaken) as refused:
-        world.place(body, Pose("L1", x, y, 0.0))
+        if body == "new":
+            enter(world, body, "L1", x, y)
+        else:
+            world.place(body, Pose("L1", x, y, 0.0))
     assert (refused.value.floor, refused.value.blocker) == ("L1", blocker)
     assert world.record() == before
 
@@ -219,6 +215,8 @@ def test_an_impossible_placing_is_refused(world: SimulatedBuilding) -> None:
             world.place(name, Pose("L1", 5.0, 2.0, 0.0))
     with pytest.raises(UnknownFloor):
         world.place("A", Pose("roof", 5.0, 2.0, 0.0))
+    with pytest.raises(UnknownFloor):
+        enter(world, "B", "roof", 7.0, 2.0)
     for field, pose in (
         ("at.x", Pose("L1", math.nan, 2.0, 0.0)),
         ("at.y", Pose("L1", 5.0, -math.inf, 0.0)),

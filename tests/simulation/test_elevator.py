@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import Any
 
@@ -132,25 +131,6 @@ def test_doors_stay_open_for_late_members_of_a_party_until_the_limit() -> None:
     until(lift, "A", RidePhase.ALIGHTING)
 
 
-def test_a_robot_that_has_cancelled_is_not_told_to_board() -> None:
-    lift = cabin()
-    lift.call("A", "L1", "L2", 0.4, "table", 2)
-    until(lift, "A", RidePhase.BOARDING)
-    lift.call("B", "L1", "L2", 0.4, "table", 2)
-    lift.cancel("B")
-    assert [session.robot for session in lift.boarding] == ["A"]
-
-
-def test_a_party_without_members_delays_no_robot() -> None:
-    lift = cabin()
-    lift.call("A", "L1", "L2", 0.4, "table", 2)
-    lift.call("X", "L1", "L2", 0.4)
-    until(lift, "A", RidePhase.BOARDING)
-    lift.enter("A")
-    lift.cancel("A")
-    assert until(lift, "X", RidePhase.BOARDING) < 1.0
-
-
 def test_a_party_is_restored_after_a_restart() -> None:
     lift = cabin()
     for name in "AB":
@@ -246,15 +226,6 @@ def test_lone_robots_keep_nobody_from_carrying_away_what_obstructs_the_doors() -
     until(lift, "Z", RidePhase.BOARDING)
 
 
-def test_a_record_of_closed_doors_closes_doors_that_began_open() -> None:
-    lift = cabin()
-    lift.start_open("L2")
-    assert (lift.floor, lift.doors) == ("L2", Doors.OPEN)
-    record = cabin().record()
-    lift.restore(record, 5.0, ())
-    assert (lift.floor, lift.doors) == ("L1", Doors.CLOSED)
-
-
 # ---- any behaviour of robots ----
 
 floors = st.sampled_from(list(HEIGHTS))
@@ -346,20 +317,6 @@ def test_no_robot_waits_longer_than_the_bound(calls: list) -> None:
         robots.step()
     assert robots.arrived == list(robots.does.values()).count("goes")
     assert len(robots.lift.ended) == len(robots.does) - robots.arrived
-
-
-@pytest.mark.parametrize("party", ["", "table"])
-def test_robots_that_call_repeatedly_but_never_board_delay_no_robot_for_ever(party: str) -> None:
-    robots = Behaving(cabin())
-    robots.call("goes", "L1", "L3", 0.4)
-    robots.call("goes", "L5", "L1", 0.4, party, 2)
-    robots.call("goes", "L5", "L1", 0.4, party, 2)
-    numbers = itertools.count()
-    while any(does == "goes" and name in robots.lift.sessions for name, does in robots.does.items()):
-        if sum(session.origin == "L1" for session in robots.lift.sessions.values()) < 8:
-            robots.call("no", "L1", "L2", 0.4, f"{party}{next(numbers)}" if party else "", 3)
-        robots.step()
-    assert robots.arrived == 3
 
 
 def test_the_longest_wait_depends_on_earlier_calls() -> None:

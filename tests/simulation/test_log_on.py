@@ -47,9 +47,9 @@ from tests.simulation.places import robot, tower
 T = TypeVar("T")
 FLOORS = ("L1", "L2")
 #: Where robots log on: A and B beside the table, each with the point of its edge that it can grip.
-STARTS = {"A": Pose("L1", 1.0, 2.0), "B": Pose("L1", 2.0, 2.95), "C": Pose("L1", 7.0, 2.0)}
+STARTS = {"A": Pose("L1", 1.0, 2.0, 0.5), "B": Pose("L1", 2.0, 2.95), "C": Pose("L1", 7.0, 2.0, -2.0)}
 HANDS = {"A": (1.6, 2.0), "B": (2.0, 2.3)}
-PLACES = [*STARTS.values(), Pose("L2", 2.0, 2.0), Pose("L2", 7.0, 7.0)]
+PLACES = [*STARTS.values(), Pose("L2", 2.0, 2.0), Pose("L2", 7.0, 7.0, 1.5)]
 #: Cycles of the housekeeping [s], and how much of a longer pause counts; sums of both are exact.
 TICK_S, PAUSE_S = 0.125, 0.1875
 #: A step of the simulation; nobody drives.
@@ -223,7 +223,7 @@ class LogOn(RuleBasedStateMachine):
 
     @rule(name=names, is_full=st.booleans())
     def log_on(self, name: str, is_full: bool = False) -> None:
-        description = robot(name, *STARTS[name][:3])
+        description = robot(name, *STARTS[name])
         if refusal := self.refusal(name):
             with pytest.raises(refusal) as refused:
                 self.agent.register(description)

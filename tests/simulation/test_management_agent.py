@@ -3,7 +3,6 @@ the time of leases; sensor servers."""
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections import Counter
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.services import AlreadyRunning, ServiceError
+from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import (
     InvalidChoice,
     InvalidDescription,
@@ -23,7 +22,6 @@ from robocorba.errors.simulation import (
     SensorRefused,
     ServerFull,
     SessionExpired,
-    UnknownRobot,
 )
 from robocorba.map_editor.model import ElementKind
 from robocorba.map_editor.spatial.pose import Limits, Pose
@@ -37,16 +35,7 @@ from robocorba.simulation.robot_scans import LastScan
 from robocorba.simulation.sensor_admission import SensorAdmission, proof_of, read_token, system_token
 from robocorba.simulation.session import Session
 from robocorba.simulation.simulation_event import SimulationEvent
-from robocorba.simulation.store import AdministratorSettings, ClientRecord, Mission, SimulationStore
-from robocorba.simulation.world_record import (
-    CabinRecord,
-    ObjectRecord,
-    ReservationRecord,
-    RideRecord,
-    RobotRecord,
-    WorldRecord,
-)
-from testkit.processes import eventually
+from robocorba.simulation.store import ClientRecord, SimulationStore
 from tests.clock import Clock
 from tests.simulation.places import robot, scan, tower
 
@@ -113,26 +102,6 @@ def test_an_exchange_of_areas_that_cannot_be_stored_is_undone(agent: ManagementA
         assert agent.simulated.reservations.requests["B"].areas == (ROOM,)
 
 
-def test_a_silent_robot_is_logged_off_by_the_thread(store: SimulationStore) -> None:
-    gone: list[Session] = []
-    agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)
-    with contextlib.closing(agent):
-        agent.start()
-        agent.begin_leases()
-        silent, alive = agent.register(robot("A")), agent.register(robot("B", x=4.0))
-
-        def is_gone() -> bool:
-            alive.heartbeat()
-            return bool(gone)
-
-        eventually(is_gone)
-        assert gone == [silent]
-        eventually(lambda: [record.name for record in store.clients()] == ["B"])
-        agent.register(robot("A"))
-        with pytest.raises(UnknownRobot):
-            agent.evict("C")
-
-
 def test_robots_on_a_floor_that_the_map_lost_are_logged_off(store: SimulationStore) -> None:
     gone: list[Session] = []
     agent = ManagementAgent(tower(), 7, store, session_ended=gone.append)
@@ -148,16 +117,6 @@ def test_robots_on_a_floor_that_the_map_lost_are_logged_off(store: SimulationSto
     agent.close()
     assert [record.name for record in store.clients()] == ["B"]
     assert (agent.state.robots, agent.state.map_version) == (1, 8)
-
-
-def test_a_robot_does_not_inherit_the_ride_of_an_earlier_robot_of_its_name(store: SimulationStore) -> None:
-    """As after a kill before the state was written again."""
-    agent = ManagementAgent(tower(), 7, store)
-    session = agent.register(robot("A"))
-    session.call_elevator("E1", "L2")
-    session.deregister()
-    agent.register(robot("A"))
-    assert ManagementAgent(tower(), 7, store).simulated.elevators.rides == {}
 
 
 def test_of_two_records_of_a_name_the_later_one_counts(store: SimulationStore) -> None:
@@ -261,33 +220,6 @@ def test_an_invalid_description_names_the_field(field: str, changed: dict) -> No
     with pytest.raises(InvalidDescription) as refused:
         Description(**{"name": "A", "pose": Pose("L1", 0.0, 0.0), **changed})
     assert refused.value.field == field
-
-
-def test_all_records_are_restored(tmp_path: Path) -> None:
-    world = WorldRecord(
-        9,
-        {"A": RobotRecord("L1", 1.0, 2.0, 0.5, ("T1", 1.1, 2.2), 3)},
-        {"L1/T1": ObjectRecord("L1", 0.1, 0.2, 0.3, ("L1", 0.0, 0.0, 0.0))},
-        {"E1": CabinRecord("L1", [RideRecord("A", "L1", "L2", 0.4, 7.5, True, "table", 2)])},
-        reservations=[ReservationRecord("A", (("L1", ((0.0, 0.1), (1.0, 0.0), (1.0, 1.0))),), 60.0, None)],
-    )
-    client = ClientRecord.of("key", 12.5, robot("A"))
-    with SimulationStore(tmp_path / "file") as store:
-        assert (store.world(), store.clients(), store.settings()) == (None, [], None)
-        store.save_administrator("digest")
-        store.save_client(client)
-        store.save_client(ClientRecord.of("other", 13.5, robot("B")))
-        store.forget_client("other")
-        store.save_world(world)
-        store.save_settings(AdministratorSettings(5, 0.0, True))
-        assert store.put_mission(Mission("M", 0, b"plan")) == 1
-    with SimulationStore(tmp_path / "file") as store:
-        assert (store.world(), store.clients(), client.description) == (world, [client], robot("A"))
-        assert store.settings() == AdministratorSettings(5, 0.0, True)
-        assert store.missions() == [Mission("M", 1, b"plan")]
-        assert store.administrator() == "digest"
-        with pytest.raises(AlreadyRunning):
-            SimulationStore(tmp_path / "file")
 
 
 # ---- the time of leases ----

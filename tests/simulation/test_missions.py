@@ -14,7 +14,7 @@ import pytest
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import InvalidMission, NoLeader, StaleMission, UnknownMission
-from robocorba.missions.mission_control import GONE_LIMIT_S, HAND_OVER_S, SILENT_LIMIT_S, LeaderWatch, MissionControl
+from robocorba.missions.mission_control import GONE_LIMIT_S, HAND_OVER_S, LeaderWatch, MissionControl
 from robocorba.simulation import mission_directory
 from robocorba.simulation import store as store_module
 from robocorba.simulation.mission_directory import MissionDirectory
@@ -323,7 +323,7 @@ def test_an_abort_hits_its_own_mission_only(missions: MissionDirectory, monkeypa
     [
         (Robots(), False, GONE_LIMIT_S, "its leader A was gone for 60 s"),
         (Robots(A="other"), True, GONE_LIMIT_S, "its leader A did not lead it any more for 60 s"),
-        (Robots(), True, SILENT_LIMIT_S, "its leader A did not answer for 60 s"),
+        (Robots(), True, GONE_LIMIT_S, "its leader A did not answer for 60 s"),
     ],
 )
 def test_a_mission_without_a_leader_fails(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 
 import hypothesis
 import numpy as np
@@ -17,13 +16,7 @@ from robocorba.map_editor.spatial.elevator_state import Doors
 from robocorba.map_editor.spatial.floor_update import WHOLE, BodyKind, FloorView
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
-from robocorba.simulation.robot_scans import (
-    IDLE_INTERVAL_S,
-    MAX_SENSORS,
-    READ_INTERVAL_S,
-    READ_WINDOW_S,
-    RobotScans,
-)
+from robocorba.simulation.robot_scans import IDLE_INTERVAL_S, MAX_SENSORS, READ_INTERVAL_S, READ_WINDOW_S, RobotScans
 from tests.clock import Clock
 from tests.simulation.places import robot, run, scan, tower
 
@@ -67,20 +60,6 @@ def test_updates_hold_the_whole_floor_then_changes() -> None:
     world.refresh()
     view.apply(database.changes("L1", view.version))
     assert same(view, world)
-
-
-def test_a_client_of_the_server_before_gets_the_whole_floor(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also on a computer without a real-time clock, which starts at the same time again."""
-    monkeypatch.setattr(time, "time_ns", lambda: 10**18)
-    view = FloorView("L1")
-    for name in "AB":
-        world = SimulatedBuilding(tower())
-        world.add(robot(name))
-        world.refresh()
-        database = OmniDatabase(world)
-        view.apply(database.changes("L1", view.version))
-        assert same(view, world)
-        assert name in {body.name for body in view.bodies.values()}
 
 
 def test_a_renamed_object_is_the_same_body() -> None:

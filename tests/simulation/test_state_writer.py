@@ -54,22 +54,17 @@ def world(version: int) -> WorldRecord:
     return WorldRecord(1.0, [], {}, {}, {}, map_version=version)
 
 
-def test_what_was_refused_is_written_with_what_comes_next(disk: Disk, writer: StateWriter) -> None:
+@pytest.mark.parametrize("is_replaced", [False, True])
+def test_what_was_refused_is_written_with_what_comes_next(disk: Disk, writer: StateWriter, is_replaced: bool) -> None:
+    """A newer record takes the place of one that was refused."""
     for change in (lambda: writer.forget("a"), lambda: writer.submit(world(1))):
         with pytest.raises(ServiceError, match="no space left"):
             writer.wait(change())
     disk.is_full = False
+    if is_replaced:
+        writer.submit(world(2))
     writer.wait(writer.forget("b"))
-    assert disk.forgotten == ["a", "b"]
-    assert disk.world == world(1)
-
-
-def test_a_newer_record_takes_the_place_of_one_that_was_refused(disk: Disk, writer: StateWriter) -> None:
-    with pytest.raises(ServiceError):
-        writer.wait(writer.submit(world(1)))
-    disk.is_full = False
-    writer.wait(writer.submit(world(2)))
-    assert disk.world == world(2)
+    assert (disk.forgotten, disk.world) == (["a", "b"], world(2 if is_replaced else 1))
 
 
 def test_its_thread_tries_again_by_itself(disk: Disk, writer: StateWriter, monkeypatch: pytest.MonkeyPatch) -> None:

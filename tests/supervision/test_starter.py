@@ -27,7 +27,7 @@ from robocorba.system.supervision.starter import Child, Starter
 from robocorba.system.supervision.warm_parent import ENVIRONMENT
 from testkit.json_process import checkout_command
 from testkit.nursery import ForkedProcess, Nursery
-from testkit.processes import ROBOCORBA, Launcher, command_line, eventually, is_running, read_json
+from testkit.processes import ROBOCORBA, Launcher, command_line, eventually, is_running
 
 PROGRAM = "tests.supervision.forked_program"
 #: Whatever it runs on: a condition is waited for at most this long [s].
@@ -364,26 +364,6 @@ def test_forks_are_like_commands(
         alone = launch(ROBOCORBA, *arguments, ROBOCORBA_STATE=str(tmp_path / "no system"))
         assert forked.communicate(timeout=LIMIT_S) == alone.communicate(timeout=LIMIT_S)
         assert forked.returncode == alone.returncode
-
-
-def look(nursery: Nursery, options: dict[str, Any], *arguments: str) -> tuple[ForkedProcess, dict[str, Any]]:
-    process = ForkedProcess(nursery, ModuleRun("tests.supervision.forked_program", arguments), "a title", **options)
-    assert process.stdout
-    return process, read_json(process.stdout.readline())
-
-
-def test_it_is_a_child_of_this_process(nursery: Nursery, options: dict[str, Any], tmp_path: Path) -> None:
-    process, seen = look(nursery, options, "some", "arguments")
-    assert (seen["pid"], seen["session"], seen["parent"]) == (process.pid, process.pid, os.getpid())
-    assert (seen["folder"], seen["arguments"]) == (str(tmp_path), ["some", "arguments"])
-    with pytest.raises(subprocess.TimeoutExpired):
-        process.wait(0.01)
-    process.kill()
-    assert process.wait(LIMIT_S) == -signal.SIGKILL
-    process.communicate()
-    process, _ = look(nursery, options, "ends")
-    process.communicate(timeout=LIMIT_S)
-    assert process.returncode == 3
 
 
 def test_what_is_not_forked(nursery: Nursery, options: dict[str, Any]) -> None:

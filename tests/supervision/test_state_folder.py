@@ -13,7 +13,7 @@ import msgspec
 import psutil
 import pytest
 
-from robocorba.errors.files import LimitExceeded, OutputExists, OutputIsInput
+from robocorba.errors.files import LimitExceeded, OutputError
 from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import AlreadyRunning, ServiceError
 from robocorba.events.channel_store import ChannelStore, Peer
@@ -296,7 +296,7 @@ def test_a_backup_restores_everything_and_keeps_the_former_state(state: Path, tm
     }
     assert restore(file, tmp_path / "elsewhere") is None
     check(tmp_path / "elsewhere")
-    with pytest.raises(OutputExists, match="exists"):
+    with pytest.raises(OutputError, match="exists already"):
         back_up(state, file)
     back_up(state, file, overwrite=True)
 
@@ -360,7 +360,7 @@ def test_a_bad_backup_changes_nothing(state: Path, tmp_path: Path, monkeypatch: 
         refused(ServiceError, "no backup of RoboCorba", name)
     for name in ("missing", "state"):
         refused(ServiceError, "there is no backup", name)
-    with pytest.raises(OutputIsInput):
+    with pytest.raises(OutputError, match="the input itself"):
         back_up(state, state / "map.sqlite", overwrite=True)
     for at in (0, 300, 1500, -400):
         back_up(state, file, overwrite=True)

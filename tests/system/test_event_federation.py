@@ -51,10 +51,6 @@ def linked(at: Channels, *types: str) -> Consumer:
     return consumer
 
 
-def interest(federation: Channels, name: str, peer: str) -> list[tuple[str, str]]:
-    return [(pattern.type, pattern.source) for pattern in federation.outgoing(name, peer).interest]
-
-
 @contextlib.contextmanager
 def talking(federation: Channels, *names: str, count: float = math.inf) -> Iterator[list[int]]:
     """Numbers that are pushed one by one, at all of these channels at the same time, until the `with` ends. count: how
@@ -101,21 +97,6 @@ def test_each_consumer_gets_exactly_one_copy(at: Channels, shape: tuple[str, ...
         pass
     check_got(consumers, {name: list(range(100)) for name in "ABCD"})
     at.check_links(*shape)
-
-
-def test_interest_follows_consumers_and_gateways_never_count(at: Channels) -> None:
-    at.shape("AB", "BC")
-    robots = Consumer(at.clients["C"], ("robot.*",))
-    doors = Consumer(at.clients["C"], ("door", "robot.state"))
-    eventually(lambda: interest(at, "B", "C") == [("door", "*"), ("robot.*", "*")], LIMIT_S, "the union")
-    assert interest(at, "A", "B") == []  # the gateway of C is no consumer of B
-    robots.subscription.end()
-    eventually(lambda: interest(at, "B", "C") == [("door", "*"), ("robot.state", "*")], LIMIT_S, "one less")
-    doors.subscription.change(("lamp", "L1"))
-    eventually(lambda: interest(at, "B", "C") == [("lamp", "L1")], LIMIT_S, "the change")
-    assert doors.subscription.wait_in_force("B")
-    doors.subscription.end()
-    eventually(lambda: interest(at, "B", "C") == [], LIMIT_S, "nothing, since the last one has left")
 
 
 def test_an_uninterested_channel_receives_nothing(at: Channels) -> None:

@@ -134,7 +134,7 @@ class Crew:
         assert [name for name, _ in groupby(phase["name"] for phase in report["phases"])] == [
             *("reserving", "gathering", "approaching", "gripping", "carrying", "putting down", "backing off")
         ]
-        pool = RemotePool.of_robot(place.orb, "A")
+        pool = RemotePool(place.orb, "A")
         plan = pool.plans()[-1]
         assert pool.plan(plan.name) == plan
 
@@ -292,7 +292,7 @@ def test_the_other_one_carries_on_alone_when_the_leader_is_killed_in_the_cabin(t
         check_box(seen)
         state = place.agent("B").state()
         assert (state.at.floor, state.condition) == ("L2", AgentCondition.IDLE)
-        assert [body.name for body in RemotePool.of_robot(place.orb, "B").content().came if body.name == "box"]
+        assert [body.name for body in RemotePool(place.orb, "B").content().came if body.name == "box"]
         (mission,) = place.control.missions_since(0)
         assert (mission.content.leader, mission.content.term) == ("B", 2)
         # On a busy machine a carry may wait for the positions of others.

@@ -375,7 +375,7 @@ def test_the_same_program_ends_at_the_same_place(system_orb: Orb, tmp_path: Path
             assert robot.robocorba(*switch) == f"{NAME}\tsmartpal\n"
             ran = run(robot)
             check_end(virtual, ran)
-            pool = RemotePool.of_robot(orb, NAME)
+            pool = RemotePool(orb, NAME)
             assert pool.floor == "L2"
             assert [body.name for body in pool.content().came if body.name == NAME] == [NAME]
             # Its body in the building has gone with it.

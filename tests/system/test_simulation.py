@@ -108,27 +108,17 @@ def test_a_place_a_name_and_a_slot_are_for_one_robot(place: Place) -> None:
     with pytest.raises(RoboCorba.NameTaken) as taken:
         place.log_on("a", 6.0, 14.0)
     assert taken.value.name == "a"
-    for occupied, by in (((at.x + 0.1, at.y), "a"), ((8.0, 11.0), "")):  # a robot, a wall
-        with pytest.raises(RoboCorba.PlaceTaken) as refused:
-            place.log_on("c", *occupied)
-        assert (refused.value.by, refused.value.place.floor) == (by, "L1")
-    with pytest.raises(RoboCorba.UnknownFloor) as unknown:
-        place.log_on("c", 6.0, 14.0, floor="L9")
-    assert (unknown.value.floorName, unknown.value.known) == ("L9", ["L1", "L2", "L3", "L4", "L5"])
+    with pytest.raises(RoboCorba.PlaceTaken) as refused:
+        place.log_on("c", at.x + 0.1, at.y)
+    assert (refused.value.by, refused.value.place.floor) == ("a", "L1")
     place.administrator.setLimit(1)
     assert (state_of(place).limit, state_of(place).robots, place.names) == (1, 2, {"a", "b"})
     place.administrator.evict("a")
     assert is_gone(a) and not is_gone(b)
-    with pytest.raises(RoboCorba.UnknownRobot) as nobody:
-        place.administrator.evict("a")
-    assert nobody.value.name == "a"
     with pytest.raises(RoboCorba.ServerFull) as full:
         place.log_on("c", 6.0, 14.0)
     assert (full.value.limit, full.value.now) == (1, 1)
     assert 0.0 < full.value.retryAfter <= b._get_lease()
-    with pytest.raises(RoboCorba.InvalidSetting) as wrong:
-        place.administrator.setLimit(1_000_000)
-    assert wrong.value.field == "robots"
 
 
 def test_a_robot_that_logs_off_is_gone_at_once(place: Place) -> None:
@@ -239,14 +229,8 @@ def test_the_administrator_places_robots_and_objects(place: Place) -> None:
     at = a.state().at
     assert (at.floor, at.x, at.y, at.heading) == ("L3", *HALL, pytest.approx(1.0))
     eventually(lambda: speed_of(a.state()) == 0.0)
-    for body, pose, error in (
-        ("nobody", at, RoboCorba.UnknownBody),
-        ("a", RoboCorba.Pose("L9", *HALL, 0.0), RoboCorba.UnknownFloor),
-        ("a", b.state().at, RoboCorba.PlaceTaken),
-        ("a", RoboCorba.Pose("L1", math.nan, 1.0, 0.0), RoboCorba.InvalidSetting),
-    ):
-        with pytest.raises(error):
-            place.administrator.place(body, pose)
+    with pytest.raises(RoboCorba.PlaceTaken):
+        place.administrator.place("a", b.state().at)
     before = place.body("L1", CHAIR)
     place.administrator.place(CHAIR, RoboCorba.Pose("L1", *HALL, 0.0))
     moved = place.body("L1", CHAIR)
@@ -257,8 +241,6 @@ def test_the_administrator_places_robots_and_objects(place: Place) -> None:
 def test_time_stands_is_counted_in_steps_and_goes_on_at_any_pace(place: Place) -> None:
     a, administrator = place.log_on("a", *HALL), place.administrator
     eventually(lambda: passed(place, 0.4) == pytest.approx(0.4 * PACE, rel=0.3), what="the pace")
-    with pytest.raises(RoboCorba.InvalidSetting):
-        administrator.step(1)
     administrator.pause()
     began = state_of(place)
     a.command(AHEAD, 1.0)
@@ -266,10 +248,6 @@ def test_time_stands_is_counted_in_steps_and_goes_on_at_any_pace(place: Place) -
     administrator.step(25)
     assert state_of(place).time == pytest.approx(began.time + 0.5)
     assert (a.state().time, a.state().moving.ahead) == (state_of(place).time, pytest.approx(1.0))
-    for order, wrong, field in ((administrator.step, 10_001, "steps"), (administrator.setPace, math.nan, "pace")):
-        with pytest.raises(RoboCorba.InvalidSetting) as refused:
-            order(wrong)
-        assert refused.value.field == field
     administrator.resume()
     administrator.setPace(0.01)  # a step in 2 s
     assert passed(place, 0.2) <= 0.02 + 1e-9

@@ -7,7 +7,6 @@ import contextlib
 import functools
 import itertools
 import math
-import secrets
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +22,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.system.settings import Address
 from testkit.attacks import connections, greedy_clients, stalled_connections
 from testkit.processes import eventually
-from testkit.simulation import CROSS, NO_MOUNT, NO_NOISE, STAND, Place, about, error_lines, is_gone, simulation
+from testkit.simulation import CROSS, NO_MOUNT, NO_NOISE, STAND, Place, about, error_lines, simulation
 from tests.system.refusals import refused
 from tests.waits import pause
 
@@ -124,19 +123,6 @@ def test_reservations_of_any_size_are_refused_soon(place: Place) -> None:
             assert refused(RoboCorba.InvalidReservation, owner.reserveAreas, areas, 5.0).field == "areas"
             assert time.monotonic() - began < 10.0
         assert owner.reservation().phase == RoboCorba.NO_RESERVATION
-
-
-@given(st.one_of(st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0")), st.just(LONG[:10_000])))
-@MANY
-def test_a_made_up_reference_leads_to_nobody(place: Place, key: str) -> None:
-    at = place.endpoint("simulation")
-    with robot(place, "known") as known:
-        for guess in (key, "known", secrets.token_urlsafe(24), ""):
-            quoted = "".join(f"%{byte:02x}" for byte in f"sessions/{guess}".encode())
-            session = place.orb.reference(f"corbaloc:iiop:1.2@{at}/{quoted}", RoboCorba.RobotSession)
-            for call in (session.state, session.deregister, session.release):
-                refused(CORBA.OBJECT_NOT_EXIST, call)
-        assert not is_gone(known)
 
 
 def test_a_crowd_that_wants_to_log_on_is_turned_away(place: Place) -> None:

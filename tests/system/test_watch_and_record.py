@@ -27,7 +27,6 @@ from robocorba.errors.simulation import InvalidPicture, InvalidRecording
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.model import Wall
 from robocorba.map_editor.spatial.floor_update import WHOLE
-from robocorba.map_editor.spatial.posture import Posture
 from robocorba.orb.orb import Orb
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.simulation.recording import Recording
@@ -177,7 +176,7 @@ def test_all_go_on_when_the_server_was_killed(robocorba: Robocorba, system: Runn
                 if body.name in ways:
                     ways[body.name].add(float(view.motion(body.number)["x"]))
     assert all(len(way) > 3 for way in ways.values())
-    postures = [entry for _, entry in found.entries() if isinstance(entry, Posture)]
+    postures = [posture for changes in found.changes() for posture in changes.postures]
     assert {(posture.robot, posture.joints) for posture in postures} == {(name, tuple(POSTURE)) for name in "AB"}
     times = [posture.time for posture in postures if posture.robot == "A"]
     assert len(set(times)) == len(times) > 3

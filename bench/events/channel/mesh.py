@@ -5,13 +5,12 @@ from __future__ import annotations
 import itertools
 import statistics
 import string
-import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import psutil
 
+from bench.common.harness import folder_of_bench
 from robocorba.stubs import RoboCorba
 from testkit.federation import Channels, channels
 from testkit.json_process import Cpu
@@ -43,7 +42,7 @@ def _mesh(count: int, rounds: int, seconds: float) -> dict[str, Any]:
     """The row of `count` channels: CPU in `seconds`, and the median of `rounds` times until all notice."""
     names = string.ascii_letters[:count]
     pairs = [a + b for a, b in itertools.combinations(names, 2)]
-    with tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder, channels(Path(folder)) as federation:
+    with folder_of_bench() as folder, channels(folder) as federation:
         for name in names:
             federation.spawn(name)
         for name in names:

@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 from bench.events.channel.stage import Stage, collect, send, trio
 from testkit.json_process import Process
 from testkit.peers import installed
-from testkit.peers.brokers import MQTT, NATS, REDIS, ZENOH, ZEROMQ
+from testkit.peers.brokers import MQTT, REDIS
 from testkit.peers.corba import CLIENT, HEADER, OMNIEVENTS, ON_ONE_CORE, PLAIN, PLAIN_TO_BATCHES, RELAY
 from testkit.report import PROGRESS, Mark, at_least, at_most, bars, distribution, quantile, summarize
 
 # ---- latency ----
 
 
-LATENCY_PEERS = [peer.name for peer in (PLAIN, RELAY, OMNIEVENTS, REDIS, HEADER, CLIENT, MQTT, NATS, ZEROMQ, ZENOH)]
+LATENCY_PEERS = [peer.name for peer in (PLAIN, RELAY, OMNIEVENTS, REDIS, HEADER, CLIENT, MQTT)]
 #: Events a second.
 RATE = 1000.0
 #: Events of a turn, and events before it that do not count, because the processes have slept.
@@ -115,7 +115,7 @@ class Way(NamedTuple):
         return f"{self.peer}{how}, runs of {self.run}" if self.run else f"{self.peer}{how}"
 
 
-BEST_RUNS, ZENOH_WAY = Way(HEADER.name, run=100), Way(ZENOH.name)
+BEST_RUNS = Way(HEADER.name, run=100)
 WAYS = [
     Way(PLAIN.name),
     Way(PLAIN_TO_BATCHES.name),
@@ -131,9 +131,6 @@ WAYS = [
     Way(REDIS.name),
     Way(REDIS.name, run=100),
     Way(MQTT.name),
-    Way(NATS.name),
-    Way(ZEROMQ.name),
-    ZENOH_WAY,
 ]
 
 
@@ -182,12 +179,9 @@ def _throughput_marks(rows: list[dict[str, Any]]) -> list[Mark]:
     rate = {row["peer"]: row["events/s"] for row in rows}
     lossless = [row for row in rows if row["peer"].startswith("ours") and row["peer"] != PLAIN.name]
     one_by_one = max(rate[way.label] for way in WAYS if way.peer.startswith("ours") and not way.run)
-    marks = [
+    return [
         at_least("one event a call, events/s", one_by_one, ONE_BY_ONE),
         at_least("runs of 100, events/s", rate[BEST_RUNS.label], IN_RUNS),
         at_most("events of ours lost", sum(row["lost"] for row in lossless), 0),
         at_most("events of ours out of order or twice", sum(r["misordered"] + r["repeated"] for r in lossless), 0),
     ]
-    if ZENOH_WAY.label in rate:
-        marks.append(at_least("runs of 100 / Zenoh", rate[BEST_RUNS.label] / rate[ZENOH_WAY.label], 1.0))
-    return marks

@@ -1,5 +1,5 @@
-"""Analysis and report of the runs: latencies of each cell (delay, load) in both set-ups, their ratio and trend, and the
-paper's Figure 13 with our curves."""
+"""Analysis and report of the runs: latencies of each cell (delay, load) in both set-ups, their ratio, and the paper's
+Figure 13 with our curves."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bench.events.network.experiment import FEDERATED, STANDARD, Outcome
-from testkit.report import Mark, at_most, summarize, write_csv
+from testkit.report import Mark, at_most, summarize
 
 #: The figures of the paper's text about Figure 13: mean latencies [ms] at one load, and that they fall with load.
 PAPER_LOAD, PAPER_STANDARD_MS, PAPER_FEDERATED_MS = 0.6, 18.5, 16.9
 PAPER_RATIO = 0.91
-PAPER_TREND = "falls"
 #: Marks: ratio of the means at every load and delay; with links of 1 ms; of remote events only.
 RATIO_LIMIT, RATIO_LIMIT_1_MS, REMOTE_LIMIT = PAPER_RATIO, 0.5, 1.15
 RESAMPLES = 2000
@@ -103,15 +102,6 @@ def compare(cell: Cell, which: str = "all_us") -> Interval:
     return ratio(means_ms(cell.federated, which), means_ms(cell.standard, which))
 
 
-def trend(runs: Sequence[Outcome]) -> tuple[Interval, str]:
-    """Change of the mean latency from an idle to a busy core [ms], and as a word: a line through the runs' means over
-    the measured load. It has a direction where the interval of its slope leaves out zero."""
-    loads, means = np.array([run.busy for run in runs]), means_ms(runs)
-    picks = np.random.default_rng(3).integers(0, len(runs), (RESAMPLES, len(runs)))
-    change = Interval.of(_slope(loads, means), np.array([_slope(loads[pick], means[pick]) for pick in picks]))
-    return change, "rises" if change.low > 0 else "falls" if change.high < 0 else "has no clear trend"
-
-
 def row(cell: Cell) -> dict[str, Any]:
     """A cell as a row of the table and the files: latencies [ms] and traffic over the link in a run."""
     found: dict[str, Any] = {
@@ -126,25 +116,6 @@ def row(cell: Cell) -> dict[str, Any]:
     for name, which in (("ratio", "all_us"), ("ratio local", "local_us"), ("ratio remote", "remote_us")):
         found |= dict(zip((name, f"{name} low", f"{name} high"), compare(cell, which), strict=True))
     return {**found, "runs": len(cell.standard), "events": sum(len(run.all_us) for run in cell.standard)}
-
-
-def run_row(run: Outcome) -> dict[str, Any]:
-    """A run as a row of the files."""
-    return {
-        "set-up": run.set_up,
-        "delay, ms": run.delay_us / 1e3,
-        "load, %": round(100 * run.load),
-        "busy, %": round(100 * run.busy, 1),
-        **latencies_ms([run]),
-        "lost": run.lost,
-        "sent": run.sent,
-        "wanted across": run.wanted_across,
-        "packets over the link": run.packets,
-        "bytes over the link": run.bytes,
-        "events forwarded": run.forwarded,
-        "bytes forwarded": run.forwarded_bytes,
-        "events not forwarded": run.unseen,
-    }
 
 
 def marks(found: Sequence[Cell]) -> list[Mark]:
@@ -162,34 +133,6 @@ def marks(found: Sequence[Cell]) -> list[Mark]:
         value = compare(cell, "remote_us").value
         result.append(at_most(f"ratio of remote events, {cell.delay_us / 1e3:g} ms", value, REMOTE_LIMIT))
     return result
-
-
-def differences(found: Sequence[Cell]) -> list[str]:
-    """Sentences on the differences between our curves and the paper's."""
-    sentences = []
-    for merged in by_delay(found):
-        delay = f"{merged.delay_us / 1e3:g} ms"
-        for set_up, runs in ((STANDARD, merged.standard), (FEDERATED, merged.federated)):
-            change, word = trend(runs)
-            agrees = "as in the paper" if word == PAPER_TREND else "unlike in the paper, where it falls"
-            sentences.append(
-                f"{delay}, {set_up}: the latency {word} with the leader's load, {agrees} "
-                f"({change.value:+.3f} ms from idle to busy, {change.low:+.3f} to {change.high:+.3f})."
-            )
-        for cell in found:
-            if cell.delay_us == merged.delay_us and abs(cell.load - PAPER_LOAD) < 0.01:
-                standard, federated = (means_ms(runs).mean() for runs in (cell.standard, cell.federated))
-                sentences.append(
-                    f"{delay} at 60 %: standard {standard:.2f} ms to the paper's {PAPER_STANDARD_MS:g}, "
-                    f"federated {federated:.2f} to {PAPER_FEDERATED_MS:g}; ratio {compare(cell)} to {PAPER_RATIO:g}."
-                )
-    return sentences
-
-
-def _slope(x: np.ndarray, y: np.ndarray) -> float:
-    spread = x - x.mean()
-    square = float(spread @ spread)
-    return float(spread @ y) / square if square else 0.0
 
 
 def _resampled(values: np.ndarray, chance: np.random.Generator) -> np.ndarray:
@@ -214,18 +157,13 @@ SHOWN = (
 def write_report(outcomes: Sequence[Outcome], about: Mapping[str, Any]) -> bool:
     """Print and write all results; whether every mark was reached. about: description of the measurement."""
     found = cells(outcomes)
-    sentences = differences(found)
     held = max((abs(cell.busy - cell.load) for cell in found if cell.load), default=0.0)
     print(f"load of the leader's core: off by at most {100 * held:.0f} points where there was load to add")
-    print("\nBeside the paper:", *sentences, sep="\n- ")
     print("", *(f"{key}: {value}" for key, value in about.items()), sep="\n")
-    runs = [run_row(run) for run in outcomes]
-    write_csv(f"{NAME}_runs", runs)
     rows = [row(cell) for cell in found]
-    more = {**about, "beside the paper": sentences, "runs": runs}
     delays = [row(cell) for cell in by_delay(found)]
     summarize(f"{NAME}_delays", f"{TITLE}, over all loads", delays, [], draw(by_delay(found)), SHOWN)
-    return summarize(NAME, TITLE, rows, marks(found), draw(found), SHOWN, **more)
+    return summarize(NAME, TITLE, rows, marks(found), draw(found), SHOWN, **about)
 
 
 def draw(found: Sequence[Cell]) -> Figure:

@@ -24,13 +24,6 @@ from robocorba.bridges.foxglove.shapes import nanoseconds
 from robocorba.errors.services import ServiceError
 from robocorba.map_editor.model import Building
 
-#: Messages that wait for a slow client; beyond that the oldest are dropped.
-BACKLOG = 1024
-#: Requests of playback control that wait; more are dropped.
-MAX_REQUESTS = 16
-#: Simulated time that Foxglove's time line shows from the start of the server on [s].
-TIME_LINE_S = 24 * 3600.0
-
 
 class PlaybackRequest(NamedTuple):
     """A request of a client. pace: simulated seconds per second. id: for the answer."""
@@ -51,7 +44,7 @@ class LiveServer:
     ) -> None:
         context = foxglove.Context()
         self._listener = _Listener()
-        span = nanoseconds(time_s), nanoseconds(time_s + TIME_LINE_S)
+        span = nanoseconds(time_s), nanoseconds(time_s + 24 * 3600.0)  # what Foxglove's time line shows
         try:
             self._server = foxglove.start_server(
                 name="RoboCorba",
@@ -61,7 +54,7 @@ class LiveServer:
                 server_listener=self._listener,
                 context=context,
                 playback_time_range=span if is_steerable else None,
-                message_backlog_size=BACKLOG,
+                message_backlog_size=1024,  # for a slow client; beyond that the oldest are dropped
             )
         except (OSError, RuntimeError) as error:
             raise ServiceError(f"{host}:{port}: {error}") from None
@@ -116,7 +109,8 @@ class _Listener(ServerListener):
         self.time_ns = 0
         self.subscriptions: set[tuple[int, int]] = set()
         self.has_new = threading.Event()
-        self.requests: queue.Queue[PlaybackRequest] = queue.Queue(MAX_REQUESTS)
+        #: Those that wait; more are dropped.
+        self.requests: queue.Queue[PlaybackRequest] = queue.Queue(16)
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         self.subscriptions.add((client.id, channel.id))

@@ -14,7 +14,7 @@ Times of messages are simulated."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import foxglove
@@ -69,12 +69,8 @@ from robocorba.simulation.mission_record import MissionContent
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_changes import SystemChanges
 
-#: Height of objects that the map does not have [m].
-UNKNOWN_HEIGHT_M = 0.7
 #: Simulated time between two messages on `/robots` [s].
 ROBOTS_S = 1.0
-#: Missions on `/missions`.
-MAX_MISSIONS = 20
 
 
 class FoxglovePublisher:
@@ -87,9 +83,9 @@ class FoxglovePublisher:
         self._log = LogChannel("/log", context=context)
         self._robots = foxglove.Channel("/robots", schema=ROBOTS_SCHEMA, context=context)
         self._missions = foxglove.Channel("/missions", schema=MISSIONS_SCHEMA, context=context)
-        self._poses: dict[str, PoseInFrameChannel] = {}
-        self._joints: dict[str, JointStatesChannel] = {}
-        self._scans: dict[tuple[str, tuple[object, ...]], LaserScanChannel] = {}
+        #: The channels of each robot, by the rest of their topics; and its sensors that have sent scans.
+        self._channels: dict[str, dict[str, Any]] = {}
+        self._sensors: dict[str, list[tuple[object, ...]]] = {}
         self._smartpal = SmartPalBody()
         self._building = building
         self._heights: dict[str, float] = {}
@@ -232,7 +228,7 @@ class FoxglovePublisher:
         return entity_ids(body)
 
     def _entities(self, body: Body) -> list[SceneEntity]:
-        return body_entities(body, self._heights.get(body.name, UNKNOWN_HEIGHT_M), self.time_s)
+        return body_entities(body, self._heights.get(body.name, 0.7), self.time_s)  # 0.7 m if the map does not have it
 
     def _base(self, view: FloorView, body: Body) -> FrameTransform:
         """Where a body is."""
@@ -241,7 +237,7 @@ class FoxglovePublisher:
 
     def _publish_pose(self, view: FloorView, body: Body) -> None:
         message = PoseInFrame(timestamp=timestamp(self.time_s), frame_id=MAP, pose=pose(*self._pose(view, body)))
-        self._pose_channel(body.name).log(message, log_time=nanoseconds(self.time_s))
+        self._channel(body.name, "pose", PoseInFrameChannel).log(message, log_time=nanoseconds(self.time_s))
 
     def _pose(self, view: FloorView, body: Body) -> tuple[float, float, float, float]:
         """x, y, z [m] and heading [rad] of a body."""
@@ -258,14 +254,12 @@ class FoxglovePublisher:
         return self._building.floors[floor].floor.elevation if floor in self._building.floors else 0.0
 
     def _cabin(self, name: str, state: ElevatorState) -> list[FrameTransform]:
+        """Where a cabin is, and the robots in it: they move up and down with it."""
         elevator = self._building.elevators[name]
         x, y = elevator.at
         at = vector((x, y, state.height))
-        return [self._transform(MAP, elevator_frame(name), at, yaw(elevator.heading)), *self._riders(state)]
-
-    def _riders(self, state: ElevatorState) -> list[FrameTransform]:
-        """Robots in a cabin that travels move up and down with it."""
-        return [self._base(view, body) for view, body in self._bodies() if body.name in state.riders]
+        riders = [self._base(view, body) for view, body in self._bodies() if body.name in state.riders]
+        return [self._transform(MAP, elevator_frame(name), at, yaw(elevator.heading)), *riders]
 
     # ---- robots ----
 
@@ -279,7 +273,7 @@ class FoxglovePublisher:
             self._postures[robot] = posture
             joints = [JointState(name=name, position=angle) for name, angle in zip(JOINTS, posture.joints, strict=True)]
             message = JointStates(timestamp=timestamp(posture.time), joints=joints)
-            self._joint_channel(robot).log(message, log_time=nanoseconds(posture.time))
+            self._channel(robot, "joint_states", JointStatesChannel).log(message, log_time=nanoseconds(posture.time))
             transforms += self._link_transforms(robot, posture.joints)
         self._publish((), (), transforms)
 
@@ -296,25 +290,19 @@ class FoxglovePublisher:
                 end_angle=scan.first_rad + scan.step_rad * (len(ranges) - 1),
                 ranges=ranges.tolist(),
             )
-            self._scan_channel(scan).log(message, log_time=nanoseconds(scan.time))
+            sensors = self._sensors.setdefault(scan.robot, [])
+            if scan.sensor not in sensors:
+                sensors.append(scan.sensor)
+            number = sensors.index(scan.sensor) + 1
+            topic = f"scan_{number}" if number > 1 else "scan"
+            self._channel(scan.robot, topic, LaserScanChannel).log(message, log_time=nanoseconds(scan.time))
 
-    def _pose_channel(self, robot: str) -> PoseInFrameChannel:
-        if robot not in self._poses:
-            self._poses[robot] = PoseInFrameChannel(f"/{robot}/pose", context=self._context)
-        return self._poses[robot]
-
-    def _joint_channel(self, robot: str) -> JointStatesChannel:
-        if robot not in self._joints:
-            self._joints[robot] = JointStatesChannel(f"/{robot}/joint_states", context=self._context)
-        return self._joints[robot]
-
-    def _scan_channel(self, scan: RobotScan) -> LaserScanChannel:
-        key = scan.robot, scan.sensor
-        if key not in self._scans:
-            number = sum(robot == scan.robot for robot, _ in self._scans) + 1
-            topic = f"/{scan.robot}/scan" + (f"_{number}" if number > 1 else "")
-            self._scans[key] = LaserScanChannel(topic, context=self._context)
-        return self._scans[key]
+    def _channel(self, robot: str, topic: str, kind: Any) -> Any:
+        """The channel of a robot's topic, of this kind."""
+        channels = self._channels.setdefault(robot, {})
+        if topic not in channels:
+            channels[topic] = kind(f"/{robot}/{topic}", context=self._context)
+        return channels[topic]
 
     def _links(self, body: Body) -> list[FrameTransform]:
         """Where the links of a robot are in its frame."""
@@ -344,13 +332,12 @@ class FoxglovePublisher:
         self._robots.log({"robots": robots}, log_time=nanoseconds(self.time_s))
         self._close_channels({robot["name"] for robot in robots})
 
-    def _close_channels(self, robots: Collection[str]) -> None:
+    def _close_channels(self, robots: set[str]) -> None:
         """Close the channels of all robots but these."""
-        for channels in (self._poses, self._joints):
-            for name in [name for name in channels if name not in robots]:
-                channels.pop(name).close()
-        for key in [key for key in self._scans if key[0] not in robots]:
-            self._scans.pop(key).close()
+        for robot in self._channels.keys() - robots:
+            self._sensors.pop(robot, None)
+            for channel in self._channels.pop(robot).values():
+                channel.close()
 
     def update_missions(self, missions: Iterable[tuple[str, MissionContent]]) -> None:
         """Publish the last missions, as MISSIONS_SCHEMA describes them, if some have changed: names and states."""
@@ -362,7 +349,7 @@ class FoxglovePublisher:
                 level = LogLevel.Info if mission["result"] in ("running", "done") else LogLevel.Error
                 text = mission["phase"] if mission["result"] == "running" else mission["result"]
                 self.log(": ".join(filter(None, (text, mission["reason"]))), name, level)
-        for name in list(self._mission_states)[:-MAX_MISSIONS]:
+        for name in list(self._mission_states)[:-20]:
             del self._mission_states[name]
         if changed:
             self._publish_missions()

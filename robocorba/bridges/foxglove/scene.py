@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from functools import cache
 
 import shapely
-from foxglove.messages import Color, KeyValuePair, SceneEntity, TextPrimitive
+from foxglove.messages import KeyValuePair, SceneEntity, TextPrimitive
 from shapely import Polygon
 
 from robocorba.bridges.foxglove.shapes import FOREVER, Primitives, colour, pose, timestamp
@@ -20,21 +20,18 @@ from robocorba.map_editor.spatial.floor_update import Body, BodyKind
 from robocorba.robot.kinematics.appearance import Part, parts
 
 MAP = "map"
-GROUND, WALL, DOOR, OBJECT, MOVABLE, CABIN, OPEN_CABIN = (
-    colour((0.80, 0.81, 0.80)),
-    colour((0.55, 0.60, 0.66), 0.7),
-    colour((0.75, 0.35, 0.30), 0.7),
-    colour((0.62, 0.55, 0.45)),
-    colour((0.80, 0.62, 0.30)),
-    colour((0.35, 0.45, 0.60), 0.35),
-    colour((0.35, 0.70, 0.45), 0.35),
-)
-#: Height of a cabin, and of the names above robots and objects [m].
-CABIN_HEIGHT_M, NAME_M = 2.2, 0.25
-#: Height of what has none on the map, such as the bounds of a floor [m].
-LOW_M = 0.1
-#: Height of a robot [m], above which its name is.
-ROBOT_HEIGHT_M = 1.35
+_COLOURS = {
+    "ground": colour((0.80, 0.81, 0.80)),
+    "wall": colour((0.55, 0.60, 0.66), 0.7),
+    "door": colour((0.75, 0.35, 0.30), 0.7),
+    "object": colour((0.62, 0.55, 0.45)),
+    "movable": colour((0.80, 0.62, 0.30)),
+    "cabin": colour((0.35, 0.45, 0.60), 0.35),
+    "open cabin": colour((0.35, 0.70, 0.45), 0.35),
+    "ink": colour((0.10, 0.12, 0.15)),
+}
+#: Height of a cabin [m].
+CABIN_HEIGHT_M = 2.2
 
 
 def frame_of(body: Body) -> str:
@@ -66,22 +63,22 @@ def building_entities(building: Building, time_s: float) -> Iterator[SceneEntity
         if ground is not None:
             for elevator in building.elevators_through(name):
                 ground = ground.difference(shaft_polygon(elevator))
-            shapes.add_plate(ground, bottom_m, GROUND)
+            shapes.add_plate(ground, bottom_m, _COLOURS["ground"])
         for obstacle in obstacles(building, name):
             plan = entry.geometrical
             if obstacle.kind == "object":
                 if (name, obstacle.name) not in moving:
                     height_m = plan.objects[obstacle.name].height
                     if obstacle.geometry.area:
-                        shapes.add_block(obstacle.geometry, bottom_m, height_m, OBJECT)
+                        shapes.add_block(obstacle.geometry, bottom_m, height_m, _COLOURS["object"])
                     else:
-                        shapes.add_walls(obstacle.geometry, bottom_m, height_m, OBJECT)
+                        shapes.add_walls(obstacle.geometry, bottom_m, height_m, _COLOURS["object"])
             elif obstacle.kind == "wall":
-                shapes.add_walls(obstacle.geometry, bottom_m, plan.walls[obstacle.name].height, WALL)
+                shapes.add_walls(obstacle.geometry, bottom_m, plan.walls[obstacle.name].height, _COLOURS["wall"])
             elif obstacle.kind == "door":
-                shapes.add_walls(obstacle.geometry, bottom_m, entry.floor.height * 0.8, DOOR)
-            else:
-                shapes.add_walls(obstacle.geometry, bottom_m, LOW_M, WALL)
+                shapes.add_walls(obstacle.geometry, bottom_m, entry.floor.height * 0.8, _COLOURS["door"])
+            else:  # without a height on the map, such as the bounds of a floor
+                shapes.add_walls(obstacle.geometry, bottom_m, 0.1, _COLOURS["wall"])
         yield _entity(floor_entity(name), MAP, shapes, time_s, metadata={"floor": name})
 
 
@@ -90,7 +87,7 @@ def elevator_entity(elevator: Elevator, is_open: bool, time_s: float) -> SceneEn
     shapes = Primitives()
     width, depth = elevator.size
     box = shapely.box(-width / 2, -depth / 2, width / 2, depth / 2)
-    shapes.add_block(box, 0.0, CABIN_HEIGHT_M, OPEN_CABIN if is_open else CABIN)
+    shapes.add_block(box, 0.0, CABIN_HEIGHT_M, _COLOURS["open cabin" if is_open else "cabin"])
     name = elevator_frame(elevator.name)
     return _entity(name, name, shapes, time_s, title=elevator.name, above_m=CABIN_HEIGHT_M)
 
@@ -99,7 +96,7 @@ def body_entities(body: Body, height_m: float, time_s: float) -> list[SceneEntit
     """A robot, as an entity for each of its links, or a movable object of this height [m], in their frames."""
     if body.kind is BodyKind.OBJECT:
         shapes = Primitives()
-        shapes.add_block(Polygon(body.outline), 0.0, height_m, MOVABLE)
+        shapes.add_block(Polygon(body.outline), 0.0, height_m, _COLOURS["movable"])
         frame = frame_of(body)
         return [_entity(frame, frame, shapes, time_s, title=body.name, above_m=height_m)]
     found = []
@@ -109,7 +106,7 @@ def body_entities(body: Body, height_m: float, time_s: float) -> list[SceneEntit
             shapes.add_part(part)
         frame = link_frame(body.name, link)
         title = body.name if link == "base" else ""
-        found.append(_entity(frame, frame, shapes, time_s, title=title, above_m=ROBOT_HEIGHT_M))
+        found.append(_entity(frame, frame, shapes, time_s, title=title, above_m=1.35))  # a robot's height
     return found
 
 
@@ -140,8 +137,8 @@ def _entity(
     """An entity that moves with its frame. title: text above it."""
     texts = []
     if title:
-        at = pose(0.0, 0.0, above_m + NAME_M)
-        texts = [TextPrimitive(pose=at, billboard=True, font_size=0.2, text=title, color=_INK)]
+        at = pose(0.0, 0.0, above_m + 0.25)
+        texts = [TextPrimitive(pose=at, billboard=True, font_size=0.2, text=title, color=_COLOURS["ink"])]
     return SceneEntity(
         timestamp=timestamp(time_s),
         frame_id=frame,
@@ -155,6 +152,3 @@ def _entity(
         triangles=shapes.triangles,
         texts=texts,
     )
-
-
-_INK: Color = colour((0.10, 0.12, 0.15))

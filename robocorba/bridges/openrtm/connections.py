@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from robocorba.bridges.openrtm.life_cycle import ReturnCode
@@ -54,24 +54,21 @@ class Refused(Exception):
         self.code = code
 
 
-class End(Protocol):
-    """What a port does for its connections."""
-
-    def offer(self, connection: Connection) -> Mapping[str, str]:
-        """Properties by which the port is reached in this connection. Raises Refused."""
-
-    def begin(self, connection: Connection) -> None:
-        """All ports have added their properties. Raises Refused."""
-
-    def end(self, id: str) -> None:
-        """Give up what was offered or begun for a connection, if anything was."""
-
-
 class Connections:
-    """The connections of one port. Thread-safe: other ports are called without a lock. own: the port itself."""
+    """The connections of one port. Thread-safe: other ports are called without a lock.
 
-    def __init__(self, own: Peer, end: End) -> None:
-        self._own, self._end = own, end
+    own: the port itself. offer: properties by which it is reached in a connection; raises Refused. begin: called when
+    all ports have added their properties; raises Refused. end: gives up what was offered or begun for a connection,
+    if anything was."""
+
+    def __init__(
+        self,
+        own: Peer,
+        offer: Callable[[Connection], Mapping[str, str]],
+        begin: Callable[[Connection], None],
+        end: Callable[[str], None],
+    ) -> None:
+        self._own, self._offer, self._begin, self._end = own, offer, begin, end
         self._lock = threading.Lock()
         #: None while a connection is being made.
         self._all: dict[str, Connection | None] = {}
@@ -141,13 +138,13 @@ class Connections:
                 return ReturnCode.OUT_OF_RESOURCES, connection
             self._all[connection.id] = None
         try:
-            offered = self._end.offer(connection)
+            offered = self._offer(connection)
             made = connection._replace(properties={**connection.properties, **offered})
             if place + 1 < len(made.ports):
                 code, made = made.ports[place + 1].notify_connect(made)
                 if code is not ReturnCode.OK:
                     raise Refused(code)
-            self._end.begin(made)
+            self._begin(made)
         except (Refused, NotReachable) as error:
             self._remove(connection.id)
             return error.code if isinstance(error, Refused) else ReturnCode.ERROR, connection
@@ -173,6 +170,6 @@ class Connections:
         return next((place for place, port in enumerate(connection.ports) if port.is_same(self._own)), None)
 
     def _remove(self, id: str) -> None:
-        self._end.end(id)
+        self._end(id)
         with self._lock:
             self._all.pop(id, None)

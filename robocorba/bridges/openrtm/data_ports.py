@@ -10,7 +10,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from robocorba.bridges.openrtm.connections import Connection, Connections, Peer, Refused
 from robocorba.bridges.openrtm.life_cycle import ReturnCode
@@ -29,8 +29,8 @@ LOST_S = 10.0
 Value = TypeVar("Value")
 
 
-class InvalidData(RoboCorbaError):
-    """Data of a port are no value of its type."""
+class InvalidValue(RoboCorbaError):
+    """Data of a port are no value of its type, or a parameter is unknown or out of bounds."""
 
 
 class DataType(Protocol[Value]):
@@ -42,7 +42,7 @@ class DataType(Protocol[Value]):
     def encode(self, value: Value, is_little: bool) -> bytes: ...
 
     def decode(self, data: bytes, is_little: bool) -> Value:
-        """Raises InvalidData."""
+        """Raises InvalidValue."""
 
 
 class Channel(Protocol):
@@ -94,7 +94,7 @@ class DataPort(ABC, Generic[Value]):
 
     def serve_as(self, own: Peer) -> Connections:
         """Accept connections as this object."""
-        self._connections = Connections(own, self)
+        self._connections = Connections(own, self.offer, self.begin, self.end)
         return self._connections
 
     @property
@@ -137,7 +137,7 @@ class InPort(DataPort[Value]):
         def put(data: bytes) -> bool:
             try:
                 return self._take(self._type.decode(data, is_little))
-            except InvalidData:
+            except InvalidValue:
                 return False
 
         self._served[connection.id] = ior = self._channel.serve_in_port(put)
@@ -193,8 +193,18 @@ class OutPort(DataPort[Value]):
         if not (ior := connection.text(IN_PORT)):
             raise Refused(ReturnCode.BAD_PARAMETER)
         put = self._channel.put_to(ior)
-        watch = _Watch(lambda: self.connections.disconnect(connection.id))
-        sender = LastOrder(f"{self.name} {connection.id}", put, watch.note)
+        failing_since_s = math.inf
+
+        def note(problem: str) -> None:
+            """How a transmission ended; empty: well."""
+            nonlocal failing_since_s
+            now_s = time.monotonic()
+            failing_since_s = min(failing_since_s, now_s) if problem else math.inf
+            if now_s - failing_since_s >= LOST_S:
+                failing_since_s = math.inf
+                self.connections.disconnect(connection.id)
+
+        sender = LastOrder(f"{self.name} {connection.id}", put, note)
         with self._lock:
             self._senders[connection.id] = sender, is_little
 
@@ -205,22 +215,6 @@ class OutPort(DataPort[Value]):
             sender = self._senders.pop(id, None)
         if sender:
             sender[0].close()
-
-
-class _Watch:
-    """Ends a connection that has failed for LOST_S."""
-
-    def __init__(self, end: Callable[[], Any]) -> None:
-        self._end = end
-        self._failing_since_s = math.inf
-
-    def note(self, problem: str) -> None:
-        """How a transmission ended; empty: well."""
-        now_s = time.monotonic()
-        self._failing_since_s = min(self._failing_since_s, now_s) if problem else math.inf
-        if now_s - self._failing_since_s >= LOST_S:
-            self._failing_since_s = math.inf
-            self._end()
 
 
 def _short(type: str) -> str:

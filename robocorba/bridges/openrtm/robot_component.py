@@ -17,25 +17,17 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
-from robocorba.bridges.openrtm.data_ports import Channel, DataPort, DataType, InPort, OutPort
+from robocorba.bridges.openrtm.data_ports import Channel, DataPort, DataType, InPort, InvalidValue, OutPort
 from robocorba.bridges.openrtm.life_cycle import LifeCycle, ReturnCode
-from robocorba.errors.base import RoboCorbaError
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_view import RobotPlace
 
 #: Bounds and initial value of the rate of the execution context [Hz]: the simulation publishes no faster.
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 20.0
-#: Rounding of times of executions, part of a period.
-_EARLY = 0.1
-
 #: The only parameter, and its bounds [s].
 VELOCITY_VALID_FOR, MIN_VALID_S, MAX_VALID_S = "velocity_valid_for", 0.05, 5.0
 
 Velocity = tuple[float, float, float]
-
-
-class InvalidParameter(RoboCorbaError):
-    """A configuration has an unknown parameter, or a value out of bounds."""
 
 
 class TimedPose(NamedTuple):
@@ -131,24 +123,24 @@ class RobotComponent:
         return {VELOCITY_VALID_FOR: f"{self.velocity_valid_s:g}"}
 
     def configure(self, values: Mapping[str, Any]) -> None:
-        """Set parameters. Raises InvalidParameter; then none is set."""
+        """Set parameters. Raises InvalidValue; then none is set."""
         valid_s = self.velocity_valid_s
         for name, value in values.items():
             if name != VELOCITY_VALID_FOR:
-                raise InvalidParameter(f"there is no parameter {name}")
+                raise InvalidValue(f"there is no parameter {name}")
             try:
                 valid_s = float(value)
             except (TypeError, ValueError):
                 valid_s = math.nan
             if not MIN_VALID_S <= valid_s <= MAX_VALID_S:
-                raise InvalidParameter(f"{name}: {value!r} is not {MIN_VALID_S:g} to {MAX_VALID_S:g} s")
+                raise InvalidValue(f"{name}: {value!r} is not {MIN_VALID_S:g} to {MAX_VALID_S:g} s")
         self.velocity_valid_s = valid_s
 
     # ---- data ----
 
     def show(self, now_s: float, time_s: float, place: RobotPlace) -> None:
-        """Send where the robot is, at most at the rate. now_s: monotonic, time_s: simulated."""
-        if not self._is_executed or (now_s - self._executed_at_s) * self.rate_hz < 1.0 - _EARLY:
+        """Send where the robot is, at most at the rate, to a tenth of a period. now_s: monotonic, time_s: simulated."""
+        if not self._is_executed or (now_s - self._executed_at_s) * self.rate_hz < 0.9:
             return
         self._executed_at_s = now_s
         self._pose.write(TimedPose(time_s, place.x, place.y, place.heading))

@@ -12,10 +12,6 @@ from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.system_view import RobotPlace
 
 
-class InvalidGoal(RobotError):
-    """A goal is in no known frame, or not finite."""
-
-
 def goal_in_building(
     frame: str,
     x: float,
@@ -29,9 +25,10 @@ def goal_in_building(
     """A goal (x, y) [m], heading [rad] in a frame.
 
     In `map` and in the robot's own frames it is on the robot's floor, in the frame of a floor on that one. place: where
-    the robot is. robot: its name in ROS. floors: by their frames. Raises InvalidGoal."""
+    the robot is. robot: its name in ROS. floors: by their frames. Raises RobotError for
+    a goal that is in no known frame, or not finite."""
     if not all(map(math.isfinite, (x, y, heading))):
-        raise InvalidGoal(f"the goal ({x}, {y}), heading {heading}, is not finite")
+        raise RobotError(f"the goal ({x}, {y}), heading {heading}, is not finite")
     name = frame.removeprefix("/")
     if name == frames.of(robot, BASE):
         at = out_of(x, y, (place.x, place.y, place.heading))
@@ -41,4 +38,4 @@ def goal_in_building(
     if name in floors:
         return Pose(floors[name], x, y, heading)
     known = ", ".join((MAP, frames.of(robot, ODOM), frames.of(robot, BASE), *sorted(floors)))
-    raise InvalidGoal(f"the goal's frame is {frame!r}; known are {known}")
+    raise RobotError(f"the goal's frame is {frame!r}; known are {known}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from functools import cache
-from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -15,20 +14,7 @@ from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.kinematics.urdf import urdf
 
-#: The root of the robot's URDF, which is its base.
-_ROOT = "base"
 Vector = tuple[float, float, float]
-
-
-class LinkJoint(NamedTuple):
-    """A joint between two links. at: in the frame of the parent [m]. axis: (0, 0, 0) of a fixed joint. number: of its
-    angle among JOINTS, -1 of a fixed joint."""
-
-    parent: str
-    child: str
-    at: Vector
-    axis: Vector
-    number: int
 
 
 def description(frame_of: Callable[[str], str]) -> str:
@@ -46,20 +32,22 @@ def description(frame_of: Callable[[str], str]) -> str:
 
 def link_poses(joints: Floats) -> Iterator[tuple[str, str, Vector, Quaternion]]:
     """Parent, child, position [m] and attitude of each link in the frame of its parent. joints: (18,) [rad]."""
-    for joint in _joints():
-        half_rad = float(joints[joint.number]) / 2.0 if joint.number >= 0 else 0.0
-        x, y, z = (math.sin(half_rad) * each for each in joint.axis)
-        yield joint.parent, joint.child, joint.at, (x, y, z, math.cos(half_rad))
+    for parent, child, at, axis, number in _joints():
+        half_rad = float(joints[number]) / 2.0 if number >= 0 else 0.0
+        x, y, z = (math.sin(half_rad) * each for each in axis)
+        yield parent, child, at, (x, y, z, math.cos(half_rad))
 
 
 @cache
-def _joints() -> list[LinkJoint]:
+def _joints() -> list[tuple[str, str, Vector, Vector, int]]:
+    """Parent and child of each joint, its place in the frame of the parent [m], its axis, and the number of its angle
+    among JOINTS; of a fixed joint (0, 0, 0) and -1."""
     return [_joint(element) for element in ElementTree.fromstring(urdf()).iter("joint")]
 
 
-def _joint(element: Element) -> LinkJoint:
+def _joint(element: Element) -> tuple[str, str, Vector, Vector, int]:
     name = element.get("name", "")
-    return LinkJoint(
+    return (
         _frame(_attribute(element, "parent", "link")),
         _frame(_attribute(element, "child", "link")),
         _vector(_attribute(element, "origin", "xyz")),
@@ -74,7 +62,7 @@ def _attribute(element: Element, child: str, name: str) -> str:
 
 
 def _frame(link: str) -> str:
-    return BASE if link == _ROOT else link
+    return BASE if link == "base" else link
 
 
 def _vector(text: str) -> Vector:

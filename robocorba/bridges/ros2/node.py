@@ -19,10 +19,6 @@ from robocorba.system.background import Background, end_process
 from robocorba.system.settings import limit_ros_discovery
 
 NODE = "robocorba"
-#: Messages that a topic keeps for slow subscribers.
-DEPTH = 10
-#: Threads for orders and services, which may wait for robots for seconds.
-THREADS = 16
 #: Timeout for the end of the node's thread [s].
 END_TIMEOUT_S = 5.0
 
@@ -41,7 +37,8 @@ class RosNode:
             self.node = Node(NODE, context=self.context)
         except Exception as error:  # rclpy passes on what its layers raise
             raise ServiceError(f"ROS 2 can't be started: {error}") from None
-        self._executor = MultiThreadedExecutor(THREADS, context=self.context)
+        # Threads for orders and services, which may wait for robots for seconds.
+        self._executor = MultiThreadedExecutor(16, context=self.context)
         self._executor.add_node(self.node)
         self._thread = Background("ROS 2", self._executor.spin, end_process)
 
@@ -76,8 +73,14 @@ def message_type(name: str) -> Any:
     return getattr(import_module(f"{package}.{kind}"), message)
 
 
-class RosTypes:
-    """Messages of the installed ROS, None for those whose package is not installed."""
+class RosTopics:
+    """Topics of a node (robocorba.bridges.ros2.messages.Topics). Not thread-safe. Messages whose package is not
+    installed are None; their topics are left out, with a warning."""
+
+    def __init__(self, node: RosNode) -> None:
+        self._node = node
+        self._publishers: dict[str, Any] = {}
+        self._left_out: set[str] = set()
 
     def make(self, name: str, /, **fields: Any) -> Any:
         try:
@@ -90,16 +93,6 @@ class RosTypes:
         found.frombytes(values.tobytes())
         return found
 
-
-class RosTopics:
-    """Topics of a node. Not thread-safe. Those whose messages are not installed are left out, with a warning."""
-
-    def __init__(self, node: RosNode) -> None:
-        self.types = RosTypes()
-        self._node = node
-        self._publishers: dict[str, Any] = {}
-        self._left_out: set[str] = set()
-
     def publish(self, topic: str, type: str, message: Any, time_s: float, is_latched: bool = False) -> None:
         if message is None:
             if topic not in self._left_out:
@@ -107,7 +100,7 @@ class RosTopics:
                 self._node.warn(f"{topic} is left out: {type.partition('/')[0]} is not installed")
             return
         if topic not in self._publishers:
-            qos = QoSProfile(depth=1 if is_latched else DEPTH)
+            qos = QoSProfile(depth=1 if is_latched else 10)  # messages that are kept for slow subscribers
             if is_latched:
                 qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
             self._publishers[topic] = self._node.node.create_publisher(message_type(type), topic, qos)

@@ -16,13 +16,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable
-from typing import Any, Protocol
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from robocorba.bridges.ros2.frames import BASE, LASER, MAP, ODOM, Frames, floor_frame
 from robocorba.bridges.ros2.links import description, link_poses
-from robocorba.bridges.ros2.messages import Messages, MessageTypes, yaw
+from robocorba.bridges.ros2.messages import Messages, Topics, yaw
 from robocorba.map_editor.formats.floor_grid import DEFAULT_RESOLUTION_M, floor_grid
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.movable import movables
@@ -41,20 +42,6 @@ JOINTS_S = 1.0
 BACKWARD_S = 1.0
 
 
-class Topics(Protocol):
-    """Where messages go."""
-
-    @property
-    def types(self) -> MessageTypes:
-        """Makes the messages."""
-
-    def publish(self, topic: str, type: str, message: Any, time_s: float, is_latched: bool = False) -> None:
-        """Publish a message of a simulated time [s]. is_latched: later subscribers get the last one."""
-
-    def close(self, topic: str) -> None:
-        """Nothing more is published on a topic, if anything was."""
-
-
 class RosPublisher:
     """Publishes what it is given. Not thread-safe.
 
@@ -70,7 +57,7 @@ class RosPublisher:
         frames: Frames = Frames(),  # noqa: B008
         resolution_m: float = DEFAULT_RESOLUTION_M,
     ) -> None:
-        self._topics, self._messages, self._frames = topics, Messages(topics.types), frames
+        self._topics, self._messages, self._frames = topics, Messages(topics), frames
         self._wanted, self._floor, self._resolution_m = robots, floor, resolution_m
         self.names, self._floor_names = PlainNames(), PlainNames()
         self._view = SystemView(building)
@@ -153,7 +140,8 @@ class RosPublisher:
             robot = self.names[place.name]
             odom, base = self._frames.of(robot, ODOM), self._frames.of(robot, BASE)
             if place.name not in self._floor_of:
-                self._send(f"/{robot}/robot_description", "std_msgs/msg/String", self._description(robot), True)
+                urdf = self._messages.text(description(partial(self._frames.of, robot)))
+                self._send(f"/{robot}/robot_description", "std_msgs/msg/String", urdf, True)
             if self._floor_of.get(place.name) != place.floor:
                 self._floor_of[place.name] = place.floor
                 self._send(f"/{robot}/floor", "std_msgs/msg/String", self._messages.text(place.floor), True)
@@ -173,9 +161,6 @@ class RosPublisher:
             self._send(topic, "tf2_msgs/msg/TFMessage", self._messages.transforms(each))
         for gone in self._floor_of.keys() - places.keys():
             self._close(gone)
-
-    def _description(self, robot: str) -> Any:
-        return self._messages.text(description(lambda link: self._frames.of(robot, link)))
 
     def _note(self, posture: Posture) -> None:
         """The joints of a posture are published next; none of a robot of another kind."""

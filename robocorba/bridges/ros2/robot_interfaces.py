@@ -7,23 +7,19 @@ from functools import partial
 
 from robocorba.bridges.ros2.diagnostics import lost_status, robot_status, system_status
 from robocorba.bridges.ros2.frames import Frames
-from robocorba.bridges.ros2.goals import InvalidGoal, goal_in_building
+from robocorba.bridges.ros2.goals import goal_in_building
 from robocorba.bridges.ros2.messages import Messages
 from robocorba.bridges.ros2.node import RosNode, RosTopics
 from robocorba.bridges.ros2.publisher import RosPublisher
 from robocorba.bridges.ros2.robot_interface import RobotInterface
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.orb.orb import Orb
 from robocorba.robot.corba.remote_agent import RemoteAgent, robots
 from robocorba.robot.corba.robot_orders import RobotOrders
 from robocorba.system.repeating import Repeating
-
-#: Interval between looks at the states of all robots [s].
-DIAGNOSTICS_S = 1.0
-#: Timeout for finding a robot that gets an order [s].
-FIND_ROBOT_S = 1.0
 
 
 class RobotInterfaces:
@@ -44,8 +40,8 @@ class RobotInterfaces:
         #: Why the system can't be followed at present.
         self.problem = ""
         self._topics = RosTopics(node)  # the publisher's are for its own thread
-        self._messages = Messages(self._topics.types)
-        self._diagnostics = Repeating("diagnostics", self._diagnose, DIAGNOSTICS_S).start()
+        self._messages = Messages(self._topics)
+        self._diagnostics = Repeating("diagnostics", self._diagnose, 1.0).start()
 
     def close(self) -> None:
         self._diagnostics.close()
@@ -58,7 +54,7 @@ class RobotInterfaces:
             interface.close()
         for name in names:
             if name not in self._robots:
-                orders = RobotOrders(name, partial(RemoteAgent, self._orb, name, FIND_ROBOT_S), self._node.warn)
+                orders = RobotOrders(name, partial(RemoteAgent, self._orb, name, 1.0), self._node.warn)
                 robot = self._publisher.names[name]
                 interface = RobotInterface(self._node, robot, orders, self._goal_of(name, robot), self._is_stamped)
                 self._robots = {**self._robots, name: (orders, interface)}  # for the other thread
@@ -67,7 +63,7 @@ class RobotInterfaces:
         def goal(frame: str, x: float, y: float, heading: float) -> Pose:
             place = self._publisher.places[1].get(name)
             if place is None:
-                raise InvalidGoal(f"{name} is not there")
+                raise RobotError(f"{name} is not there")
             return goal_in_building(frame, x, y, heading, place, self._frames, robot, self._publisher.floor_frames)
 
         return goal

@@ -21,13 +21,12 @@ from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_changes import SystemChanges
 from robocorba.system.backoff import Backoff
 
-#: Interval between looks at scans and postures, and at missions [s].
-SENSORS_S, MISSIONS_S = 0.1, 0.5
+#: Interval between looks at scans and postures [s].
+SENSORS_S = 0.1
 #: Simulated time before the newest scan or posture that is read again [s]: some are reported late.
 OVERLAP_S = 0.2
 #: Times of postures, and of scans, that are remembered: as many robots as the simulation takes.
 MAX_KEPT = 10_000
-_BEGINNING = Backoff(0.1, 0.5)
 
 
 def live_system(orb: Orb, floors: Sequence[str] = (), with_scans: bool = True) -> LiveSystem:
@@ -55,7 +54,7 @@ class LiveSystem:
     def begin(self, limit_s: float) -> SystemChanges:
         """All that there is. For `limit_s` servers that are restarting are waited for; raises as `follow` then."""
         until = time.monotonic() + limit_s
-        return _BEGINNING.call(lambda: self.follow(max(0.0, until - time.monotonic())), limit_s, NotReachable)
+        return Backoff(0.1, 0.5).call(lambda: self.follow(max(0.0, until - time.monotonic())), limit_s, NotReachable)
 
     def follow(self, resolve_timeout_s: float) -> SystemChanges:
         """What has changed since the last call. After a failure the next one has whole floors. A floor that is gone,
@@ -87,7 +86,7 @@ class LiveSystem:
                     postures += self._new_postures(update)
                     scans += self._new_scans(update) if self._with_scans else ()
         if now_s >= self._missions_at_s:
-            self._missions_at_s = now_s + MISSIONS_S
+            self._missions_at_s = now_s + 0.5
             with contextlib.suppress(NotReachable):  # floors are followed without it
                 missions = self._control.missions_since(self._mission_version)
                 self._mission_version = max([self._mission_version, *(state.version for state in missions)])

@@ -16,8 +16,8 @@
 //   {"postures": {"floor": "L1", "whole": true, "robots": {"R1": [joints]}, "gone": ["R2"]}}
 //   {"reservations": [{"robot": "R1", "phase": "granted" or "waiting", "ahead": 0, "left": 12.0,
 //     "areas": [{"floor": "L1", "polygon": [[x, y], ...]}]}]}
-//   {"missions": [row, ...], "whole": true, "version": 3, "now": 1700000000.5}, if it wants {"missions": true}; the rows
-//     are those of RoboCorba::MissionState, in snake case, with `result` "running", "done", "aborted" or "failed".
+//   {"missions": [row, ...], "whole": true, "gone": [name, ...], "now": 1700000000.5}, if it wants {"missions": true};
+//     the rows are those of RoboCorba::MissionState, in snake case, with `result` "running", "done", "aborted" or "failed".
 // `whole` means that the message holds all of the floor; without it, what has changed. Lengths in m, angles in rad,
 // times in simulated s.
 
@@ -264,8 +264,9 @@ class Live {
     if (news.missions) this.receiveMissions(news);
   }
 
-  receiveMissions({ missions, whole, now }) {
+  receiveMissions({ missions, whole, gone, now }) {
     if (whole) this.missions.clear();
+    for (const name of gone) this.missions.delete(name);
     for (const mission of missions) this.missions.set(mission.name, mission);
     this.missionsKnown = true;
     this.aheadS = now - Date.now() / 1000;

@@ -4,10 +4,6 @@ import { download } from "/static/download.js";
 import { call } from "/static/live.js";
 import { shown } from "/static/map_form.js";
 
-const FORMATS = [
-  { name: "native", title: "RoboCorba map (.yaml)" }, { name: "openrmf", title: "Open-RMF (.building.yaml)" },
-  { name: "ros", title: "ROS maps (.yaml and pictures)" }, { name: "nav2", title: "Nav2 route graph (.geojson)" },
-];
 // Larger files don't fit into a request of 8 MiB.
 const MAX_BYTES = 5.5 * 1024 * 1024;
 
@@ -20,7 +16,7 @@ export const FilesPanel = {
       <h3 class="console-heading">Export</h3>
       <label class="map-field"><span>format</span><select v-model="format">
         <option v-for="each in formats" :key="each.name" :value="each.name">{{ each.title }}</option></select></label>
-      <template v-if="format === 'ros'">
+      <template v-if="formats.some((each) => each.name === format && each.cells)">
         <label class="map-field"><span>cell <small>m</small></span><input v-model.number="resolution" type="number"
             min="0.01" step="0.01"></label>
         <label class="map-field"><span>picture</span><select
@@ -69,10 +65,17 @@ export const FilesPanel = {
     </div>`,
   data() {
     return {
-      formats: FORMATS, format: "native", resolution: 0.05, image: "pgm", unknown: "blocked", specks: "walls",
+      formats: [], format: "native", resolution: 0.05, image: "pgm", unknown: "blocked", specks: "walls",
       topology: false, busy: "", exported: null, found: null, problem: "", pictureProblem: "", files: null, turn: 0,
       placing: [["x", "left m"], ["y", "lower edge m"], ["resolution", "m per pixel"]],
     };
+  },
+  async created() {
+    try {
+      this.formats = await call("map_formats");
+    } catch (error) {
+      this.problem = error.message;
+    }
   },
   methods: {
     async export_() {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import CosEventChannelAdmin__POA
 from omniORB import CORBA
@@ -21,38 +21,20 @@ from robocorba.orb.server_release import ServerServant
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 
-class ChannelObjects(Protocol):
-    """Gives access to the CORBA objects of a channel."""
-
-    #: The admins, the feed that gateways join, and the gateway that feeds supply.
-    consumer_admin: Any
-    supplier_admin: Any
-    feed: Any
-    #: The route by which consumers behind NAT are called, None if there is none.
-    callback_route: Any
-
-    def of(self, proxy: Proxy) -> Any:
-        """The reference of a proxy's object, which is activated on the first call."""
-
-    def event_consumer(self, reference: Any) -> Any:
-        """The port of the consumer with this reference."""
-
-    def gateway(self, reference: Any) -> Any:
-        """The port of a peer's gateway."""
-
-    def uri(self, reference: Any) -> str:
-        """The stringified reference."""
-
-
 class EventChannelServant(ServerServant, RoboCorba__POA.EventChannel):
-    """RoboCorba::EventChannel. on_destroyed: called when the channel was destroyed and all clients are disconnected."""
+    """RoboCorba::EventChannel. on_destroyed: called when the channel was destroyed and all clients are disconnected.
+
+    objects: what the server's process has. References: `consumer_admin`, `supplier_admin`, `feed` (that gateways join),
+    `callback_route` (by which consumers behind NAT are called, None if there is none). Functions: `of` (the reference
+    of a proxy), `event_consumer` and `gateway` (the port for the reference of a consumer or of a peer's gateway), `uri`
+    (of a reference)."""
 
     def __init__(
         self,
         channel: Channel,
         proxies: Proxies,
         links: Links,
-        objects: ChannelObjects,
+        objects: Any,
         on_destroyed: Callable[[], None],
     ) -> None:
         self._channel, self._proxies, self._links, self._objects = channel, proxies, links, objects
@@ -155,35 +137,35 @@ class CallbackRouteServant(RoboCorba__POA.CallbackRoute):
         self._keep(consumer)
 
 
-class _Admin:
-    """Base of ConsumerAdmin and SupplierAdmin, which hand out proxies to clients."""
-
-    def __init__(self, proxies: Proxies, objects: ChannelObjects) -> None:
-        self._proxies, self._objects = proxies, objects
-
-    @translating
-    def _obtain(self, kind: ProxyKind) -> Any:
-        try:
-            return self._objects.of(self._proxies.obtain(kind))
-        except TooManyProxies:  # the OMG interface has no exception for this
-            raise CORBA.IMP_LIMIT(0, CORBA.COMPLETED_NO) from None
+@translating
+def _obtained(proxies: Proxies, of: Callable[[Proxy], Any], kind: ProxyKind) -> Any:
+    try:
+        return of(proxies.obtain(kind))
+    except TooManyProxies:  # the OMG interface has no exception for this
+        raise CORBA.IMP_LIMIT(0, CORBA.COMPLETED_NO) from None
 
 
-class SupplierAdminServant(_Admin, CosEventChannelAdmin__POA.SupplierAdmin):
-    """Hands out proxies to suppliers."""
+class SupplierAdminServant(CosEventChannelAdmin__POA.SupplierAdmin):
+    """Hands out proxies to suppliers. of: the reference of a proxy."""
+
+    def __init__(self, proxies: Proxies, of: Callable[[Proxy], Any]) -> None:
+        self._proxies, self._of = proxies, of
 
     def obtain_push_consumer(self) -> Any:
-        return self._obtain(ProxyKind.PUSH_CONSUMER)
+        return _obtained(self._proxies, self._of, ProxyKind.PUSH_CONSUMER)
 
     def obtain_pull_consumer(self) -> Any:
-        return self._obtain(ProxyKind.PULL_CONSUMER)
+        return _obtained(self._proxies, self._of, ProxyKind.PULL_CONSUMER)
 
 
-class ConsumerAdminServant(_Admin, CosEventChannelAdmin__POA.ConsumerAdmin):
-    """Hands out proxies to consumers."""
+class ConsumerAdminServant(CosEventChannelAdmin__POA.ConsumerAdmin):
+    """Hands out proxies to consumers. of: the reference of a proxy."""
+
+    def __init__(self, proxies: Proxies, of: Callable[[Proxy], Any]) -> None:
+        self._proxies, self._of = proxies, of
 
     def obtain_push_supplier(self) -> Any:
-        return self._obtain(ProxyKind.PUSH_SUPPLIER)
+        return _obtained(self._proxies, self._of, ProxyKind.PUSH_SUPPLIER)
 
     def obtain_pull_supplier(self) -> Any:
-        return self._obtain(ProxyKind.PULL_SUPPLIER)
+        return _obtained(self._proxies, self._of, ProxyKind.PULL_SUPPLIER)

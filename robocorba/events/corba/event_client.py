@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -37,17 +36,10 @@ from robocorba.system.repeating import Repeating
 
 #: Default time for which a push is retried while the channel is not reachable [s].
 RETRY_S = 10.0
-#: Interval at which a client behind NAT renews the route of the channel's calls [s]; short enough for any NAT, and for
-#: a restarted channel to find its consumers before it disconnects them.
-ROUTE_INTERVAL_S = 5.0
 #: How many of the channel's last calls a consumer recognises when they are repeated.
 REMEMBERED_CALLS = 1000
-#: A push that has waited for less than this [s] leaves its event the whole time until it expires.
-FIRST_ATTEMPT_S = 0.01
 #: Pauses between the attempts of a push.
 BACKOFF = Backoff(0.02, 0.25)
-#: Pauses between checks whether a peer forwards the events of a subscription.
-POLLING = Backoff(0.02, 0.02)
 
 _log = logging.getLogger(__name__)
 
@@ -184,7 +176,8 @@ class EventClient:
         subscription = EventSubscription(self, self._orb, consumer, proxy, reference)
         self._subscriptions.append(subscription)
         if self._orb.offers_callbacks and self._route is None:
-            self._route = Repeating("route", self._keep_routes, ROUTE_INTERVAL_S).start()
+            # Short enough for any NAT, and for a restarted channel to find its consumers before it disconnects them.
+            self._route = Repeating("route", self._keep_routes, 5.0).start()
         return subscription
 
     def _keep_routes(self) -> None:
@@ -221,7 +214,7 @@ class EventClient:
 
         def attempt() -> None:
             waited_s = time.monotonic() - began
-            if expiry_s > 0.0 and waited_s > FIRST_ATTEMPT_S:
+            if expiry_s > 0.0 and waited_s > 0.01:  # the first attempt leaves the event the whole time
                 header.expiry = expiry_s - waited_s
                 if header.expiry <= 0.0:
                     return
@@ -278,12 +271,20 @@ class EventSubscription:
         except CORBA.SystemException:
             return False
 
+    def discarded(self) -> int:
+        """How many events the channel has discarded that waited for this consumer. Raises EventError,
+        NotReachable."""
+        try:
+            return int(self.proxy.state().events.discarded)
+        except CORBA.Exception as error:
+            raise _translated(error) from None
+
     def wait_in_force(self, peer: str, timeout_s: float = 5.0) -> bool:
         """Wait until the channel `peer` forwards the events of this subscription; False after `timeout_s`.
 
         Raises UnknownPeer, NotReachable."""
         try:
-            return POLLING.poll(lambda: bool(self.proxy.isInForceAt(peer)), timeout_s)
+            return Backoff(0.02, 0.02).poll(lambda: bool(self.proxy.isInForceAt(peer)), timeout_s)
         except CORBA.Exception as error:
             raise _translated(error) from None
 
@@ -310,9 +311,8 @@ class _EventConsumerServant(RoboCorba__POA.IdempotentEventConsumer):
     def __init__(self, receive: Callable[[Event], None], receive_together: Callable[[int, list[Event]], None]) -> None:
         self._receive, self._receive_together = receive, receive_together
         self._lock = threading.Lock()  # one call after another, also if an earlier call of the channel timed out
-        #: What identifies the last calls: a repeated one is ignored.
-        self._recent: deque[Hashable] = deque()
-        self._known: set[Hashable] = set()
+        #: What identifies the last calls, oldest first: a repeated one is ignored.
+        self._known: dict[Hashable, None] = {}
 
     def push(self, value: Any) -> None:
         batch = events.batch_of_any(value)
@@ -343,10 +343,9 @@ class _EventConsumerServant(RoboCorba__POA.IdempotentEventConsumer):
         """Whether the channel has made this call before; remembers it otherwise."""
         if call in self._known:
             return True
-        self._known.add(call)
-        self._recent.append(call)
-        if len(self._recent) > REMEMBERED_CALLS:
-            self._known.remove(self._recent.popleft())
+        self._known[call] = None
+        if len(self._known) > REMEMBERED_CALLS:
+            del self._known[next(iter(self._known))]
         return False
 
     def disconnect_push_consumer(self) -> None:

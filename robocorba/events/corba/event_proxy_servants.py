@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import CosEventChannelAdmin__POA
 from omniORB import CORBA
@@ -13,41 +13,47 @@ from robocorba.errors.events import EventTooLarge, InvalidEvent
 from robocorba.events.corba import events
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import ProxyKind
-from robocorba.events.proxy_consumer import ProxyConsumer
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
-from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.orb.callers import present_caller
 from robocorba.orb.exceptions import raise_idl, translating
 from robocorba.stubs import RoboCorba__POA
 
-#: Maximum duration of a pull [s]; then it raises TRANSIENT, because not every client that has gone is noticed.
-PULL_TIMEOUT_S = 300.0
+#: Makes the port of the client of a kind of proxy from its reference; None for nil.
+ClientOf = Callable[[ProxyKind, Any], Any]
 
 
-class ClientFactory(Protocol):
-    """Makes the ports of clients from their references."""
+class _ProxyServant:
+    """What all of them do."""
 
-    def of(self, kind: ProxyKind, reference: Any) -> Any:
-        """The port of the client of a proxy of this kind; None for nil."""
+    def __init__(self, proxy: Any, proxies: Proxies, client_of: ClientOf) -> None:
+        self._proxy, self._proxies, self._client_of = proxy, proxies, client_of
+
+    @translating
+    def _connect(self, client: Any) -> None:
+        kind = self._proxy.kind
+        if client is None and kind in (ProxyKind.PULL_CONSUMER, ProxyKind.PUSH_SUPPLIER):  # which are called
+            raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
+        self._proxies.connect(self._proxy, self._client_of(kind, client))
+
+    @translating
+    def _disconnect(self) -> None:
+        self._proxies.disconnect(self._proxy)
+
+    @translating
+    def state(self) -> Any:
+        return events.proxy_state(self._proxies.snapshot(self._proxy))
+
+    @translating
+    def changeSubscription(self, wanted: Any) -> None:
+        self._proxies.change(self._proxy, events.subscription_of(wanted))
 
 
-def _refuse_nil(reference: Any) -> None:
-    if reference is None:
-        raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO)
-
-
-class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
+class PushConsumerServant(_ProxyServant, RoboCorba__POA.EventProxyPushConsumer):
     """RoboCorba::EventProxyPushConsumer: a supplier pushes to it."""
 
     #: Headers are checked once for many events.
     checks_texts_itself = frozenset({"pushEvent", "pushRuns"})
-
-    def __init__(self, proxy: ProxyConsumer, proxies: Proxies, clients: ClientFactory) -> None:
-        self._proxy, self._proxies, self._clients = proxy, proxies, clients
-
-    @translating
-    def connect_push_supplier(self, supplier: Any) -> None:
-        self._proxies.connect(self._proxy, self._clients.of(ProxyKind.PUSH_CONSUMER, supplier))
+    connect_push_supplier, disconnect_push_consumer = _ProxyServant._connect, _ProxyServant._disconnect
 
     # Without decorator, because these two methods run for every event.
 
@@ -72,51 +78,27 @@ class PushConsumerServant(RoboCorba__POA.EventProxyPushConsumer):
             if batch.payloads:
                 self._proxy.push(batch)
 
-    @translating
-    def disconnect_push_consumer(self) -> None:
-        self._proxies.disconnect(self._proxy)
 
-    @translating
-    def state(self) -> Any:
-        return events.proxy_state(self._proxies.snapshot(self._proxy))
-
-
-class PullConsumerServant(CosEventChannelAdmin__POA.ProxyPullConsumer):
+class PullConsumerServant(_ProxyServant, CosEventChannelAdmin__POA.ProxyPullConsumer):
     """CosEventChannelAdmin::ProxyPullConsumer: polls a supplier for events."""
 
-    def __init__(self, proxy: ProxyConsumer, proxies: Proxies, clients: ClientFactory) -> None:
-        self._proxy, self._proxies, self._clients = proxy, proxies, clients
-
-    @translating
-    def connect_pull_supplier(self, supplier: Any) -> None:
-        _refuse_nil(supplier)
-        self._proxies.connect(self._proxy, self._clients.of(ProxyKind.PULL_CONSUMER, supplier))
-
-    @translating
-    def disconnect_pull_consumer(self) -> None:
-        self._proxies.disconnect(self._proxy)
+    connect_pull_supplier, disconnect_pull_consumer = _ProxyServant._connect, _ProxyServant._disconnect
 
 
-class PushSupplierServant(RoboCorba__POA.EventProxyPushSupplier):
+class PushSupplierServant(_ProxyServant, RoboCorba__POA.EventProxyPushSupplier):
     """RoboCorba::EventProxyPushSupplier: calls a consumer."""
+
+    connect_push_consumer, disconnect_push_supplier = _ProxyServant._connect, _ProxyServant._disconnect
 
     def __init__(
         self,
         proxy: ProxyPushSupplier,
         proxies: Proxies,
-        clients: ClientFactory,
+        client_of: ClientOf,
         is_in_force: Callable[[ProxyPushSupplier, str], bool],
     ) -> None:
-        self._proxy, self._proxies, self._clients, self._is_in_force = proxy, proxies, clients, is_in_force
-
-    @translating
-    def connect_push_consumer(self, consumer: Any) -> None:
-        _refuse_nil(consumer)
-        self._proxies.connect(self._proxy, self._clients.of(ProxyKind.PUSH_SUPPLIER, consumer))
-
-    @translating
-    def changeSubscription(self, wanted: Any) -> None:
-        self._proxies.change(self._proxy, events.subscription_of(wanted))
+        super().__init__(proxy, proxies, client_of)
+        self._is_in_force = is_in_force
 
     @translating
     def suspend(self) -> None:
@@ -130,32 +112,16 @@ class PushSupplierServant(RoboCorba__POA.EventProxyPushSupplier):
     def isInForceAt(self, peer: str) -> bool:
         return self._is_in_force(self._proxy, peer)
 
-    @translating
-    def disconnect_push_supplier(self) -> None:
-        self._proxies.disconnect(self._proxy)
 
-    @translating
-    def state(self) -> Any:
-        return events.proxy_state(self._proxies.snapshot(self._proxy))
-
-
-class PullSupplierServant(RoboCorba__POA.EventProxyPullSupplier):
+class PullSupplierServant(_ProxyServant, RoboCorba__POA.EventProxyPullSupplier):
     """RoboCorba::EventProxyPullSupplier: queues events for a consumer that pulls them."""
 
-    def __init__(self, proxy: ProxyPullSupplier, proxies: Proxies, clients: ClientFactory) -> None:
-        self._proxy, self._proxies, self._clients = proxy, proxies, clients
-
-    @translating
-    def connect_pull_consumer(self, consumer: Any) -> None:
-        self._proxies.connect(self._proxy, self._clients.of(ProxyKind.PULL_SUPPLIER, consumer))
-
-    @translating
-    def changeSubscription(self, wanted: Any) -> None:
-        self._proxies.change(self._proxy, events.subscription_of(wanted))
+    connect_pull_consumer, disconnect_pull_supplier = _ProxyServant._connect, _ProxyServant._disconnect
 
     @translating
     def pull(self) -> Any:
-        batch = self._proxy.pull(0.0) or self._proxy.pull(PULL_TIMEOUT_S, present_caller())
+        # Not without end: not every client that has gone is noticed.
+        batch = self._proxy.pull(0.0) or self._proxy.pull(300.0, present_caller())
         if batch is None:
             raise CORBA.TRANSIENT(0, CORBA.COMPLETED_NO)
         return events.plain_event(batch)
@@ -164,11 +130,3 @@ class PullSupplierServant(RoboCorba__POA.EventProxyPullSupplier):
     def try_pull(self) -> tuple[Any, bool]:
         batch = self._proxy.pull(0.0)
         return (CORBA.Any(CORBA.TC_null, None), False) if batch is None else (events.plain_event(batch), True)
-
-    @translating
-    def disconnect_pull_supplier(self) -> None:
-        self._proxies.disconnect(self._proxy)
-
-    @translating
-    def state(self) -> Any:
-        return events.proxy_state(self._proxies.snapshot(self._proxy))

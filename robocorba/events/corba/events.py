@@ -1,16 +1,13 @@
 """Conversion of events, subscriptions and states of a channel.
 
 An EventRun of the IDL is an EventBatch here. The IDL's batch, a sequence of runs, is a packet of a feed.
-
-Functions that run for every event make named tuples with the struct's member names instead of the generated classes:
-omniORBpy accepts them too, and creating them takes a third of the time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import CosEventChannelAdmin
 import CosEventComm
@@ -19,7 +16,7 @@ from omniORB import CORBA
 
 from robocorba.errors import events as errors
 from robocorba.errors.events import InvalidEvent, InvalidPeer
-from robocorba.events.account import Totals
+from robocorba.events.account import Account, LinkEnd
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import Peer
 from robocorba.events.event import (
@@ -33,45 +30,21 @@ from robocorba.events.event import (
     checked_header,
 )
 from robocorba.events.federation import MAX_CHANNELS, Advertisement, check_name, is_name
-from robocorba.events.foreign import ForeignLink
-from robocorba.events.links import Links, LinkSnapshot
+from robocorba.events.links import Links
 from robocorba.events.proxies import Proxies, ProxySnapshot
 from robocorba.events.proxy import ProxyCondition, ProxyKind
 from robocorba.events.queue import OverflowRule, QueuePolicy
-from robocorba.events.subscription import EVERYTHING, Pattern, Subscription, checked
+from robocorba.events.subscription import Pattern, Subscription, checked
 from robocorba.orb.bounded_any import TC_ANY
 from robocorba.orb.exceptions import register, register_system, register_with
+from robocorba.orb.structs import enumeration
 from robocorba.stubs import RoboCorba
 
 #: By the value of the enumerator; hashing it would cost more than the rest of a header.
 _ENCODING_OF = [Encoding.MSGPACK, Encoding.CDR_ANY]
-_RULES = {rule: getattr(RoboCorba, rule.name) for rule in OverflowRule}
-_RULE_OF = {struct: rule for rule, struct in _RULES.items()}
-_KINDS = {kind: getattr(RoboCorba, kind.name) for kind in ProxyKind}
-_CONDITIONS = {condition: getattr(RoboCorba, condition.name) for condition in ProxyCondition}
-
-#: Highest number of an event.
-_MAX_EVENT_NUMBER = 2**64 - 1
-_EVENT_ID = "IDL:RoboCorba/Event:1.0"
-_TC_ANY = CORBA.TC_any
-#: Names of types without a repository id, by the kind of their typecode.
-_BASIC = {kind: str(kind).rpartition("tk_")[2] for kind in CORBA.TCKind._items}
-
-
-class _HeaderStruct(NamedTuple):
-    type: str
-    source: str
-    origin: str
-    number: int
-    time: float
-    priority: int
-    expiry: float
-    encoding: Any
-
-
-class _EventStruct(NamedTuple):
-    header: _HeaderStruct
-    payload: bytes
+_RULES = enumeration(OverflowRule)
+_KINDS = enumeration(ProxyKind)
+_CONDITIONS = enumeration(ProxyCondition)
 
 
 class PlainPayload:
@@ -83,28 +56,12 @@ class PlainPayload:
         """Raises InvalidEvent for a value that omniORBpy has read, but could not send."""
         self.value = value
         try:
-            self.encoded: bytes = omniORB.cdrMarshal(_TC_ANY, value)
+            self.encoded: bytes = omniORB.cdrMarshal(CORBA.TC_any, value)
         except (CORBA.SystemException, SystemError, TypeError, ValueError) as error:
             raise InvalidEvent("payload", f"can't be sent by omniORBpy: {error}") from None
 
     def __len__(self) -> int:
         return len(self.encoded)
-
-
-class _EventTargetStruct(NamedTuple):
-    channel: str
-    before: int
-
-
-class _EventWayStruct(NamedTuple):
-    targets: list[_EventTargetStruct]
-    hops: int
-
-
-class _EventRunStruct(NamedTuple):
-    first: _HeaderStruct
-    times: Sequence[float]
-    payloads: Sequence[bytes]
 
 
 # ---- received events ----
@@ -117,9 +74,9 @@ def batch_of_any(value: Any) -> EventBatch:
     typecode = value._t
     try:
         type_name = typecode.id()
-    except CORBA.TypeCode.BadKind:
-        type_name = _BASIC[typecode.kind()]
-    if type_name == _EVENT_ID:
+    except CORBA.TypeCode.BadKind:  # a type without a repository id
+        type_name = str(typecode.kind()).rpartition("tk_")[2]
+    if type_name == RoboCorba.Event._NP_RepositoryId:
         return batch_of_event(value._v)
     batch = EventBatch(_native_header(type_name), [0.0], [PlainPayload(value)])
     check(batch)
@@ -146,30 +103,20 @@ def batch_of_foreign_any(value: Any) -> EventBatch:
 
 def batch_of_event(struct: Any) -> EventBatch:
     """The event of an Event struct. Raises InvalidEvent."""
-    header = struct.header
-    batch = EventBatch(
-        checked_header(header.type, header.source, header.priority, header.expiry, _ENCODING_OF[header.encoding._v]),
-        [header.time],
-        [struct.payload],
-    )
-    check(batch)
-    return _as_numbered(batch, header)
+    return _received(struct.header, [struct.header.time], [struct.payload])
 
 
 def batch_of(struct: Any) -> EventBatch:
     """The events of an EventRun struct from a supplier. Raises InvalidEvent."""
-    header = struct.first
-    batch = EventBatch(
-        checked_header(header.type, header.source, header.priority, header.expiry, _ENCODING_OF[header.encoding._v]),
-        struct.times,
-        struct.payloads,
-    )
+    return _received(struct.first, struct.times, struct.payloads)
+
+
+def _received(header: Any, times: Sequence[float], payloads: Sequence[bytes]) -> EventBatch:
+    """Events of a client, with the origin and number that it has sent; those that it has received have some."""
+    encoding = _ENCODING_OF[header.encoding._v]
+    checked = checked_header(header.type, header.source, header.priority, header.expiry, encoding)
+    batch = EventBatch(checked, times, payloads)
     check(batch)
-    return _as_numbered(batch, header)
-
-
-def _as_numbered(batch: EventBatch, header: Any) -> EventBatch:
-    """The events of a client with the origin and number that it has sent; those that it has received have some."""
     if header.origin and len(header.origin) <= MAX_NAME:
         batch.header, batch.first = batch.header._replace(origin=header.origin), header.number
     return batch
@@ -181,7 +128,7 @@ def forwarded_batch_of(struct: Any, epoch: float, way: Any) -> EventBatch:
     batch = batch_of(struct)
     batch.header = _with_origin(batch.header, struct.first.origin)
     batch.first, batch.epoch = struct.first.number, epoch
-    if not 0 < batch.first <= batch.last <= _MAX_EVENT_NUMBER:
+    if not 0 < batch.first <= batch.last < 2**64:
         raise InvalidEvent("number", f"{batch.first} is out of range as the first of {len(batch)} events")
     if not -MAX_SECONDS <= epoch <= MAX_SECONDS:
         raise InvalidEvent("epoch", f"{epoch} is out of range")
@@ -213,7 +160,7 @@ def _with_origin(header: EventHeader, origin: str) -> EventHeader:
 def event_run(batch: EventBatch) -> Any:
     """The EventRun struct; cached in the batch, which often goes to several consumers."""
     if batch.cached is None:
-        batch.cached = _EventRunStruct(_header(batch, 0, _encoding(batch)), batch.times, _payloads(batch))
+        batch.cached = RoboCorba.EventRun(_header(batch, 0.0), batch.times, _payloads(batch))
     return batch.cached
 
 
@@ -225,14 +172,16 @@ def event_runs(batches: Iterable[EventBatch]) -> list[Any]:
 def event_ways(batches: Iterable[EventBatch]) -> list[Any]:
     """An EventWaySeq for a peer."""
     return [
-        _EventWayStruct(list(map(_EventTargetStruct._make, (batch.targets or {}).items())), batch.hops)
+        RoboCorba.EventWay(
+            [RoboCorba.EventTarget(name, before) for name, before in (batch.targets or {}).items()], batch.hops
+        )
         for batch in batches
     ]
 
 
 def event(batch: EventBatch) -> Any:
     """The first event of a batch, as an Event struct."""
-    return _EventStruct(_header(batch, batch.times[0], _encoding(batch)), _payloads(batch)[0])
+    return RoboCorba.Event(_header(batch, batch.times[0]), _payloads(batch)[0])
 
 
 def plain_event(batch: EventBatch) -> Any:
@@ -253,15 +202,12 @@ def correlated_events(item: CorrelatedEvents) -> list[Any]:
     return [event(batch) for batch in item.batches]
 
 
-def _header(batch: EventBatch, time: float, encoding: Any) -> _HeaderStruct:
+def _header(batch: EventBatch, time: float) -> Any:
     header = batch.header
-    return _HeaderStruct(
+    encoding = RoboCorba.MSGPACK if header.encoding is Encoding.MSGPACK else RoboCorba.CDR_ANY
+    return RoboCorba.EventHeader(
         header.type, header.source, header.origin, batch.first, time, header.priority, header.expiry, encoding
     )
-
-
-def _encoding(batch: EventBatch) -> Any:
-    return RoboCorba.MSGPACK if batch.header.encoding is Encoding.MSGPACK else RoboCorba.CDR_ANY
 
 
 def _payloads(batch: EventBatch) -> Sequence[bytes]:
@@ -290,28 +236,30 @@ def subscription_of(struct: Sequence[Any]) -> Subscription:
 
 def policy(value: QueuePolicy) -> Any:
     """A QueuePolicy struct."""
-    return RoboCorba.QueuePolicy(value.size, _RULES[value.when_full], value.block_limit)
+    return RoboCorba.QueuePolicy(value.size, _RULES.to_idl(value.when_full), value.block_limit)
 
 
 def policy_of(struct: Any) -> QueuePolicy:
     """The policy of a QueuePolicy struct. Raises InvalidQueue."""
-    return QueuePolicy(struct.size, _RULE_OF[struct.whenFull], struct.blockLimit).checked()
+    return QueuePolicy(struct.size, _RULES.from_idl(struct.whenFull), struct.blockLimit).checked()
 
 
 # ---- states ----
 
 
-def account(totals: Totals) -> Any:
+def account(totals: Account) -> Any:
     """An Account."""
-    return RoboCorba.Account(*totals)
+    return RoboCorba.Account(
+        totals.received, totals.delivered, totals.unconfirmed, totals.discarded, totals.expired, totals.queued
+    )
 
 
 def proxy_state(proxy: ProxySnapshot) -> Any:
     """A ProxyState."""
     return RoboCorba.ProxyState(
         proxy.id,
-        _KINDS[proxy.kind],
-        _CONDITIONS[proxy.condition],
+        _KINDS.to_idl(proxy.kind),
+        _CONDITIONS.to_idl(proxy.condition),
         proxy.name,
         proxy.client,
         subscription(proxy.subscription),
@@ -321,56 +269,37 @@ def proxy_state(proxy: ProxySnapshot) -> Any:
     )
 
 
-def link_states(link: LinkSnapshot) -> list[Any]:
-    """The LinkStates of both directions."""
-    feed, gateway = link.feed, link.gateway
-    return [
-        _link_state(link.peer, RoboCorba.INCOMING, gateway, gateway.lag_s, gateway.duplicates, 0, link.interest_here),
-        _link_state(link.peer, RoboCorba.OUTGOING, feed, feed.oldest_s, 0, feed.unseen, link.interest_there),
-    ]
-
-
-def _link_state(
-    peer: str, direction: Any, end: Any, lag_s: float, repeated: int, unseen: int, interest: Iterable[Pattern]
-) -> Any:
-    """The LinkState of one direction. end: state of this channel's feed or gateway."""
-    condition, rejoins = RoboCorba.UP if end.is_up else RoboCorba.DOWN, max(0, end.joins - 1)
+def link_state(peer: str, direction: Any, end: LinkEnd) -> Any:
+    """The LinkState of one direction of a link."""
     return RoboCorba.LinkState(
-        *(peer, direction, condition, end.problem, rejoins, lag_s, end.packets, end.bytes, repeated, unseen),
-        patterns(interest),
-        account(end.totals),
+        peer=peer,
+        direction=direction,
+        condition=RoboCorba.UP if end.is_up else RoboCorba.DOWN,
+        problem=end.problem,
+        reconnects=max(0, end.joins - 1),
+        lag=end.lag_s,
+        batches=end.packets,
+        bytes=end.bytes,
+        repeated=end.totals.repeated,
+        unseen=end.unseen,
+        interest=patterns(end.interest),
+        events=account(end.totals),
     )
-
-
-def foreign_states(link: ForeignLink) -> list[Any]:
-    """The LinkStates of both directions of a link with a foreign channel."""
-    everything = patterns([EVERYTHING])
-
-    def state(direction: Any, problem: str, lag_s: float, repeated: int, totals: Totals) -> Any:
-        condition = RoboCorba.DOWN if problem else RoboCorba.UP
-        reconnects = max(0, link.connections - 1)
-        counts = lag_s, 0, 0, repeated, 0
-        return RoboCorba.LinkState(
-            link.name, direction, condition, problem, reconnects, *counts, everything, account(totals)
-        )
-
-    outgoing = link.problem_of_delivery()
-    return [
-        state(RoboCorba.INCOMING, link.problem, link.lag_s, link.duplicates, link.received_totals()),
-        state(RoboCorba.OUTGOING, outgoing, link.proxy.oldest_s(), 0, link.proxy.totals()),
-    ]
 
 
 def channel_state(channel: Channel, proxies: Proxies, links: Links) -> Any:
     """A ChannelState."""
     with channel.lock:
         known = sorted(advertisement.name for advertisement in channel.federation.advertisements)
+    states = []
+    for link in links.snapshots():
+        states.append(link_state(link.peer, RoboCorba.INCOMING, link.gateway))
+        states.append(link_state(link.peer, RoboCorba.OUTGOING, link.feed))
     return RoboCorba.ChannelState(
         channel.name,
         channel.last_number,
         [proxy_state(proxy) for proxy in proxies.snapshots()],
-        [state for link in links.snapshots() for state in link_states(link)]
-        + [state for foreign in links.foreign for state in foreign_states(foreign)],
+        states,
         proxies.lost_clients,
         known,
     )

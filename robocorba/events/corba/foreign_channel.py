@@ -4,6 +4,7 @@ only."""
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
@@ -15,19 +16,14 @@ from omniORB import CORBA
 from robocorba.errors.events import InvalidEvent, NotDelivered, Refused
 from robocorba.errors.services import NotReachable
 from robocorba.events.corba import events
-from robocorba.events.corba.remote_clients import RemotePushConsumer, address_of, delivery_failure
+from robocorba.events.corba.remote_clients import RemotePushConsumer, delivery_failure
 from robocorba.events.event import Encoding, EventBatch
 from robocorba.events.foreign import Echoes
 from robocorba.events.queue import QueueItem
 from robocorba.orb.calls import describe, set_call_timeout
 from robocorba.orb.contents import content_of
+from robocorba.orb.ior import address_of
 from robocorba.orb.orb import Orb
-
-#: Timeout of a call to a foreign channel [s].
-CALL_TIMEOUT_S = 2.0
-#: Timeout of the check that a proxy exists [s].
-CHECK_TIMEOUT_S = 1.0
-
 
 _log = logging.getLogger(__name__)
 
@@ -116,11 +112,13 @@ class ForeignChannel:
             raise NotReachable(str(error) if isinstance(error, NotReachable) else describe(error)) from None
         self.consumer = _ForeignProxyConsumer(orb, orb.uri(proxy_consumer), echoes)
         self._proxy_consumer = proxy_consumer
+        #: Taken by the first call of `disconnect`: the thread of the link and whoever removes it both make one.
+        self._ending = threading.Lock()
 
     def is_alive(self) -> bool:
         try:
             for proxy in (self._proxy_consumer, self._proxy_supplier):
-                set_call_timeout(proxy, CHECK_TIMEOUT_S)
+                set_call_timeout(proxy, 1.0)
                 if proxy._non_existent():
                     return False
         except CORBA.SystemException:
@@ -128,6 +126,8 @@ class ForeignChannel:
         return True
 
     def disconnect(self) -> None:
+        if not self._ending.acquire(blocking=False):
+            return
         for disconnect_proxy in (
             self._proxy_consumer.disconnect_push_consumer,
             self._proxy_supplier.disconnect_push_supplier,
@@ -140,5 +140,5 @@ class ForeignChannel:
 
     @staticmethod
     def _limited(reference: Any) -> Any:
-        set_call_timeout(reference, CALL_TIMEOUT_S)
+        set_call_timeout(reference, 2.0)
         return reference

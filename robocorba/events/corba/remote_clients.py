@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import struct
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
@@ -19,18 +18,14 @@ from robocorba.events.proxy import ProxyKind
 from robocorba.events.queue import QueueItem
 from robocorba.orb.bounded_any import invoke
 from robocorba.orb.calls import describe, set_call_timeout
+from robocorba.orb.ior import parsed
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
 
-#: Timeout of the call that notifies a client of its disconnection [s].
-DISCONNECT_TIMEOUT_S = 1.0
 #: Maximum number of consumers that are called over their own connections; a further one replaces the oldest.
 MAX_ROUTES = 1000
 #: HOST:PORT and object key.
 Identity = tuple[str, bytes]
-_NO_ROUTES: Mapping[Identity, Any] = {}
-_EVENT_CONSUMER = RoboCorba.EventConsumer._NP_RepositoryId
-_IDEMPOTENT_CONSUMER = RoboCorba.IdempotentEventConsumer._NP_RepositoryId
 
 _log = logging.getLogger(__name__)
 #: Errors of an object that does not exist, or has another type.
@@ -50,10 +45,10 @@ def delivery_failure(error: CORBA.Exception) -> EventError:
     return Refused(describe(error))
 
 
-class _RemoteClient:
-    """Base of all clients. disconnect_operation: the operation that notifies the client of its disconnection.
+class RemoteClient:
+    """A client; this class alone calls it only to notify it of its disconnection, by `disconnect_operation`.
 
-    routes: by `identity_of`, references to clients that are called over the connections that they have opened."""
+    routes: by their identity, references to clients that are called over the connections that they have opened."""
 
     def __init__(
         self,
@@ -61,11 +56,11 @@ class _RemoteClient:
         uri: str,
         interface: Any,
         disconnect_operation: str,
-        *,
-        routes: Mapping[Identity, Any] = _NO_ROUTES,
+        routes: Mapping[Identity, Any] | None = None,
     ) -> None:
+        ior = parsed(uri)
         self.reference, self._interface, self._routes, self._route = uri, interface, routes, None
-        self.address, self._identity = address_of(uri), identity_of(uri)
+        self.address, self._identity = ior.address, (ior.address, ior.key)
         self._remote = orb.reference(uri, interface)
         self._limit_s = 0.0
         self._disconnect_operation = disconnect_operation
@@ -81,13 +76,13 @@ class _RemoteClient:
 
     def disconnect(self) -> None:
         try:
-            self._set_limit(DISCONNECT_TIMEOUT_S)
+            self._set_limit(1.0)
             getattr(self._remote, self._disconnect_operation)()
         except CORBA.Exception as error:
             _log.info("could not notify %s of its disconnection (%s)", self.address, describe(error))
 
 
-class RemotePushConsumer(_RemoteClient):
+class RemotePushConsumer(RemoteClient):
     """A plain consumer, which takes one `any` a call."""
 
     takes_batches = False
@@ -97,11 +92,10 @@ class RemotePushConsumer(_RemoteClient):
         self,
         orb: Orb,
         uri: str,
-        *,
-        routes: Mapping[Identity, Any] = _NO_ROUTES,
+        routes: Mapping[Identity, Any] | None = None,
         interface: Any = CosEventComm.PushConsumer,
     ) -> None:
-        super().__init__(orb, uri, interface, "disconnect_push_consumer", routes=routes)
+        super().__init__(orb, uri, interface, "disconnect_push_consumer", routes)
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         self._set_limit(limit_s)
@@ -130,9 +124,9 @@ class RemoteEventConsumer(RemotePushConsumer):
 
     takes_batches = True
 
-    def __init__(self, orb: Orb, uri: str, *, routes: Mapping[Identity, Any] = _NO_ROUTES) -> None:
-        super().__init__(orb, uri, routes=routes, interface=RoboCorba.EventConsumer)
-        self.is_idempotent = _type_id(uri) == _IDEMPOTENT_CONSUMER
+    def __init__(self, orb: Orb, uri: str, routes: Mapping[Identity, Any]) -> None:
+        super().__init__(orb, uri, routes, RoboCorba.EventConsumer)
+        self.is_idempotent = parsed(uri).type == RoboCorba.IdempotentEventConsumer._NP_RepositoryId
 
     def deliver(self, items: Sequence[QueueItem], limit_s: float) -> None:
         self._set_limit(limit_s)
@@ -145,7 +139,7 @@ class RemoteEventConsumer(RemotePushConsumer):
             raise delivery_failure(error) from None
 
 
-class RemotePullSupplier(_RemoteClient):
+class RemotePullSupplier(RemoteClient):
     """A plain supplier that the channel polls."""
 
     def __init__(self, orb: Orb, uri: str) -> None:
@@ -158,20 +152,6 @@ class RemotePullSupplier(_RemoteClient):
         except CORBA.Exception as error:
             raise delivery_failure(error) from None
         return events.batch_of_any(value) if has_event else None
-
-
-class RemotePushSupplier(_RemoteClient):
-    """A supplier that pushes; it is called only to disconnect it."""
-
-    def __init__(self, orb: Orb, uri: str) -> None:
-        super().__init__(orb, uri, CosEventComm.PushSupplier, "disconnect_push_supplier")
-
-
-class RemotePullConsumer(_RemoteClient):
-    """A consumer that pulls; it is called only to disconnect it."""
-
-    def __init__(self, orb: Orb, uri: str) -> None:
-        super().__init__(orb, uri, CosEventComm.PullConsumer, "disconnect_pull_consumer")
 
 
 class RemoteClients:
@@ -188,74 +168,30 @@ class RemoteClients:
         is_source_or_sink = kind in (ProxyKind.PUSH_SUPPLIER, ProxyKind.PULL_CONSUMER)
         if is_source_or_sink and reference is not None and self._orb.is_own(reference):
             raise OwnProxy("a proxy of this channel can't be the client of another one: its events would circulate")
-        return None if reference is None else self.find(kind.value, self._orb.uri(reference))
+        return None if reference is None else self.find(kind, self._orb.uri(reference))
 
-    def find(self, kind: str, reference: str) -> Any:
-        if kind == ProxyKind.PUSH_SUPPLIER.value:
-            takes_batches = _type_id(reference) in (_EVENT_CONSUMER, _IDEMPOTENT_CONSUMER)
-            return (RemoteEventConsumer if takes_batches else RemotePushConsumer)(
-                self._orb, reference, routes=self._routes
-            )
-        makers = {
-            ProxyKind.PUSH_CONSUMER.value: RemotePushSupplier,
-            ProxyKind.PULL_CONSUMER.value: RemotePullSupplier,
-            ProxyKind.PULL_SUPPLIER.value: RemotePullConsumer,
-        }
-        return makers[kind](self._orb, reference)
+    def find(self, kind: ProxyKind, uri: str) -> Any:
+        """The client of a proxy of this kind at an IOR."""
+        if kind is ProxyKind.PUSH_SUPPLIER:
+            ours = RoboCorba.EventConsumer, RoboCorba.IdempotentEventConsumer
+            takes_batches = parsed(uri).type in [interface._NP_RepositoryId for interface in ours]
+            return (RemoteEventConsumer if takes_batches else RemotePushConsumer)(self._orb, uri, self._routes)
+        if kind is ProxyKind.PULL_CONSUMER:
+            return RemotePullSupplier(self._orb, uri)
+        if kind is ProxyKind.PUSH_CONSUMER:
+            return RemoteClient(self._orb, uri, CosEventComm.PushSupplier, "disconnect_push_supplier")
+        return RemoteClient(self._orb, uri, CosEventComm.PullConsumer, "disconnect_pull_consumer")
 
     def keep(self, reference: Any) -> None:
         """Call this consumer over the connection by which its reference came."""
-        identity = identity_of(self._orb.uri(reference))
+        ior = parsed(self._orb.uri(reference))
+        identity = ior.address, ior.key
         with self._lock:
             self._routes[identity] = reference
             self._routes.move_to_end(identity)  # never without it: calls look it up without the lock
-            for oldest in list(self._routes)[: max(0, len(self._routes) - MAX_ROUTES)]:
-                del self._routes[oldest]
+            if len(self._routes) > MAX_ROUTES:
+                self._routes.popitem(last=False)
 
     def event_consumer(self, reference: Any) -> RemoteEventConsumer:
         """A consumer that takes batches."""
-        return RemoteEventConsumer(self._orb, self._orb.uri(reference), routes=self._routes)
-
-
-def _type_id(ior: str) -> str:
-    """The repository id in an IOR, read without a call to the object."""
-    try:
-        return _cdr_string(bytes.fromhex(ior.removeprefix("IOR:")), 4)[0]
-    except (ValueError, struct.error):
-        return ""
-
-
-def address_of(ior: str) -> str:
-    """HOST:PORT in the first IIOP profile of an IOR; empty if there is none."""
-    return identity_of(ior)[0]
-
-
-def identity_of(ior: str) -> tuple[str, bytes]:
-    """HOST:PORT and object key in the first IIOP profile of an IOR; empty if there is none.
-
-    omniORB marks the IORs of objects that are called over their own connections, so the same object has several."""
-    try:
-        data = bytes.fromhex(ior.removeprefix("IOR:"))
-        order = "<" if data[0] else ">"
-        _, at = _cdr_string(data, 4)
-        at = (at + 3) & ~3
-        count, tag, length = struct.unpack_from(f"{order}III", data, at)
-        if not count or tag != 0:  # not TAG_INTERNET_IOP
-            return "", b""
-        profile = data[at + 12 : at + 12 + length]
-        order = "<" if profile[0] else ">"
-        host, end = _cdr_string(profile, 4)
-        at = (end + 1) & ~1
-        (port,) = struct.unpack_from(f"{order}H", profile, at)
-        at = (at + 5) & ~3
-        (length,) = struct.unpack_from(f"{order}I", profile, at)
-        key = profile[at + 4 : at + 4 + length]
-    except (ValueError, struct.error, IndexError):
-        return "", b""
-    return f"{host}:{port}", key
-
-
-def _cdr_string(data: bytes, at: int) -> tuple[str, int]:
-    """The string at an offset of a CDR encapsulation, and the offset after it."""
-    (length,) = struct.unpack_from(("<" if data[0] else ">") + "I", data, at)
-    return data[at + 4 : at + 3 + length].decode(errors="replace"), at + 4 + length
+        return RemoteEventConsumer(self._orb, self._orb.uri(reference), self._routes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import time
 from typing import Any
@@ -12,11 +13,12 @@ from robocorba.errors.events import InvalidPeer, NotDelivered, SessionOver
 from robocorba.errors.services import NotReachable
 from robocorba.events.channel_store import Peer
 from robocorba.events.corba import events
-from robocorba.events.corba.remote_clients import address_of
 from robocorba.events.event import EventBatch
 from robocorba.events.federation import Advertisement
+from robocorba.events.feed import Forward
 from robocorba.events.peer_clock import Exchange
 from robocorba.orb.calls import describe, set_call_timeout
+from robocorba.orb.ior import address_of
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
 from robocorba.system.names import CHANNELS
@@ -24,38 +26,31 @@ from robocorba.system.settings import Address, InvalidSetting
 
 #: Timeout of a call to a peer [s].
 CALL_TIMEOUT_S = 2.0
-#: Timeout of sending an acknowledgement [s].
-ACKNOWLEDGE_TIMEOUT_S = 0.2
-#: Timeout to resolve a peer [s].
-RESOLVE_TIMEOUT_S = 1.0
-
-#: Errors that the events themselves cause; retrying is useless.
-_PERMANENT_FAILURES = (CORBA.MARSHAL, CORBA.BAD_PARAM, CORBA.DATA_CONVERSION)
 
 _log = logging.getLogger(__name__)
 
 
-class RemoteGateway:
-    """The gateway of a peer, to which a feed sends."""
+def forwarding_to(orb: Orb, gateway: Any) -> Forward:
+    """Sends packets to the gateway of a peer."""
+    uri = orb.uri(gateway)
+    return functools.partial(_forward, orb.reference(uri, RoboCorba.PeerGateway), address_of(uri))
 
-    def __init__(self, orb: Orb, reference: Any) -> None:
-        uri = orb.uri(reference)
-        self._remote, self._address = orb.reference(uri, RoboCorba.PeerGateway), address_of(uri)
 
-    def forward(self, session: str, position: int, batches: list[EventBatch], limit_s: float) -> list[EventBatch]:
-        set_call_timeout(self._remote, limit_s)
-        epochs = [batch.epoch for batch in batches]
+def _forward(
+    gateway: Any, address: str, session: str, position: int, batches: list[EventBatch], limit_s: float
+) -> list[EventBatch]:
+    set_call_timeout(gateway, limit_s)
+    epochs = [batch.epoch for batch in batches]
+    try:
         try:
-            try:
-                ways, runs = events.event_ways(batches), events.event_runs(batches)
-                self._remote.forwardOn(session, position, epochs, ways, runs)
-            except _PERMANENT_FAILURES as error:
-                _log.warning("a packet cannot be sent (%s)", describe(error))
-                self._remote.forwardOn(session, position, [], [], [])
-                return batches
-        except CORBA.SystemException as error:
-            raise NotDelivered(f"{self._address} can't be called ({describe(error)})") from None
-        return []
+            gateway.forwardOn(session, position, epochs, events.event_ways(batches), events.event_runs(batches))
+        except (CORBA.MARSHAL, CORBA.BAD_PARAM, CORBA.DATA_CONVERSION) as error:  # caused by the events themselves
+            _log.warning("a packet cannot be sent (%s)", describe(error))
+            gateway.forwardOn(session, position, [], [], [])
+            return batches
+    except CORBA.SystemException as error:
+        raise NotDelivered(f"{address} can't be called ({describe(error)})") from None
+    return []
 
 
 class RemoteFeed:
@@ -66,7 +61,7 @@ class RemoteFeed:
         uri = orb.uri(terms.feed)
         # Two references with a timeout each, because both are called at the same time.
         self._remote = orb.reference(uri, RoboCorba.PeerFeed, CALL_TIMEOUT_S)
-        self._acknowledging = orb.reference(uri, RoboCorba.PeerFeed, ACKNOWLEDGE_TIMEOUT_S)
+        self._acknowledging = orb.reference(uri, RoboCorba.PeerFeed, 0.2)
 
     def renew(self, position: int, refused: int, news: list[Advertisement]) -> tuple[list[Advertisement], Exchange]:
         sent = time.monotonic()
@@ -98,7 +93,7 @@ class PeerJoiner:
     def __init__(self, orb: Orb, name: str, channel: Any, gateway: Any) -> None:
         self._orb, self._name, self._channel, self._gateway = orb, name, channel, gateway
 
-    def __call__(self, record: Peer) -> tuple[RemoteFeed, str]:
+    def join(self, record: Peer) -> tuple[RemoteFeed, str]:
         """Begin a session at the peer's last reference, else at the address of its record or in the naming service.
 
         Raises NotReachable, InvalidPeer."""
@@ -112,9 +107,7 @@ class PeerJoiner:
     def _find(self, record: Peer) -> Any:
         name = f"{CHANNELS}/{record.name}"
         if not record.address:
-            return self._orb.resolve(
-                name, RoboCorba.EventChannel, timeout_s=RESOLVE_TIMEOUT_S, call_timeout_s=CALL_TIMEOUT_S
-            )
+            return self._orb.resolve(name, RoboCorba.EventChannel, timeout_s=1.0, call_timeout_s=CALL_TIMEOUT_S)
         try:
             uri = self._orb.uri_at(Address.parse(record.address), name)
         except InvalidSetting:
@@ -127,7 +120,14 @@ class PeerJoiner:
             found = channel._get_name()
             if found != record.name:
                 raise InvalidPeer("address", f"the channel there is {found!r}, not {record.name!r}")
-            return self._join_peer(record, channel)
+            sent = time.monotonic()
+            try:
+                terms, clock = channel.joinPeer(self._name, self._channel, self._gateway)
+            except CORBA.BAD_OPERATION:
+                reason = f"{record.name} runs release 0.1.0, which takes event numbers for times; it needs a later one"
+                raise InvalidPeer("release", reason) from None
+            joining = Exchange(sent, clock, time.monotonic())
+            return RemoteFeed(self._orb, terms, joining), self._orb.uri(channel)
         except RoboCorba.InvalidPeer as error:
             raise InvalidPeer(error.field, error.reason) from None
         except CORBA.OBJECT_NOT_EXIST:
@@ -136,13 +136,3 @@ class PeerJoiner:
             raise InvalidPeer("address", "what is at this address is no event channel") from None
         except CORBA.SystemException as error:
             raise NotReachable(f"{record.name} does not answer ({describe(error)})") from None
-
-    def _join_peer(self, record: Peer, channel: Any) -> tuple[RemoteFeed, str]:
-        sent = time.monotonic()
-        try:
-            terms, clock = channel.joinPeer(self._name, self._channel, self._gateway)
-        except CORBA.BAD_OPERATION:
-            reason = f"{record.name} runs release 0.1.0, which takes event numbers for times; it needs a later one"
-            raise InvalidPeer("release", reason) from None
-        joining = Exchange(sent, clock, time.monotonic())
-        return RemoteFeed(self._orb, terms, joining), self._orb.uri(channel)

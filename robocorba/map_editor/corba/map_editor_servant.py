@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol
 
 from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, VersionUnavailable
@@ -11,25 +13,17 @@ from robocorba.map_editor import native
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.edit_session import EditSession, EditSessions
 from robocorba.map_editor.long_requests import LongRequests
-from robocorba.map_editor.model import ElementKind
+from robocorba.map_editor.map_building_agent import Transaction
 from robocorba.map_editor.pages import MAX_PAGE
-from robocorba.map_editor.time_limit import TimeLimit
-from robocorba.map_editor.transactions import Transaction
+from robocorba.map_editor.time_limit import time_limit
 from robocorba.orb.exceptions import translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.system.garbage import collections_paused
 
 #: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
 CLOSED_TRANSACTIONS_KEPT = 100
 #: Maximum number of findings in a reply: each takes about 500 bytes, and a reply is limited to 64 MiB.
 MAX_FINDINGS = 10_000
-#: Maximum number of changes in a reply of changesSince: 2 s of work for the server. readChanges has no such limit.
-MAX_CHANGES = 100_000
-#: Maximum number of elements in a reply: with short names, each takes about 100 bytes of the 64 MiB.
-MAX_ELEMENTS = 500_000
-#: Maximum length of an exported map [bytes]: that of a message, less its header.
-MAX_EXPORT = 64 * 1024 * 1024 - 1024
 
 
 class Activator(Protocol):
@@ -78,30 +72,38 @@ class TransactionServant(RoboCorba__POA.Transaction):
         return maps.findings(self._transaction.problems()[:MAX_FINDINGS])
 
 
-class Transactions:
-    """The servants of the transactions that are open or ended lately."""
+class ActiveServants:
+    """The servants of objects that are open or ended lately; those that ended before are deactivated."""
 
-    def __init__(self, activator: Activator) -> None:
-        self._activator = activator
-        self._servants: list[TransactionServant] = []
-        self._beginning = threading.Lock()
+    def __init__(self, activator: Activator, ended_kept: int) -> None:
+        self._activator, self._ended_kept = activator, ended_kept
+        self._servants: list[Any] = []
+        self._changing = threading.Lock()
 
-    def begin(self, begin: Callable[[], Transaction]) -> Any:
-        """A reference to the transaction that `begin` returns."""
-        with self._beginning:
-            servant = TransactionServant(begin())
-            ended = [each for each in self._servants if not each.is_open]
-            for oldest in ended[:-CLOSED_TRANSACTIONS_KEPT]:
-                self._servants.remove(oldest)
-                self._activator.deactivate(oldest)
+    def activate(self, make: Callable[[], Any]) -> Any:
+        """A reference to the servant that `make` returns."""
+        with self._changing:
+            servant = make()
+            self._deactivate_ended()
             self._servants.append(servant)
             return self._activator.activate(servant)
+
+    def deactivate_ended(self) -> None:
+        """Deactivate those that ended before the ones that are kept."""
+        with self._changing:
+            self._deactivate_ended()
+
+    def _deactivate_ended(self) -> None:
+        ended = [each for each in self._servants if not each.is_open]
+        for oldest in ended[: max(len(ended) - self._ended_kept, 0)]:
+            self._servants.remove(oldest)
+            self._activator.deactivate(oldest)
 
 
 class EditSessionServant(RoboCorba__POA.EditSession):
     """RoboCorba::EditSession."""
 
-    def __init__(self, session: EditSession, transactions: Transactions, ended: Callable[[], None]) -> None:
+    def __init__(self, session: EditSession, transactions: ActiveServants, ended: Callable[[], None]) -> None:
         self._session, self._transactions, self._ended = session, transactions, ended
 
     @property
@@ -138,7 +140,7 @@ class EditSessionServant(RoboCorba__POA.EditSession):
 
     @translating
     def begin(self) -> Any:
-        return self._transactions.begin(self._session.begin)
+        return self._transactions.activate(lambda: TransactionServant(self._session.begin()))
 
     @translating
     def undo(self) -> int:
@@ -158,10 +160,9 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     """RoboCorba::MapEditor for a BuildingEditor and the sessions of its authors."""
 
     def __init__(self, sessions: EditSessions, activator: Activator) -> None:
-        self._editor, self._sessions, self._activator = sessions.editor, sessions, activator
-        self._transactions = Transactions(activator)
-        self._session_servants: list[EditSessionServant] = []
-        self._opening = threading.Lock()
+        self._editor, self._sessions = sessions.editor, sessions
+        self._transactions = ActiveServants(activator, CLOSED_TRANSACTIONS_KEPT)
+        self._session_servants = ActiveServants(activator, 0)
         self._long_requests = LongRequests()
 
     def _get_buildingName(self) -> str:
@@ -176,16 +177,15 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     @translating
     def elements(self, kind: Any, onFloor: str) -> list[Any]:
         kind = maps.kind_of(kind)
-        if self._editor.count(kind, onFloor) <= MAX_PAGE:
-            return self._records(kind, onFloor)
-        with self._long_requests.admitted():
-            return self._records(kind, onFloor)
+        with self._admitted(self._editor.count(kind, onFloor)):
+            found = self._editor.elements(kind, onFloor)
+            if len(found) > 500_000:  # with short names, each takes about 100 bytes of the 64 MiB of a reply
+                raise ReplyTooLarge(f"{len(found)} elements don't fit into a message; read them in pages")
+            return [maps.record(onFloor, value, changed_in) for value, changed_in in found]
 
-    def _records(self, kind: ElementKind, floor: str) -> list[Any]:
-        found = self._editor.elements(kind, floor)
-        if len(found) > MAX_ELEMENTS:
-            raise ReplyTooLarge(f"{len(found)} elements don't fit into a message; read them in pages")
-        return [maps.record(floor, value, changed_in) for value, changed_in in found]
+    def _admitted(self, size: int) -> AbstractContextManager[None]:
+        """Admission of a request for so many elements or changes: more than a page waits for other long ones."""
+        return self._long_requests.admitted() if size > MAX_PAGE else nullcontext()
 
     @translating
     def read(self, id: Any) -> Any:
@@ -206,7 +206,7 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def begin(self) -> Any:
-        return self._transactions.begin(self._editor.begin)
+        return self._transactions.activate(lambda: TransactionServant(self._editor.begin()))
 
     @translating
     def rename(self, id: Any, name: str, expected: int) -> int:
@@ -214,19 +214,11 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def openSession(self, author: str) -> Any:
-        session = self._sessions.open(author)
-        self._deactivate_ended_sessions()
-        servant = EditSessionServant(session, self._transactions, self._deactivate_ended_sessions)
-        with self._opening:
-            self._session_servants.append(servant)
-            return self._activator.activate(servant)
+        def servant() -> EditSessionServant:
+            session = self._sessions.open(author)
+            return EditSessionServant(session, self._transactions, self._session_servants.deactivate_ended)
 
-    def _deactivate_ended_sessions(self) -> None:
-        """At most the limit of open sessions have timed out and are still active."""
-        with self._opening:
-            for servant in [each for each in self._session_servants if not each.is_open]:
-                self._session_servants.remove(servant)
-                self._activator.deactivate(servant)
+        return self._session_servants.activate(servant)
 
     @translating
     def editsSince(self, since: int) -> list[Any]:
@@ -250,12 +242,11 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def changesSince(self, since: int) -> list[Any]:
-        count = self._editor.count_changes(since)
-        if count > MAX_CHANGES:
-            raise VersionUnavailable(since, self._editor.oldest_within(MAX_CHANGES), self._editor.version)
-        if count <= MAX_PAGE:
-            return maps.changes(self._editor.changes_since(since))
-        with self._long_requests.admitted():
+        # Changes in a reply: 2 s of work for the server. readChanges has no such limit.
+        count, limit = self._editor.count_changes(since), 100_000
+        if count > limit:
+            raise VersionUnavailable(since, self._editor.oldest_within(limit), self._editor.version)
+        with self._admitted(count):
             return maps.changes(self._editor.changes_since(since))
 
     @translating
@@ -273,7 +264,7 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
         # Imported here: it takes 0.5 s to load, and a server must restart quickly.
         from robocorba.map_editor.topology import topological_map
 
-        check_time = TimeLimit(f"the topological map of {onFloor[:80]}").check
+        check_time = time_limit(f"the topological map of {onFloor[:80]}")
         roads = topological_map(self._editor.building, onFloor, robotRadius, check_time=check_time)
         return self._editor.replace_topology(onFloor, roads)
 
@@ -281,14 +272,14 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     def check(self) -> list[Any]:
         from robocorba.map_editor.checking import findings  # imported here for the same reason
 
-        check_time = TimeLimit("the check of the building").check
+        check_time = time_limit("the check of the building")
         return maps.findings(findings(self._editor.building, check_time=check_time)[:MAX_FINDINGS])
 
     @translating
     def checkFloor(self, onFloor: str, robotRadius: float) -> list[Any]:
         from robocorba.map_editor.checking import floor_findings  # imported here for the same reason
 
-        check_time = TimeLimit(f"the check of {onFloor[:80]}").check
+        check_time = time_limit(f"the check of {onFloor[:80]}")
         found = floor_findings(self._editor.building, onFloor, robotRadius, check_time)
         return maps.findings(found[:MAX_FINDINGS])
 
@@ -296,22 +287,22 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     def exportMap(self) -> str:
         with self._long_requests.admitted():
             document = native.dumps(self._editor.building)
-        if len(document) > MAX_EXPORT or len(document.encode()) > MAX_EXPORT:
+        limit = 64 * 1024 * 1024 - 1024  # bytes of a message, less its header
+        if len(document) > limit or len(document.encode()) > limit:
             raise ReplyTooLarge("the map file does not fit into a message; read the building in pages")
         return document
 
     @translating
     def importMap(self, document: str, expected: int) -> int:
         with self._long_requests.admitted():
-            return self._import(document, expected)
-
-    def _import(self, document: str, expected: int) -> int:
-        try:
-            with collections_paused():
+            try:
+                gc.disable()  # each search for cycles among millions of new objects stops all threads for up to 0.4 s
                 building = native.loads(document, "document")
-        except MapFileError as error:
-            raise RoboCorba.InvalidMap(error.line, error.key, error.reason) from error
-        try:
-            return self._editor.replace(building, expected)
-        except InvalidElement as error:  # valid, but too large
-            raise RoboCorba.InvalidMap(0, "", str(error)) from error
+            except MapFileError as error:
+                raise RoboCorba.InvalidMap(error.line, error.key, error.reason) from error
+            finally:
+                gc.enable()
+            try:
+                return self._editor.replace(building, expected)
+            except InvalidElement as error:  # valid, but too large
+                raise RoboCorba.InvalidMap(0, "", str(error)) from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from omniORB import CORBA
 
@@ -18,9 +18,6 @@ from robocorba.map_editor.underlays import Underlay
 from robocorba.orb.exceptions import register, register_system, register_with
 from robocorba.orb.structs import BOOLEAN, SAME, STRINGS, Converter, enumeration, sequence, struct_converter
 from robocorba.stubs import RoboCorba
-
-if TYPE_CHECKING:
-    from robocorba.map_editor.checking import MapFinding
 
 _KIND = enumeration(ElementKind, suffix="_ELEMENT")
 _POINT = Converter(lambda point: RoboCorba.XY(*point), lambda found: (found.x, found.y))
@@ -128,11 +125,11 @@ def record(floor: str, value: Element, changed_in: int) -> Any:
     return RoboCorba.ElementRecord(floor, element(value), changed_in)
 
 
-def findings(map_findings: Iterable[MapFinding | Finding]) -> list[Any]:
+def findings(values: Iterable[Finding]) -> list[Any]:
     """A FindingSeq."""
     return [
         RoboCorba.Finding(element_id(one.kind.value, one.floor, one.name), RoboCorba.Point(*one.where), one.reason)
-        for one in map_findings
+        for one in values
     ]
 
 

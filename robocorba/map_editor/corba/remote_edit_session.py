@@ -43,8 +43,7 @@ class RemoteMapEditor:
 
     def version(self) -> int:
         """The building's version."""
-        version: int = self._editor.call(lambda editor: editor._get_currentVersion())
-        return version
+        return int(self._editor.call(lambda editor: editor._get_currentVersion()))
 
     def building_name(self) -> str:
         """The building's name."""
@@ -54,10 +53,6 @@ class RemoteMapEditor:
         """The whole building and its version."""
         loaded = RemoteMap(self._orb, RESOLVE_TIMEOUT_S, with_topology=True)
         return loaded.building, loaded.version
-
-    def floors(self) -> list[str]:
-        """The names of the floors, by level."""
-        return list(self._editor.call(lambda editor: editor.floors()))
 
     def elements(self, kind: ElementKind, floor: str = "") -> list[tuple[Element, int]]:
         """All elements of a kind on a floor, with the version that last changed each. Raises UnknownElement."""
@@ -91,24 +86,17 @@ class RemoteMapEditor:
 
     def build_topological_map(self, floor: str, radius_m: float) -> int:
         """Generate the topological map of a floor again, as one edit without an author. Returns the new version."""
-        version: int = self._slow_editor.call(lambda editor: editor.buildTopologicalMap(floor, radius_m))
-        return version
-
-    def export_map(self) -> str:
-        """The whole building as a native map file."""
-        return str(self._slow_editor.call(lambda editor: editor.exportMap()))
+        return int(self._slow_editor.call(lambda editor: editor.buildTopologicalMap(floor, radius_m)))
 
     def import_map(self, document: str, expected: int) -> int:
         """Replace the building by a native map file, as one edit. Returns the new version.
 
         Raises MapFileError with line and key, StaleVersion unless the building is at version `expected`."""
-        version: int = self._slow_editor.call(lambda editor: editor.importMap(document, expected))
-        return version
+        return int(self._slow_editor.call(lambda editor: editor.importMap(document, expected)))
 
     def undo(self, expected: int) -> int:
         """Revert the last edit of any author. Returns the new version. Raises StaleVersion, NothingToUndo."""
-        version: int = self._slow_editor.call(lambda editor: editor.undo(expected))
-        return version
+        return int(self._slow_editor.call(lambda editor: editor.undo(expected)))
 
     def underlay(self, floor: str) -> Underlay | None:
         """The picture below a floor, if there is one. Raises UnknownElement."""
@@ -188,13 +176,11 @@ class RemoteEditSession:
     def undo(self) -> int:
         """Revert this author's last edit. Raises NothingToUndo, InvalidElement, and EditedByOthers if somebody else has
         changed an element of it since; the next undo takes the edit before it then."""
-        version: int = self._session.call_long(lambda session: session.undo())
-        return version
+        return int(self._session.call_long(lambda session: session.undo()))
 
     def redo(self) -> int:
         """Repeat the edit that was undone last. Raises NothingToRedo, InvalidElement, EditedByOthers."""
-        version: int = self._session.call_long(lambda session: session.redo())
-        return version
+        return int(self._session.call_long(lambda session: session.redo()))
 
     def close(self) -> None:
         """End the session. Its edits stay. Closing an ended session has no effect."""
@@ -231,8 +217,7 @@ class RemoteTransaction:
 
     def commit(self) -> int:
         """Make all edits as one. Returns the building's version. After an error the transaction is closed."""
-        version: int = self._transaction.call_long(lambda transaction: transaction.commit())
-        return version
+        return int(self._transaction.call_long(lambda transaction: transaction.commit()))
 
     def roll_back(self) -> None:
         """Discard all edits."""

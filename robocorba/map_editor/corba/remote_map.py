@@ -29,20 +29,8 @@ from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import RemoteObject, translated
 from robocorba.stubs import RoboCorba
 
-#: Default timeout to resolve the map editor [s]. An editor that compiles for the first time starts slowly; the
-#: starter of this process waits no longer than this.
-LOAD_TIMEOUT_S = 300.0
-#: Timeout to resolve the map editor of a running system [s].
-RESOLVE_TIMEOUT_S = 5.0
-#: Timeouts of RemoteFloorMap [s]: to resolve a map editor that does not answer, which also limits the rate of attempts,
-#: and of each call.
-FLOOR_RESOLVE_TIMEOUT_S, FLOOR_CALL_TIMEOUT_S = 0.2, 2.0
-#: Element kinds that RemoteMap omits by default: only the path planning agent uses the topological map.
-_TOPOLOGICAL_KINDS = (ElementKind.NODE, ElementKind.EDGE)
 #: Element kinds of a RemoteFloorMap: those that can be obstacles.
 _FLOOR_KINDS = (ElementKind.FLOOR, ElementKind.ELEVATOR, ElementKind.WALL, ElementKind.OBJECT, ElementKind.DOOR)
-#: Maximum number of attempts to load a building while others replace it.
-MAX_LOADS = 3
 
 _log = logging.getLogger(__name__)
 
@@ -52,13 +40,15 @@ class RemoteMap:
 
     Both are read in pages, so an edit of any size arrives; a read that fails continues where it was. A copy that is far
     behind is loaded again. with_topology: also of the topological maps. One thread may use it. Raises NotReachable if
-    there is no map editor within `timeout_s`, or if loading fails."""
+    there is no map editor within `timeout_s`, or if loading fails. An editor that compiles for the first time starts
+    slowly; the starter of this process waits no longer than the default."""
 
     building: Building
     version: int
 
-    def __init__(self, orb: Orb, timeout_s: float = LOAD_TIMEOUT_S, with_topology: bool = False) -> None:
-        kinds = () if with_topology else tuple(kind for kind in ElementKind if kind not in _TOPOLOGICAL_KINDS)
+    def __init__(self, orb: Orb, timeout_s: float = 300.0, with_topology: bool = False) -> None:
+        topological = (ElementKind.NODE, ElementKind.EDGE)  # only the path planning agent uses them
+        kinds = () if with_topology else tuple(kind for kind in ElementKind if kind not in topological)
         self._part = Selection(kinds)
         self._editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
         #: Changes that have been read, but not all of their version, and where the next page of them begins.
@@ -87,7 +77,7 @@ class RemoteMap:
     def _load(self) -> None:
         """Load the building at least as it is now."""
         try:
-            for _ in range(MAX_LOADS):
+            for _ in range(3):
                 pages = element_pages(self._editor, self._part)
                 first = next(pages)
                 version, name = first.readAt, self._editor._get_buildingName()
@@ -99,7 +89,7 @@ class RemoteMap:
                     return
         except CORBA.Exception as error:
             raise NotReachable(f"the map can't be loaded from the map editor ({describe(error)})") from None
-        raise NotReachable(f"the map was edited faster than it could be loaded, {MAX_LOADS} times")
+        raise NotReachable("the map was edited faster than it could be loaded, 3 times")
 
     def _apply_changes(self, at_any_cost: bool = False) -> bool:
         """Read the changes up to the current version, then apply them together. Returns False, unless `at_any_cost`, if
@@ -132,8 +122,8 @@ class RemoteFloorMap:
     """The map of one floor at a time; resolves the map editor at the first call and after each failure. Thread-safe."""
 
     def __init__(self, orb: Orb) -> None:
-        timeouts = FLOOR_RESOLVE_TIMEOUT_S, FLOOR_CALL_TIMEOUT_S
-        self._editor = RemoteObject(orb, "MapEditor", RoboCorba.MapEditor, "the map editor", *timeouts)
+        # Timeouts [s]: to resolve a map editor that does not answer, which also limits the rate of attempts; of a call.
+        self._editor = RemoteObject(orb, "MapEditor", RoboCorba.MapEditor, "the map editor", 0.2, 2.0)
         self._cached: _CachedFloor | None = None
 
     def of(self, floor: str) -> Building:
@@ -164,25 +154,21 @@ class RemoteFloorMap:
 def _lineage(editor: Any, since: int, until: int) -> Lineage:
     """Which elements of version `until` are those of version `since`; by their names if the changes between are not
     kept any more."""
-    part, changes, position = maps.selection(Selection(FOLLOWED)), list[MapChange](), ChangePosition(since)
+    if since >= until:
+        return SAME_NAMES
     try:
-        while position.since < until:
-            page = editor.readChanges(maps.position(position), part, 0)
-            changes += maps.changes_of(page.changes)
-            position = maps.position_of(page.next)
-            if page.isLast:
-                break
+        changes = [change for change in changes_after(editor, since, Selection(FOLLOWED)) if change.version <= until]
     except RoboCorba.VersionUnavailable:
         _log.warning("the changes of the map since version %d are not kept any more: elements go by names", since)
         return SAME_NAMES
-    return Lineage(change for change in changes if change.version <= until)
+    return Lineage(changes)
 
 
 def path_node_positions(orb: Orb, floor: str) -> Iterator[tuple[str, float, float]]:
     """Floor, x and y [m] of the path nodes of a floor (of the first floor if `floor` is empty).
 
     Raises UnknownFloor, NotReachable."""
-    editor = orb.resolve("MapEditor", RoboCorba.MapEditor, RESOLVE_TIMEOUT_S)
+    editor = orb.resolve("MapEditor", RoboCorba.MapEditor, 5.0)
     with translated("the map editor"):
         floors = list(editor.floors())
         chosen = floor or floors[0]
@@ -194,6 +180,13 @@ def path_node_positions(orb: Orb, floor: str) -> Iterator[tuple[str, float, floa
             yield chosen, record.value._v.at.x, record.value._v.at.y
 
 
+def exported(orb: Orb, timeout_s: float) -> str:
+    """The map as the text of a map file. timeout_s: to resolve the map editor. Raises NotReachable."""
+    editor = orb.resolve("MapEditor", RoboCorba.MapEditor, timeout_s)
+    with translated("the map editor"):
+        return str(editor.exportMap())
+
+
 def element_pages(editor: Any, part: Selection) -> Iterator[Any]:
     """The ElementPages of a part of the building."""
     start, is_last = 0, False
@@ -203,11 +196,11 @@ def element_pages(editor: Any, part: Selection) -> Iterator[Any]:
         start, is_last = page.next, page.isLast
 
 
-def changes_after(editor: Any, version: int) -> Iterator[MapChange]:
-    """The changes after a version, in order. Raises RoboCorba.VersionUnavailable."""
+def changes_after(editor: Any, version: int, part: Selection = EVERYTHING) -> Iterator[MapChange]:
+    """The changes of a part of the building after a version, in order. Raises RoboCorba.VersionUnavailable."""
     position, is_last = RoboCorba.ChangePosition(version, 0), False
     while not is_last:
-        page = editor.readChanges(position, maps.selection(EVERYTHING), 0)
+        page = editor.readChanges(position, maps.selection(part), 0)
         yield from maps.changes_of(page.changes)
         position, is_last = page.next, page.isLast
 

@@ -14,8 +14,6 @@ from robocorba.map_editor.model import Building
 
 #: Default side of a cell [m].
 DEFAULT_RESOLUTION_M = 0.05
-#: Least and greatest side of a cell [m].
-MIN_RESOLUTION_M, MAX_RESOLUTION_M = 1e-3, 10.0
 
 
 def floor_grid(building: Building, floor: str, resolution_m: float, without: Collection[str] = ()) -> Canvas:

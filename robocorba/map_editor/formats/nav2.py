@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from robocorba.map_editor.formats.files import floor_paths
+from robocorba.map_editor.formats.map_format import MapFormat
 from robocorba.map_editor.losses import Exported, Losses
 from robocorba.map_editor.model import Building, FloorMap, PathEdge, PathNode
 
-#: Frame of the coordinates: nav2's name of the map frame.
-FRAME = "map"
 
-
-def export(building: Building, path: str | Path) -> Exported:
+def _write(building: Building, path: Path, resolution_m: float, image: str) -> Exported:
     """A graph for each floor with edges. Ids are unique across all graphs."""
     losses = Losses()
     files: dict[Path, bytes] = {}
@@ -63,7 +61,7 @@ def _node(node: PathNode, floor: str, id_: int) -> dict[str, Any]:
         metadata["elevator"] = node.elevator
     return {
         "type": "Feature",
-        "properties": {"id": id_, "frame": FRAME, "metadata": metadata},
+        "properties": {"id": id_, "frame": "map", "metadata": metadata},
         "geometry": {"type": "Point", "coordinates": [float(node.at[0]), float(node.at[1])]},
     }
 
@@ -90,3 +88,12 @@ def _edge(edge: PathEdge, start: PathNode, end: PathNode, id_: int, id_of: dict[
         },
         "geometry": {"type": "MultiLineString", "coordinates": [line]},
     }
+
+
+FORMAT = MapFormat(
+    name="nav2",
+    title="Nav2 route graph (.geojson)",
+    files="a GeoJSON file for each floor that has edges",
+    suffix=".geojson",
+    write=_write,
+)

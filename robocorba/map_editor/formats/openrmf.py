@@ -8,43 +8,41 @@ docs/formats.md describes the conversion and its losses.
 from __future__ import annotations
 
 import math
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
 from robocorba.errors.places import xy
+from robocorba.map_editor.formats import openrmf_export
+from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions
 from robocorba.map_editor.formats.openrmf_alignment import Alignment, align_levels, metres, reference_level
 from robocorba.map_editor.formats.openrmf_file import Level, flag, params, read_level
-from robocorba.map_editor.formats.openrmf_lanes import UniqueNames, lanes_of
+from robocorba.map_editor.formats.openrmf_lanes import lanes_of, unique_names
 from robocorba.map_editor.formats.openrmf_lifts import read_lifts
 from robocorba.map_editor.formats.openrmf_outline import FloorOutline, floor_outline
 from robocorba.map_editor.formats.yaml_item import STOREY_M, Item
-from robocorba.map_editor.losses import Imported, Losses, remove_invalid_elements
+from robocorba.map_editor.losses import Exported, Imported, Losses, remove_invalid_elements
 from robocorba.map_editor.model import Building, Door, DoorKind, Floor, FloorMap, GeometricalMap, Wall
 from robocorba.map_editor.yaml_file import YamlFile
 
-FORMAT = "openrmf"
 T = TypeVar("T", Wall, Door)
 _DOOR_KINDS = {
     **{kind.value: kind for kind in DoorKind},
     "telescope": DoorKind.SLIDING,
     "double_telescope": DoorKind.DOUBLE_SLIDING,
 }
-#: Default height of walls [m].
-_WALL_HEIGHT_M = 2.5
 #: Known keys of a level and of the file; all others are reported.
-_LEVEL_KEYS = {"elevation", "vertices", "walls", "lanes", "doors", "measurements", "fiducials", "floors", "holes"}
-_LEVEL_KEYS |= {"models", "flattened_x_offset", "flattened_y_offset", "x_meters", "y_meters"}
-_FILE_KEYS = {"name", "building_name", "coordinate_system", "graphs", "levels", "lifts", "reference_level_name"}
-_FILE_KEYS |= {"parameters"}
+_LEVEL_KEYS = {
+    *("elevation", "vertices", "walls", "lanes", "doors", "measurements", "fiducials", "floors", "holes", "models"),
+    *("flattened_x_offset", "flattened_y_offset", "x_meters", "y_meters"),
+}
+_FILE_KEYS = {
+    *("name", "building_name", "coordinate_system", "parameters", "graphs", "levels", "lifts", "reference_level_name"),
+}
 
 
-def is_openrmf(data: Any) -> bool:
-    """Whether parsed YAML looks like a building.yaml."""
-    return isinstance(data, dict) and "levels" in data
-
-
-def read(file: YamlFile) -> Imported:
+def read(file: YamlFile, options: ReadOptions) -> Imported:
     """The building that a building.yaml describes. Raises MapFileError with line and key."""
     root = Item(file, "$", file.data)
     losses = Losses()
@@ -86,7 +84,7 @@ def read(file: YamlFile) -> Imported:
         if name not in _FILE_KEYS:
             losses.add("parts of the file that are not kept: {names}", Item(file, f"$.{name}", name).text())
     building = Building(root.get("name", "building_name").text() or "building", floors, lifts)
-    return Imported(remove_invalid_elements(building, losses, file), FORMAT, losses.sentences())
+    return Imported(remove_invalid_elements(building, losses, file), FORMAT.name, losses.sentences())
 
 
 def _alignments(root: Item, levels: list[Level], reference: Level, losses: Losses) -> dict[str, Alignment]:
@@ -138,14 +136,14 @@ def _graph_names(graphs: Item, losses: Losses) -> dict[int, str]:
 
 
 def _walls(level: Level, losses: Losses) -> dict[str, Wall]:
-    names = UniqueNames(losses, f"wall of {level.name}", [link.text("name") for link in level.links["walls"]])
+    name_of = unique_names(losses, f"wall of {level.name}", [link.text("name") for link in level.links["walls"]])
     found: dict[str, Wall] = {}
     for i, link in enumerate(level.links["walls"]):
         if link.a == link.b:
             losses.add("walls without length: {n} left out: {names}", f"{level.name} wall {i}")
             continue
-        name = names.take(link.text("name"), f"w{i}")
-        height = link.params["texture_height"].positive() if "texture_height" in link.params else _WALL_HEIGHT_M
+        name = name_of(link.text("name"), f"w{i}")
+        height = link.params["texture_height"].positive() if "texture_height" in link.params else 2.5
         a, b = level.points((link.a, link.b))
         found[name] = Wall(name=name, a=a, b=b, height=height)
         if flag(link.params, "transparent") or "texture_name" in link.params:
@@ -154,10 +152,10 @@ def _walls(level: Level, losses: Losses) -> dict[str, Wall]:
 
 
 def _doors(level: Level, losses: Losses) -> dict[str, Door]:
-    names = UniqueNames(losses, f"door of {level.name}", [link.text("name") for link in level.links["doors"]])
+    name_of = unique_names(losses, f"door of {level.name}", [link.text("name") for link in level.links["doors"]])
     found: dict[str, Door] = {}
     for i, link in enumerate(level.links["doors"]):
-        name = names.take(link.text("name"), f"d{i}")
+        name = name_of(link.text("name"), f"d{i}")
         written = link.text("type")
         kind = _DOOR_KINDS.get(written, DoorKind.HINGED)
         if written != kind.value:
@@ -192,3 +190,20 @@ def _report_dropped(level: Level, losses: Losses) -> None:
     for key, value in level.item.members():
         if key not in _LEVEL_KEYS and value.value:
             losses.add(f"{key}: not kept: {{names}}", level.name)
+
+
+def _write(building: Building, path: Path, resolution_m: float, image: str) -> Exported:
+    text, losses = openrmf_export.dumps(building)
+    return Exported({path: text.encode()}, losses)
+
+
+FORMAT = MapFormat(
+    name="openrmf",
+    title="Open-RMF (.building.yaml)",
+    files="one `building.yaml`",
+    mark="an Open-RMF building (levels:)",
+    recognises=lambda data: isinstance(data, dict) and "levels" in data,
+    read=read,
+    suffix=".building.yaml",
+    write=_write,
+)

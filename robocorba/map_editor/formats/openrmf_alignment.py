@@ -16,13 +16,6 @@ from robocorba.map_editor.formats.yaml_item import Item
 from robocorba.map_editor.losses import Losses
 from robocorba.map_editor.spatial.pose import XY
 
-#: Default scale without measurements [m per pixel], as in the format's own editor.
-DEFAULT_SCALE = 0.05
-#: Share of the median by which a measurement must differ to be reported.
-OUTLIER_SHARE = 0.05
-#: Distance between corresponding fiducials above which it is reported [m].
-MISFIT_M = 0.1
-
 
 @dataclass(frozen=True)
 class Alignment:
@@ -31,11 +24,6 @@ class Alignment:
     turn: complex
     shift: complex
     y_down: bool = True
-
-    @property
-    def scale(self) -> float:
-        """Metres per unit of the file."""
-        return abs(self.turn)
 
     @property
     def rotation(self) -> float:
@@ -58,8 +46,8 @@ def align_levels(levels: list[Level], reference: Level, losses: Losses) -> dict[
     own = {level.name: _measured_scale(level, losses) for level in levels}
     base = own[reference.name] or _scale_from_others(levels, reference, own)
     if not base:
-        base = DEFAULT_SCALE
-        losses.add(f"scale: the file has no measurements, {DEFAULT_SCALE} m per pixel is assumed")
+        base = 0.05  # as in the format's own editor
+        losses.add(f"scale: the file has no measurements, {base} m per pixel is assumed")
     aligned = {reference.name: Alignment(complex(base), 0j)}
     for level in levels:
         if level is not reference:
@@ -82,7 +70,7 @@ def _measured_scale(level: Level, losses: Losses) -> float | None:
         return None
     middle = statistics.median(scale for scale, _ in scales)
     for scale, key in scales:
-        if abs(scale / middle - 1) > OUTLIER_SHARE:
+        if abs(scale / middle - 1) > 0.05:
             where = key.removeprefix("$.")
             losses.add(f"scale of {level.name}: {where} gives {scale:.5f} m per pixel, the median is {middle:.5f}")
     return statistics.fmean(scale for scale, _ in scales)
@@ -104,7 +92,7 @@ def _align(level: Level, reference: Level, base: float, own: float | None, losse
     if fit:
         turn, shift = fit
         worst = max(abs(turn * mine + shift - theirs) for mine, theirs in pairs)
-        if worst > MISFIT_M:
+        if worst > 0.1:
             losses.add(
                 f"placement of {level.name}: its fiducials miss those of {reference.name} by up to {worst:.2f} m"
             )

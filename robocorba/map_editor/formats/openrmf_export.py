@@ -29,11 +29,6 @@ from robocorba.map_editor.model import (
 )
 from robocorba.map_editor.spatial.pose import XY
 
-#: Number of navigation graphs that the format's tools support (indices 0 to 8).
-MAX_GRAPHS = 9
-_DEFAULT_HEIGHT = 3.0
-_DEFAULT_SPEED, _DEFAULT_DOOR_TIME = 1.0, 3.0
-
 
 def dumps(building: Building) -> tuple[str, tuple[str, ...]]:
     """The text of a building.yaml, and a sentence for each kind of loss."""
@@ -54,8 +49,8 @@ def dumps(building: Building) -> tuple[str, tuple[str, ...]]:
     return text, losses.sentences()
 
 
-class _Row(list):
-    """A list that YAML writes on one line."""
+#: A row of the file: a vertex, or two vertices by index and parameters.
+_Row = tuple[Any, ...]
 
 
 class _Dumper(yaml.SafeDumper):
@@ -63,8 +58,9 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
+# A tuple is a row, which is written on one line.
 _Dumper.add_representer(
-    _Row, lambda dumper, row: dumper.represent_sequence("tag:yaml.org,2002:seq", row, flow_style=True)
+    tuple, lambda dumper, row: dumper.represent_sequence("tag:yaml.org,2002:seq", row, flow_style=True)
 )
 
 
@@ -77,7 +73,7 @@ class _Vertices:
 
     def node(self, name: str, at: XY, params: dict[str, Any]) -> int:
         """Add a vertex with a name; its index."""
-        self.rows.append(_Row([float(at[0]), float(at[1]), 0.0, name, params]))
+        self.rows.append((float(at[0]), float(at[1]), 0.0, name, params))
         return len(self.rows) - 1
 
     def corner(self, at: XY) -> int:
@@ -108,17 +104,17 @@ def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: 
     }
     if floor.outline:
         ring = [vertices.corner(at) for at in floor.outline]
-        level["floors"].append({"vertices": _Row(ring), "parameters": {}})
+        level["floors"].append({"vertices": tuple(ring), "parameters": {}})
     solid_blocks, others = _split(entry.geometrical.objects.values(), "block|unknown")
     holes, others = _split(others, "void")
     if holes and floor.outline:
-        level["holes"] = [{"vertices": _Row([vertices.corner(at) for at in _ring(hole)])} for hole in holes]
+        level["holes"] = [{"vertices": tuple(vertices.corner(at) for at in _ring(hole))} for hole in holes]
     else:
         others = holes + others
     for map_object in solid_blocks:
         corners = [vertices.corner(at) for at in _ring(map_object)]
         height = [3, float(map_object.height)]
-        level["walls"] += [_Row([a, b, {"texture_height": height}]) for a, b in pairwise([*corners, corners[0]])]
+        level["walls"] += [(a, b, {"texture_height": height}) for a, b in pairwise([*corners, corners[0]])]
         losses.add("solid blocks became walls along their outlines: {names}", f"{floor.name} {map_object.name}")
     for map_object in others:
         losses.add(
@@ -126,7 +122,7 @@ def _level(building: Building, entry: FloorMap, graphs: dict[str, int], losses: 
         )
     for name in entry.geometrical.areas:
         losses.add("areas: {n} left out: {names}", f"{floor.name} {name}")
-    if floor.height != _DEFAULT_HEIGHT:
+    if floor.height != 3.0:  # what a reader assumes
         losses.add("height of floors: not kept: {names}", floor.name)
     return level
 
@@ -146,7 +142,7 @@ def _walls(building: Building, entry: FloorMap, vertices: _Vertices, losses: Los
             name = wall.name if n == 1 else f"{wall.name}_{n}"
             name_param = {} if name == f"w{len(rows)}" else {"name": [1, name]}
             params = {"texture_height": [3, float(wall.height)], **name_param}
-            rows.append(_Row([vertices.corner(a), vertices.corner(b), params]))
+            rows.append((vertices.corner(a), vertices.corner(b), params))
     return rows
 
 
@@ -162,7 +158,7 @@ def _doors(entry: FloorMap, vertices: _Vertices, losses: Losses) -> list[_Row]:
         )
         if door.locked:
             losses.add("doors: their lock is not kept: {names}", where)
-        rows.append(_Row([vertices.corner(door.a), vertices.corner(door.b), _door_params(door)]))
+        rows.append((vertices.corner(door.a), vertices.corner(door.b), _door_params(door)))
     return rows
 
 
@@ -188,10 +184,8 @@ def _graph_indices(building: Building, losses: Losses) -> dict[str, int]:
         if name not in found:
             found[name] = next(i for i in range(len(names) + 1) if i not in found.values())
     for name, index in found.items():
-        if index >= MAX_GRAPHS:
-            losses.add(
-                f"graphs: the format's tools support only indices 0 to {MAX_GRAPHS - 1}: {{names}}", f"{name} ({index})"
-            )
+        if index > 8:
+            losses.add("graphs: the format's tools support only indices 0 to 8: {names}", f"{name} ({index})")
     if any(not edge.graphs for edge in edges):
         found = found or {"0": 0}
         losses.add(f"edges without a graph are written to every graph: {', '.join(found)}")
@@ -207,7 +201,7 @@ def _lanes(entry: FloorMap, nodes: dict[str, int], graphs: dict[str, int]) -> li
         if edge.clearance:
             params["clearance"] = [3, float(edge.clearance)]
         for graph in edge.graphs or graphs:
-            rows.append(_Row([nodes[edge.a], nodes[edge.b], {**params, "graph_idx": [2, graphs[graph]]}]))
+            rows.append((nodes[edge.a], nodes[edge.b], {**params, "graph_idx": [2, graphs[graph]]}))
     return rows
 
 
@@ -229,11 +223,11 @@ def _ring(map_object: MapObject) -> list[XY]:
 def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, Any]:
     order = [name for name in building.floors if name in elevator.floors()]
     doorways: dict[tuple[CabinSide, float, float], str] = {}
-    level_doors: dict[str, _Row] = {name: _Row() for name in order}
+    level_doors: dict[str, list[str]] = {name: [] for name in order}
     for door in elevator.doors:
         label = doorways.setdefault((door.side, door.width, door.offset), f"{elevator.name}_door{len(doorways) + 1}")
         level_doors[door.floor].append(label)
-    if elevator.speed != _DEFAULT_SPEED or elevator.door_time != _DEFAULT_DOOR_TIME:
+    if (elevator.speed, elevator.door_time) != (1.0, 3.0):  # what a reader assumes
         losses.add("elevators: speed and door time are not kept: {names}", elevator.name)
     by_height = sorted(order, key=lambda name: building.floors[name].floor.elevation)
     return {
@@ -248,7 +242,7 @@ def _lift(building: Building, elevator: Elevator, losses: Losses) -> dict[str, A
         "highest_floor": by_height[-1],
         "plugins": True,
         "doors": {label: _doorway(elevator, *doorway) for doorway, label in doorways.items()},
-        "level_doors": level_doors,
+        "level_doors": {name: tuple(labels) for name, labels in level_doors.items()},
     }
 
 

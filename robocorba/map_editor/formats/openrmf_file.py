@@ -62,10 +62,6 @@ class Level:
         return [i for i, vertex in enumerate(self.vertices) if i in ends or vertex.name or vertex.params]
 
 
-#: The lists of a level that hold pairs of vertices, beside lanes.
-LINKS = ("walls", "doors", "measurements")
-
-
 def read_level(name: str, item: Item, losses: Losses) -> Level:
     """One level, with checked vertex indices and lanes. A lane that can't be read is left out: a road can be drawn
     again, while a building without one of its walls would be another one. Raises MapFileError."""
@@ -81,7 +77,10 @@ def read_level(name: str, item: Item, losses: Losses) -> Level:
         elevation=item.get("elevation").number(0.0),
         vertices=vertices,
         links={
-            **{kind: [_link(link, len(vertices)) for link in item.get(kind).items()] for kind in LINKS},
+            **{
+                kind: [_link(link, len(vertices)) for link in item.get(kind).items()]
+                for kind in ("walls", "doors", "measurements")
+            },
             "lanes": _lanes(name, item.get("lanes"), len(vertices), losses),
         },
         fiducials=fiducials,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 
 import msgspec
 import shapely
@@ -12,29 +12,27 @@ from robocorba.map_editor.geometry import shaft_polygon
 from robocorba.map_editor.losses import Losses
 from robocorba.map_editor.model import Elevator, PathEdge, PathNode, TopologicalMap
 
-#: Parameters of lanes and vertices that a building keeps.
+#: Parameters of lanes that a building keeps.
 _KEPT_LANE_PARAMETERS = {"bidirectional", "is_bidirectional", "graph_idx", "speed_limit", "name", "clearance"}
-_KEPT_VERTEX_PARAMETERS = {"lift_cabin"}
 
 
-class UniqueNames:
-    """Unique names: the name in the file, else a stable generated one. Duplicates get a suffix."""
+def unique_names(losses: Losses, what: str, given_names: Iterable[str]) -> Callable[[str, str], str]:
+    """A function from the name in the file and a generated one to a unique name: that in the file, else the generated
+    one, which also avoids all names in the file. Duplicates get a suffix. what: whose names, in messages."""
+    in_file, taken = set(given_names), set[str]()
 
-    def __init__(self, losses: Losses, what: str, given: Iterable[str] = ()) -> None:
-        self._losses, self._what = losses, what
-        self._given, self._taken = set(given), set[str]()
-
-    def take(self, given: str, generated: str) -> str:
-        """A unique name. A generated name also avoids all names in the file."""
+    def take(given: str, generated: str) -> str:
         wanted = given or generated
         name, n = wanted, 1
-        while name in self._taken or (name in self._given and name != given):
+        while name in taken or (name in in_file and name != given):
             n += 1
             name = f"{wanted}_{n}"
         if given and name != given:
-            self._losses.add(f"names used twice, renamed: {self._what}: {{names}}", f"{given} is now {name}")
-        self._taken.add(name)
+            losses.add(f"names used twice, renamed: {what}: {{names}}", f"{given} is now {name}")
+        taken.add(name)
         return name
+
+    return take
 
 
 def lanes_of(
@@ -45,20 +43,20 @@ def lanes_of(
     `left_out` names the lifts of the file that did not become elevators."""
     nodes = _nodes(level, lifts, left_out, losses)
     edges: dict[str, PathEdge] = {}
-    names = UniqueNames(losses, f"lane of {level.name}", [lane.text("name") for lane in level.links["lanes"]])
+    name_of = unique_names(losses, f"lane of {level.name}", [lane.text("name") for lane in level.links["lanes"]])
     for edge in list(_edges(level, {index: node.name for index, node in nodes.items()}, graphs, losses)):
-        name = names.take(edge.name, f"{edge.a}-{edge.b}")
+        name = name_of(edge.name, f"{edge.a}-{edge.b}")
         edges[name] = msgspec.structs.replace(edge, name=name)
     return TopologicalMap({node.name: node for node in nodes.values()}, edges)
 
 
 def _nodes(level: Level, lifts: dict[str, Elevator], left_out: Collection[str], losses: Losses) -> dict[int, PathNode]:
-    names = UniqueNames(losses, f"vertex of {level.name}", [vertex.name for vertex in level.vertices])
+    name_of = unique_names(losses, f"vertex of {level.name}", [vertex.name for vertex in level.vertices])
     shafts = {name: shaft_polygon(lift) for name, lift in lifts.items() if level.name in lift.floors()}
     found: dict[int, PathNode] = {}
     for index in level.node_vertices():
         vertex = level.vertices[index]
-        name = names.take(vertex.name, f"n{index}")
+        name = name_of(vertex.name, f"n{index}")
         cabin = vertex.params["lift_cabin"].text() if "lift_cabin" in vertex.params else ""
         if cabin and cabin not in shafts:
             where = f"{cabin} at {level.name} {name}"
@@ -72,7 +70,7 @@ def _nodes(level: Level, lifts: dict[str, Elevator], left_out: Collection[str], 
         cabin = cabin or next((lift for lift, shaft in shafts.items() if shaft.contains(point)), "")
         found[index] = PathNode(name=name, at=vertex.at, elevator=cabin)
         for key, value in vertex.params.items():
-            if key not in _KEPT_VERTEX_PARAMETERS and value.value:
+            if key != "lift_cabin" and value.value:
                 losses.add(f"vertex property {key}: not kept: {{names}}", f"{level.name} {name}")
     return found
 

@@ -11,9 +11,6 @@ from robocorba.map_editor.formats.yaml_item import Item
 from robocorba.map_editor.losses import Losses
 from robocorba.map_editor.model import CabinSide, Elevator, ElevatorDoor
 
-#: If the distances of a door from two sides differ by less than this [m], its sliding direction selects the side.
-CORNER_M = 0.25
-
 
 def read_lifts(
     lifts: Item, levels: list[Level], reference: Level, alignments: dict[str, Alignment], losses: Losses
@@ -108,7 +105,8 @@ def _doorway(item: Item, name: str, width: float, depth: float, losses: Losses) 
     x, y, span = item.need("x").number(), item.need("y").number(), item.need("width").positive()
     slides_along_y = abs(math.sin(item.get("motion_axis_orientation").number(0.0))) > math.sqrt(0.5)
     from_x, from_y = abs(abs(x) - width / 2), abs(abs(y) - depth / 2)
-    on_x_side = slides_along_y if abs(from_x - from_y) < CORNER_M else from_x < from_y
+    is_in_corner = abs(from_x - from_y) < 0.25
+    on_x_side = slides_along_y if is_in_corner else from_x < from_y
     if on_x_side:
         side, offset, length = (CabinSide.RIGHT if x > 0 else CabinSide.LEFT), y, depth
     else:

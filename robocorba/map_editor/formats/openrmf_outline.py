@@ -14,14 +14,10 @@ from robocorba.map_editor.losses import Losses
 from robocorba.map_editor.model import Elevator, MapObject, PolygonShape
 from robocorba.map_editor.spatial.pose import XY
 
-#: Floor polygons with a gap of up to twice this are joined [m].
-CLOSING_M = 0.05
 #: Maximum distance of a lift's shaft from the floor polygon that it belongs to [m].
 MAX_SHAFT_DISTANCE_M = 0.5
 #: Maximum distance of a wall or node outside a floor polygon that it belongs to [m]: walls are drawn along its edge.
 WALL_REACH_M = 0.5
-#: Margin around nodes in an outline that is derived from them [m]: a robot of 0.4 m radius can turn there.
-NODE_MARGIN_M = 1.0
 #: Minimum area of holes and parts [m2]: smaller ones are artefacts of drawing.
 MIN_AREA_M2 = 0.01
 
@@ -45,7 +41,7 @@ def floor_outline(level: Level, shafts: list[Elevator], losses: Losses) -> Floor
     """The outline of a placed level, and its holes as objects `void1`, `void2`...; empty without a floor polygon.
 
     A single valid polygon without a hole or a missing shaft is taken unchanged. Else the outline is the union of the
-    floor polygons and of the shafts that adjoin or overlap them; gaps up to 2 * CLOSING_M are closed. If it still has
+    floor polygons and of the shafts that adjoin or overlap them; gaps up to 0.1 m are closed. If it still has
     several parts, only the largest one is kept if it contains all lanes, else the outline is their convex hull. If
     most nodes and walls are outside the polygons, the outline is the convex hull of all of them."""
     polygons = _polygons(level, "floors", level.polygons, losses)
@@ -89,8 +85,8 @@ def _polygons(level: Level, key: str, rings: list[list[int]], losses: Losses) ->
 
 
 def _hull_of_all(ground: BaseGeometry, shafts: list[BaseGeometry], level: Level, losses: Losses) -> BaseGeometry | None:
-    """The convex hull of floor polygons, shafts, walls and nodes (with NODE_MARGIN_M), if the polygons leave out most
-    nodes and walls."""
+    """The convex hull of floor polygons, shafts, walls and nodes with 1 m around, where robots can turn; None
+    unless the polygons leave out most nodes and walls."""
     nodes = [shapely.Point(at) for at in level.points(level.node_vertices())]
     walls = [shapely.LineString(level.points((wall.a, wall.b))) for wall in level.links["walls"]]
     reach = shapely.union_all([ground, *shafts]).buffer(WALL_REACH_M)
@@ -99,7 +95,7 @@ def _hull_of_all(ground: BaseGeometry, shafts: list[BaseGeometry], level: Level,
     walls_out = sum(not reach.covers(wall) for wall in walls)
     if nodes_out + walls_out <= (len(nodes) + len(walls)) / 2:
         return None
-    rooms = [node.buffer(NODE_MARGIN_M) for node in nodes]
+    rooms = [node.buffer(1.0) for node in nodes]
     hull = shapely.union_all([ground, *shafts, *walls, *rooms]).convex_hull
     losses.add(
         f"outline of {level.name}: the floor polygons cover {ground.area:.1f} m2 and leave out {nodes_out} of "
@@ -127,7 +123,7 @@ def _one_part(ground: BaseGeometry, level: Level, losses: Losses) -> Polygon:
     """The ground as one polygon: with gaps closed, else its largest part if that has all lanes, else its hull."""
     if isinstance(ground, Polygon):
         return ground
-    closed = ground.buffer(CLOSING_M, join_style="mitre").buffer(-CLOSING_M, join_style="mitre")
+    closed = ground.buffer(0.05, join_style="mitre").buffer(-0.05, join_style="mitre")
     if isinstance(closed, Polygon) and not closed.is_empty:
         return closed
     largest = _largest(ground)

@@ -10,37 +10,26 @@ from PIL import Image
 
 from robocorba.errors.maps import GridTooLarge, MapFileError
 from robocorba.map_editor.formats.files import floor_paths
-from robocorba.map_editor.formats.floor_grid import (
-    DEFAULT_RESOLUTION_M,
-    MAX_RESOLUTION_M,
-    MIN_RESOLUTION_M,
-    floor_grid,
-)
+from robocorba.map_editor.formats.floor_grid import floor_grid
 from robocorba.map_editor.formats.grid import FREE, OCCUPIED, UNKNOWN, Canvas
 from robocorba.map_editor.formats.ros_picture import FREE_BELOW, OCCUPIED_ABOVE
 from robocorba.map_editor.losses import Exported, Losses
 from robocorba.map_editor.model import Building
 
-#: Grey value of each kind of cell, as in map_saver of ROS.
-_SHADES = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 
-
-def export(
-    building: Building, path: str | Path, resolution_m: float = DEFAULT_RESOLUTION_M, image: str = "pgm"
-) -> Exported:
-    """A YAML file and a picture (`image`: pgm or png) for each floor.
-
-    `resolution_m` is the side of a cell. Raises MapFileError if the grid would be too large."""
-    if not MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M:
-        reason = f"expected metres per cell, from {MIN_RESOLUTION_M:g} to {MAX_RESOLUTION_M:g}"
-        raise MapFileError(str(path), 0, "resolution", reason)
+def export(building: Building, path: Path, resolution_m: float, image: str) -> Exported:
+    """A YAML file and a picture for each floor. Raises MapFileError if the grid would be too large."""
+    if not 1e-3 <= resolution_m <= 10:
+        raise MapFileError(str(path), 0, "resolution", "expected metres per cell, from 0.001 to 10")
     if image not in ("pgm", "png"):
         raise MapFileError(str(path), 0, "image", f"{image!r} is not supported; pgm and png are")
+    shade_of = np.empty(3, np.uint8)
+    shade_of[[FREE, OCCUPIED, UNKNOWN]] = 254, 0, 205  # as map_saver of ROS writes them
     losses = Losses()
     files: dict[Path, bytes] = {}
     for floor, target in floor_paths(building, path, ".yaml").items():
         canvas = _drawn(building, floor, resolution_m, target)
-        shades = np.array([_SHADES[value] for value in (FREE, OCCUPIED, UNKNOWN)], np.uint8)[canvas.cells]
+        shades = shade_of[canvas.cells]
         picture = target.with_suffix(f".{image}")
         drawn = io.BytesIO()
         Image.fromarray(shades).save(drawn, format="PPM" if image == "pgm" else "PNG")

@@ -7,26 +7,22 @@ pictures, which show a shaft's walls, and its doors in the state during mapping.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import msgspec
 import numpy as np
 import shapely
 from scipy import ndimage
 
-from robocorba.errors.maps import InvalidElement
-from robocorba.map_editor import validation
+from robocorba.map_editor import native
 from robocorba.map_editor.formats import ros_map
 from robocorba.map_editor.formats.grid import FREE, Canvas
-from robocorba.map_editor.formats.ros_map import RosOptions
+from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions
 from robocorba.map_editor.formats.ros_picture import MapServerSettings, named_file, read_cells, read_settings
 from robocorba.map_editor.formats.yaml_item import STOREY_M, Item
 from robocorba.map_editor.geometry import LANDING_REACH_M, landing_line, shaft_polygon
 from robocorba.map_editor.losses import Imported, Losses
 from robocorba.map_editor.model import Building, Elevator, Floor, FloorMap
 from robocorba.map_editor.yaml_file import YamlFile, read_yaml
-
-FORMAT_VERSION = 1
 
 
 class _FloorEntry(msgspec.Struct, forbid_unknown_fields=True):
@@ -44,29 +40,24 @@ class _ListFile(msgspec.Struct, forbid_unknown_fields=True):
     elevators: tuple[Elevator, ...] = ()
 
 
-def is_ros_floors(data: Any) -> bool:
-    """Whether parsed YAML looks like a list of map_server files."""
-    return isinstance(data, dict) and "ros_maps" in data
-
-
-def read(file: YamlFile, options: RosOptions) -> Imported:
+def _read(file: YamlFile, options: ReadOptions) -> Imported:
     """The building that a list of map_server files describes. Raises MapFileError with file, line and key."""
     version = file.data["ros_maps"]
-    if type(version) is not int or version != FORMAT_VERSION:
-        raise file.error("$.ros_maps", f"this release reads version {FORMAT_VERSION}, not {version!r}")
+    if type(version) is not int or version != 1:
+        raise file.error("$.ros_maps", f"this release reads version 1, not {version!r}")
     content = file.convert(_ListFile)
     if not content.floors:
         raise file.error("$.floors", "no floor is listed")
     floors = _floors(file, content.floors)
     elevators = _by_name(file, content.elevators)
     # Checked before the pictures are opened, since these rules need no picture.
-    _check(file, Building(content.name, {floor.name: FloorMap(floor) for floor in floors}, elevators))
+    native.check_rules(file, Building(content.name, {floor.name: FloorMap(floor) for floor in floors}, elevators))
     losses = Losses()
     entries = {floor.name: _floor_map(file, i, floor, elevators, options, losses) for i, floor in enumerate(floors)}
     ordered = dict(sorted(entries.items(), key=lambda item: item[1].floor.level))
     building = Building(content.name, ordered, elevators)
-    _check(file, building)
-    return Imported(building, ros_map.FORMAT, losses.sentences())
+    native.check_rules(file, building)
+    return Imported(building, FORMAT.name, losses.sentences())
 
 
 def _floors(file: YamlFile, entries: tuple[_FloorEntry, ...]) -> list[Floor]:
@@ -104,23 +95,8 @@ def _by_name(file: YamlFile, elevators: Iterable[Elevator]) -> dict[str, Elevato
     return found
 
 
-def _check(file: YamlFile, building: Building) -> None:
-    """Raise MapFileError with line and key for the first broken rule of a building."""
-    for wrong in validation.problems(building, limit=1):
-        raise file.error(_key_of(file, wrong), str(wrong))
-
-
-def _key_of(file: YamlFile, wrong: InvalidElement) -> str:
-    if wrong.kind == "building":
-        return "$.name"
-    is_elevator = wrong.kind == "elevator"
-    key, name = ("elevators", wrong.name) if is_elevator else ("floors", wrong.floor or wrong.name)
-    names = [entry["name"] for entry in file.data[key]]
-    return f"$.{key}[{names.index(name)}]"
-
-
 def _floor_map(
-    file: YamlFile, index: int, floor: Floor, elevators: dict[str, Elevator], options: RosOptions, losses: Losses
+    file: YamlFile, index: int, floor: Floor, elevators: dict[str, Elevator], options: ReadOptions, losses: Losses
 ) -> FloorMap:
     """The floor at `index` of the list, from its map_server file."""
     named = Item(file, f"$.floors[{index}].map", file.data["floors"][index]["map"])
@@ -168,3 +144,14 @@ def _clear_shaft(
     before_door = ndimage.binary_dilation((landing.cells == FREE) & (inside.cells != FREE)) & ~cleared
     if not (cells[before_door] == FREE).any():
         losses.add(f"elevator {elevator.name!r}: no free cell in front of its doors; check its position and their side")
+
+
+FORMAT = MapFormat(
+    name="ros",
+    title="ROS maps of several floors (.yaml)",
+    files="a YAML file that lists floors, each with its ROS map, and elevators",
+    has_cells=True,
+    mark="a list of ROS maps (ros_maps: 1)",
+    recognises=lambda data: isinstance(data, dict) and "ros_maps" in data,
+    read=_read,
+)

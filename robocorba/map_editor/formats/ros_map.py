@@ -6,15 +6,15 @@ occupied and unknown cells become solid polygon objects.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
-from robocorba.errors.maps import MapFileError
 from robocorba.map_editor.formats.grid import FREE, OCCUPIED, UNKNOWN
+from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions
+from robocorba.map_editor.formats.ros_export import export
 from robocorba.map_editor.formats.ros_picture import MapServerSettings, read_cells, read_settings
 from robocorba.map_editor.formats.solids import EIGHT_NEIGHBOURS, solids
 from robocorba.map_editor.formats.yaml_item import Item
@@ -22,42 +22,14 @@ from robocorba.map_editor.losses import Imported, Losses, remove_invalid_element
 from robocorba.map_editor.model import Building, Floor, FloorMap, GeometricalMap, MapObject, PolygonShape
 from robocorba.map_editor.yaml_file import YamlFile
 
-FORMAT = "ros"
-#: Maximum number of cell sides on contours: maps have far fewer, noise has more.
-MAX_SIDES = 2**20
-#: Interpretations of unknown cells.
-UNKNOWN_AS = ("blocked", "free")
-#: Height of objects from a picture [m]: that of a wall, since a picture has no heights.
-_HEIGHT_M = 2.5
 #: Minimum area of a free region that is kept beside the largest one [m2]. A robot of 0.4 m radius covers 0.5 m2
 #: and can turn and leave in twice that. Laser beams through windows leave thousands of smaller regions.
 MIN_FREE_REGION_M2 = 1.0
-#: Maximum side of a speck, an occupied or unknown region in free space [m]: one cell of most laser maps.
-#: Table legs are 3 to 6 cm thick.
+#: Maximum side of a speck, an occupied or unknown region in free space [m]: one cell of most laser maps. Table legs are
+#: 3 to 6 cm thick. Also the maximum gap between a wall and a speck that counts as its noise: a removed speck extends at
+#: most 0.10 m from the wall.
 MAX_SPECK_M = 0.05
-#: Maximum gap between a wall and a speck that counts as its noise [m]. A removed speck extends
-#: at most 0.10 m from the wall.
-MAX_SPECK_GAP_M = 0.05
-#: Removed regions that are listed with their position, the largest first.
-MAX_REGIONS_LISTED = 5
-#: Which specks are removed.
-SPECKS = ("keep", "walls", "all")
 _SLACK = 1e-9
-
-
-class RosOptions(NamedTuple):
-    """Options for reading pictures: `unknown` is one of UNKNOWN_AS, `specks` one of SPECKS, `absolute_paths` whether
-    the map may name files outside of its folder."""
-
-    unknown: str = "blocked"
-    specks: str = "walls"
-    absolute_paths: bool = True
-
-    def check(self, path: str) -> None:
-        """Raise MapFileError if a value is not supported."""
-        for name, value, allowed in (("unknown", self.unknown, UNKNOWN_AS), ("specks", self.specks, SPECKS)):
-            if value not in allowed:
-                raise MapFileError(path, 0, name, f"{value!r} is not supported; {', '.join(allowed)} are")
 
 
 def is_ros_map(data: Any) -> bool:
@@ -65,7 +37,7 @@ def is_ros_map(data: Any) -> bool:
     return isinstance(data, dict) and "image" in data and "resolution" in data
 
 
-def read(file: YamlFile, options: RosOptions) -> Imported:
+def read(file: YamlFile, options: ReadOptions) -> Imported:
     """The building of one floor that a map_server file and its picture show. Raises MapFileError with line and key."""
     losses = Losses()
     root = Item(file, "$", file.data)
@@ -75,21 +47,21 @@ def read(file: YamlFile, options: RosOptions) -> Imported:
     floor = Floor(name=name[:80] or "map", level=0, elevation=0.0)
     entry = floor_map(floor, cells, settings, options, root.need("image"), losses)
     building = Building(floor.name, {floor.name: entry})
-    return Imported(remove_invalid_elements(building, losses, file), FORMAT, losses.sentences())
+    return Imported(remove_invalid_elements(building, losses, file), FORMAT.name, losses.sentences())
 
 
 def floor_map(
-    floor: Floor, cells: np.ndarray, settings: MapServerSettings, options: RosOptions, image: Item, losses: Losses
+    floor: Floor, cells: np.ndarray, settings: MapServerSettings, options: ReadOptions, image: Item, losses: Losses
 ) -> FloorMap:
     """The floor with the outline and the solid objects that its cells show. Raises MapFileError at `image`."""
     cells = _remove_specks(cells, settings, options.specks, losses)
-    space = _crop_to_floor(cells, settings, losses)
-    padded = np.pad(space.blocked, 1)
+    cells, blocked, corner = _crop_to_floor(cells, settings, losses)
+    padded = np.pad(blocked, 1)
     across, down = padded[:, 1:] != padded[:, :-1], padded[1:] != padded[:-1]
-    if int(np.count_nonzero(across)) + int(np.count_nonzero(down)) > MAX_SIDES:
-        raise image.error(f"the cells are scattered: their contours have more than {MAX_SIDES} sides")
-    rows, columns = space.blocked.shape
-    corners = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) + space.corner
+    if int(np.count_nonzero(across)) + int(np.count_nonzero(down)) > 2**20:  # maps have far fewer sides, noise has more
+        raise image.error(f"the cells are scattered: their contours have more than {2**20} sides")
+    rows, columns = blocked.shape
+    corners = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) + corner
     losses.add(f"shapes follow the cells of {settings.resolution:g} m and exceed them by at most half a cell")
     losses.add("a picture has no nodes, doors, heights or names, so none are imported")
     return FloorMap(
@@ -100,38 +72,32 @@ def floor_map(
             height=floor.height,
             outline=settings.to_map_frame(corners),
         ),
-        GeometricalMap(objects=_objects(space, settings)),
+        GeometricalMap(objects=_objects(cells, blocked, corner, settings)),
     )
 
 
-def _objects(space: _FloorCells, settings: MapServerSettings) -> dict[str, MapObject]:
+def _objects(
+    cells: np.ndarray, blocked: np.ndarray, corner: np.ndarray, settings: MapServerSettings
+) -> dict[str, MapObject]:
     """The blocked regions as objects: `block1`... with occupied cells, `unknown1`... with unknown cells only."""
-    found, regions = solids(space.blocked)
-    occupied = set(np.unique(regions[space.blocked & (space.cells == OCCUPIED)]).tolist())
+    found, regions = solids(blocked)
+    occupied = set(np.unique(regions[blocked & (cells == OCCUPIED)]).tolist())
     counts = {"block": 0, "unknown": 0}
     objects: dict[str, MapObject] = {}
     for solid in found:
         kind = "block" if solid.region in occupied else "unknown"
         counts[kind] += 1
-        points = settings.to_map_frame(solid.points + space.corner)
+        points = settings.to_map_frame(solid.points + corner)
         x, y = points[0]
         shape = PolygonShape(points=tuple((px - x, py - y) for px, py in points))
         name = f"{kind}{counts[kind]}"
-        objects[name] = MapObject(name=name, shape=shape, at=(x, y), height=_HEIGHT_M)
+        # A picture has no heights: that of a wall.
+        objects[name] = MapObject(name=name, shape=shape, at=(x, y), height=2.5)
     return objects
 
 
-@dataclass(frozen=True)
-class _FloorCells:
-    """The rectangle of the picture that contains the floor: its cells, which of them block, its lower left corner."""
-
-    cells: np.ndarray
-    blocked: np.ndarray
-    corner: np.ndarray
-
-
 def _remove_specks(cells: np.ndarray, settings: MapServerSettings, specks: str, losses: Losses) -> np.ndarray:
-    """The cells with specks made free: those beside larger regions, or all (`specks` is one of SPECKS)."""
+    """The cells with specks made free: those beside larger regions, or all (`specks` as in ReadOptions)."""
     largest = int(MAX_SPECK_M / settings.resolution + _SLACK)
     if specks == "keep" or largest < 1:
         return cells
@@ -141,10 +107,9 @@ def _remove_specks(cells: np.ndarray, settings: MapServerSettings, specks: str, 
         small[number] = max(rows.stop - rows.start, columns.stop - columns.start) <= largest
     removed = small
     if specks == "walls":
-        gap = int(MAX_SPECK_GAP_M / settings.resolution + _SLACK)
         larger = (labels > 0) & ~small[labels]
         beside = np.zeros(count + 1, bool)
-        beside[labels[ndimage.binary_dilation(larger, EIGHT_NEIGHBOURS, iterations=gap + 1)]] = True
+        beside[labels[ndimage.binary_dilation(larger, EIGHT_NEIGHBOURS, iterations=largest + 1)]] = True
         removed = small & beside
     removed_cells = removed[labels]
     if removed_cells.any():
@@ -162,8 +127,11 @@ def _remove_specks(cells: np.ndarray, settings: MapServerSettings, specks: str, 
     return np.where(removed_cells, np.uint8(FREE), cells)
 
 
-def _crop_to_floor(cells: np.ndarray, settings: MapServerSettings, losses: Losses) -> _FloorCells:
-    """The rectangle around the known space. All cells in it block, except those of the kept free regions.
+def _crop_to_floor(
+    cells: np.ndarray, settings: MapServerSettings, losses: Losses
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The rectangle around the known space: its cells, which of them block, and its lower left corner in the picture.
+    All cells in it block, except those of the kept free regions.
 
     The largest free region is kept, and each of at least MIN_FREE_REGION_M2, with the known
     cells that are connected to it."""
@@ -188,7 +156,7 @@ def _crop_to_floor(cells: np.ndarray, settings: MapServerSettings, losses: Losse
         losses.add("the picture has no free cell, the whole floor is blocked; check negate and the thresholds")
     elif unknown := int(np.count_nonzero(part == UNKNOWN)):
         losses.add(f"unknown space: {settings.area_m2(unknown):.1f} m2 within the outline count as blocked")
-    return _FloorCells(part, blocked, np.array([columns.start, len(cells) - rows.stop]))
+    return part, blocked, np.array([columns.start, len(cells) - rows.stop])
 
 
 def _around(ground: np.ndarray, cells: np.ndarray) -> tuple[slice, slice]:
@@ -202,13 +170,13 @@ def _around(ground: np.ndarray, cells: np.ndarray) -> tuple[slice, slice]:
 
 
 def _report_regions(sentence: str, regions: np.ndarray, settings: MapServerSettings, losses: Losses) -> None:
-    """Report removed regions (0: no region): their number, their area and the positions of the largest."""
+    """Report removed regions (0: no region): their number, their area and the positions of the five largest."""
     sizes = np.bincount(regions.ravel())
     sizes[0] = 0
     lost = np.flatnonzero(sizes)
     if not len(lost):
         return
-    largest = lost[np.argsort(-sizes[lost], kind="stable")][:MAX_REGIONS_LISTED]
+    largest = lost[np.argsort(-sizes[lost], kind="stable")][:5]
     middles = np.array(ndimage.center_of_mass(regions > 0, regions, largest))
     middles = np.column_stack([middles[:, 1] + 0.5, len(regions) - middles[:, 0] - 0.5])
     shown = [
@@ -220,3 +188,15 @@ def _report_regions(sentence: str, regions: np.ndarray, settings: MapServerSetti
         f"{sentence.replace('{n}', str(len(lost)))}, "
         f"{settings.area_m2(int(sizes.sum())):.2f} m2 in all: {', '.join(shown)}{more}"
     )
+
+
+FORMAT = MapFormat(
+    name="ros",
+    title="ROS maps (.yaml and pictures)",
+    files="a YAML file and a picture for each floor",
+    has_cells=True,
+    mark="a ROS map (image:)",
+    recognises=is_ros_map,
+    read=read,
+    write=export,
+)

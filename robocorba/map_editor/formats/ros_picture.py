@@ -24,11 +24,8 @@ OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196
 #: Grey of unknown cells that map_saver writes in mode trinary. Its occupancy probability, 0.1961, is below
 #: the free_thresh of 0.25 that nav2's map_saver writes with it.
 UNKNOWN_SHADE = 205
-_ROWS_PER_BLOCK = 256
 #: Maximum size of a picture's file [bytes]: 8 for each of MAX_CELLS, as 16 bits take as text.
 MAX_FILE_BYTES = 8 * MAX_CELLS
-#: Exceptions of Pillow for damaged files.
-_IMAGE_ERRORS = (OSError, SyntaxError, ValueError, EOFError, IndexError, struct.error, zlib.error)
 
 
 @dataclass(frozen=True)
@@ -129,7 +126,7 @@ def _picture(path: Path, item: Item) -> np.ndarray:
             return _channels(picture)
     except Image.DecompressionBombError:
         raise item.error(f"too many cells, at most {MAX_CELLS} can be read") from None
-    except _IMAGE_ERRORS as error:
+    except (OSError, SyntaxError, ValueError, EOFError, IndexError, struct.error, zlib.error) as error:  # Pillow's
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise item.error(f"unreadable picture: {reason or 'unknown format or damaged'}") from None
 
@@ -168,9 +165,9 @@ def _channels(picture: Image.Image) -> np.ndarray:
 
 def _classified(picture: np.ndarray, settings: MapServerSettings) -> np.ndarray:
     """FREE, OCCUPIED or UNKNOWN for each cell, by the rules of map_server for each mode."""
-    found = np.full(picture.shape[:2], UNKNOWN, np.uint8)
-    for row in range(0, len(picture), _ROWS_PER_BLOCK):
-        block = picture[row : row + _ROWS_PER_BLOCK].astype(np.float32) / np.iinfo(picture.dtype).max
+    found, rows = np.full(picture.shape[:2], UNKNOWN, np.uint8), 256  # at a time, which bounds the memory
+    for row in range(0, len(picture), rows):
+        block = picture[row : row + rows].astype(np.float32) / np.iinfo(picture.dtype).max
         opaque = np.ones(block.shape[:2], bool)
         if settings.mode != "trinary" and block.shape[2] == 4:
             opaque, block = block[:, :, -1] == 1, block[:, :, :-1]
@@ -180,7 +177,7 @@ def _classified(picture: np.ndarray, settings: MapServerSettings) -> np.ndarray:
             opaque = probability <= 1
         else:
             probability = shade if settings.negate else 1 - shade
-        part = found[row : row + _ROWS_PER_BLOCK]
+        part = found[row : row + rows]
         part[opaque & (probability < settings.free_below)] = FREE
         part[opaque & (probability > settings.occupied_above)] = OCCUPIED
     return found

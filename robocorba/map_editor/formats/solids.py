@@ -19,10 +19,8 @@ from scipy import ndimage
 MAX_RING_POINTS = 1000
 #: Connectivity of cells: those that share a side or a corner.
 EIGHT_NEIGHBOURS = np.ones((3, 3), bool)
-_WEST, _SOUTH, _EAST, _NORTH = range(4)
-#: Unit step in each of these directions: x right, y up.
+#: Unit steps west, south, east and north, the headings 0 to 3: x right, y up.
 _STEPS = np.array([(-1, 0), (0, -1), (1, 0), (0, 1)])
-_LEFT, _RIGHT = 1, 3
 
 
 class Solid(NamedTuple):
@@ -106,15 +104,6 @@ class Ring(NamedTuple):
         return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) < 0
 
 
-class _Corners(NamedTuple):
-    """The corners of all rings, ring after ring: position (n, 2), heading before and after, index of the ring."""
-
-    at: np.ndarray
-    heading_in: np.ndarray
-    heading_out: np.ndarray
-    ring: np.ndarray
-
-
 def rings(region: np.ndarray) -> list[Ring]:
     """The borders of a region of cells (bool, rows x columns) and of its holes.
 
@@ -124,8 +113,12 @@ def rings(region: np.ndarray) -> list[Ring]:
     that it keeps its width."""
     start, heading, cell = _sides(region)
     order, ring_of, firsts = _cycles(_successors(start, heading, region.shape[1]))
-    corners = _corners(region.shape, start[order], heading[order], ring_of)
-    points, ring_of, touching = _bevelled(region, corners)
+    before, _ = _neighbours(ring_of)
+    heading_in, heading_out = heading[order][before], heading[order]
+    turns = heading_in != heading_out
+    row, column = np.divmod(start[order][turns], region.shape[1] + 1)
+    at = np.column_stack([column, region.shape[0] - row]).astype(float)
+    points, ring_of, touching = _bevelled(region, at, heading_in[turns], heading_out[turns], ring_of[turns])
     bounds = np.searchsorted(ring_of, np.arange(len(firsts) + 1))
     columns = region.shape[1]
     found = []
@@ -142,11 +135,12 @@ def _sides(region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     columns = region.shape[1]
     padded = np.pad(region, 1)
     inside = padded[1:-1, 1:-1]
+    # The headings of the sides of a cell whose neighbour above, left, below or right is open, and where they start.
     open_sides = [
-        (_WEST, inside & ~padded[:-2, 1:-1], (0, 1)),
-        (_SOUTH, inside & ~padded[1:-1, :-2], (0, 0)),
-        (_EAST, inside & ~padded[2:, 1:-1], (1, 0)),
-        (_NORTH, inside & ~padded[1:-1, 2:], (1, 1)),
+        (0, inside & ~padded[:-2, 1:-1], (0, 1)),
+        (1, inside & ~padded[1:-1, :-2], (0, 0)),
+        (2, inside & ~padded[2:, 1:-1], (1, 0)),
+        (3, inside & ~padded[1:-1, 2:], (1, 1)),
     ]
     starts, headings, cells = [], [], []
     for heading, sides, (down, right) in open_sides:
@@ -190,16 +184,6 @@ def _cycles(after: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[int]]:
     return np.array(order, int), np.repeat(np.arange(len(firsts)), lengths), firsts
 
 
-def _corners(shape: tuple[int, ...], start: np.ndarray, heading: np.ndarray, ring: np.ndarray) -> _Corners:
-    """The corners of rings, from their sides in order."""
-    before, _ = _neighbours(ring)
-    heading_in = heading[before]
-    turning = heading_in != heading
-    row, column = np.divmod(start[turning], shape[1] + 1)
-    at = np.column_stack([column, shape[0] - row]).astype(float)
-    return _Corners(at, heading_in[turning], heading[turning], ring[turning])
-
-
 def _neighbours(ring: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Indices of the previous and next element of each, in consecutive rings."""
     index = np.arange(len(ring))
@@ -210,12 +194,16 @@ def _neighbours(ring: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return before, after
 
 
-def _bevelled(region: np.ndarray, corners: _Corners) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points and their rings after bevelling, and for each ring whether cells may still touch at a corner."""
-    at, ring = corners.at, corners.ring
+def _bevelled(
+    region: np.ndarray, at: np.ndarray, heading_in: np.ndarray, heading_out: np.ndarray, ring: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points and their rings after bevelling, and for each ring whether cells may still touch at a corner.
+
+    at, heading_in, heading_out, ring: position (n, 2) of the corners of all rings, ring after ring, the headings before
+    and after them, and the index of the ring."""
     before, after = _neighbours(ring)
-    way_in, way_out = _STEPS[corners.heading_in], _STEPS[corners.heading_out]
-    turn = (corners.heading_out - corners.heading_in) % 4
+    way_in, way_out = _STEPS[heading_in], _STEPS[heading_out]
+    turn, left, right = (heading_out - heading_in) % 4, 1, 3
     unit_in = np.abs(at - at[before]).sum(axis=1) == 1
     unit_out = np.abs(at[after] - at).sum(axis=1) == 1
 
@@ -226,9 +214,9 @@ def _bevelled(region: np.ndarray, corners: _Corners) -> tuple[np.ndarray, np.nda
         | _is_region(region, notch + way_out)
         | _is_region(region, notch - way_in + way_out)
     )
-    inner = (turn == _RIGHT) & wide
-    step = inner & unit_in & unit_out & (turn[before] == _LEFT) & (turn[after] == _LEFT)
-    meeting = (turn == _RIGHT) & ~_is_region(region, at + (way_in - way_out) / 2)
+    inner = (turn == right) & wide
+    step = inner & unit_in & unit_out & (turn[before] == left) & (turn[after] == left)
+    meeting = (turn == right) & ~_is_region(region, at + (way_in - way_out) / 2)
     joined = inner & meeting & ~step
 
     copies = np.where(step, 0, np.where(joined, 2, 1))

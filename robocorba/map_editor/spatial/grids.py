@@ -16,11 +16,6 @@ from numpy.typing import NDArray
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.system.kernels import kernel
 
-#: Approximate maximum number of cells; larger areas get larger cells.
-_MAX_CELLS = 250_000
-#: Approximate maximum number of columns, and of rows.
-_MAX_COLUMNS = 5000
-
 
 class Grid(NamedTuple):
     """Segments (n, 4) of x, y, x, y [m], indexed by the cells that they touch: cell i holds the segments
@@ -43,13 +38,14 @@ def segments_of(shapes: NDArray[np.object_]) -> tuple[Floats, Longs]:
 
 
 def frame_over(segments: Floats, cell_m: float = 1.0) -> Floats:
-    """Frame of a grid over segments (n, 4) with cells of `cell_m`, or larger to stay within the limit of cells."""
+    """Frame of a grid over segments (n, 4) with cells of `cell_m`, or larger so that there are about 250,000 at most,
+    in 5,000 columns and rows at most."""
     if not len(segments):
         return np.array([0.0, 0.0, 1.0, 1.0, 1.0])
     xs, ys = segments[:, 0::2], segments[:, 1::2]
     x0, y0, x1, y1 = xs.min(), ys.min(), xs.max(), ys.max()
     width, depth = x1 - x0, y1 - y0
-    cell = max(cell_m, math.sqrt(width * depth / _MAX_CELLS), width / _MAX_COLUMNS, depth / _MAX_COLUMNS)
+    cell = max(cell_m, math.sqrt(width * depth / 250_000), width / 5000, depth / 5000)
     return np.array([x0, y0, cell, float(int((x1 - x0) / cell) + 1), float(int((y1 - y0) / cell) + 1)])
 
 

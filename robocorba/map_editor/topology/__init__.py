@@ -29,10 +29,6 @@ from robocorba.map_editor.topology.simplification import align, merge, straighte
 
 __all__ = ["topological_map"]
 
-#: Radius of a robot [m]. None is smaller, and the roadmap of a large floor for 1 cm would take minutes; none is larger,
-#: and no geometry overflows.
-MIN_RADIUS_M, MAX_RADIUS_M = 0.05, 1000.0
-
 
 def topological_map(
     building: Building,
@@ -51,13 +47,15 @@ def topological_map(
     same position. The result is deterministic. The time follows the number of obstacles, not their size; `check_time`
     is called often, and may raise an error to end the work.
 
-    Raises UnknownElement for an unknown floor, InvalidElement if the radius is not from MIN_RADIUS_M to
-    MAX_RADIUS_M, or if the floor has no free space for the robot.
+    Raises UnknownElement for an unknown floor, InvalidElement if the radius is not from 0.05 to 1000 m,
+    or if the floor has no free space for the robot.
     """
     if floor not in building.floors:
         raise UnknownElement("floor", "", floor)
-    if not MIN_RADIUS_M <= radius_m <= MAX_RADIUS_M:
-        reason = f"no roadmap for a radius of {radius_m:g} m: it must be from {MIN_RADIUS_M:g} to {MAX_RADIUS_M:g} m"
+    # No robot is smaller, and the roadmap of a large floor for 1 cm would take minutes; none is larger, and no geometry
+    # overflows.
+    if not 0.05 <= radius_m <= 1000.0:
+        reason = f"no roadmap for a radius of {radius_m:g} m: it must be from 0.05 to 1000 m"
         raise InvalidElement("floor", "", floor, reason)
     # The old roadmap must not affect the new one.
     building = with_topology(building, floor, TopologicalMap({node.name: node for node in given}))

@@ -16,12 +16,8 @@ from robocorba.map_editor.model import CabinSide, Elevator, ElevatorDoor, PathNo
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.map_editor.topology.roadmap import SAME_POINT_M, RoadmapGraph
 
-#: Candidate distances of the waiting node from an elevator's door [radii]; the first free one is used.
-WAITING_DISTANCES_RADII = (2.5, 2.0, 1.5, 1.1)
 #: Nearest nodes tried to connect a node to the roadmap; farther ones are hardly ever visible.
 MAX_CANDIDATES = 200
-
-_TURN_OF = {CabinSide.FRONT: -math.pi / 2, CabinSide.BACK: math.pi / 2, CabinSide.LEFT: math.pi, CabinSide.RIGHT: 0.0}
 
 
 def add_cabin_nodes(roadmap: RoadmapGraph, elevator: Elevator, floor: str, given: Iterable[PathNode] = ()) -> None:
@@ -54,12 +50,14 @@ def add_cabin_nodes(roadmap: RoadmapGraph, elevator: Elevator, floor: str, given
 
 
 def _approach(elevator: Elevator, door: ElevatorDoor, doorway: LineString, radius_m: float) -> tuple[XY, list[XY]]:
-    """The middle of an elevator's doorway, and waiting positions in front of it, best first."""
+    """The middle of an elevator's doorway, and waiting positions in front of it, best first: choices from
+    2.5 radii away down to 1.1, where the robot just clears the door, for narrow halls."""
     threshold = doorway.interpolate(0.5, normalized=True)
-    out = elevator.heading + _TURN_OF[door.side]
+    turns = {CabinSide.FRONT: -math.pi / 2, CabinSide.BACK: math.pi / 2, CabinSide.LEFT: math.pi, CabinSide.RIGHT: 0.0}
+    out = elevator.heading + turns[door.side]
     fronts = [
         (threshold.x + radii * radius_m * math.cos(out), threshold.y + radii * radius_m * math.sin(out))
-        for radii in WAITING_DISTANCES_RADII
+        for radii in (2.5, 2.0, 1.5, 1.1)
     ]
     return (threshold.x, threshold.y), fronts
 

@@ -11,14 +11,12 @@ import shapely
 
 from robocorba.map_editor.topology.roadmap import RoadmapGraph
 
-#: A dead end is kept if it reaches this far beyond the free disc around its junction [radii] ...
+#: A dead end is kept if it reaches this far beyond the free disc around its junction [radii] ... (a choice: a robot's
+#: length and a half)
 SPUR_RADII = 3.0
-#: ... and this share of the disc's radius. A corner of a room reaches 0.41.
+#: ... and this share of the disc's radius. The corner of a square reaches sqrt(2) - 1 = 0.41 beyond the disc in it, so
+#: corners of rooms have no dead ends.
 SPUR_SHARE = 0.6
-#: The same behind a doorway [radii]: shorter, so that small rooms have a node.
-SPUR_RADII_AT_DOOR = 1.0
-#: Minimum length of a loop [radii]. A shorter one passes a small obstacle on both sides, where one is enough.
-MIN_LOOP_RADII = 12.0
 
 
 def prune(roadmap: RoadmapGraph) -> None:
@@ -77,7 +75,7 @@ def _gain(roadmap: RoadmapGraph, end: tuple[int, ...]) -> float:
     along = sum(roadmap.length(a, b) for a, b in pairwise(end))
     reach = along + roadmap.clearance_m(tip) - roadmap.clearance_m(junction)
     if roadmap.is_fixed(junction):
-        return reach - SPUR_RADII_AT_DOOR * roadmap.radius
+        return reach - 1.0 * roadmap.radius  # shorter behind a doorway, so that small rooms have a node
     return reach - max(SPUR_RADII * roadmap.radius, SPUR_SHARE * roadmap.clearance_m(junction))
 
 
@@ -94,7 +92,8 @@ def _shorten(roadmap: RoadmapGraph, end: tuple[int, ...]) -> None:
 
 
 def cut_small_loops(roadmap: RoadmapGraph) -> None:
-    """Cut small loops at their narrowest edge."""
+    """Cut loops shorter than 12 radii at their narrowest edge: they pass a small obstacle on both sides, where one is
+    enough. A choice: the circle at two radii around a post, which leaves a robot room beside it, has 12.6 radii."""
     graph = roadmap.graph
     edges, tree = roadmap.lines()
     lines = tree.geometries
@@ -106,6 +105,6 @@ def cut_small_loops(roadmap: RoadmapGraph) -> None:
         length = graph.edges[a, b]["length"]
         graph.remove_edge(a, b)
         roadmap.check_time()
-        most = max(0.0, MIN_LOOP_RADII * roadmap.radius - length)
+        most = max(0.0, 12.0 * roadmap.radius - length)
         if b not in nx.single_source_dijkstra_path_length(graph, a, cutoff=most, weight="length"):
             graph.add_edge(a, b, length=length)

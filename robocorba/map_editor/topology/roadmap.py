@@ -16,7 +16,8 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.map_editor.time_limit import no_limit
 
-#: A bend is straightened if its distance from the chord is below this share of its clearance.
+#: A bend is straightened if its distance from the chord is below this share of its clearance. A choice of this
+#: project: half leaves the robot room on both sides of the straight edge.
 BEND_SHARE = 0.5
 #: Distance below which even fixed nodes are merged [m].
 SAME_POINT_M = 0.02

@@ -17,11 +17,6 @@ from robocorba.map_editor.topology.roadmap import (
     midpoint,
 )
 
-#: Nodes closer than this many radii, or this share of their clearance, are merged.
-MERGE_RADII, MERGE_SHARE = 3.0, 0.75
-#: An edge is aligned with y (or x) if its extent along x (or y) is below this share of the other one.
-TILT_SHARE = 0.3
-
 
 def straighten(roadmap: RoadmapGraph) -> None:
     """Replace every chain between two junctions by as few straight edges as possible."""
@@ -53,7 +48,8 @@ def _chains(roadmap: RoadmapGraph) -> Iterator[list[int]]:
 
 
 def _bends(roadmap: RoadmapGraph, chain: list[int]) -> list[int]:
-    """Indices of the nodes of a chain to keep (Douglas-Peucker with clearance)."""
+    """Indices of the nodes of a chain to keep, by the algorithm of Douglas and Peucker (1973), whose tolerance here is
+    a share of each node's clearance."""
     at = np.array([roadmap.at(node) for node in chain])
     leeway = BEND_SHARE * np.array([roadmap.clearance_m(node) for node in chain])
     last = len(chain) - 1
@@ -111,7 +107,8 @@ def _merge_distance_m(roadmap: RoadmapGraph, a: int, b: int) -> float:
         return SAME_POINT_M
     if 1 in (len(roadmap.graph[a]), len(roadmap.graph[b])):
         return roadmap.radius  # keeps the dead ends that pruning left
-    return max(MERGE_RADII * roadmap.radius, MERGE_SHARE * min(roadmap.clearance_m(a), roadmap.clearance_m(b)))
+    # Choices of this project: a robot's length and a half, and one node for what lies in one free disc.
+    return max(3.0 * roadmap.radius, 0.75 * min(roadmap.clearance_m(a), roadmap.clearance_m(b)))
 
 
 def _merge_priority(roadmap: RoadmapGraph, node: int) -> tuple[bool, bool, bool, int, float]:
@@ -135,12 +132,13 @@ def _try_skip(roadmap: RoadmapGraph, node: int) -> bool:
 
 
 def align(roadmap: RoadmapGraph) -> None:
-    """Put the nodes of edges that run nearly along x or y on one line."""
+    """Put the nodes of edges that run nearly along x or y on one line: those tilted by less than 17 degrees, whose
+    extent along one axis is below 0.3 of that along the other. The angle is a choice; it only makes maps readable."""
     for axis in (0, 1):
         along: nx.Graph[int] = nx.Graph()
         for a, b in roadmap.graph.edges:
             off = [abs(p - q) for p, q in zip(roadmap.at(a), roadmap.at(b), strict=True)]
-            if off[axis] < TILT_SHARE * off[1 - axis]:
+            if off[axis] < 0.3 * off[1 - axis]:
                 along.add_edge(a, b)
         for road in nx.connected_components(along):
             nodes = sorted(road)

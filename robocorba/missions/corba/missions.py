@@ -4,10 +4,14 @@ Mission control passes these errors on, in a process that loads nothing else abo
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
+
+import msgspec
 
 from robocorba.errors import robots, simulation
 from robocorba.orb.exceptions import register
+from robocorba.orb.structs import enumeration, sequence, struct_converter
 from robocorba.simulation.mission_record import (
     LeaderRecord,
     MemberRecord,
@@ -18,53 +22,35 @@ from robocorba.simulation.mission_record import (
 )
 from robocorba.stubs import RoboCorba
 
-_RESULTS = {result: getattr(RoboCorba, f"MISSION_{result.name}") for result in MissionResult}
-_RESULT_OF = {struct: result for result, struct in _RESULTS.items()}
+_LEADER = struct_converter(LeaderRecord, RoboCorba.MissionLeader)
+_STATE = struct_converter(
+    lambda name, version, **content: MissionState(name, version, MissionContent(**content)),
+    RoboCorba.MissionState,
+    {"current": "version"},
+    members=sequence(struct_converter(MemberRecord, RoboCorba.MissionMember)),
+    phases=sequence(struct_converter(PhaseRecord, RoboCorba.MissionPhase)),
+    result=enumeration(MissionResult, "MISSION_"),
+)
 
 
 def mission_state(state: MissionState) -> Any:
-    content = state.content
-    return RoboCorba.MissionState(
-        state.name,
-        state.version,
-        content.kind,
-        content.about,
-        content.leader,
-        content.term,
-        [RoboCorba.MissionMember(member.robot, member.role) for member in content.members],
-        [RoboCorba.MissionPhase(each.name, each.begun, each.ended, each.waited_for) for each in content.phases],
-        content.phases_in_all,
-        content.begun,
-        content.ended,
-        _RESULTS[content.result],
-        content.reason,
-    )
+    content = msgspec.structs.asdict(state.content)
+    return _STATE.to_idl(SimpleNamespace(name=state.name, version=state.version, **content))
 
 
 def mission_state_of(struct: Any) -> MissionState:
     """The state; members of the record that are RECORD_ONLY have their defaults."""
-    content = MissionContent(
-        kind=struct.kind,
-        about=struct.about,
-        leader=struct.leader,
-        term=struct.term,
-        members=tuple(MemberRecord(member.robot, member.role) for member in struct.members),
-        phases=tuple(PhaseRecord(each.name, each.begun, each.ended, each.waitedFor) for each in struct.phases),
-        phases_in_all=struct.phasesInAll,
-        begun=struct.begun,
-        ended=struct.ended,
-        result=_RESULT_OF[struct.result],
-        reason=struct.reason,
-    )
-    return MissionState(struct.name, struct.current, content)
+    state: MissionState = _STATE.from_idl(struct)
+    return state
 
 
 def leaders(content: MissionContent) -> list[Any]:
-    return [RoboCorba.MissionLeader(each.robot, each.term, each.since, each.reason) for each in content.all_leaders]
+    return [_LEADER.to_idl(each) for each in content.all_leaders]
 
 
 def leader_of(struct: Any) -> LeaderRecord:
-    return LeaderRecord(struct.robot, struct.term, struct.since, struct.reason)
+    leader: LeaderRecord = _LEADER.from_idl(struct)
+    return leader
 
 
 register(robots.InvalidProgram, RoboCorba.InvalidProgram, "icon", "parameter", "reason")

@@ -10,10 +10,10 @@ from robocorba.stubs import RoboCorba
 
 
 class RemotePlanner:
-    """Resolves the agent on first use, and again after a failed call."""
+    """Resolves the agent on first use, and again after a failed call. Timeouts to resolve it, and for a call [s]."""
 
-    def __init__(self, orb: Orb) -> None:
-        what, timeouts = "the path planning agent", (5.0, 5.0)  # to resolve it, and for a call [s]
+    def __init__(self, orb: Orb, resolve_timeout_s: float = 5.0, call_timeout_s: float = 5.0) -> None:
+        what, timeouts = "the path planning agent", (resolve_timeout_s, call_timeout_s)
         self._agent = RemoteObject(orb, "PathPlanner", RoboCorba.PathPlanner, what, *timeouts)
 
     def paths(self, request: PathRequest) -> list[Path]:

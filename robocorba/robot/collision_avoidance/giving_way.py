@@ -14,8 +14,7 @@ from robocorba.errors.robots import MotionFailed
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.frames import turned
 from robocorba.map_editor.spatial.pose import XY
-from robocorba.robot.collision_avoidance.neighbours import Nearby, OtherRobot
-from robocorba.robot.collision_avoidance.temporary_obstacles import STATIONARY_M_S
+from robocorba.robot.collision_avoidance.neighbours import STATIONARY_M_S, Nearby, OtherRobot
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 from robocorba.robot.motion.motion import Motion, MotionCommand
 from robocorba.robot.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
@@ -24,16 +23,10 @@ from robocorba.robot.motion.robot_state import ZERO_VELOCITY, RobotState, Veloci
 MARGIN_M = 0.05
 #: The same near the goal [m], where two robots may have places side by side.
 NEAR_MARGIN_M = 0.012
-#: Distance from the goal within which NEAR_MARGIN_M holds [m].
-NEAR_GOAL_M = 0.6
-#: Maximum speed inside the margin [m/s], at which a robot gets past its neighbour.
-CREEP_M_S = 0.02
 #: Braking that the hard rule counts on [m/s^2]. The rest of the limit compensates for the delay of others' data.
 BRAKING_M_S2 = 0.6 * BASE_LIMITS.acceleration
-#: Two paths cross if the robots' rims come within MEET_M [m] during the next MEET_S [s].
-MEET_M, MEET_S = 0.15, 2.5
-#: A robot is blocked while it may drive at less than this share of its wanted speed.
-BLOCKED_SHARE = 0.1
+#: Time for which robots' paths are looked ahead [s].
+MEET_S = 2.5
 #: Time for which a robot stands and waits for the positions of others [s].
 UNKNOWN_LIMIT_S = 20.0
 #: Clearance to walls and objects [m], with `avoid_walls`.
@@ -52,9 +45,9 @@ class Blocked(MotionFailed):
 class GiveWay:
     """A motion of the base that yields to other robots; raises Blocked once they have blocked it for some time.
 
-    goal: its end point [m]; near it robots may be side by side. precise_positioning: NEAR_MARGIN_M holds on the whole
-    path, the motion lets no robot pass first, and waits while it is blocked. avoid_walls: stop before walls and
-    objects, too."""
+    goal: its end point [m]; within 0.6 m of it robots may be side by side. precise_positioning: NEAR_MARGIN_M holds on
+    the whole path, the motion lets no robot pass first, and waits while it is blocked. avoid_walls: stop before walls
+    and objects, too."""
 
     def __init__(
         self,
@@ -117,11 +110,11 @@ class GiveWay:
         return least
 
     def _margin_m(self, state: RobotState) -> float:
-        is_near = self._goal is not None and math.dist(self._goal, (state.x, state.y)) < NEAR_GOAL_M
+        is_near = self._goal is not None and math.dist(self._goal, (state.x, state.y)) < 0.6
         return NEAR_MARGIN_M if is_near or self._precise_positioning else MARGIN_M
 
     def _check_blocked(self, state: RobotState, share: float, other: OtherRobot | None, now: float) -> None:
-        if share >= BLOCKED_SHARE:
+        if share >= 0.1:  # it gets on
             self._blocked_since = None
             return
         if self._blocked_since is None:
@@ -142,7 +135,8 @@ class GiveWay:
 
 
 def safe_share(state: RobotState, vx: float, vy: float, other: OtherRobot, margin_m: float) -> float:
-    """The share of a velocity (vx, vy) [m/s, along the floor's axes] that leaves both robots room to brake."""
+    """The share of a velocity (vx, vy) [m/s, along the floor's axes] that leaves both robots room to brake; inside the
+    margin 0.02 m/s, at which a robot gets past its neighbour."""
     dx, dy = other.x - state.x, other.y - state.y
     distance_m = math.hypot(dx, dy)
     if distance_m == 0.0:
@@ -153,18 +147,19 @@ def safe_share(state: RobotState, vx: float, vy: float, other: OtherRobot, margi
     other_closing = max(0.0, -(other.vx * dx + other.vy * dy) / distance_m)
     gap_m = distance_m - RADIUS_M - other.radius_m
     free_m = gap_m - margin_m - other_closing * other_closing / (2.0 * BRAKING_M_S2)
-    allowed = max(math.sqrt(2.0 * BRAKING_M_S2 * max(free_m, 0.0)), CREEP_M_S if gap_m > NEAR_MARGIN_M else 0.0)
+    allowed = max(math.sqrt(2.0 * BRAKING_M_S2 * max(free_m, 0.0)), 0.02 if gap_m > NEAR_MARGIN_M else 0.0)
     return min(1.0, allowed / closing)
 
 
 def should_yield(state: RobotState, vx: float, vy: float, other: OtherRobot) -> bool:
-    """Whether a moving robot would meet this one if both continue, and would not if this one stops."""
+    """Whether a moving robot would meet this one, rims within 0.15 m, if both continue, and would not if this one
+    stops."""
     if math.hypot(other.vx, other.vy) < STATIONARY_M_S:
         return False
     at, least_m = (other.x - state.x, other.y - state.y), RADIUS_M + other.radius_m
     continuing_m = _nearest_m(at, (other.vx - vx, other.vy - vy))
     stopped_m = _nearest_m(at, (other.vx, other.vy))
-    return continuing_m < least_m + MEET_M and stopped_m > least_m + MARGIN_M and continuing_m < stopped_m
+    return continuing_m < least_m + 0.15 and stopped_m > least_m + MARGIN_M and continuing_m < stopped_m
 
 
 def _nearest_m(at: XY, velocity: XY) -> float:

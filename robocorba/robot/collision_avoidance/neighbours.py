@@ -1,25 +1,28 @@
-"""Other robots and obstacles near a robot, by its data pool, extrapolated to the present."""
+"""What is near a robot by its data pool: other robots, extrapolated to the present, and obstacles that are not on the
+map."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from shapely import Polygon
 
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.robot.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
-from robocorba.robot.collision_avoidance.temporary_obstacles import (
-    movable_objects,
-    parked_robots,
-    temporary_obstacles,
-)
 from robocorba.robot.data_pool.pool import DataPool
+from robocorba.robot.data_pool.snapshot import FloorEntity
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS
 
-#: A driving robot ignores robots farther away than this [m].
-RANGE_M = 6.0
+#: A robot below this speed is stationary [m/s].
+STATIONARY_M_S = 0.05
+#: Clearance of paths to stationary robots [m]; less where the robot or its goal is nearer already.
+CLEARANCE_M = 0.1
+#: Minimum distance of the robot and of its goal outside such an area [m]. It leaves the path some clearance to other
+#: obstacles.
+MIN_CLEARANCE_M = 0.07
 
 
 class OtherRobot(NamedTuple):
@@ -35,35 +38,16 @@ class OtherRobot(NamedTuple):
     radius_m: float
 
 
-class Nearby(Protocol):
-    """The robot `name` among others: its surroundings, and its policy of giving way. Thread-safe."""
-
-    name: str
-    policy: GivingWayPolicy
-
-    def others(self, x: float, y: float) -> list[OtherRobot]:
-        """Robots within RANGE_M of a point [m]. Raises NotReachable if their positions are unknown."""
-
-    def clearance_m(self, x: float, y: float) -> float:
-        """Distance of a point from walls and objects [m]; infinite where there are none. Raises NotReachable."""
-
-    def shaft(self, elevator: str) -> Polygon | None:
-        """The shaft of an elevator on this floor [m]; None while the floor is not loaded."""
-
-    def movable_objects(self, held: str) -> TemporaryObstacles:
-        """As temporary_obstacles.movable_objects; empty while the floor is not loaded."""
-
-    def temporary_obstacles(self, also: str = "", goal: XY | None = None, held: str = "") -> TemporaryObstacles:
-        """As temporary_obstacles.temporary_obstacles; empty while the floor is not loaded."""
-
-
-class PoolNearby:
-    """Nearby by a data pool that a PoolFollower keeps up to date."""
+class Nearby:
+    """The robot `name` among others: its surroundings, and its policy of giving way. Thread-safe. pool: one that a
+    PoolFollower keeps up to date."""
 
     def __init__(self, pool: DataPool, name: str, policy: GivingWayPolicy = DEFAULT_POLICY) -> None:
         self._pool, self.name, self.policy = pool, name, policy
 
     def others(self, x: float, y: float) -> list[OtherRobot]:
+        """Robots within 6 m of a point [m], beyond which a driving robot ignores them. Raises NotReachable if their
+        positions are unknown."""
         lag_s, snapshot = self._pool.lag_s, self._pool.current_snapshot()
         deviation_m = BASE_LIMITS.acceleration * lag_s * lag_s / 2.0
         return [
@@ -76,23 +60,72 @@ class PoolNearby:
                 other.heading,
                 other.radius_m + deviation_m,
             )
-            for _, other in snapshot.robots_near(x, y, RANGE_M)
+            for _, other in snapshot.robots_near(x, y, 6.0)
         ]
 
     def clearance_m(self, x: float, y: float) -> float:
+        """Distance of a point from walls and objects [m]; infinite where there are none. Raises NotReachable."""
         near = self._pool.loaded_snapshot().nearest_non_robot(x, y)
         return near.distance_m if near else math.inf
 
     def shaft(self, elevator: str) -> Polygon | None:
+        """The shaft of an elevator on this floor [m]; None while the floor is not loaded."""
         walls = self._pool.snapshot().walls
         return walls.shafts.get(elevator) if walls else None
 
-    def movable_objects(self, held: str) -> TemporaryObstacles:
-        return movable_objects(self._pool.snapshot(), self.name, held, self.policy)
+    # ---- what stands in the way though it is not on the map; empty while the floor is not loaded ----
+
+    def movable_objects(self, held: str = "") -> TemporaryObstacles:
+        """Movable objects on the robot's floor at their present poses, except `held`, which the robot holds."""
+        snapshot = self._pool.snapshot()
+        own = snapshot.robot(self.name)
+        if own is None:
+            return TemporaryObstacles()
+        movable = (item for item in snapshot.objects() if item.is_movable and item.name != held)
+        nearest_first = sorted(movable, key=lambda item: math.hypot(item.x - own.x, item.y - own.y))
+        is_complete = len(nearest_first) <= self.policy.max_objects
+        nearest = nearest_first[: self.policy.max_objects]
+        areas, names = tuple((snapshot.floor, item.corners) for item in nearest), tuple(item.name for item in nearest)
+        return TemporaryObstacles(areas, (snapshot.floor,) if is_complete else (), names)
 
     def parked_robots(self) -> TemporaryObstacles:
-        """As temporary_obstacles.parked_robots; empty while the floor is not loaded."""
-        return parked_robots(self._pool.snapshot(), self.name)
+        """The other robots on the floor that stand still, at their full size."""
+        snapshot = self._pool.snapshot()
+        others = [other for other in snapshot.robots if other.name != self.name and not _drives(other)]
+        areas = tuple((snapshot.floor, _disc(other, other.radius_m)) for other in others)
+        return TemporaryObstacles(areas, names=tuple(other.name for other in others))
 
     def temporary_obstacles(self, also: str = "", goal: XY | None = None, held: str = "") -> TemporaryObstacles:
-        return temporary_obstacles(self._pool.snapshot(), self.name, also, goal, held, self.policy)
+        """Movable objects, and stationary robots within 15 m, on the robot's floor.
+
+        also: a robot that is included even if it moves. goal: a point [m] that stays outside the robots' areas if
+        possible. held: the object that the robot holds."""
+        snapshot = self._pool.snapshot()
+        own = snapshot.robot(self.name)
+        if own is None:
+            return TemporaryObstacles()
+        near = [other for _, other in snapshot.robots_near(own.x, own.y, 15.0)]
+        kept_free = [(own.x, own.y), *([goal] if goal else ())]
+        blocking = [other for other in near if other.name == also or not _drives(other)][: self.policy.max_robots]
+        objects = self.movable_objects(held)
+        discs = tuple((snapshot.floor, _disc_beside(other, kept_free, own.radius_m)) for other in blocking)
+        names = tuple(other.name for other in blocking)
+        return objects._replace(forbidden_areas=discs + objects.forbidden_areas, names=names + objects.names)
+
+
+def _drives(robot: FloorEntity) -> bool:
+    return math.hypot(robot.vx, robot.vy) >= STATIONARY_M_S
+
+
+def _disc_beside(other: FloorEntity, kept_free: Sequence[XY], radius_m: float) -> tuple[XY, ...]:
+    """A polygon around a robot with CLEARANCE_M; smaller if a robot of `radius_m` at these points would overlap it."""
+    nearest_m = min(math.dist((other.x, other.y), point) for point in kept_free)
+    corner_m = (other.radius_m + CLEARANCE_M) / math.cos(math.pi / 16)
+    corner_m = max(min(corner_m, nearest_m - radius_m - MIN_CLEARANCE_M), other.radius_m / 2)
+    return _disc(other, corner_m)
+
+
+def _disc(other: FloorEntity, corner_m: float) -> tuple[XY, ...]:
+    """A polygon of 16 corners around a robot."""
+    angles = [math.tau * corner / 16 for corner in range(16)]
+    return tuple((other.x + corner_m * math.cos(angle), other.y + corner_m * math.sin(angle)) for angle in angles)

@@ -15,8 +15,9 @@ from robocorba.robot.agent import ControlAgent
 from robocorba.robot.corba import robot_states
 from robocorba.robot.programs import program
 from robocorba.robot.programs.program import Program
-from robocorba.robot.programs.report import report_of
+from robocorba.robot.programs.report import CheckReport
 from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.system.stop_latch import EMERGENCY_STOP
 
 
 class Missions(Protocol):
@@ -40,15 +41,14 @@ class StopTargetServant(RoboCorba__POA.StopTarget):
         self._agent = agent
 
     def stop(self, reason: str) -> Any:
-        self._agent.stop(reason or "emergency stop")  # also one that is stopped until it answers again
+        return self.stopNumbered(reason, 0)
+
+    def stopNumbered(self, reason: str, number: int) -> Any:
+        self._agent.stop(reason or EMERGENCY_STOP, number)  # also one that is stopped until it answers again
         return self._get_answer()
 
     def _get_answer(self) -> Any:
         return RoboCorba.StopAnswer(*self._agent.stop_answer)
-
-    def stopNumbered(self, reason: str, number: int) -> Any:
-        self._agent.stop(reason or "emergency stop", number)
-        return self._get_answer()
 
 
 class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
@@ -85,19 +85,15 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
         try:
             return robot_states.program_check(self._agent.check(program.loads(json)))
         except InvalidProgram as error:  # it can't be read, so there is one finding
-            return robot_states.program_check(report_of(error))
+            return robot_states.program_check(CheckReport(error))
         except NotReachable as error:  # the path planning agent, without which drives can't be checked
-            return robot_states.program_check(report_of(InvalidProgram("", "", f"can't be checked: {error}")))
+            return robot_states.program_check(CheckReport(InvalidProgram("", "", f"can't be checked: {error}")))
 
-    @translating
     def startMission(self, mission: str, icon: str) -> None:
-        self._lead(mission, icon, 0)
+        self.leadMission(mission, icon, 0)
 
     @translating
     def leadMission(self, mission: str, icon: str, term: int) -> None:
-        self._lead(mission, icon, term)
-
-    def _lead(self, mission: str, icon: str, term: int) -> None:
         for reason in name_violations("its name", mission):
             raise InvalidProgram("", "mission", reason)
         self._missions.lead_mission(mission, program.of_icon(icon), term)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from robocorba.orb.exceptions import translating
-from robocorba.robot.corba import plans as conversion
+from robocorba.robot.corba import robot_states
 from robocorba.robot.data_pool.plans import Plans
 from robocorba.robot.data_pool.pool import DataPool
 from robocorba.robot.data_pool.postures import PoolPostures
@@ -44,7 +44,7 @@ class DataPoolServant(RoboCorba__POA.DataPool):
 
     @translating
     def plan(self, name: str) -> Any:
-        return conversion.record(self._plans.get(name))
+        return robot_states.plan_record(self._plans.get(name))
 
     def plans(self) -> list[Any]:
-        return [conversion.record(plan) for plan in self._plans.all()]
+        return [robot_states.plan_record(plan) for plan in self._plans.all()]

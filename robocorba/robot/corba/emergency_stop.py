@@ -35,18 +35,14 @@ from robocorba.stubs import RoboCorba
 from robocorba.system.background import Background, Workers
 from robocorba.system.names import CHANNELS, STOP_EVENT
 from robocorba.system.roles import Role
+from robocorba.system.stop_latch import EMERGENCY_STOP
 
-REASON = "emergency stop"
 #: In place of a name: robots that only the simulation server knows.
 OTHERS = "*"
-#: Time limit of a stop, and of the other ways once the simulation server shows that all stand [s].
-LIMIT_S, OTHERS_S = 6.0, 1.0
-#: Timeout of a call to the simulation server [s]; pauses between calls while robots brake, and after a failure [s].
-SERVER_TIMEOUT_S, POLL_S, RETRY_S = 1.5, 0.05, 0.2
-#: Expiry of the event [s]: a late one must not stop a robot that was reset.
-EXPIRY_S = 2.0
-#: Number of stop targets that are called at a time.
-CALLERS = 32
+#: Time limit of a stop [s].
+LIMIT_S = 6.0
+#: Timeout of a call to the simulation server [s].
+SERVER_TIMEOUT_S = 1.5
 #: Timeout for the names in the naming service [s].
 NAMES_S = 1.0
 
@@ -76,7 +72,9 @@ class Verdict(NamedTuple):
     is_known: bool = True
 
 
-def stop_robots(orb: Orb, names: Sequence[str], addresses: StopAddresses, reason: str = REASON) -> list[Verdict]:
+def stop_robots(
+    orb: Orb, names: Sequence[str], addresses: StopAddresses, reason: str = EMERGENCY_STOP
+) -> list[Verdict]:
     """Stop robots, without names all; returns after LIMIT_S at the latest. Does not raise.
 
     Without names and while the simulation server does not answer, a verdict about OTHERS says so."""
@@ -132,7 +130,7 @@ class _Stop:
         others = [self._start(way) for way in (self._by_targets, self._by_names, self._by_events)]
         server.join(self._left_s)
         if self._has_answered and all(state.stands for state in self._shown.values()):
-            self._deadline = min(self._deadline, time.monotonic() + OTHERS_S)
+            self._deadline = min(self._deadline, time.monotonic() + 1.0)  # for the other ways
         for other in others:
             other.join(self._left_s)
         names = self._names or sorted({*self._shown, *self._answers, *self._bound, *self._unanswered()})
@@ -187,7 +185,7 @@ class _Stop:
         has_stopped = False
         while self._left_s:
             try:
-                server = server or self._server()
+                server = server or _simulation_server(self._orb, self._addresses)
                 with translated("the simulation server"):
                     found = self._look_at(server) if has_stopped else server.stopRobots(self._names, self._reason)
                     if not (has_stopped or self._names):
@@ -196,12 +194,12 @@ class _Stop:
                 states, has_stopped = [sessions.stop_state_of(state) for state in found], True
             except RoboCorbaError as error:
                 self._has_answered, self._problem, server = False, str(error), None
-                time.sleep(RETRY_S)
+                time.sleep(0.2)
                 continue
             self._shown, self._has_answered = {state.robot: state for state in states}, True
             if all(state.stands for state in states):
                 return
-            time.sleep(POLL_S)
+            time.sleep(0.05)  # while they brake
 
     def _look_at(self, server: Any) -> Any:
         try:
@@ -209,16 +207,13 @@ class _Stop:
         except CORBA.BAD_OPERATION:  # of an earlier release
             return server.stopRobots(self._names, self._reason)
 
-    def _server(self) -> Any:
-        return _simulation_server(self._orb, self._addresses)
-
     def _by_targets(self) -> None:
         def stop(name: str, record: StopRecord) -> None:
             with contextlib.suppress(NotReachable):
                 self._answers[name] = stop_at(self._orb, record.target, self._reason)
 
         targets = self._addresses.targets
-        callers = Workers("stop target", CALLERS, self._note)
+        callers = Workers("stop target", 32, self._note)
         for name in self._names or targets:
             if name in targets and targets[name].target:
                 callers.submit(stop, name, targets[name])
@@ -237,7 +232,8 @@ class _Stop:
                 uri = self._orb.uri_at(address, self._addresses.key(f"{CHANNELS}/{name}"))
                 found = self._orb.reference(uri, RoboCorba.EventChannel, NAMES_S) if address else None
                 with contextlib.closing(EventClient(self._orb, name, timeout_s=NAMES_S, channel_at=found)) as client:
-                    client.push(STOP_EVENT, payload, expiry_s=EXPIRY_S, retry_s=0.0)
+                    # A late event must not stop a robot that was reset.
+                    client.push(STOP_EVENT, payload, expiry_s=2.0, retry_s=0.0)
 
     def _channels(self) -> Mapping[str, str]:
         """Addresses of the channels by name; empty for those that are found by their name."""

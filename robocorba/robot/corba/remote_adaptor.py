@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,15 +11,12 @@ from robocorba.errors.robots import AdaptorFailed, RobotLost
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import Answer, translated
-from robocorba.robot.adaptor import RobotAdaptor
+from robocorba.robot.adaptor import ArgumentParser, RobotAdaptor
 from robocorba.robot.corba import robot_states
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.stubs import RoboCorba
 from robocorba.system.names import ADAPTORS
-
-#: Timeouts to resolve the adaptor, of its `start`, and of its other calls [s].
-RESOLVE_TIMEOUT_S, START_TIMEOUT_S, CALL_TIMEOUT_S = 5.0, 30.0, 0.3
 
 
 def adaptor(context: AdaptorContext) -> RobotAdaptor:
@@ -30,30 +26,27 @@ def adaptor(context: AdaptorContext) -> RobotAdaptor:
 
 class RemoteAdaptor(RobotAdaptor):
     """Client of the RoboCorba::RobotAdaptor at `--uri URI` in argv, by default of the one bound as
-    RoboCorba/Adaptors/NAME. The other arguments are passed to its `start`."""
+    RoboCorba/Adaptors/NAME. The other arguments are passed to its `start`, which may take 30 s, other calls 0.3 s."""
 
     def __init__(self, orb: Orb, robot_name: str) -> None:
         self._orb, self._name = orb, robot_name
         self._adaptor: Any = None
 
     def start(self, argv: Sequence[str]) -> bool:
-        parser = argparse.ArgumentParser(exit_on_error=False, add_help=False, allow_abbrev=False)
+        parser = ArgumentParser()
         parser.add_argument("--uri", default="")
-        try:
-            given, rest = parser.parse_known_args(list(argv))
-        except argparse.ArgumentError as error:
-            raise AdaptorFailed(f"the adaptor's arguments: {error}") from None
+        given, rest = parser.parse_known_args(list(argv))
         try:
             found = (
                 self._orb.reference(given.uri, RoboCorba.RobotAdaptor)
                 if given.uri
-                else self._orb.resolve(f"{ADAPTORS}/{self._name}", RoboCorba.RobotAdaptor, RESOLVE_TIMEOUT_S)
+                else self._orb.resolve(f"{ADAPTORS}/{self._name}", RoboCorba.RobotAdaptor, 5.0)
             )
         except NotReachable as error:
             raise RobotLost(str(error)) from None
         uri = self._orb.uri(found)
-        starter = self._orb.reference(uri, RoboCorba.RobotAdaptor, START_TIMEOUT_S)
-        self._adaptor = self._orb.reference(uri, RoboCorba.RobotAdaptor, CALL_TIMEOUT_S)
+        starter = self._orb.reference(uri, RoboCorba.RobotAdaptor, 30.0)
+        self._adaptor = self._orb.reference(uri, RoboCorba.RobotAdaptor, 0.3)
         return bool(self._call(lambda: starter.start(rest)))
 
     def stop(self) -> bool:

@@ -19,11 +19,6 @@ from robocorba.stubs import RoboCorba
 from robocorba.system.background import Background
 from robocorba.system.names import ROBOTS
 
-#: Timeout of a call [s].
-CALL_TIMEOUT_S = 3.0
-#: Timeout of calls that check a program or start an adaptor [s].
-SLOW_CALL_TIMEOUT_S = 40.0
-
 
 class OrderLimits(NamedTuple):
     """How robots get an order together. at_once: of them at a time. Timeouts for finding each, and for all [s]."""
@@ -42,12 +37,12 @@ CALM = OrderLimits(16, 5.0, 60.0)
 
 class RemoteAgent:
     """The agent of the robot `name`. Raises NotReachable if it is not found within `timeout_s`, and in calls that it
-    does not answer."""
+    does not answer within 3 s, or 40 s where it checks a program or starts an adaptor."""
 
     def __init__(self, orb: Orb, name: str, timeout_s: float = 3.0) -> None:
         self.name = name
-        self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, CALL_TIMEOUT_S)
-        self._slow_agent = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent, SLOW_CALL_TIMEOUT_S)
+        self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, 3.0)
+        self._slow_agent = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent, 40.0)
 
     def state(self) -> AgentState:
         return robot_states.agent_state_of(self._call(self._agent._get_state))
@@ -119,10 +114,6 @@ class RemoteAgent:
         """Drive at a velocity of the base, ahead and to the left [m/s], turn [rad/s], for some time [s] or until the
         next call. Raises InvalidChoice, IllegalOrder."""
         self._call(lambda: self._agent.drive(RoboCorba.Velocity(*velocity), valid_for_s))
-
-    def cap_speed(self, speed: float) -> None:
-        """Limit the base's speed [m/s]. Raises InvalidChoice."""
-        self._call(lambda: self._agent.setSpeedCap(speed))
 
     def _call(self, call: Callable[[], Answer]) -> Answer:
         with translated(f"robot {self.name}"):

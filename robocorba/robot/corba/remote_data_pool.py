@@ -18,7 +18,7 @@ from robocorba.map_editor.spatial.posture import Posture
 from robocorba.orb.calls import set_call_timeout
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import translated
-from robocorba.robot.corba import plans
+from robocorba.robot.corba import robot_states
 from robocorba.robot.data_pool.plans import Plan
 from robocorba.robot.data_pool.pool import DataPool
 from robocorba.robot.data_pool.postures import PoolPostures
@@ -29,20 +29,12 @@ from robocorba.stubs import RoboCorba
 from robocorba.system.names import ROBOTS
 from robocorba.system.repeating import Repeating
 
-#: Interval between requests for the floor's changes [s].
-FOLLOW_INTERVAL_S = 0.033
-#: Interval between requests for the map's version [s].
-MAP_CHECK_INTERVAL_S = 0.25
-#: Both intervals while nobody needs the pool [s].
-REST_INTERVAL_S, MAP_REST_INTERVAL_S = 1.0, 2.0
+#: Interval between requests for the floor's changes while nobody needs the pool [s].
+REST_INTERVAL_S = 1.0
 #: Time for which the pool is followed closely after somebody has read it [s].
 ATTENTION_S = 2.0
 #: Timeout of `attend` [s].
 ATTEND_LIMIT_S = 0.3
-#: Timeout to resolve the servers before a robot logs on [s].
-START_TIMEOUT_S = 5.0
-#: Timeout to resolve a server that does not answer [s]; it also limits the rate of attempts.
-RESOLVE_TIMEOUT_S = 0.2
 
 
 class PoolFollower:
@@ -56,28 +48,25 @@ class PoolFollower:
         orb: Orb,
         floor: str,
         own_name: str = "",
-        interval_s: float = FOLLOW_INTERVAL_S,
         floor_of_robot: Callable[[], str] | None = None,
         rests: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._interval_s, self._floor_of_robot, self._rests = interval_s, floor_of_robot, rests
+        self._floor_of_robot, self._rests = floor_of_robot, rests
         self._own_name = own_name
         self._attended_at = -math.inf
         #: Updates of the pool that have begun, and the last one that has ended; guarded by the condition.
         self._updated = threading.Condition()
         self._begun = self._ended = 0
-        database, self._map = RemoteDatabase(orb, RESOLVE_TIMEOUT_S), RemoteFloorMap(orb)
-        self.pool = DataPool(database, self._map.of, floor, own_name)
+        # The timeout to resolve a server that does not answer [s] also limits the rate of attempts.
+        database, self._map = RemoteDatabase(orb, 0.2), RemoteFloorMap(orb)
+        self.pool = DataPool(database.changes, self._map.of, floor, own_name)
         #: The floor on which the robot was seen last, and the version of the map then.
         self._seen = (floor, 0)
         #: Postures on the pool's floor.
         self.postures = PoolPostures(database.postures, lambda: self.pool.floor)
         self._tasks = [
-            Repeating("data pool", self._follow, lambda: REST_INTERVAL_S if self._is_resting else interval_s),
-            Repeating(
-                *("data pool's map", self._follow_map),
-                lambda: MAP_REST_INTERVAL_S if self._is_resting else MAP_CHECK_INTERVAL_S,
-            ),
+            Repeating("data pool", self._follow, lambda: REST_INTERVAL_S if self._is_resting else 0.033),
+            Repeating("data pool's map", self._follow_map, lambda: 2.0 if self._is_resting else 0.25),
         ]
 
     def start(self) -> PoolFollower:
@@ -131,26 +120,29 @@ class PoolFollower:
 
 def floor_now(orb: Orb, floor: str) -> FloorSnapshot:
     """The present state of a floor. Raises UnknownFloor, NotReachable."""
-    source, map_source = RemoteDatabase(orb, START_TIMEOUT_S), RemoteFloorMap(orb).of
-    pool = DataPool(source, map_source, floor)
+    pool = DataPool(RemoteDatabase(orb, 5.0).changes, RemoteFloorMap(orb).of, floor)
     pool.follow()
     return pool.loaded_snapshot()
 
 
 class RemotePool:
-    """Client of another robot's data pool, a RoboCorba::DataPool. Raises NotReachable if the robot does not answer.
+    """Client of another robot, for its path and its data pool, a RoboCorba::DataPool. The constructor waits up to
+    `timeout_s` for the robot. Raises NotReachable if the robot does not answer."""
 
-    what: its name in messages."""
+    def __init__(self, orb: Orb, robot: str, timeout_s: float = 10.0) -> None:
+        self._agent = orb.resolve(f"{ROBOTS}/{robot}", RoboCorba.RobotAgent, timeout_s, CALL_TIMEOUT_S)
+        self._robot = robot
+        self._pool = self._answer(self._agent._get_pool)
+        if self._pool is None:
+            raise NotReachable(f"{robot} has no data pool")
+        set_call_timeout(self._pool, CALL_TIMEOUT_S)
 
-    def __init__(self, reference: Any, what: str = "the robot's data pool") -> None:
-        self._pool, self._what = reference, what
-        set_call_timeout(reference, CALL_TIMEOUT_S)
-
-    @staticmethod
-    def of_robot(orb: Orb, robot: str, timeout_s: float = 10.0) -> RemotePool:
-        """The data pool of the robot of this name; waits up to `timeout_s` for the robot. Raises NotReachable."""
-        agent = orb.resolve(f"{ROBOTS}/{robot}", RoboCorba.RobotAgent, timeout_s, CALL_TIMEOUT_S)
-        return RemotePool(pool_of(agent, robot))
+    def path(self) -> list[dict[str, Any]]:
+        """The path that the base drives, from its start: floor, x, y [m], heading [rad] of each point."""
+        return [
+            {"floor": point.position.floor, "x": point.position.x, "y": point.position.y, "heading": point.heading}
+            for point in self._answer(self._agent._get_path)
+        ]
 
     @property
     def floor(self) -> str:
@@ -177,21 +169,12 @@ class RemotePool:
 
     def plan(self, name: str) -> Plan:
         """Raises UnknownPlan."""
-        return plans.plan_of(self._answer(self._pool.plan, name))
+        return robot_states.plan_of(self._answer(self._pool.plan, name))
 
     def plans(self) -> list[Plan]:
         """Plans of all missions that its robot leads, sorted by name."""
-        return [plans.plan_of(record) for record in self._answer(self._pool.plans)]
+        return [robot_states.plan_of(record) for record in self._answer(self._pool.plans)]
 
     def _answer(self, call: Callable[..., Any], *arguments: Any) -> Any:
-        with translated(self._what):
+        with translated(f"robot {self._robot}"):
             return call(*arguments)
-
-
-def pool_of(agent: Any, robot: str) -> Any:
-    """The reference of the data pool of a robot, whose RobotAgent this is. Raises NotReachable."""
-    with translated(f"robot {robot}"):
-        pool = agent._get_pool()
-    if pool is None:
-        raise NotReachable(f"{robot} has no data pool")
-    return pool

@@ -41,15 +41,10 @@ CALL_TIMEOUT_S = 1.0
 #: While the server is away, calls that may be repeated are, for this time [s]: it restarts within it, and restores
 #: sessions whose lease has not expired. So is a call that timed out: a busy machine may hold up one for CALL_TIMEOUT_S.
 RETRY_S = 1.5
-_RETRIES = Backoff(0.02, 0.1)
 #: Timeout of calls that the server stores on disk before it answers [s].
 CHANGE_TIMEOUT_S = 3.0
 #: A heartbeat is left out this long after any other call, which renews the lease too [s]. The lease is 2 s.
 RENEWED_S = 0.6
-#: Timeout to resolve the simulation server [s].
-RESOLVE_TIMEOUT_S = 5.0
-#: Where a lost robot logs on if its last pose is occupied: distances from it [m], and number of directions.
-NEARBY_M, DIRECTIONS = (0.0, 0.05, 0.1, 0.2), 8
 SERVER = "the simulation server"
 Answer = TypeVar("Answer")
 
@@ -227,8 +222,8 @@ class RemoteSession:
         return True
 
     def _register_near(self, last: SessionState) -> None:
-        """Register at the pose before the loss, or just beside it if the place is taken meanwhile; in a cabin that has
-        arrived without the robot, on that floor. Floors may have other names now."""
+        """Register at the pose before the loss, or up to 0.2 m beside it, in eight directions, if the place is taken
+        meanwhile; in a cabin that has arrived without the robot, on that floor. Floors may have other names now."""
         try:
             names = self.floors_since(last.at.floor)
         except NotReachable as error:
@@ -237,10 +232,10 @@ class RemoteSession:
         if last.ride and last.ride.phase is RidePhase.RIDING:
             floors.append(last.ride.destination)
         places = [last.at._replace(floor=names.get(floor, floor)) for floor in floors]
-        for place, distance_m in product(places, NEARBY_M):
-            for turn in range(DIRECTIONS if distance_m else 1):
-                x = place.x + distance_m * math.cos(math.tau * turn / DIRECTIONS)
-                y = place.y + distance_m * math.sin(math.tau * turn / DIRECTIONS)
+        for place, distance_m in product(places, (0.0, 0.05, 0.1, 0.2)):
+            for turn in range(8 if distance_m else 1):
+                x = place.x + distance_m * math.cos(math.tau * turn / 8)
+                y = place.y + distance_m * math.sin(math.tau * turn / 8)
                 with contextlib.suppress(PlaceTaken):
                     self._register(replace(self.about, pose=place._replace(x=x, y=y)))
                     return
@@ -248,9 +243,7 @@ class RemoteSession:
 
     def _register(self, about: Description) -> None:
         try:
-            server = self._orb.resolve(
-                "SimulationServer", RoboCorba.SimulationServer, RESOLVE_TIMEOUT_S, CHANGE_TIMEOUT_S
-            )
+            server = self._orb.resolve("SimulationServer", RoboCorba.SimulationServer, 5.0, CHANGE_TIMEOUT_S)
         except NotReachable as error:
             raise RobotLost(str(error)) from None
         with translated(SERVER, RobotLost):
@@ -270,7 +263,7 @@ class RemoteSession:
     def _repeat(self, operation: Callable[[_References], Answer]) -> Answer:
         """The answer to a call that may be repeated; a virtual robot waits for a server that restarts or is held up,
         and an actual one must not move without its body. Raises RobotLost and domain errors."""
-        return _RETRIES.call(lambda: self._call(operation), RETRY_S if self._is_body else 0.0, ServerAway)
+        return Backoff(0.02, 0.1).call(lambda: self._call(operation), RETRY_S if self._is_body else 0.0, ServerAway)
 
     def _call(self, operation: Callable[[_References], Answer], is_sensor: bool = False) -> Answer:
         """The answer to a call; is_sensor: of the sensor, which does not renew the lease. Raises RobotLost and domain

@@ -20,17 +20,12 @@ from robocorba.orb.orb import Orb
 from robocorba.robot.kinematics.smartpal import Side
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.smartpal_adaptor import SmartPalAdaptor
+from robocorba.robot.smartpal_stand_in.codes import AxesState, MobilityState, ReturnCode
 from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
 from robocorba.system.settings import Address
 
 #: Timeout of a call [s].
 CALL_TIMEOUT_S = 0.3
-#: A call that exceeds its timeout by this time [s] was late because this process was paused, not because of the unit.
-_PAUSED_S = 0.05
-#: After a longer pause [s] no call is repeated: the robot must not continue an old motion.
-_MAX_PAUSE_S = 1.0
-#: Maximum number of alarms that are requested.
-_MAX_ALARMS = 4
 _MM = 1000.0
 
 #: By our name of a unit: its name in the root context of the robot's naming service, and its interface.
@@ -45,26 +40,23 @@ _BOUND = {
 _ARMS = {Side.LEFT: "MnpL", Side.RIGHT: "MnpR"}
 _GRIPPERS = {Side.LEFT: "GripperL", Side.RIGHT: "GripperR"}
 
-#: States in which a unit accepts commands.
-_MOBILITY_WORKS = {0x10: "Ready", 0x11: "Busy", 0x1A: "Caution"}
-_AXES_WORK = {0x12: "Ready", 0x13: "Busy", 0x16: "Jog busy", 0x17: "Direct busy", 0x1A: "Caution"}
-#: States in which a unit is stopped and accepts commands.
-_MOBILITY_STOPPED, _AXES_STOPPED = (0x10, 0x1A), (0x12, 0x1A)
-_MOBILITY_LOCKED = 0x17
-_WARNINGS = (-100, -101)
+#: States in which a unit is stopped and accepts commands, and others in which it accepts them.
+_MOBILITY_STOPPED = {MobilityState.READY, MobilityState.CAUTION}
+_AXES_STOPPED = {AxesState.READY, AxesState.CAUTION}
+_MOBILITY_WORKS = {*_MOBILITY_STOPPED, MobilityState.BUSY}
+_AXES_WORK = {*_AXES_STOPPED, AxesState.BUSY, AxesState.JOG_BUSY, AxesState.DIRECT_BUSY}
 #: Meanings of an arm's return codes.
-_REASONS = {
-    -1: "it failed",
-    -2: "not in this state",
-    -3: "a value is out of range",
-    -4: "its servo is off",
-    -5: "its motion queue is full",
-    -6: "over its greatest velocity",
-    -7: "over its greatest acceleration",
-    -8: "its load estimate",
-    -9: "its command queue is full",
+_REASONS: dict[int, str] = {
+    ReturnCode.FAILED: "it failed",
+    ReturnCode.WRONG_STATE: "not in this state",
+    ReturnCode.OUT_OF_RANGE: "a value is out of range",
+    ReturnCode.SERVO_OFF: "its servo is off",
+    ReturnCode.QUEUE_FULL: "its motion queue is full",
+    ReturnCode.TOO_FAST: "over its greatest velocity",
+    ReturnCode.TOO_MUCH_ACCELERATION: "over its greatest acceleration",
+    ReturnCode.OVERLOAD: "its load estimate",
+    ReturnCode.COMMAND_QUEUE_FULL: "its command queue is full",
 }
-_REFUSED = -1
 
 
 class RemoteSmartPalUnits:
@@ -100,7 +92,7 @@ class RemoteSmartPalUnits:
         """Clear the unit's alarms, switch its power and servo on. Refusals are ignored, since a unit may depend on one
         that is made ready later."""
         if unit == "Mobility":
-            if self._state(unit)[0] == _MOBILITY_LOCKED:
+            if self._state(unit)[0] == MobilityState.LOCKED:
                 self._call(unit, "unlock")
             steps: Sequence[tuple[Any, ...]] = (("clearAlarm",), ("setPower", True), ("setServo", True))
         elif unit in _GRIPPERS.values():
@@ -114,7 +106,7 @@ class RemoteSmartPalUnits:
         """Raise UnitFailed unless the unit accepts commands."""
         if unit in _GRIPPERS.values():
             if not self._call(unit, "isServoOn"):
-                self._refuse(unit, _REFUSED, "its servo is off")
+                self._refuse(unit, ReturnCode.FAILED, "its servo is off")
             return
         state, text = self._state(unit)
         if state not in (_MOBILITY_WORKS if unit == "Mobility" else _AXES_WORK):
@@ -127,9 +119,7 @@ class RemoteSmartPalUnits:
 
     def pose(self) -> Frame:
         """x, y [m] and heading [rad] by odometry."""
-        done, x, y, theta = self._call("Mobility", "getPosition")
-        if not done:
-            self._refuse("Mobility", _REFUSED, "it does not report its position")
+        x, y, theta = self._position("Mobility", "getPosition")
         return x / _MM, y / _MM, math.radians(theta)
 
     def set_pose(self, x: float, y: float, heading: float) -> None:
@@ -172,10 +162,7 @@ class RemoteSmartPalUnits:
 
     def lumbar(self) -> Floats:
         """Joint angles (2,) [rad]."""
-        done, lower, upper = self._call("Lumbar", "getFeedback")
-        if not done:
-            self._refuse("Lumbar", _REFUSED, "it does not report its position")
-        return np.radians([lower, upper])
+        return np.radians(self._position("Lumbar", "getFeedback"))
 
     def move_lumbar(self, lower: float, upper: float, speed: float, acceleration: float) -> None:
         """[rad], [rad/s], [rad/s^2]."""
@@ -183,10 +170,7 @@ class RemoteSmartPalUnits:
 
     def grip(self, side: Side) -> float:
         """Angle [rad]; open is negative."""
-        done, position = self._call(_GRIPPERS[side], "getFeedback")
-        if not done:
-            self._refuse(_GRIPPERS[side], _REFUSED, "it does not report its position")
-        return math.radians(position)
+        return math.radians(*self._position(_GRIPPERS[side], "getFeedback"))
 
     def move_grip(self, side: Side, position: float, speed: float, acceleration: float) -> None:
         """[rad], [rad/s], [rad/s^2]."""
@@ -201,7 +185,9 @@ class RemoteSmartPalUnits:
         try:
             return self._call_once(unit, operation, *arguments)
         except AdaptorFailed:
-            if not CALL_TIMEOUT_S + _PAUSED_S < time.monotonic() - began < _MAX_PAUSE_S:
+            # A call was late because of a pause if it exceeds its timeout by 0.05 s. After more than a second it is not
+            # repeated: the robot must not continue an old motion.
+            if not CALL_TIMEOUT_S + 0.05 < time.monotonic() - began < 1.0:
                 raise
             return self._call_once(unit, operation, *arguments)
 
@@ -215,28 +201,33 @@ class RemoteSmartPalUnits:
         answer = self._call(unit, operation, *arguments)
         if isinstance(answer, bool):
             if not answer:
-                self._refuse(unit, _REFUSED, f"it refuses {operation}")
-        elif answer != 0 and answer not in _WARNINGS:
+                self._refuse(unit, ReturnCode.FAILED, f"it refuses {operation}")
+        elif answer not in (ReturnCode.OK, ReturnCode.SPEED_WARNING, ReturnCode.ACCELERATION_WARNING):
             self._refuse(unit, answer, f"it refuses {operation}: {_REASONS.get(answer, 'unknown return code')}")
+
+    def _position(self, unit: str, operation: str) -> list[float]:
+        done, *position = self._call(unit, operation)
+        if not done:
+            self._refuse(unit, ReturnCode.FAILED, "it does not report its position")
+        return position
 
     def _state(self, unit: str) -> tuple[int, str]:
         _, state, text = self._call(unit, "getState")
         return state, text
 
     def _alarms(self, unit: str) -> list[Any]:
-        return [
-            alarm for alarm in self._call(unit, "getActiveAlarm", _MAX_ALARMS)[2] if alarm.type != _GlobalIDL.WARNING
-        ]
+        """Those of its first four that are no warnings."""
+        return [alarm for alarm in self._call(unit, "getActiveAlarm", 4)[2] if alarm.type != _GlobalIDL.WARNING]
 
     def _refuse(self, unit: str, code: int, reason: str) -> NoReturn:
         """Raise UnitFailed with the unit's alarms, or else with its state."""
         alarms = self._alarms(unit)
         if alarms:
             listed = ", ".join(f"alarm {alarm.code:#x} {alarm.description}" for alarm in alarms)
-            raise UnitFailed(unit, code, f"{reason}; {listed}")
+            raise UnitFailed(unit, int(code), f"{reason}; {listed}")
         if unit not in _GRIPPERS.values():
             reason = f"{reason}; it is {self._state(unit)[1]}"
-        raise UnitFailed(unit, code, reason)
+        raise UnitFailed(unit, int(code), reason)
 
 
 def adaptor(context: AdaptorContext) -> SmartPalAdaptor:

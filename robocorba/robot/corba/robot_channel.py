@@ -14,10 +14,8 @@ from robocorba.events.queue import QueuePolicy
 from robocorba.orb.orb import Orb
 from robocorba.system.repeating import Repeating
 
-#: Timeout to resolve the channel [s].
-RESOLVE_TIMEOUT_S = 1.0
-#: Interval between checks that the channel still has the subscription [s].
-CHECK_INTERVAL_S = 5.0
+#: Interval between checks that the channel still has the subscription [s], and between attempts to subscribe.
+CHECK_INTERVAL_S, RETRY_S = 5.0, 2.0
 #: Queue of a robot in the channel; beyond its size the oldest events are discarded.
 QUEUE = QueuePolicy(size=1000)
 
@@ -36,7 +34,11 @@ class RobotChannel:
         self._is_checked = False
         self._patterns: Sequence[tuple[str, str]] = ()
         self._lock = threading.Lock()
-        self._check = Repeating(f"subscription of {name}", self._renew, lambda: CHECK_INTERVAL_S)
+        #: Why the last attempt to subscribe failed.
+        self._problem = ""
+        self._check = Repeating(
+            f"subscription of {name}", self._renew, lambda: CHECK_INTERVAL_S if self._subscription else RETRY_S
+        )
 
     def subscribe(self, patterns: Sequence[tuple[str, str]], receive: Callable[[str, str, Any, str], None]) -> None:
         """Call `receive` with type, source, payload and origin of each event that matches one of `patterns`.
@@ -46,9 +48,21 @@ class RobotChannel:
         with self._lock:
             self._receiver, self._patterns = receive, patterns
             self._subscribe()
-            if self._subscription and not self._is_checked:
-                self._is_checked = True
-                self._check.start()
+            if self._subscription:
+                self._start_checks()
+
+    def keep_subscribed(
+        self, patterns: Sequence[tuple[str, str]], receive: Callable[[str, str, Any, str], None]
+    ) -> None:
+        """The same, from the moment on in which the channel answers."""
+        with self._lock:
+            self._receiver, self._patterns = receive, patterns
+            self._start_checks()
+
+    def _start_checks(self) -> None:
+        if not self._is_checked:
+            self._is_checked = True
+            self._check.start()
 
     def _subscribe(self) -> None:
         if self._subscription and (not self._patterns or self._subscription.is_lost()):
@@ -63,10 +77,14 @@ class RobotChannel:
         with self._lock:
             try:
                 if self._patterns and (self._subscription is None or self._subscription.is_lost()):
+                    if self._subscription:
+                        _log.warning("%s subscribes again to %s, which has ended it", self._name, self._channel)
                     self._subscribe()
-                    _log.warning("%s has subscribed again to %s, which had ended it", self._name, self._channel)
+                self._problem = ""
             except (NotReachable, EventError) as error:
-                _log.info("%s can't subscribe to %s again yet: %s", self._name, self._channel, error)
+                if str(error) != self._problem:
+                    self._problem = str(error)
+                    _log.info("%s can't subscribe to %s, attempts go on: %s", self._name, self._channel, error)
 
     def _receive(self, event: Event) -> None:
         self._receiver(event.type, event.source, event.payload, event.origin)
@@ -84,5 +102,5 @@ class RobotChannel:
         if not self._channel:
             raise NotReachable("the robot has no event channel")
         if self._client is None:
-            self._client = EventClient(self._orb, self._channel, self._name, RESOLVE_TIMEOUT_S)
+            self._client = EventClient(self._orb, self._channel, self._name, 1.0)
         return self._client

@@ -17,14 +17,6 @@ from robocorba.robot.programs import program
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.system.last_order import LastOrder
 
-#: Validity of a velocity, unless another one is wanted [s]: a robot stops this time after the last message.
-VELOCITY_VALID_S = 0.5
-#: Age from which an order that waits for its turn is too old for execution [s].
-MAX_AGE_S = 0.5
-#: Timeout for the end of a drive that a new goal replaces [s], and the interval between looks at it.
-REPLACE_TIMEOUT_S, REPLACE_INTERVAL_S = 5.0, 0.05
-#: Minimum interval between reports of the same problem [s].
-REPORT_INTERVAL_S = 2.0
 #: Name of the program that drives to a goal.
 GOAL = "goal_pose"
 
@@ -50,8 +42,8 @@ class RobotOrders:
         self._velocities.close()
         self._goals.close()
 
-    def drive(self, velocity: Velocity, valid_s: float = VELOCITY_VALID_S) -> None:
-        """Drive at a velocity ahead and to the left [m/s], turn [rad/s], for some time [s]."""
+    def drive(self, velocity: Velocity, valid_s: float = 0.5) -> None:
+        """Drive at a velocity ahead and to the left [m/s], turn [rad/s], for some time [s] after the last message."""
         self._velocities.give((velocity, valid_s, time.monotonic()))
 
     def drive_to(self, goal: Pose) -> None:
@@ -86,7 +78,7 @@ class RobotOrders:
 
     def _drive(self, order: tuple[Velocity, float, float]) -> None:
         velocity, valid_s, given_at = order
-        if time.monotonic() - given_at < MAX_AGE_S:
+        if time.monotonic() - given_at < 0.5:  # else it has waited for its turn for too long
             self.order(lambda agent: agent.drive(velocity, valid_s))
 
     def _drive_to(self, goal: Pose) -> None:
@@ -109,10 +101,10 @@ class RobotOrders:
             agent.load(self._program)
 
     def _note(self, kind: str, why: str) -> None:
-        """Report a problem once every REPORT_INTERVAL_S."""
+        """Report a problem once every 2 s."""
         before, at_s = self._problems.get(kind, ("", 0.0))
         now_s = time.monotonic()
-        if why and (why != before or now_s - at_s >= REPORT_INTERVAL_S):
+        if why and (why != before or now_s - at_s >= 2.0):
             self._warn(f"{self.name}: {kind}: {why}")
             self._problems[kind] = why, now_s
         elif not why:
@@ -128,15 +120,16 @@ def _is_goal(loaded: str) -> bool:
 
 
 def _end_drive(agent: RemoteAgent) -> None:
-    """End teleoperation, and a drive to an earlier goal. Raises IllegalOrder if another program runs."""
+    """End teleoperation, and a drive to an earlier goal. Raises IllegalOrder if another program runs, MotionFailed if
+    it has not ended within 5 s."""
     state = agent.state()
     if state.condition is AgentCondition.IDLE:
         return
     if state.program.name not in (GOAL, TELEOPERATION) or state.program.result is not ProgramResult.NO_RESULT:
         raise IllegalOrder("drive to a goal", f"is {state.condition.name}: {state.reason or state.program.name}")
     agent.abort()
-    deadline = time.monotonic() + REPLACE_TIMEOUT_S
+    deadline = time.monotonic() + 5.0
     while agent.state().condition is not AgentCondition.IDLE:
         if time.monotonic() > deadline:
-            raise MotionFailed(f"the last drive did not end within {REPLACE_TIMEOUT_S:g} s")
-        time.sleep(REPLACE_INTERVAL_S)
+            raise MotionFailed("the last drive did not end within 5 s")
+        time.sleep(0.05)

@@ -1,4 +1,5 @@
-"""Conversion between IDL structs and domain values: states of sessions, adaptors and agents, commands, reports."""
+"""Conversion between IDL structs and domain values: states of sessions, adaptors and agents, commands, reports and
+plans."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ from robocorba.errors.robots import AdaptorFailed
 from robocorba.orb.exceptions import register, register_with
 from robocorba.orb.structs import Converter, enumeration, struct_converter
 from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
+from robocorba.robot.data_pool.plans import Plan
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.session import SessionState
@@ -79,7 +81,9 @@ def actor_command_of(struct: Any) -> ActorCommand:
 
 _REPORT = struct_converter(ProgramReport, RoboCorba.ProgramReport, result=enumeration(ProgramResult))
 _AGENT_STATE = struct_converter(
-    *(AgentState, RoboCorba.AgentState, {"tickJitter": "jitter_s"}),
+    AgentState,
+    RoboCorba.AgentState,
+    {"tickJitter": "jitter_s"},
     condition=enumeration(AgentCondition),
     at=Converter(lambda pose: pose, pose_of),
     actor=Converter(actor_state, actor_state_of),
@@ -124,6 +128,15 @@ def begun_of(struct: Any) -> IconBegun:
     return IconBegun(struct.number, struct.icon, struct.kind, struct.seconds)
 
 
+def plan_record(plan: Plan) -> Any:
+    return RoboCorba.PlanRecord(plan.name, plan.version, plan.content)
+
+
+def plan_of(struct: Any) -> Plan:
+    return Plan(struct.name, struct.current, struct.content)
+
+
+register(errors.UnknownPlan, RoboCorba.UnknownPlan, "name")
 register(errors.UnknownAdaptor, RoboCorba.UnknownAdaptor, "name", "known")
 register(errors.AdaptorFailed, RoboCorba.AdaptorFailed, "cause")
 for _kind in (errors.UnitFailed, errors.RobotLost, errors.ServerAway):

@@ -13,16 +13,13 @@ from robocorba.simulation.corba import sessions
 from robocorba.simulation.emergency_stops import StopAnswer
 from robocorba.stubs import RoboCorba
 
-#: Timeout of a stop [s]: the robot's adaptor may take a second to confirm it.
-CALL_TIMEOUT_S = 3.0
-
 _log = logging.getLogger(__name__)
 
 
 def stop_at(orb: Orb, target: str, reason: str, number: int = 0) -> StopAnswer:
     """Stop the robot whose stop target is at a URI. number: of the simulation server's stop; 0 for another caller's.
     Raises NotReachable."""
-    reference = orb.reference(target, RoboCorba.StopTarget, CALL_TIMEOUT_S)
+    reference = orb.reference(target, RoboCorba.StopTarget, 3.0)  # its adaptor may take a second to confirm it
     with translated("the robot"):
         if number:
             try:

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import Protocol
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
@@ -19,21 +18,23 @@ from robocorba.errors.simulation import UpdateMismatch
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.elevator_state import ElevatorState
 from robocorba.map_editor.spatial.floor_update import FloorUpdate, FloorView
-from robocorba.robot.data_pool.recent import Updates, continued
-from robocorba.robot.data_pool.snapshot import NO_BODIES, NO_ELEVATORS, NO_MOTIONS, FloorBodies, FloorSnapshot
+from robocorba.robot.data_pool.snapshot import (
+    NO_BODIES,
+    NO_ELEVATORS,
+    NO_MOTIONS,
+    FloorBodies,
+    FloorSnapshot,
+    Updates,
+    continued,
+)
 from robocorba.robot.data_pool.walls import Walls
 
 #: Maximum age of a snapshot from which the present positions of moving robots can be extrapolated [s].
 STALE_S = 0.3
 
 
-class FloorUpdates(Protocol):
-    """Supplies the state of every floor."""
-
-    def changes(self, floor: str, since: int) -> FloorUpdate:
-        """The changes on a floor since a version; for WHOLE, the whole floor. Raises UnknownFloor, NotReachable."""
-
-
+#: Returns the changes on a floor since a version; for WHOLE, the whole floor. Raises UnknownFloor, NotReachable.
+FloorUpdates = Callable[[str, int], FloorUpdate]
 #: Returns a building with at least the floor of this name. Raises UnknownFloor, NotReachable.
 MapSource = Callable[[str], Building]
 
@@ -158,7 +159,7 @@ class _Follower:
         requested_at = self._clock()
         view = self._view
         try:
-            update = self._source.changes(view.floor, view.version)
+            update = self._source(view.floor, view.version)
             has_changed = view.apply(update)
         except UpdateMismatch:
             self._view = FloorView(self._floor)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from types import MappingProxyType
@@ -14,19 +14,63 @@ import shapely
 from shapely import Point
 
 from robocorba.errors.paths import InvalidPoint, InvalidRequest
+from robocorba.map_editor.model import MapObject
+from robocorba.map_editor.movable import object_outline
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.map_editor.spatial.elevator_state import ElevatorState
 from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate, Motions
-from robocorba.robot.data_pool.entities import FloorEntity, entity_of_body, entity_of_map_object
-from robocorba.robot.data_pool.recent import Updates, merged, since
+from robocorba.map_editor.spatial.frames import out_of
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.robot.data_pool.walls import NearbyObstacle, Walls, nearest_of
 
+#: Updates that a pool remembers: some 4 s. A reader with an older version gets the whole floor.
+MAX_UPDATES = 128
+Updates = tuple[FloorUpdate, ...]
 
-class NearbyRobot(NamedTuple):
-    """A robot, and the distance to its rim; 0 inside it."""
 
-    distance_m: float
-    robot: FloorEntity
+class FloorEntity(NamedTuple):
+    """A robot or an object: x, y [m] and heading [rad] on its floor, velocity along the floor's axes [m/s] and turn
+    [rad/s].
+
+    radius_m: of a robot, or of the circle around an object. outline: of an object in its own frame, the corners of a
+    polygon or the two ends of a line. mass_kg: 0 for an object that can't be moved, whose mass maps don't contain."""
+
+    name: str
+    kind: BodyKind
+    x: float
+    y: float
+    heading: float
+    vx: float
+    vy: float
+    turn: float
+    radius_m: float
+    outline: tuple[XY, ...]
+    mass_kg: float
+    is_movable: bool
+    #: Of the body in the simulation, its identity while names change; 0 for an object that can't be moved.
+    number: int = 0
+
+    @property
+    def corners(self) -> tuple[XY, ...]:
+        """The outline in the floor's frame [m]."""
+        return tuple(out_of(x, y, (self.x, self.y, self.heading)) for x, y in self.outline)
+
+
+def entity_of_body(body: Body, motion: np.void) -> FloorEntity:
+    """An entity from a body and its row of MOTION."""
+    _, vx, vy, turn, x, y, heading = motion.tolist()
+    shape = body.radius_m, body.outline, body.mass_kg
+    return FloorEntity(body.name, body.kind, x, y, heading, vx, vy, turn, *shape, is_movable=True, number=body.number)
+
+
+def entity_of_map_object(item: MapObject) -> FloorEntity:
+    """An object that can't be moved, at its pose on the map."""
+    corners = shapely.get_coordinates(object_outline(item)).tolist()
+    if corners[0] == corners[-1]:  # a ring
+        corners.pop()
+    radius_m = max(math.hypot(x, y) for x, y in corners)
+    pose, shape = (*item.at, item.heading), tuple((x, y) for x, y in corners)
+    return FloorEntity(item.name, BodyKind.OBJECT, *pose, 0.0, 0.0, 0.0, radius_m, shape, 0.0, is_movable=False)
 
 
 class FloorBodies:
@@ -99,8 +143,9 @@ class FloorSnapshot:
             found += [entity_of_map_object(item) for item in fixed if fnmatchcase(item.name, pattern)]
         return sorted(found, key=lambda entity: entity.name)
 
-    def robots_near(self, x: float, y: float, range_m: float) -> list[NearbyRobot]:
-        """Other robots whose rims are within `range_m` of a point (x, y) [m], nearest first.
+    def robots_near(self, x: float, y: float, range_m: float) -> list[tuple[float, FloorEntity]]:
+        """Other robots whose rims are within `range_m` of a point (x, y) [m], nearest first, each after the distance to
+        its rim [m], 0 inside it.
 
         Raises InvalidPoint, InvalidRequest."""
         _check_point(x, y)
@@ -110,9 +155,7 @@ class FloorSnapshot:
         distances_m = self._distances_m(rows, x, y)
         order = np.argsort(distances_m, kind="stable")
         return [
-            NearbyRobot(max(float(distances_m[i]), 0.0), self._entity(int(rows[i])))
-            for i in order
-            if distances_m[i] <= range_m
+            (max(float(distances_m[i]), 0.0), self._entity(int(rows[i]))) for i in order if distances_m[i] <= range_m
         ]
 
     def nearest_non_robot(self, x: float, y: float) -> NearbyObstacle | None:
@@ -161,3 +204,43 @@ def _check_point(x: float, y: float) -> None:
     for name, value in (("x", x), ("y", y)):
         if not math.isfinite(value):
             raise InvalidPoint("place", name, f"{value} is not a finite number")
+
+
+# ---- the last updates, for readers that have an earlier version ----
+
+
+def continued(recent: Updates, update: FloorUpdate) -> Updates:
+    """The updates with one more that continues the last one; none after a whole floor, which readers get instead.
+    Without changes, as before."""
+    if update.since == WHOLE:
+        return ()
+    if update.version == update.since:
+        return recent
+    return (*recent[1 - MAX_UPDATES :], update)
+
+
+def since(recent: Sequence[FloorUpdate], version: int) -> Sequence[FloorUpdate] | None:
+    """The updates that lead from a version to the last one; None if it is not remembered."""
+    for index, update in enumerate(recent):
+        if update.since == version:
+            return recent[index:]
+    return None
+
+
+def merged(updates: Sequence[FloorUpdate], last: FloorUpdate) -> FloorUpdate:
+    """One update with the effect of all `updates`, in their order; time and map are those of `last`."""
+    came: dict[int, Body] = {}
+    went: dict[int, None] = {}
+    rows: dict[int, np.void] = {}
+    elevators: dict[str, ElevatorState] = {}
+    for update in updates:
+        for number in update.went:
+            came.pop(number, None)
+            rows.pop(number, None)
+            went[number] = None
+        came.update((body.number, body) for body in update.came)
+        rows.update(zip(update.motions["number"].tolist(), update.motions, strict=True))
+        elevators.update(update.elevators)
+    first = updates[0].since if updates else last.version
+    motions = np.array(list(rows.values()), MOTION) if rows else np.empty(0, MOTION)
+    return last._replace(since=first, came=list(came.values()), went=list(went), motions=motions, elevators=elevators)

@@ -12,18 +12,17 @@ from robocorba.robot.data_pool.snapshot import FloorSnapshot
 
 #: Distance of a robot's rim from walls, objects and other robots at its start [m].
 GAP_M = 0.1
-#: Number of rings of places around each path node. The innermost ring has DIRECTIONS places, the others multiples.
-RINGS, DIRECTIONS = 8, 6
 
 
 def start_places(nodes: Sequence[XY], floor: FloorSnapshot, radius_m: float) -> Iterator[XY]:
-    """Free places (x, y) [m] for a robot of `radius_m`; nodes: the path nodes of the floor. Places near a node can be
-    reached from it on a straight line."""
+    """Free places (x, y) [m] for a robot of `radius_m`; nodes: the path nodes of the floor. Around each node are eight
+    rings of places, the innermost of six, the others of multiples. Places near a node can be reached from it on a
+    straight line."""
     spacing_m = 2.0 * (radius_m + GAP_M)
     yield from (node for node in nodes if _is_free(node, floor, radius_m, 0.0))
-    for ring in range(1, RINGS + 1):
+    for ring in range(1, 9):
         for node in nodes:
-            for place in _around(node, ring * spacing_m, ring * DIRECTIONS):
+            for place in _around(node, ring * spacing_m, ring * 6):
                 if _is_free(place, floor, radius_m, GAP_M) and _is_clear(node, place, floor, radius_m):
                     yield place
 

@@ -98,7 +98,7 @@ def _waist() -> list[Part]:
     bellows = [
         _cone("waist", (0.105, 0.125), 1.0, 0.018, (0, 0, 0.02 + ring * (length - 0.08) / 8), "dark")
         for ring in range(9)
-        if not _is_near_laser(LUMBAR_LOWER_HEIGHT_M + 0.02 + ring * (length - 0.08) / 8)
+        if abs(LUMBAR_LOWER_HEIGHT_M + 0.02 + ring * (length - 0.08) / 8 - LASER_M[2]) >= 0.02
     ]
     laser = (LASER_M[0] - 0.03, LASER_M[1], LASER_M[2] - LUMBAR_LOWER_HEIGHT_M)
     return [
@@ -109,10 +109,6 @@ def _waist() -> list[Part]:
         _cone("waist", (0.047, 0.047), 0.9, 0.02, (laser[0], 0, laser[2] + 0.035), "blue"),  # the laser's cap
         *_disc("waist", (0, 0, 0), 0.14),
     ]
-
-
-def _is_near_laser(height_m: float) -> bool:
-    return abs(height_m - LASER_M[2]) < 0.02
 
 
 def _trunk() -> list[Part]:

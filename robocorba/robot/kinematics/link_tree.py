@@ -51,25 +51,21 @@ def links() -> list[Link]:
     return found
 
 
-class Mount(NamedTuple):
-    """A place on a link, with axes of its own: a hand's control point, the laser, a proximity sensor. at: [m].
-    attitude: quaternion w, x, y, z in the link's frame; x out of the hand or sensor."""
-
-    name: str
-    link: str
-    at: tuple[float, float, float]
-    attitude: tuple[float, float, float, float]
-
-
-def mounts() -> list[Mount]:
-    """left_hand, right_hand, laser, proximity_1 to _8."""
+def mounts() -> list[dict[str, Any]]:
+    """Places on links with axes of their own: left_hand, right_hand, the hands' control points, laser, proximity_1 to
+    _8. Each with its name and link, `at` [m], and attitude as a quaternion w, x, y, z in the link's frame; x out of
+    hand or sensor."""
     model = specification().compile()
-    found = []
-    for number in range(model.nsite):
-        site = model.site(number)
-        w, x, y, z = map(float, site.quat)
-        found.append(Mount(site.name, model.body(int(site.bodyid[0])).name, _vector(site.pos), (w, x, y, z)))
-    return found
+    sites = [model.site(number) for number in range(model.nsite)]
+    return [
+        {
+            "name": site.name,
+            "link": model.body(int(site.bodyid[0])).name,
+            "at": _vector(site.pos),
+            "attitude": tuple(map(float, site.quat)),
+        }
+        for site in sites
+    ]
 
 
 def as_json() -> dict[str, Any]:
@@ -84,7 +80,7 @@ def as_json() -> dict[str, Any]:
             }
             for link in links()
         ],
-        "mounts": [mount._asdict() for mount in mounts()],
+        "mounts": mounts(),
         "joints": JOINTS,
         "parts": [part._asdict() | {"shape": part.shape.value} for part in parts()],
         "paints": PAINTS,

@@ -22,18 +22,16 @@ from robocorba.robot.kinematics.mujoco_headless import mujoco
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import JOINT_ACCELERATION, JOINT_SPEED
 
-#: Mass [kg] and moments of inertia [kg m^2] of a link between two joints of a link of the model; taken off its mass.
-_JOINT_MASS_KG, _JOINT_INERTIA = 0.01, 1e-5
-#: Cylinders that replace an ellipsoid, and a cone.
-_ELLIPSOID_SLICES, _CONE_SLICES = 7, 4
-#: Inertia that a joint's drive overcomes, for the effort in the file [kg m^2]. Assumed, as URDF demands an effort.
-_DRIVEN_INERTIA = 5.0
+#: Mass of a link between two joints of a link of the model [kg]; taken off its mass.
+_JOINT_MASS_KG = 0.01
 
 
 def urdf() -> str:
     """The robot as a URDF document; angles of zero, limits and names of the joints are those of the model."""
     robot = Element("robot", name="smartpal")
-    robot.append(_for_mujoco())
+    # MuJoCo's own settings: keep all links and visual shapes. Other readers skip this element.
+    extension = SubElement(robot, "mujoco")
+    SubElement(extension, "compiler", discardvisual="false", fusestatic="false", strippath="false")
     for name, colour in PAINTS.items():
         SubElement(SubElement(robot, "material", name=name), "color", rgba=_numbers((*colour, 1.0)))
     model = specification().compile()
@@ -48,13 +46,6 @@ def urdf() -> str:
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(robot, "unicode") + "\n"
 
 
-def _for_mujoco() -> Element:
-    """MuJoCo's own settings in a URDF: keep all links and visual shapes. Other readers skip this element."""
-    extension = Element("mujoco")
-    SubElement(extension, "compiler", discardvisual="false", fusestatic="false", strippath="false")
-    return extension
-
-
 def _chain(link: Link) -> Iterator[Element]:
     """The joints from a link's parent to the link, and the links between them."""
     if not link.joints:
@@ -66,18 +57,13 @@ def _chain(link: Link) -> Iterator[Element]:
         is_last = index == len(link.joints) - 1 and not has_offset
         child = link.name if is_last else f"{link.name}_{index + 1}"
         if not is_last:
-            yield _between(child)
+            between = Element("link", name=child)
+            between.append(_inertial(_JOINT_MASS_KG, np.zeros(3), np.eye(3) * 1e-5))  # [kg m^2]
+            yield between
         yield _revolute(joint, parent, child, origin + joint.at)
         parent, origin = child, -np.array(joint.at)
     if has_offset:
         yield _fixed(f"{link.name}_mount", parent, link.name, origin)
-
-
-def _between(name: str) -> Element:
-    link = Element("link", name=name)
-    inertia = np.eye(3) * _JOINT_INERTIA
-    link.append(_inertial(_JOINT_MASS_KG, np.zeros(3), inertia))
-    return link
 
 
 def _fixed(name: str, parent: str, child: str, at: Iterable[float]) -> Element:
@@ -92,7 +78,7 @@ def _revolute(of: LinkJoint, parent: str, child: str, at: Iterable[float]) -> El
     joint = _fixed(of.name, parent, child, at)
     joint.set("type", "revolute")
     SubElement(joint, "axis", xyz=_numbers(of.axis))
-    effort = _DRIVEN_INERTIA * float(JOINT_ACCELERATION[of.number])
+    effort = 5.0 * float(JOINT_ACCELERATION[of.number])  # URDF demands one: for an assumed inertia of 5 kg m^2
     speed = float(JOINT_SPEED[of.number])
     limits = {"lower": of.lower, "upper": of.upper, "effort": effort, "velocity": speed}
     SubElement(joint, "limit", {name: _number(value) for name, value in limits.items()})
@@ -130,7 +116,7 @@ def _shapes(part: Part) -> Iterator[tuple[Element, Vector]]:
     if part.shape is Shape.BOX:
         yield Element("box", size=_numbers(part.size)), part.at
         return
-    rotation = _of_rpy(part.rpy)
+    rotation = HandPose(0, 0, 0, *part.rpy).rotation
     for low, high, radius in _slices(part):
         x, y, z = (float(value) for value in rotation @ (0, 0, (low + high) / 2) + part.at)
         yield Element("cylinder", radius=_number(radius), length=_number(high - low)), (x, y, z)
@@ -140,10 +126,10 @@ def _slices(part: Part) -> Iterator[tuple[float, float, float]]:
     """Lower and upper end and radius of the cylinders that replace a round part, along its own z [m]."""
     if part.shape is Shape.ELLIPSOID:
         x, y, half = part.size
-        count, height = _ELLIPSOID_SLICES, 2 * half
+        count, height = 7, 2 * half
     else:
         x, y, top, height = part.size
-        half, count = height / 2, 1 if top == 1.0 else _CONE_SLICES
+        half, count = height / 2, 1 if top == 1.0 else 4
     for index in range(count):
         middle = (index + 0.5) / count
         share = math.sqrt(1 - (2 * middle - 1) ** 2) if part.shape is Shape.ELLIPSOID else 1 + (top - 1) * middle
@@ -154,7 +140,7 @@ def _collisions(model: mujoco.MjModel, geom: int) -> Iterator[Element]:
     """A shape of the model; a capsule is a cylinder with a sphere at each end."""
     kind, size, at = model.geom_type[geom], model.geom_size[geom], model.geom_pos[geom]
     rotation = _rotation(model.geom_quat[geom])
-    rpy = _rpy(rotation)
+    rpy = HandPose.of(np.zeros(3), rotation)[3:]
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         yield _placed("collision", at, rpy, Element("box", size=_numbers(2 * size)))
         return
@@ -178,16 +164,6 @@ def _rotation(quaternion: Floats) -> Floats:
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3)
-
-
-def _of_rpy(rpy: Vector) -> Floats:
-    """The rotation matrix (3, 3) of roll, pitch and yaw about fixed axes."""
-    return HandPose(0, 0, 0, *rpy).rotation
-
-
-def _rpy(rotation: Floats) -> Vector:
-    pose = HandPose.of(np.zeros(3), rotation)
-    return pose.roll, pose.pitch, pose.yaw
 
 
 def _numbers(values: Iterable[float]) -> str:

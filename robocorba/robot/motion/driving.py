@@ -13,8 +13,6 @@ from robocorba.robot.motion.robot_state import ZERO_VELOCITY, RobotState, Veloci
 
 #: Tolerances of the goal: position [m] and heading [rad].
 ARRIVED_M, ARRIVED_RAD = 0.002, math.radians(0.05)
-#: A base below these velocities is stationary [m/s] and [rad/s].
-STATIONARY_M_S, STATIONARY_RAD_S = 0.005, math.radians(0.5)
 #: Share of the acceleration limits that is planned for braking; the rest compensates for delays.
 BRAKING_SHARE = 0.6
 #: Gain of the approach to the goal, for position and heading [1/s].
@@ -23,13 +21,9 @@ GAIN = 3.0
 LOOKAHEAD_M = 0.25
 #: Distance at which a corner counts as passed, and greatest deviation from the path there [m].
 CORNER_TOLERANCE_M = 0.04
-#: Maximum commanded speed above the present speed [m/s].
-MAX_SPEED_STEP_M_S = 0.1
 #: Remaining distance from which the robot turns to its final heading [m].
 FINAL_TURN_M = 0.6
-#: A robot that gains neither this distance [m] nor this angle [rad] towards its goal within STUCK_S is stuck.
-PROGRESS_M, PROGRESS_RAD = 0.01, 0.01
-#: Time without progress after which a motion fails [s].
+#: Time without progress, of 10 mm or 0.01 rad towards the goal, after which a motion fails [s].
 STUCK_S = 6.0
 
 
@@ -105,14 +99,17 @@ class Drive:
         speed = min(self._speeds[self._next], math.sqrt(end_speed * end_speed + 2.0 * braking * missing))
         if is_last:
             speed = min(speed, GAIN * missing)
-        # The wheels' acceleration serves the new direction first, then the speed.
+        # The wheels' acceleration serves the new direction first, then the speed: 0.1 m/s above the present one.
         ahead, left, _ = state.velocity
         along = _dot(turned(ahead, left, state.heading), offset) / distance
-        speed = min(speed, max(0.0, along) + MAX_SPEED_STEP_M_S)
+        speed = min(speed, max(0.0, along) + 0.1)
         return offset[0] / distance * speed, offset[1] / distance * speed
 
     def _corner_speed(self, segment: tuple[float, float]) -> float:
-        """Maximum speed at the next corner at which the base deviates from the path by at most CORNER_TOLERANCE_M."""
+        """Maximum speed at the next corner at which the base deviates from the path by at most CORNER_TOLERANCE_M.
+
+        An acceleration a turns a velocity v by the corner's angle c along a parabola, v^2 sin^2(c/2) / (2a) off the
+        corner; this speed leaves half of the tolerance."""
         limit = self._speeds[self._next + 1]
         after = _minus(self._points[self._next + 1], self._points[self._next])
         lengths = math.hypot(*segment) * math.hypot(*after)
@@ -138,8 +135,8 @@ class Drive:
         return math.copysign(min(limit, GAIN * abs(error_rad)), error_rad)
 
     def _check_progress(self, state: RobotState, remaining: float, error_rad: float, elapsed_s: float) -> None:
-        is_turning = remaining < FINAL_TURN_M and error_rad < self._least_error_rad - PROGRESS_RAD
-        if remaining < self._nearest - PROGRESS_M or is_turning:
+        is_turning = remaining < FINAL_TURN_M and error_rad < self._least_error_rad - 0.01
+        if remaining < self._nearest - 0.01 or is_turning:
             self._nearest, self._least_error_rad = min(remaining, self._nearest), error_rad
             self._progress_at = elapsed_s
         x, y = self._points[-1]
@@ -152,26 +149,19 @@ class Drive:
             )
 
 
-class DriveBy:
-    """Drives by an offset from the present pose: ahead and to the left [m], turn [rad]."""
+class DriveBy(Drive):
+    """Drives by an offset from the pose at its start: ahead and to the left [m], turn [rad], from the start."""
 
     def __init__(self, ahead: float, left: float, turn: float, speed: float, limits: Limits) -> None:
-        self._by, self._speed, self._limits = (ahead, left, turn), speed, limits
-        self._drive: Drive | None = None
+        super().__init__([(ahead, left)], turn, speed, limits)
+        self._is_relative = True
 
     def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
-        if self._drive is None:
-            ahead, left, turn = self._by
-            goal = out_of(ahead, left, (state.x, state.y, state.heading))
-            self._drive = _StraightDrive(goal, state.heading + turn, self._speed, self._limits)
-        return self._drive.command(state, elapsed_s)
-
-
-class _StraightDrive(Drive):
-    """Drives to one point, and turns to the final heading from the start."""
-
-    def __init__(self, goal: tuple[float, float], heading: float, speed: float, limits: Limits) -> None:
-        super().__init__([goal], heading, speed, limits)
+        if self._is_relative:
+            self._is_relative = False
+            self._points = [out_of(*self._points[0], (state.x, state.y, state.heading))]
+            self._heading = state.heading + (self._heading or 0.0)
+        return super().command(state, elapsed_s)
 
     def _wanted_heading(self, state: RobotState, remaining: float, vx: float, vy: float) -> float:
         assert self._heading is not None
@@ -190,17 +180,10 @@ class DriveAt:
         return None if is_stationary(state) else MotionCommand(ZERO_VELOCITY)
 
 
-class StopBase:
-    """Stops the base; ends once it is stationary."""
-
-    def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
-        return None if is_stationary(state) else MotionCommand(ZERO_VELOCITY)
-
-
 def is_stationary(state: RobotState) -> bool:
-    """Whether the base is stationary."""
+    """Whether the base is stationary: below 5 mm/s and 0.5 degrees/s, which is above the noise of encoders."""
     ahead, left, turn = state.velocity
-    return math.hypot(ahead, left) <= STATIONARY_M_S and abs(turn) <= STATIONARY_RAD_S
+    return math.hypot(ahead, left) <= 0.005 and abs(turn) <= math.radians(0.5)
 
 
 def _minus(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:

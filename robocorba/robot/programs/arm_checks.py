@@ -3,37 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from robocorba.errors.robots import InvalidProgram, Unreachable
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.smartpal import JOINTS, LUMBAR
-from robocorba.robot.programs.hands import BodyModel, HandIcon, Kinematics, home, joint_path, joints_of
-from robocorba.robot.programs.icons import (
-    CooperativeIcon,
-    Gripper,
-    Icon,
-    Lumbar,
-    MhandJoints,
-    MhandOffset,
-    MhandPose,
-    MhandPosture,
-)
+from robocorba.robot.programs.hands import TARGET_PARAMETERS, HandIcon, home, joint_path, joints_of
+from robocorba.robot.programs.icons import CooperativeIcon, Gripper, Icon, MhandOffset, MhandPose
 from robocorba.robot.programs.report import CheckReport
 
-#: Maximum change of a joint between two postures that are checked for collisions [rad].
-_STEP_RAD = math.radians(2)
-#: The parameters of each icon that determine its target joints, as a finding names them.
-_TARGET_PARAMETERS: dict[type, str] = {
-    MhandPose: "x, y, z",
-    MhandOffset: "dx, dy, dz",
-    MhandJoints: "joints",
-    MhandPosture: "posture",
-    Lumbar: "lower, upper",
-}
+if TYPE_CHECKING:
+    from robocorba.robot.kinematics.body import SmartPalBody
+    from robocorba.robot.kinematics.inverse import InverseKinematics
 
 
 class KnownArms(NamedTuple):
@@ -43,17 +27,17 @@ class KnownArms(NamedTuple):
     joints: tuple[float, ...]
     is_known: tuple[bool, ...] = (True,) * len(JOINTS)
 
-    def with_unknown(self, joints: Iterable[int], home: Floats) -> KnownArms:
+    def with_unknown(self, joints: Iterable[int]) -> KnownArms:
         """The same, with some joints unknown."""
-        values, known = list(self.joints), list(self.is_known)
+        values, known, at_home = list(self.joints), list(self.is_known), home().tolist()
         for joint in joints:
-            values[joint], known[joint] = float(home[joint]), False
+            values[joint], known[joint] = at_home[joint], False
         return KnownArms(tuple(values), tuple(known))
 
-    def merged_with(self, other: KnownArms, home: Floats) -> KnownArms:
+    def merged_with(self, other: KnownArms) -> KnownArms:
         """What is known if either state is possible: the joints that are equal in both."""
         one, two = (list(zip(arms.joints, arms.is_known, strict=True)) for arms in (self, other))
-        return self.with_unknown((joint for joint in range(len(JOINTS)) if one[joint] != two[joint]), home)
+        return self.with_unknown(joint for joint in range(len(JOINTS)) if one[joint] != two[joint])
 
     @property
     def is_body_known(self) -> bool:
@@ -69,15 +53,13 @@ class ArmChecks:
     def __init__(
         self,
         report: CheckReport,
-        kinematics: Kinematics | None,
-        postures: Mapping[str, Floats],
+        kinematics: InverseKinematics | None,
         joints: Floats | None = None,
     ) -> None:
-        self._report, self._kinematics, self._postures = report, kinematics, postures
-        self.home = home(postures)
+        self._report, self._kinematics = report, kinematics
         #: Why this robot can't move arms, or empty.
         self._reason = "" if joints is None else _reason_against(joints)
-        start = self.home if joints is None or self._reason else joints
+        start = home() if joints is None or self._reason else joints
         self.start = KnownArms(tuple(start.tolist()))
 
     def after(self, path: str, icon: Icon, arms: KnownArms) -> KnownArms:
@@ -89,17 +71,17 @@ class ArmChecks:
             self._report.add_finding(path, "icon", self._reason)
             return arms
         if isinstance(icon, CooperativeIcon):
-            return arms.with_unknown(range(len(JOINTS)), self.home)
-        unknown = arms.with_unknown(joints_of(icon), self.home)
+            return arms.with_unknown(range(len(JOINTS)))
+        unknown = arms.with_unknown(joints_of(icon))
         if not self._kinematics:
             return unknown
         if isinstance(icon, MhandOffset) and not arms.is_body_known:
             self._report.add_note(path, "the start of the hand is unknown: this motion is not checked")
             return unknown
         try:
-            postures = joint_path(icon, np.array(arms.joints), self._kinematics, self._postures)
+            postures = joint_path(icon, np.array(arms.joints), self._kinematics)
         except Unreachable as error:
-            self._report.add_finding(path, _TARGET_PARAMETERS[type(icon)], str(error))
+            self._report.add_finding(path, TARGET_PARAMETERS[type(icon)], str(error))
             return unknown
         except InvalidProgram as error:
             self._report.add_finding(path, error.parameter, error.reason)
@@ -114,7 +96,13 @@ class ArmChecks:
         return unknown
 
     def _is_clear(
-        self, path: str, icon: HandIcon, start: KnownArms, postures: Sequence[Floats], end: KnownArms, body: BodyModel
+        self,
+        path: str,
+        icon: HandIcon,
+        start: KnownArms,
+        postures: Sequence[Floats],
+        end: KnownArms,
+        body: SmartPalBody,
     ) -> bool:
         """Whether no links collide that did not collide at the start, as far as the joints are known; reports a
         collision."""
@@ -129,7 +117,7 @@ class ArmChecks:
             if colliding := set(body.collisions(posture)) - colliding_before:
                 one, other = min(colliding)
                 where = "at the end" if posture is postures[-1] else "during the motion"
-                self._report.add_finding(path, _TARGET_PARAMETERS[type(icon)], f"{where} {one} collides with {other}")
+                self._report.add_finding(path, TARGET_PARAMETERS[type(icon)], f"{where} {one} collides with {other}")
                 return False
         return True
 
@@ -142,9 +130,9 @@ def _reason_against(joints: Floats) -> str:
 
 
 def _interpolated(start: Floats, postures: Sequence[Floats]) -> Iterator[Floats]:
-    """Postures on the path from `start` through `postures`, these included, at most _STEP_RAD apart."""
+    """Postures on the path from `start` through `postures`, these included, at most 2 degrees of a joint apart."""
     for goal in postures:
-        count = math.ceil(float(np.abs(goal - start).max()) / _STEP_RAD)
+        count = math.ceil(float(np.abs(goal - start).max()) / math.radians(2))
         for number in range(1, count):
             yield start + number / count * (goal - start)
         yield goal

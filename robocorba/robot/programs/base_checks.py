@@ -17,8 +17,6 @@ from robocorba.robot.programs.report import CheckReport
 
 #: The icons that move the base.
 BaseIcon = MbasePath | MbaseTo | MbaseBy | MbaseVelocity
-#: Excess over the straight line above which a path goes around an obstacle [m].
-_DETOUR_M = 0.01
 #: A robot that touches an obstacle plans with a radius that is smaller by this [m], so that it can leave.
 CONTACT_M = 0.02
 
@@ -131,7 +129,7 @@ class BaseChecks:
         length_m = self._path_m(path, start, goal, RouteMode.GEOMETRIC, parameter)
         if length_m is None:
             return False
-        if length_m > math.dist(start[1:], goal[1:]) + _DETOUR_M:
+        if length_m > math.dist(start[1:], goal[1:]) + 0.01:  # [m]: the path goes around something
             line = f"from ({start.x:.2f}, {start.y:.2f}) to ({goal.x:.2f}, {goal.y:.2f}) on {goal.floor}"
             ends = [(start.x, start.y), (goal.x, goal.y)]
             blocking = " and ".join(self._obstacles.near_line(goal.floor, ends, SMARTPAL_RADIUS_M)) or "an obstacle"

@@ -6,17 +6,15 @@ interpretation). After a branch only what is equal in both alternatives is known
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS
-from robocorba.robot.kinematics.tasks import POSTURES
 from robocorba.robot.programs.arm_checks import ArmChecks, KnownArms
 from robocorba.robot.programs.base_checks import BaseChecks, BaseIcon, KnownBase, Planner
-from robocorba.robot.programs.hands import HandIcon, Kinematics
+from robocorba.robot.programs.hands import HandIcon
 from robocorba.robot.programs.icons import (
     Branch,
     CloserThan,
@@ -38,12 +36,13 @@ from robocorba.robot.programs.icons import (
 from robocorba.robot.programs.program import Program, icons_with_paths
 from robocorba.robot.programs.report import CheckReport
 
+if TYPE_CHECKING:
+    from robocorba.robot.kinematics.inverse import InverseKinematics
+
 #: Maximum number of icons that a check follows. Icons in a repeat count each time they are followed, at most twice.
 MAX_ICONS_CHECKED = 4000
 #: The icons whose effect on base and arms the check knows, beside those that contain others.
 FOLLOWED = BaseIcon | HandIcon | CooperativeIcon | Wait | WaitUntil | Say
-#: Number of findings after which a check ends.
-MAX_FINDINGS = 100
 
 
 class Start(NamedTuple):
@@ -63,10 +62,9 @@ UNKNOWN_START = Start()
 
 def check(
     program: Program,
-    kinematics: Kinematics | None = None,
+    kinematics: InverseKinematics | None = None,
     planner: Planner | None = None,
     start: Start = UNKNOWN_START,
-    postures: Mapping[str, Floats] = POSTURES,
 ) -> CheckReport:
     """Check a program that `loads` accepts.
 
@@ -81,7 +79,7 @@ def check(
         report.add_note("", "no map: the base is not checked")
     for path, icon in icons_with_paths(program):
         _check_alone(path, icon, report)
-    _Interpreter(report, kinematics, planner, postures, start).run(program, start)
+    _Interpreter(report, kinematics, planner, start).run(program, start)
     return report
 
 
@@ -132,13 +130,12 @@ class _Interpreter:
     def __init__(
         self,
         report: CheckReport,
-        kinematics: Kinematics | None,
+        kinematics: InverseKinematics | None,
         planner: Planner | None,
-        postures: Mapping[str, Floats],
         start: Start,
     ) -> None:
         self._report = report
-        self._arms = ArmChecks(report, kinematics, postures, start.joints)
+        self._arms = ArmChecks(report, kinematics, start.joints)
         self._base = BaseChecks(report, planner, start.obstacles, start.robots)
         self._icons_checked = 0
         self._end_reason = ""
@@ -178,8 +175,8 @@ class _Interpreter:
             self._icons_checked += 1
             if self._icons_checked > MAX_ICONS_CHECKED:
                 self._end_reason = f"the check has followed {MAX_ICONS_CHECKED} icons, its limit"
-            elif len(self._report.findings) >= MAX_FINDINGS:
-                self._end_reason = f"the check has {MAX_FINDINGS} findings, its limit"
+            elif len(self._report.findings) >= 100:
+                self._end_reason = "the check has 100 findings, its limit"
             if self._end_reason:
                 self._report.add_note(path, f"{self._end_reason}: motions are not checked from here on")
         return bool(self._end_reason)
@@ -195,6 +192,7 @@ class _Interpreter:
         self._report.add_note(path, "each repetition ends in another state: only the first two are checked")
         return self._merged(first, second)
 
-    def _merged(self, one: _KnownState, other: _KnownState) -> _KnownState:
+    @staticmethod
+    def _merged(one: _KnownState, other: _KnownState) -> _KnownState:
         """What is known if either state is possible."""
-        return _KnownState(one.arms.merged_with(other.arms, self._arms.home), one.base.merged_with(other.base))
+        return _KnownState(one.arms.merged_with(other.arms), one.base.merged_with(other.base))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,34 +14,22 @@ from robocorba.robot.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, Side
 from robocorba.robot.kinematics.tasks import POSTURES
 from robocorba.robot.programs.icons import Gripper, Lumbar, MhandJoints, MhandOffset, MhandPose, MhandPosture, sides
 
-#: The icons that move joints.
-HandIcon = MhandJoints | MhandPose | MhandOffset | MhandPosture | Lumbar | Gripper
+if TYPE_CHECKING:  # with MuJoCo, which programs that are not checked do without
+    from robocorba.robot.kinematics.inverse import InverseKinematics
+
+#: The icons that move arms and lumbar, and with the grippers all that move joints.
+ArmIcon = MhandJoints | MhandPose | MhandOffset | MhandPosture | Lumbar
+HandIcon = ArmIcon | Gripper
+#: The parameters of each icon that determine its target joints, as a finding names them.
+TARGET_PARAMETERS: dict[type, str] = {
+    MhandPose: "x, y, z",
+    MhandOffset: "dx, dy, dz",
+    MhandJoints: "joints",
+    MhandPosture: "posture",
+    Lumbar: "lower, upper",
+}
 #: Distance between the points of a straight line for which the inverse kinematics is solved [m].
 LINE_STEP_M = 0.01
-
-
-class BodyModel(Protocol):
-    """The part of `robocorba.robot.kinematics.body.SmartPalBody` used here."""
-
-    def hand(self, side: Side, joints: Floats) -> HandPose: ...
-
-    def collisions(self, joints: Floats) -> list[tuple[str, str]]: ...
-
-
-class Kinematics(Protocol):
-    """The part of `robocorba.robot.kinematics.inverse.InverseKinematics` used here. Its methods raise Unreachable."""
-
-    @property
-    def body(self) -> BodyModel: ...
-
-    def solve(
-        self,
-        targets: Mapping[Side, HandPose],
-        seed: Floats,
-        *,
-        with_attitude: bool = True,
-        allow_restarts: bool = True,
-    ) -> Floats: ...
 
 
 def joints_of(icon: HandIcon) -> list[int]:
@@ -54,17 +41,15 @@ def joints_of(icon: HandIcon) -> list[int]:
     return [joint for side in sides(icon.hand) for joint in range(ARM[side].start, ARM[side].stop)]
 
 
-def home(postures: Mapping[str, Floats] = POSTURES) -> Floats:
+def home() -> Floats:
     """Joints (18,) of a robot that stands upright with both arms in the posture `home`."""
     joints = np.zeros(len(JOINTS))
     for side in Side:
-        joints[ARM[side]] = postures["home"]
+        joints[ARM[side]] = POSTURES["home"]
     return joints
 
 
-def joint_path(
-    icon: HandIcon, joints: Floats, kinematics: Kinematics, postures: Mapping[str, Floats] = POSTURES
-) -> list[Floats]:
+def joint_path(icon: HandIcon, joints: Floats, kinematics: InverseKinematics) -> list[Floats]:
     """The postures (18,) that an icon passes after `joints`; between two postures all joints move in proportion.
 
     A straight line of a hand has a posture every LINE_STEP_M, other icons have only their target. Raises Unreachable;
@@ -82,15 +67,15 @@ def joint_path(
             goal[GRIP[side]] = icon.angle_rad
         elif isinstance(icon, MhandJoints):
             goal[ARM[side]] = icon.joints
-        elif icon.posture in postures:
-            goal[ARM[side]] = postures[icon.posture]
+        elif icon.posture in POSTURES:
+            goal[ARM[side]] = POSTURES[icon.posture]
         else:
-            known = ", ".join(postures)
+            known = ", ".join(POSTURES)
             raise InvalidProgram("", "posture", f"unknown posture {icon.posture!r}; known are {known}")
     return [goal]
 
 
-def _hand_pose(icon: MhandPose, joints: Floats, kinematics: Kinematics) -> Floats:
+def _hand_pose(icon: MhandPose, joints: Floats, kinematics: InverseKinematics) -> Floats:
     pose = HandPose(icon.x, icon.y, icon.z, icon.roll or 0.0, icon.pitch or 0.0, icon.yaw or 0.0)
     targets = dict.fromkeys(sides(icon.hand), pose)
     if icon.hand == "both":
@@ -100,7 +85,7 @@ def _hand_pose(icon: MhandPose, joints: Floats, kinematics: Kinematics) -> Float
     return joints
 
 
-def _straight_line(icon: MhandOffset, joints: Floats, kinematics: Kinematics) -> list[Floats]:
+def _straight_line(icon: MhandOffset, joints: Floats, kinematics: InverseKinematics) -> list[Floats]:
     start = {side: kinematics.body.hand(side, joints) for side in sides(icon.hand)}
     steps = max(2, math.ceil(math.hypot(icon.dx, icon.dy, icon.dz) / LINE_STEP_M))
     found = []

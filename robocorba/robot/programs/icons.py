@@ -24,7 +24,7 @@ from robocorba.robot.kinematics.smartpal import (
     Side,
 )
 from robocorba.robot.programs.installed_icons import installed
-from robocorba.simulation.sensing.fan import LASER, PROXIMITY
+from robocorba.simulation.sensing.scan import LASER, ray_sensor
 
 
 def _tag(name: str) -> str:
@@ -94,7 +94,6 @@ Sensor = Literal[
     "right",
     "front_right",
 ]
-PROXIMITY_SENSORS: tuple[str, ...] = get_args(Sensor)[2:]
 
 
 def sides(hand: str) -> tuple[Side, ...]:
@@ -104,7 +103,7 @@ def sides(hand: str) -> tuple[Side, ...]:
 
 def range_m(sensor: str) -> float:
     """Range of a sensor [m]."""
-    return LASER.range_m if sensor == "laser" else PROXIMITY.range_m
+    return ray_sensor(sensor).fan.range_m
 
 
 class Destination(Struct, frozen=True, forbid_unknown_fields=True):
@@ -164,7 +163,15 @@ class _Icon(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True,
     pass
 
 
-class MbasePath(_Icon, frozen=True):
+class MovementIcon(_Icon, frozen=True):
+    """An icon that one method of the robot performs."""
+
+    def perform(self, robot: Any) -> None:
+        """Move a `robot.robot.Robot`. Raises as its methods do."""
+        raise NotImplementedError
+
+
+class MbasePath(MovementIcon, frozen=True):
     """Drive to a point in the building along a path of the path planning agent, across floors and elevators. The
     robot yields to other robots and, after it was blocked, plans around them. Without `heading` it keeps the last
     heading of the drive."""
@@ -175,8 +182,11 @@ class MbasePath(_Icon, frozen=True):
     heading: Heading | None = None
     speed: Speed | None = None
 
+    def perform(self, robot: Any) -> None:
+        robot.drive_path(self.floor, self.x, self.y, self.heading, self.speed or 0.0)
 
-class MbaseTo(_Icon, frozen=True):
+
+class MbaseTo(MovementIcon, frozen=True):
     """Drive straight to a point on the floor where the robot is."""
 
     x: Coordinate
@@ -184,8 +194,11 @@ class MbaseTo(_Icon, frozen=True):
     heading: Heading | None = None
     speed: Speed | None = None
 
+    def perform(self, robot: Any) -> None:
+        robot.drive_to(self.x, self.y, self.heading, self.speed or 0.0)
 
-class MbaseBy(_Icon, frozen=True):
+
+class MbaseBy(MovementIcon, frozen=True):
     """Drive straight by a distance ahead and to the left, turning by an angle on the way."""
 
     ahead: Offset = 0.0
@@ -193,14 +206,20 @@ class MbaseBy(_Icon, frozen=True):
     turn: Turn = 0.0
     speed: Speed | None = None
 
+    def perform(self, robot: Any) -> None:
+        robot.drive_by(self.ahead, self.left, self.turn, self.speed or 0.0)
 
-class MbaseVelocity(_Icon, frozen=True):
+
+class MbaseVelocity(MovementIcon, frozen=True):
     """Drive and turn with a velocity for a time, then stop."""
 
     ahead: Velocity
     left: Velocity
     turn: TurnVelocity
     seconds: Seconds
+
+    def perform(self, robot: Any) -> None:
+        robot.drive_at((self.ahead, self.left, self.turn), self.seconds)
 
 
 class MhandJoints(_Icon, frozen=True):
@@ -254,7 +273,7 @@ class Lumbar(_Icon, frozen=True):
     seconds: Seconds | None = None
 
 
-class Gripper(_Icon, frozen=True):
+class Gripper(MovementIcon, frozen=True):
     """Open or close a gripper, by default completely; `opening` sets how far. `force` (closing only) is the gripping
     force; `object` (closing only) names the gripped object in the building."""
 
@@ -269,6 +288,12 @@ class Gripper(_Icon, frozen=True):
         """Target angle of the gripper's joint [rad]."""
         opening = self.opening if self.opening is not None else float(self.action == "open")
         return SHUT_RAD + opening * (OPEN_RAD - SHUT_RAD)
+
+    def perform(self, robot: Any) -> None:
+        if self.action == "open":
+            robot.release(sides(self.hand), self.angle_rad)
+        else:
+            robot.grip(sides(self.hand), self.angle_rad, self.force, self.object or "")
 
 
 class WaitUntil(_Icon, frozen=True):
@@ -286,10 +311,13 @@ class StopIfCloser(_Icon, frozen=True):
     icons: Body
 
 
-class Wait(_Icon, frozen=True):
+class Wait(MovementIcon, frozen=True):
     """Do nothing for a time."""
 
     seconds: Seconds
+
+    def perform(self, robot: Any) -> None:
+        robot.wait(self.seconds)
 
 
 class Repeat(_Icon, frozen=True):

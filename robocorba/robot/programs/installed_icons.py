@@ -9,9 +9,6 @@ from typing import TypeVar
 
 from msgspec import Struct
 
-#: The group of entry points that lead to classes of icons.
-GROUP = "robocorba.cooperative_icons"
-
 IconT = TypeVar("IconT", bound=Struct)
 
 _log = logging.getLogger(__name__)
@@ -21,7 +18,7 @@ def installed(base: type[IconT], taken: Collection[str]) -> tuple[type[IconT], .
     """The installed subclasses of `base`, sorted by the names of their entry points. What can't be loaded, or has a tag
     that is taken, is left out with a warning."""
     found: dict[str, type[IconT]] = {}
-    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
+    for entry in sorted(entry_points(group="robocorba.cooperative_icons"), key=lambda entry: entry.name):
         try:
             icon = entry.load()
             if not (isinstance(icon, type) and issubclass(icon, base)):

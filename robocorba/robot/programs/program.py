@@ -23,8 +23,6 @@ MAX_ICONS = 1000
 MAX_NESTING = 8
 #: Maximum nesting depth of objects and arrays, including an event's payload.
 MAX_DEPTH = 64
-#: Maximum length of a parsed integer [digits]; longer ones count as infinite, because Python parses them slowly.
-_MAX_DIGITS = 20
 
 
 class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -134,7 +132,8 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _integer(text: str) -> int | float:
-    return int(text) if len(text) <= _MAX_DIGITS else math.inf
+    """Integers of more than 20 digits count as infinite, because Python parses them slowly."""
+    return int(text) if len(text) <= 20 else math.inf
 
 
 def _converted(plain: Any) -> Program:
@@ -157,6 +156,8 @@ def _converted(plain: Any) -> Program:
 def _check_plain(value: Any, at: str, depth: int) -> None:
     """Raise InvalidProgram for what Python's JSON reader accepts and JSON does not allow: duplicate keys, numbers that
     are not finite, text that is not UTF-8."""
+    if isinstance(value, dict | list | tuple) and depth > MAX_DEPTH:
+        raise _too_deep(at)
     if isinstance(value, dict):
         if isinstance(value, _DuplicateKey):
             _check_text(value.key, at)
@@ -165,25 +166,16 @@ def _check_plain(value: Any, at: str, depth: int) -> None:
             if not isinstance(key, str):
                 raise _located(at, f"{key!r:.80} cannot be a key in JSON")
             _check_text(key, at)
-            _check_part(part, f"{at}.{key}", depth)
+            _check_plain(part, f"{at}.{key}", depth + 1)
     elif isinstance(value, list | tuple):
         for number, part in enumerate(value):
-            _check_part(part, f"{at}[{number}]", depth)
+            _check_plain(part, f"{at}[{number}]", depth + 1)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise _located(at, "is not a finite number, or too large")
+    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise _located(at, "is too large")
     elif isinstance(value, str):
         _check_text(value, at)
-
-
-def _check_part(part: Any, at: str, depth: int) -> None:
-    if isinstance(part, dict | list | tuple):
-        if depth == MAX_DEPTH:
-            raise _too_deep(at)
-        _check_plain(part, at, depth + 1)
-    elif isinstance(part, float) and not math.isfinite(part):
-        raise _located(at, "is not a finite number, or too large")
-    elif isinstance(part, int) and not -(2**63) <= part < 2**63:
-        raise _located(at, "is too large")
-    elif isinstance(part, str):
-        _check_text(part, at)
 
 
 def _check_text(text: str, at: str) -> None:

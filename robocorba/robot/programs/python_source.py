@@ -11,10 +11,6 @@ import msgspec
 from robocorba.robot.programs.icons import Branch, Condition, Destination, Icon, bodies, kind
 from robocorba.robot.programs.program import Program, icons_with_paths
 
-#: The variable that holds the builder.
-_BUILDER = "program"
-_INDENT = "    "
-
 
 def python_source(program: Program) -> str:
     """The source of a module that builds an equal program and writes its file."""
@@ -22,8 +18,8 @@ def python_source(program: Program) -> str:
     lines = ["from robocorba.robot.programs.graphic_programming import ProgramBuilder"]
     if used:
         lines.append(f"from robocorba.robot.programs.icons import {', '.join(used)}")
-    lines += ["", f"{_BUILDER} = ProgramBuilder({_literal(program.name)})", *_calls(program.icons, "")]
-    lines.append(f"{_BUILDER}.write({_literal(_file_name(program.name))})")
+    lines += ["", f"program = ProgramBuilder({_literal(program.name)})", *_calls(program.icons, "")]
+    lines.append(f"program.write({_literal(_file_name(program.name))})")
     return "\n".join(lines) + "\n"
 
 
@@ -36,16 +32,16 @@ def _nested_values(icon: Icon) -> Iterator[Condition | Destination]:
 
 def _calls(icons: tuple[Icon, ...], indent: str) -> Iterator[str]:
     for icon in icons:
-        call = f"{_BUILDER}.{kind(icon)}({_arguments(icon)})"
+        call = f"program.{kind(icon)}({_arguments(icon)})"
         inner = dict(bodies(icon))
         if not inner:
             yield indent + call
             continue
         yield f"{indent}with {call}:"
-        yield from _calls(next(iter(inner.values())), indent + _INDENT)
+        yield from _calls(next(iter(inner.values())), indent + "    ")
         if isinstance(icon, Branch) and icon.otherwise:
-            yield f"{indent}with {_BUILDER}.otherwise():"
-            yield from _calls(icon.otherwise, indent + _INDENT)
+            yield f"{indent}with program.otherwise():"
+            yield from _calls(icon.otherwise, indent + "    ")
 
 
 def _arguments(value: Icon | Condition | Destination) -> str:

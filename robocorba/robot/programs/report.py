@@ -18,10 +18,11 @@ class Note(NamedTuple):
 
 
 class CheckReport:
-    """Findings and notes of a check, in the order found; only the first finding of each parameter."""
+    """Findings and notes of a check, in the order found; only the first finding of each parameter. finding: of a
+    program that can't be read."""
 
-    def __init__(self) -> None:
-        self._findings: dict[tuple[str, str], InvalidProgram] = {}
+    def __init__(self, *finding: InvalidProgram) -> None:
+        self._findings = {(each.icon, each.parameter): each for each in finding}
         self._notes: dict[Note, None] = {}
 
     @property
@@ -42,19 +43,9 @@ class CheckReport:
         for finding in self.findings:
             raise finding
 
-    def add(self, finding: InvalidProgram) -> None:
-        self._findings.setdefault((finding.icon, finding.parameter), finding)
-
     def add_finding(self, icon: str, parameter: str, reason: str) -> None:
         """Parameters that are wrong in combination are joined, such as `x, y, z`."""
-        self.add(InvalidProgram(icon, parameter, reason))
+        self._findings.setdefault((icon, parameter), InvalidProgram(icon, parameter, reason))
 
     def add_note(self, icon: str, what: str) -> None:
         self._notes.setdefault(Note(icon, what))
-
-
-def report_of(finding: InvalidProgram) -> CheckReport:
-    """The report of a program that can't be read."""
-    report = CheckReport()
-    report.add(finding)
-    return report

@@ -17,25 +17,48 @@ from robocorba.robot.smartpal_stand_in.arm_kinematics import ArmKinematics
 from robocorba.robot.smartpal_stand_in.axes import AxesUnit
 from robocorba.robot.smartpal_stand_in.codes import ReturnCode
 from robocorba.robot.smartpal_stand_in.dynamics import Dynamics
-from robocorba.robot.smartpal_stand_in.motion import UnitMotion, joint_motion, max_line_rate
-from robocorba.robot.smartpal_stand_in.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS
+from robocorba.robot.smartpal_stand_in.setpoint import Setpoint
 
 #: Length of the motion queue. Assumed.
 MAX_MOTIONS = 32
 #: Maximum speed along lines [mm/s, degrees/s]. Assumed.
 MAX_LINE_MM_S, MAX_LINE_DEG_S = 700.0, 90.0
-#: Time from standstill to maximum speed at power-up [ms]. Assumed.
-ACCELERATION_MS = 1000
-#: Limits for setting that time, for joints and for lines [ms].
-MIN_JOINT_MS, MIN_LINE_MS, MAX_MS = 500, 250, 10_000
-#: Spacing of the points at which a line is solved [m, rad], and their maximum number.
-_POINT_M, _POINT_RAD, _MAX_POINTS = 0.005, math.radians(1), 1000
-#: Interval at which a jog along a line computes new joint speeds [s].
-LINE_JOG_PERIOD_S = 0.01
-#: Maximum change of a joint between two points; with a larger one the arm would leave the line [rad].
-_MAX_JOINT_STEP_RAD = 0.2
 #: Tolerance at limits, because clients may send a rounded limit [degrees].
 _TOLERANCE_DEG = 1e-6
+
+
+class UnitMotion:
+    """A queued motion: joint positions to pass in turn, and how fast. points (n, 7): at least two, at equal fractions
+    of the motion [rad]. rate, acceleration: of the fraction completed [1/s, 1/s^2]."""
+
+    def __init__(self, points: Floats, rate: float, acceleration: float) -> None:
+        self.points, self._rate, self._acceleration = points, rate, acceleration
+        self._progress = Setpoint()
+
+    @property
+    def end(self) -> Floats:
+        return np.asarray(self.points[-1])
+
+    @property
+    def fraction(self) -> float:
+        """The fraction completed, 0 to 1."""
+        return self._progress.position
+
+    @property
+    def is_done(self) -> bool:
+        return self._progress.position >= 1.0
+
+    def step(self, is_paused: bool) -> tuple[Floats, Floats]:
+        """Joint positions (7,) and velocities (7,) after one step [rad, rad/s]."""
+        if is_paused:
+            self._progress.step_at_velocity(0.0, self._acceleration)
+        else:
+            self._progress.step_towards(1.0, self._rate, self._acceleration)
+        intervals = len(self.points) - 1
+        progress = min(max(self._progress.position, 0.0), 1.0) * intervals
+        index = min(int(progress), intervals - 1)
+        ahead = self.points[index + 1] - self.points[index]
+        return self.points[index] + (progress - index) * ahead, ahead * (intervals * self._progress.speed)
 
 
 class Arm(AxesUnit):
@@ -50,9 +73,9 @@ class Arm(AxesUnit):
         #: Joint speeds of a jog along a line [rad/s], and when new ones are due.
         self._line_jog_speeds: list[float] = []
         self._jog_until = self._line_jog_due = 0.0
-        self._jog_timeout_ms = JOG_TIMEOUT_MS
-        self.joint_acceleration_ms = ACCELERATION_MS
-        self.line_acceleration_ms = (ACCELERATION_MS, ACCELERATION_MS)
+        #: Times from standstill to maximum speed, at power-up: of joints; of lines, translation and rotation. Assumed.
+        self.joint_acceleration_ms = 1000
+        self.line_acceleration_ms = (1000, 1000)
 
     # ---- state ----
 
@@ -79,20 +102,14 @@ class Arm(AxesUnit):
 
     # ---- settings ----
 
-    def set_jog_timeout(self, timeout_ms: int) -> ReturnCode:
-        if not MIN_JOG_TIMEOUT_MS <= timeout_ms <= MAX_JOG_TIMEOUT_MS:
-            return ReturnCode.OUT_OF_RANGE
-        self._jog_timeout_ms = timeout_ms
-        return ReturnCode.OK
-
     def set_joint_acceleration(self, time_ms: int) -> ReturnCode:
-        if (answer := _check_acceleration(time_ms, MIN_JOINT_MS)) is ReturnCode.OK:
+        if (answer := _check_acceleration(time_ms, 500)) is ReturnCode.OK:
             self.joint_acceleration_ms = time_ms
         return answer
 
     def set_line_acceleration(self, translation_ms: int, rotation_ms: int) -> ReturnCode:
         for time_ms in (translation_ms, rotation_ms):
-            if (answer := _check_acceleration(time_ms, MIN_LINE_MS)) is not ReturnCode.OK:
+            if (answer := _check_acceleration(time_ms, 250)) is not ReturnCode.OK:
                 return answer
         self.line_acceleration_ms = (translation_ms, rotation_ms)
         return ReturnCode.OK
@@ -161,7 +178,7 @@ class Arm(AxesUnit):
             if np.any(end < self.lower - tolerance) or np.any(end > self.upper + tolerance):
                 return ReturnCode.OUT_OF_RANGE
             acceleration = float(self.max_speed.min()) / (self.joint_acceleration_ms / 1000.0)
-            self._motions.append(joint_motion(start, end, math.radians(speed), acceleration))
+            self._motions.append(_joint_motion(start, end, math.radians(speed), acceleration))
             self._is_idle = False
             return ReturnCode.OK
 
@@ -199,7 +216,7 @@ class Arm(AxesUnit):
             linear_m_s2 = MAX_LINE_MM_S / self.line_acceleration_ms[0]
             angular_rad_s2 = math.radians(MAX_LINE_DEG_S) * 1000.0 / self.line_acceleration_ms[1]
             acceleration = _rate_limit(linear_m_s2, length_m, angular_rad_s2, turn)
-            max_rate = max_line_rate(points, self.max_speed)
+            max_rate = _max_line_rate(points, self.max_speed)
             self._motions.append(UnitMotion(points, min(rate, max_rate), acceleration))
             self._is_idle = False
             return ReturnCode.OK if rate <= max_rate else ReturnCode.SPEED_WARNING
@@ -207,18 +224,18 @@ class Arm(AxesUnit):
     def _line(self, start: Floats, first: HandPose, last: HandPose, redundancy: float) -> tuple[Floats, float, float]:
         """Joints (n, 7) along a line, its length [m], and the larger rotation of hand and elbow [rad].
 
-        Raises Unreachable."""
+        Points are 5 mm and a degree apart, of very long lines more: there are at most 1000. Raises Unreachable."""
         first_redundancy = self.kinematics.redundancy(start)
         length_m, hand_turn = first.distance(last)
         elbow_turn = math.remainder(redundancy - first_redundancy, math.tau)
         turn = max(hand_turn, abs(elbow_turn))
-        parts = min(_MAX_POINTS, 1 + math.ceil(max(length_m / _POINT_M, turn / _POINT_RAD)))
+        parts = min(1000, 1 + math.ceil(max(length_m / 0.005, turn / math.radians(1))))
         points = [start]
         for part in range(1, parts + 1):
             fraction = part / parts
             pose = _interpolated(first, last, fraction)
             joints = self.kinematics.joints_at(pose, first_redundancy + fraction * elbow_turn, points[-1])
-            if np.abs(joints - points[-1]).max() > _MAX_JOINT_STEP_RAD:
+            if np.abs(joints - points[-1]).max() > 0.2:  # the arm would leave the line between the points
                 raise Unreachable(self.name, "a joint would have to jump to follow the line")
             points.append(joints)
         return np.array(points), length_m, turn
@@ -253,7 +270,7 @@ class Arm(AxesUnit):
         elif self._line_jog is not None:
             if self._latest.time >= self._line_jog_due:
                 self._line_jog_speeds = self._line_speeds(*self._line_jog).tolist()
-                self._line_jog_due = self._latest.time + LINE_JOG_PERIOD_S
+                self._line_jog_due = self._latest.time + 0.01
             self._step_axes(self._line_jog_speeds, self.max_acceleration.tolist())
         else:
             self._brake_axes()
@@ -277,7 +294,7 @@ class Arm(AxesUnit):
 
 
 def _check_acceleration(time_ms: int, min_ms: int) -> ReturnCode:
-    if time_ms > MAX_MS:
+    if time_ms > 10_000:
         return ReturnCode.OUT_OF_RANGE
     return ReturnCode.OK if time_ms >= min_ms else ReturnCode.TOO_MUCH_ACCELERATION
 
@@ -311,3 +328,15 @@ def _interpolated(first: HandPose, last: HandPose, fraction: float) -> HandPose:
 def _rate_limit(linear: float, length_m: float, angular: float, turn: float) -> float:
     """Speeds (or accelerations) along a line as a rate of the fraction completed: the slower of the two."""
     return min(linear / max(length_m, 1e-9), angular / max(turn, 1e-9))
+
+
+def _joint_motion(start: Floats, end: Floats, speed: float, acceleration: float) -> UnitMotion:
+    """All joints begin and end together; the one that moves farthest has `speed` [rad/s]."""
+    farthest = max(float(np.abs(end - start).max()), 1e-9)
+    return UnitMotion(np.vstack([start, end]), speed / farthest, acceleration / farthest)
+
+
+def _max_line_rate(points: Floats, max_joint_speed: Floats) -> float:
+    """The highest rate [1/s] at which no joint exceeds its `max_joint_speed` (7,) [rad/s]."""
+    steepest = np.abs(np.diff(points, axis=0)).max(axis=0) * (len(points) - 1)
+    return float((max_joint_speed / np.maximum(steepest, 1e-9)).min())

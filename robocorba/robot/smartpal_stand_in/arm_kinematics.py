@@ -20,15 +20,8 @@ from robocorba.robot.kinematics.model import SHOULDER_M
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import ARM, ARM_JOINTS, JOINTS, LUMBAR, Side
 
-#: Rows of joint axes in a kinematic chain: the lumbar's come first, then the arm's.
+#: Number of the first rows of joint axes in a kinematic chain: the lumbar's, before the arm's.
 _LUMBAR_JOINTS = LUMBAR.stop - LUMBAR.start
-_SHOULDER, _ELBOW, _WRIST = _LUMBAR_JOINTS, _LUMBAR_JOINTS + 3, _LUMBAR_JOINTS + 5
-#: Iterations and tolerance [rad] when solving for a redundancy.
-_MAX_ITERATIONS, _TOLERANCE_RAD = 25, 1e-4
-#: Step of the difference quotient of the redundancy.
-_DIFFERENCE_STEP = 1e-5
-#: Damping of the pseudo-inverse; it limits joint speeds near singular postures.
-_DAMPING = 0.02
 #: Direction of an elbow with redundancy 0. The redundancy is undefined for an arm that reaches along this line.
 _DOWN_BACK = np.array([-1.0, 0.0, -1.0]) / math.sqrt(2)
 
@@ -60,9 +53,9 @@ class ArmKinematics:
         rotation = pose.rotation @ self.offset_turn.T
         target = HandPose.of(pose.position + self._shoulder - rotation @ self.offset, rotation)
         joints = self._solve(target, seed)
-        for _ in range(_MAX_ITERATIONS):
+        for _ in range(25):
             error = math.remainder(redundancy - self.redundancy(joints), math.tau)
-            if abs(error) < _TOLERANCE_RAD:
+            if abs(error) < 1e-4:
                 return joints
             turn, gain = self._null_motion(joints)
             joints = self._solve(target, joints + turn * max(-0.2, min(0.2, error / gain)))
@@ -70,9 +63,10 @@ class ArmKinematics:
 
     def joint_speeds(self, joints: Floats, velocity: Floats, redundancy_speed: float) -> Floats:
         """Joint speeds (7,) [rad/s] for a velocity (6,) of the control point in ORIGINAL [m/s, rad/s] and a speed of
-        the redundancy [rad/s]."""
+        the redundancy [rad/s]. Damped least squares (Nakamura and Hanafusa 1986) with a constant damping of 0.02,
+        assumed, which limits joint speeds near singular postures."""
         jacobian = self._jacobian(joints)
-        speeds = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + _DAMPING**2 * np.eye(6), velocity)
+        speeds = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 0.02**2 * np.eye(6), velocity)
         if redundancy_speed:
             turn, gain = self._null_motion(joints)
             speeds = speeds + turn * redundancy_speed / gain
@@ -106,12 +100,13 @@ class ArmKinematics:
     def _null_motion(self, joints: Floats) -> tuple[Floats, float]:
         """A unit motion of the joints (7,) that turns only the elbow, and the redundancy's derivative along it."""
         turn = np.linalg.svd(self._jacobian(joints))[2][-1]
-        change = self.redundancy(joints + _DIFFERENCE_STEP * turn) - self.redundancy(joints)
-        gain = math.remainder(change, math.tau) / _DIFFERENCE_STEP
+        step = 1e-5
+        change = self.redundancy(joints + step * turn) - self.redundancy(joints)
+        gain = math.remainder(change, math.tau) / step
         return turn, math.copysign(max(abs(gain), 0.1), gain)
 
     def _redundancy(self, lines: Floats) -> float:
-        shoulder, elbow, wrist = (lines[row, 3:] for row in (_SHOULDER, _ELBOW, _WRIST))
+        shoulder, elbow, wrist = lines[_LUMBAR_JOINTS + np.array([0, 3, 5]), 3:]
         along = wrist - shoulder
         along = along / np.linalg.norm(along)
         inwards = _DOWN_BACK - (_DOWN_BACK @ along) * along

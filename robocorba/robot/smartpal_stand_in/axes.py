@@ -1,4 +1,4 @@
-"""What arms, lumbar and grippers share: servo axes, brakes, limits."""
+"""Units of servo axes: what all of them share, and those that move to a position, the lumbar and the grippers."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robocorba.robot.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
+from robocorba.robot.kinematics.smartpal import (
+    GRIP,
+    JOINT_ACCELERATION,
+    JOINT_LOWER,
+    JOINT_SPEED,
+    JOINT_UPPER,
+    Side,
+)
 from robocorba.robot.smartpal_stand_in.codes import ReturnCode
 from robocorba.robot.smartpal_stand_in.dynamics import BASE_AXES, Dynamics
 from robocorba.robot.smartpal_stand_in.setpoint import Setpoint, braking_speed
 from robocorba.robot.smartpal_stand_in.unit import Unit
 
-#: Deceleration of an axis that brakes, as a multiple of its maximum acceleration. Assumed.
-BRAKING_FACTOR = 10.0
-#: An axis farther than this from its setpoint is stuck [rad]. Assumed.
-FOLLOWING_LIMIT_RAD = math.radians(4)
 #: Tolerance at limits, because clients may send a rounded limit [degrees].
 _TOLERANCE_DEG = 1e-6
 
@@ -73,9 +76,9 @@ class AxesUnit(Unit):
         self._dynamics.joint_velocities[self._rows] = [axis.speed for axis in self._axes]
 
     def _brake_axes(self) -> None:
-        """One step of braking as hard as the axes can."""
+        """One step of braking as hard as the axes can: ten times their maximum acceleration. Assumed."""
         for axis, limit in zip(self._axes, self.max_acceleration.tolist(), strict=True):
-            axis.step_at_velocity(0.0, BRAKING_FACTOR * limit)
+            axis.step_at_velocity(0.0, 10.0 * limit)
 
     def _step_axes(self, speeds: Sequence[float], accelerations: Sequence[float]) -> None:
         """One step at these speeds [rad/s], as far as the position limits allow."""
@@ -86,8 +89,9 @@ class AxesUnit(Unit):
             axis.step_at_velocity(min(max(speed, min_speed), max_speed), acceleration)
 
     def _is_stuck(self) -> bool:
+        """Whether an axis is more than 4 degrees from its setpoint. Assumed."""
         wanted = np.array([axis.position for axis in self._axes])
-        return bool(np.abs(wanted - self._latest.joints[self._rows]).max() > FOLLOWING_LIMIT_RAD)
+        return bool(np.abs(wanted - self._latest.joints[self._rows]).max() > math.radians(4))
 
     def _brake(self) -> None:
         self._is_idle = False
@@ -100,7 +104,7 @@ class AxesUnit(Unit):
 
 
 class PositionUnit(AxesUnit):
-    """Axes that each move to a target position: the lumbar and the grippers."""
+    """Axes that each move to a target position: those of the lumbar, which leans the trunk forward, and of grippers."""
 
     def __init__(self, name: str, dynamics: Dynamics, rows: slice) -> None:
         super().__init__(name, dynamics, rows)
@@ -139,6 +143,12 @@ class PositionUnit(AxesUnit):
             self._is_idle = False
             return ReturnCode.OK
 
+    def move_cooperative(self, lean: float, speed: float, acceleration: float) -> ReturnCode:
+        """Lean the lumbar by `lean` in total; the lower axis, its first, takes as much of it as its limits allow."""
+        upper, lower = self.soft_limits[0]
+        first = min(max(lean, lower), upper)
+        return self.move((first, lean - first), speed, acceleration)
+
     def _move(self) -> None:
         if self._is_paused:
             for axis in self._axes:
@@ -156,3 +166,30 @@ class PositionUnit(AxesUnit):
     def _brake(self) -> None:
         super()._brake()
         self._targets = [None] * len(self._axes)
+
+
+class StandInGripper(PositionUnit):
+    """One axis; negative angles open it. arm: supplies its power."""
+
+    def __init__(self, side: Side, dynamics: Dynamics, arm: Unit) -> None:
+        super().__init__("GripperL" if side is Side.LEFT else "GripperR", dynamics, slice(GRIP[side], GRIP[side] + 1))
+        self._arm = arm
+
+    @property
+    def is_power_on(self) -> bool:
+        return self._arm.is_power_on
+
+    @property
+    def is_servo_on(self) -> bool:
+        return self.is_power_on and super().is_servo_on
+
+    def _drive(self) -> None:
+        if self._servo_ready_at is not None and not self.is_power_on:
+            self.servo_off()
+        super()._drive()
+
+    def power_on(self) -> ReturnCode:
+        return ReturnCode.FAILED
+
+    def power_off(self) -> ReturnCode:
+        return ReturnCode.FAILED

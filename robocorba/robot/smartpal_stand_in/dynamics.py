@@ -18,17 +18,12 @@ from robocorba.robot.kinematics.smartpal import ARM, JOINTS, MASS_KG, Side
 STEP_S = 0.002
 #: Axes of the base in the start frame (the pose of the base at the start): x, y [m], heading [rad].
 BASE_AXES = ("base_x", "base_y", "base_turn")
-#: Time constant with which joints follow their setpoints, and the base its velocity [s].
-SERVO_LAG_S, WHEEL_LAG_S = 0.02, 0.002
-#: Natural frequency of a joint's critically damped servo with its load [rad/s].
-SERVO_BANDWIDTH_RAD_S = 60.0
-#: Standard deviation of the encoders: joints [rad], position of the base [m], heading of the base [rad].
-JOINT_NOISE_RAD, POSITION_NOISE_M, HEADING_NOISE_RAD = math.radians(0.003), 0.0002, math.radians(0.01)
-#: Damping that blocks a jammed axis [N s/m or N m s/rad].
-JAM_DAMPING = 1e6
-_NOISE = np.array([POSITION_NOISE_M, POSITION_NOISE_M, HEADING_NOISE_RAD, *[JOINT_NOISE_RAD] * len(JOINTS)])
-_ELBOW_BEND_RAD = math.radians(90)
-_ADDRESSES = ("qposadr", "dofadr")
+#: Time constant with which joints follow their setpoints [s].
+SERVO_LAG_S = 0.02
+#: Standard deviation of the joints' encoders [rad].
+JOINT_NOISE_RAD = math.radians(0.003)
+#: Standard deviation of all encoders: position [m] and heading [rad] of the base, joints [rad].
+_NOISE = np.array([0.0002, 0.0002, math.radians(0.01), *[JOINT_NOISE_RAD] * len(JOINTS)])
 
 
 @dataclass(frozen=True)
@@ -57,9 +52,8 @@ class Dynamics:
         self._model = _compile()
         self._data = mujoco.MjData(self._model)
         axes = [self._model.joint(name) for name in (*BASE_AXES, *JOINTS)]
-        self._positions, self._velocities = (
-            np.array([int(getattr(axis, address)[0]) for axis in axes]) for address in _ADDRESSES
-        )
+        self._positions = np.array([int(axis.qposadr[0]) for axis in axes])
+        self._velocities = np.array([int(axis.dofadr[0]) for axis in axes])
         self._servos = np.array([self._model.actuator(name).id for name in JOINTS])
         self._wheels = np.array([self._model.actuator(name).id for name in BASE_AXES])
         # Force of a servo: stiffness x (setpoint - position) + damping x (velocity setpoint - velocity).
@@ -76,8 +70,8 @@ class Dynamics:
         return float(self._model.body_mass.sum())
 
     def jam(self, axes: slice, on: bool) -> None:
-        """Block axes (a slice of 21, those of the base first), or release them."""
-        self._model.dof_damping[self._velocities[axes]] = JAM_DAMPING if on else self._normal_damping[axes]
+        """Block axes (a slice of 21, those of the base first) by their damping [N s/m, N m s/rad], or release them."""
+        self._model.dof_damping[self._velocities[axes]] = 1e6 if on else self._normal_damping[axes]
 
     def step(self) -> None:
         """Advance by STEP_S and update `state`."""
@@ -119,12 +113,13 @@ def _compile() -> mujoco.MjModel:
             body.gravcomp = 1.0  # servos compensate the weight of the robot; a payload pulls them down
     inertias = _inertias(spec)
     base_inertia_kg_m2 = inertias.pop("base_turn")
-    for name, load in zip(BASE_AXES, (MASS_KG, MASS_KG, base_inertia_kg_m2), strict=True):
-        spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_velocity(load / WHEEL_LAG_S)
+    for name, load in zip(BASE_AXES, (MASS_KG, MASS_KG, base_inertia_kg_m2), strict=True):  # which lags by 2 ms
+        spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_velocity(load / 0.002)
+    bandwidth_rad_s = 60.0  # natural frequency of a joint's critically damped servo with its load
     for name in JOINTS:
         load = inertias[name]
         servo = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        servo.set_to_position(load * SERVO_BANDWIDTH_RAD_S**2, kv=2 * load * SERVO_BANDWIDTH_RAD_S)
+        servo.set_to_position(load * bandwidth_rad_s**2, kv=2 * load * bandwidth_rad_s)
     return spec.compile()
 
 
@@ -133,7 +128,7 @@ def _inertias(spec: mujoco.MjSpec) -> dict[str, float]:
     model = spec.compile()
     data, column = mujoco.MjData(model), np.zeros(model.nv)
     inertias = np.zeros(model.nv)
-    for bend in (0.0, _ELBOW_BEND_RAD):
+    for bend in (0.0, math.radians(90)):
         for side in Side:
             data.qpos[model.joint(JOINTS[ARM[side]][3]).qposadr[0]] = bend
         mujoco.mj_forward(model, data)

@@ -12,30 +12,18 @@ from robocorba.map_editor.spatial.frames import Frame, into, out_of, turned
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS
 from robocorba.robot.smartpal_stand_in.codes import AxesState, MobilityState, ReturnCode
 from robocorba.robot.smartpal_stand_in.dynamics import STEP_S, Dynamics
-from robocorba.robot.smartpal_stand_in.segment import Arc, Line, Segment, from_frame, to_frame
+from robocorba.robot.smartpal_stand_in.segment import Segment, arc, from_frame, line, to_frame
 from robocorba.robot.smartpal_stand_in.setpoint import Setpoint
-from robocorba.robot.smartpal_stand_in.unit import JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS, Unit
+from robocorba.robot.smartpal_stand_in.unit import Unit
 
 #: Maximum speed [mm/s, degrees/s] and, with the same values, acceleration [mm/s^2, degrees/s^2].
 MAX_MM_S, MAX_DEG_S = 1000.0 * BASE_LIMITS.speed, math.degrees(BASE_LIMITS.turn_speed)
-#: The same limits at power-up.
-INITIAL_MM_S, INITIAL_DEG_S = 100.0, 10.0
 #: Deceleration that the wheels hold [m/s^2, rad/s^2]: half of gravity, wheels about 0.25 m from the centre. Assumed.
 BRAKE_M_S2, TURN_BRAKE_RAD_S2 = 4.9, 20.0
-#: Gain of the pose correction along a segment [1/s].
-_CORRECTION = 5.0
-#: Tolerance within which the end of a segment is reached [m, rad].
-_TOLERANCE_M, _TOLERANCE_RAD = 0.001, math.radians(0.05)
-#: Time after the arrival of its setpoint at which a segment ends even outside the tolerance [s].
-_SETTLE_S = 1.0
-#: An axis is stuck when its speed error exceeds this [m/s, rad/s] for this time [s]. Assumed.
-_SLIP, _SLIP_S = 0.05, 0.05
-#: Coordinates beyond this are rejected [mm].
-_MAX_COORDINATE_MM = 1e6
+#: Tolerance within which the end of a segment is reached [m].
+_TOLERANCE_M = 0.001
 #: Number of wheels.
 WHEELS = 4
-#: Voltage of a full battery [V], and its loss per hour [V/h]. Assumed.
-_FULL_V, _LOSS_V_H = 50, 1.0
 
 
 class Mobility(Unit):
@@ -54,9 +42,9 @@ class Mobility(Unit):
         self._arrived_at: float | None = None
         self._jog: tuple[float, float, float] | None = None
         self._jog_until = 0.0
-        self._jog_timeout_ms = JOG_TIMEOUT_MS
-        self._speed, self._turn = INITIAL_MM_S / 1000.0, math.radians(INITIAL_DEG_S)
-        self._acceleration, self._turn_acceleration = INITIAL_MM_S / 1000.0, math.radians(INITIAL_DEG_S)
+        #: Limits of speed and acceleration at power-up [m/s, rad/s], [m/s^2, rad/s^2].
+        self._speed, self._turn = 0.1, math.radians(10.0)
+        self._acceleration, self._turn_acceleration = 0.1, math.radians(10.0)
         self._slipping_from: float | None = None
 
     # ---- state ----
@@ -83,7 +71,8 @@ class Mobility(Unit):
 
     @property
     def battery_v(self) -> int:
-        return max(0, round(_FULL_V - _LOSS_V_H * self._latest.time / 3600.0))
+        """A full battery has 50 V, and loses 1 V per hour. Assumed."""
+        return max(0, round(50.0 - self._latest.time / 3600.0))
 
     # ---- settings ----
 
@@ -121,12 +110,6 @@ class Mobility(Unit):
             return None
         return min(translation, MAX_MM_S) / 1000.0, math.radians(min(rotation, MAX_DEG_S))
 
-    def set_jog_timeout(self, timeout_ms: int) -> ReturnCode:
-        if not MIN_JOG_TIMEOUT_MS <= timeout_ms <= MAX_JOG_TIMEOUT_MS:
-            return ReturnCode.OUT_OF_RANGE
-        self._jog_timeout_ms = timeout_ms
-        return ReturnCode.OK
-
     def unlock(self) -> ReturnCode:
         """Unlock the base after the emergency switch was released."""
         with self._lock:
@@ -158,7 +141,7 @@ class Mobility(Unit):
         """Move to a pose in the robot's current frame."""
 
         def segments(here: Frame) -> list[Segment]:
-            return [Line(here, out_of(x / 1000.0, y / 1000.0, here), math.radians(theta))]
+            return [line(here, out_of(x / 1000.0, y / 1000.0, here), math.radians(theta))]
 
         return self._move(_is_valid(x, y, theta), segments, is_continuous)
 
@@ -167,7 +150,7 @@ class Mobility(Unit):
 
         def segments(here: Frame) -> list[Segment]:
             to = to_frame(self._frame, (x / 1000.0, y / 1000.0, math.radians(theta)))
-            return [Line(here, to[:2], math.remainder(to[2] - here[2], math.tau))]
+            return [line(here, to[:2], math.remainder(to[2] - here[2], math.tau))]
 
         return self._move(_is_valid(x, y, theta), segments)
 
@@ -175,7 +158,7 @@ class Mobility(Unit):
         """Move by `angle` around a centre in the robot's current frame."""
 
         def segments(here: Frame) -> list[Segment]:
-            return [Arc(here, out_of(x / 1000.0, y / 1000.0, here), math.radians(angle))]
+            return [arc(here, out_of(x / 1000.0, y / 1000.0, here), math.radians(angle))]
 
         return self._move(_is_valid(x, y, angle), segments)
 
@@ -189,7 +172,7 @@ class Mobility(Unit):
                 return []
             bearing = math.atan2(to[1] - here[1], to[0] - here[0])
             turn = math.remainder(bearing - here[2], math.tau)
-            return [Line(here, here[:2], turn), Line((*here[:2], here[2] + turn), to, 0.0)]
+            return [line(here, here[:2], turn), line((*here[:2], here[2] + turn), to, 0.0)]
 
         return self._move(_is_valid(x, y, 0.0), segments)
 
@@ -204,7 +187,7 @@ class Mobility(Unit):
             if self.is_moving and not is_continuous:
                 return ReturnCode.WRONG_STATE
             self._jog = None
-            self._segments = deque(segment for segment in segments(self._pose) if _extent(segment) > 1e-9)
+            self._segments = deque(each for each in segments(self._pose) if each.length_m + abs(each.turn) > 1e-9)
             self._begin_segment()
             self._is_idle = False
             return ReturnCode.OK
@@ -221,7 +204,7 @@ class Mobility(Unit):
         """Begin the next segment at the speed that the base has along it."""
         self._progress, self._arrived_at = Setpoint(), None
         if self._segments:
-            derivative = _derivative(self._segments[0], 0.0)
+            derivative = self._segments[0].derivative(0.0)
             squared_norm = sum(part * part for part in derivative)
             along = sum(part * speed for part, speed in zip(derivative, self._velocity, strict=True))
             self._progress.speed = max(0.0, along / squared_norm)
@@ -250,15 +233,16 @@ class Mobility(Unit):
             self._progress.step_towards(1.0, speed, acceleration)
         fraction = min(self._progress.position, 1.0)
         errors = [wanted - actual for wanted, actual in zip(segment.at(fraction), self._pose, strict=True)]
-        derivative = zip(_derivative(segment, fraction), errors, strict=True)
-        x, y, heading = (part * self._progress.speed + _CORRECTION * error for part, error in derivative)
+        derivative = zip(segment.derivative(fraction), errors, strict=True)
+        gain = 5.0  # of the pose correction [1/s]
+        x, y, heading = (part * self._progress.speed + gain * error for part, error in derivative)
         # At the wheels' limits, so that velocity left over from an earlier motion fades fastest.
         self._ramp_velocity(x, y, heading, BRAKE_M_S2, TURN_BRAKE_RAD_S2)
         if self._progress.position >= 1.0:
             now = self._latest.time
             self._arrived_at = now if self._arrived_at is None else self._arrived_at
-            is_reached = math.hypot(*errors[:2]) < _TOLERANCE_M and abs(errors[2]) < _TOLERANCE_RAD
-            if is_reached or now > self._arrived_at + _SETTLE_S:
+            is_reached = math.hypot(*errors[:2]) < _TOLERANCE_M and abs(errors[2]) < math.radians(0.05)
+            if is_reached or now > self._arrived_at + 1.0:  # it ends then even outside the tolerance
                 self._segments.popleft()
                 self._begin_segment()
 
@@ -292,31 +276,20 @@ class Mobility(Unit):
             self._velocity, self._slipping_from = [0.0, 0.0, 0.0], None
 
     def _is_stuck(self) -> bool:
+        """Whether an axis had a speed error of 0.05 m/s or rad/s for 0.05 s. Assumed."""
         error = np.abs(np.array(self._velocity) - self._latest.base_velocity).max()
-        if error < _SLIP:
+        if error < 0.05:
             self._slipping_from = None
             return False
         if self._slipping_from is None:
             self._slipping_from = self._latest.time
-        return self._latest.time > self._slipping_from + _SLIP_S
+        return self._latest.time > self._slipping_from + 0.05
 
     def _jam(self, on: bool) -> None:
         self._dynamics.jam(slice(0, 3), on)
 
 
-def _extent(segment: Segment) -> float:
-    return segment.length_m + abs(segment.turn)
-
-
-def _derivative(segment: Segment, fraction: float) -> Frame:
-    """Derivative of the pose with respect to the fraction completed."""
-    step = 1e-6
-    first, last = segment.at(fraction - step), segment.at(fraction + step)
-    x, y, heading = ((after - before) / (2 * step) for before, after in zip(first, last, strict=True))
-    return x, y, heading
-
-
 def _is_valid(x: float, y: float, theta: float) -> bool:
     if not all(map(math.isfinite, (x, y, theta))):
         return False
-    return max(abs(x), abs(y)) <= _MAX_COORDINATE_MM and abs(theta) <= 36_000.0
+    return max(abs(x), abs(y)) <= 1e6 and abs(theta) <= 36_000.0  # [mm, degrees]

@@ -20,10 +20,6 @@ from robocorba.robot.smartpal_stand_in.dynamics import Dynamics, DynamicsState
 
 #: Delay from switching a servo on until its unit is ready [s]. Assumed.
 SERVO_ON_S = 0.3
-#: Timeout within which a jog must be repeated: at power-up, and the limits for setting it [ms]. Assumed.
-JOG_TIMEOUT_MS, MIN_JOG_TIMEOUT_MS, MAX_JOG_TIMEOUT_MS = 200, 20, 10_000
-#: Maximum number of alarms that a unit keeps; further ones are dropped.
-MAX_ALARMS = 16
 VERSION = "RoboCorba's stand-in for SmartPal V"
 
 
@@ -56,6 +52,8 @@ class Unit(ABC):
         #: Whether the unit has stopped and the dynamics has its last setpoints.
         self._is_idle = True
         self._servo_ready_at: float | None = None
+        #: Timeout within which a jog must be repeated, at power-up [ms]. Assumed.
+        self._jog_timeout_ms = 200
         #: Whether a fault has switched the servo off.
         self._was_servo_on = False
         self._alarms: dict[int, Alarm] = {}
@@ -186,6 +184,13 @@ class Unit(ABC):
             self._halt()
             return ReturnCode.OK
 
+    def set_jog_timeout(self, timeout_ms: int) -> ReturnCode:
+        """Within which a jog must be repeated; the limits are assumed."""
+        if not 20 <= timeout_ms <= 10_000:
+            return ReturnCode.OUT_OF_RANGE
+        self._jog_timeout_ms = timeout_ms
+        return ReturnCode.OK
+
     def pause(self) -> ReturnCode:
         """Pause a motion; a jog cannot be paused."""
         with self._lock:
@@ -225,9 +230,9 @@ class Unit(ABC):
     # ---- faults ----
 
     def alarm(self, alarm: Alarm) -> None:
-        """Report an alarm; a fault also brakes the unit and switches its servo off."""
+        """Report an alarm, of which a unit keeps 16; a fault also brakes the unit and switches its servo off."""
         with self._lock:
-            if alarm.code in self._alarms or len(self._alarms) < MAX_ALARMS:
+            if alarm.code in self._alarms or len(self._alarms) < 16:
                 self._alarms[alarm.code] = alarm
             if alarm.type is not AlarmType.WARNING:
                 self._was_servo_on |= self._servo_ready_at is not None

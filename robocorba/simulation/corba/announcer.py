@@ -29,17 +29,10 @@ from robocorba.stubs import RoboCorba
 from robocorba.system.names import STOP_EVENT
 from robocorba.system.repeating import Repeating
 
-#: Interval at which changes of floors are published [s].
-PUBLISH_INTERVAL_S = 0.1
-#: Timeout to resolve the channel [s].
-RESOLVE_TIMEOUT_S = 0.5
 #: Maximum number of simulation events that wait; beyond that the oldest are dropped.
 MAX_WAITING = 10_000
 #: Expiry of the published events [s]: older states of a floor are useless.
 EXPIRY_S = 2.0
-SOURCE = "simulation"
-#: Types of the events with changes of floors, as msgpack and as TypedFloorUpdate.
-CHANGED, TYPED_CHANGED = "floor.changed", "typed.floor_changed"
 #: How long changes of a floor are published as structs after somebody has asked for them [s].
 TYPED_S = 30.0
 _log = logging.getLogger(__name__)
@@ -58,7 +51,7 @@ class Announcer:
         self._typed: dict[str, tuple[int, float]] = {}
         self._waiting: deque[SimulationEvent] = deque(maxlen=MAX_WAITING)
         self._stops: deque[StopEvent] = deque(maxlen=MAX_WAITING)
-        self._repeating = Repeating("announcer", self._publish, PUBLISH_INTERVAL_S)
+        self._repeating = Repeating("announcer", self._publish, 0.1)  # interval of changes of floors [s]
         self._is_failing = False
 
     def start(self) -> None:
@@ -85,23 +78,25 @@ class Announcer:
 
     def _publish(self) -> None:
         events = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        updates = [update for floor in self._database.floors if (update := self._changes(floor))]
+        known = [(floor, self._versions.get(floor, WHOLE)) for floor in self._database.floors]
+        updates = [update for floor, version in known if (update := self._changes(floor, version))]
+        self._versions.update((update.floor, update.version) for update in updates)
         stops = [self._stops.popleft() for _ in range(len(self._stops))]
         self._take_asked()
         if not (events or updates or stops or self._typed):
             return
         try:
             if self._client is None:
-                self._client = EventClient(self._orb, self._channel, SOURCE, RESOLVE_TIMEOUT_S)
+                self._client = EventClient(self._orb, self._channel, "simulation", timeout_s=0.5)
             if stops:
-                self._push(SOURCE, STOP_EVENT, stops)
+                self._push(self._client, "simulation", STOP_EVENT, stops)
             for update in updates:
-                self._push(update.floor, CHANGED, [as_map(update)])
+                self._push(self._client, update.floor, "floor.changed", [as_map(update)])
             for floor in self._typed:
                 self._push_typed(self._client, floor)
             for kind in {event.kind for event in events}:
                 payloads = [payload_of(event) for event in events if event.kind == kind]
-                self._push(SOURCE, f"simulation.{kind.replace(' ', '_')}", payloads)
+                self._push(self._client, "simulation", f"simulation.{kind.replace(' ', '_')}", payloads)
             self._is_failing = False
         except (NotReachable, EventError) as error:
             self._client = None
@@ -109,10 +104,10 @@ class Announcer:
                 _log.warning("cannot publish on event channel %s: %s", self._channel, error)
             self._is_failing = True
 
-    def _push(self, source: str, kind: str, payloads: Sequence[Any]) -> None:
-        assert self._client
-        self._client.source = source
-        self._client.push_many(kind, payloads, expiry_s=EXPIRY_S, retry_s=0.0)
+    @staticmethod
+    def _push(client: EventClient, source: str, kind: str, payloads: Sequence[Any]) -> None:
+        client.source = source
+        client.push_many(kind, payloads, expiry_s=EXPIRY_S, retry_s=0.0)
 
     def _take_asked(self) -> None:
         """Floors that somebody has asked for as structs begin with the whole floor; those that nobody asks for end."""
@@ -123,22 +118,17 @@ class Announcer:
 
     def _push_typed(self, client: EventClient, floor: str) -> None:
         version, until = self._typed[floor]
-        with contextlib.suppress(UnknownFloor):
-            update = self._database.changes(floor, version)
-            if update.version == version:
-                return
+        if update := self._changes(floor, version):
             value = CORBA.Any(RoboCorba._tc_TypedFloorUpdate, floors.typed_update(update))
             client.source = floor
-            client.push_any(TYPED_CHANGED, value, expiry_s=EXPIRY_S, retry_s=0.0)
+            client.push_any("typed.floor_changed", value, expiry_s=EXPIRY_S, retry_s=0.0)
             self._typed[floor] = update.version, until
 
-    def _changes(self, floor: str) -> FloorUpdate | None:
-        """The changes of a floor since the last call; None without changes, the whole floor in the first call."""
+    def _changes(self, floor: str, since: int) -> FloorUpdate | None:
+        """The changes of a floor since a version; None without any, or without the floor."""
         with contextlib.suppress(UnknownFloor):
-            since = self._versions.get(floor)
-            update = self._database.changes(floor, since or 0)
-            self._versions[floor] = update.version
-            return update if since != update.version else None
+            update = self._database.changes(floor, since)
+            return update if update.version != since else None
         return None
 
 

@@ -9,20 +9,17 @@ import numpy as np
 
 from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
 from robocorba.map_editor.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
+from robocorba.orb.structs import enumeration
 from robocorba.stubs import RoboCorba
 
-#: Structs of bodies that are kept: they never change, and making them is most of the cost of reading a whole floor.
-KEPT_BODIES = 4096
-
-_KINDS = {BodyKind.ROBOT: RoboCorba.ROBOT_BODY, BodyKind.OBJECT: RoboCorba.OBJECT_BODY}
+_KIND = enumeration(BodyKind, suffix="_BODY")
 _DOORS = {
     Doors.CLOSED: RoboCorba.CLOSED,
     Doors.OPENING: RoboCorba.DOORS_OPENING,
     Doors.OPEN: RoboCorba.OPEN,
     Doors.CLOSING: RoboCorba.DOORS_CLOSING,
 }
-_KIND_OF = {struct: kind for kind, struct in _KINDS.items()}
-_DOORS_OF = {struct: doors for doors, struct in _DOORS.items()}
+_doors_of = {found: doors for doors, found in _DOORS.items()}
 
 
 def update(value: FloorUpdate) -> Any:
@@ -48,10 +45,10 @@ def _head(value: FloorUpdate) -> tuple[Any, ...]:
     )
 
 
-@lru_cache(maxsize=KEPT_BODIES)
+@lru_cache(maxsize=4096)  # bodies never change, and this is most of the cost of reading a whole floor
 def _body(body: Body) -> Any:
     outline = [RoboCorba.XY(x, y) for x, y in body.outline]
-    return RoboCorba.Body(body.number, _KINDS[body.kind], body.name, body.radius_m, outline, body.mass_kg)
+    return RoboCorba.Body(body.number, _KIND.to_idl(body.kind), body.name, body.radius_m, outline, body.mass_kg)
 
 
 def update_of(struct: Any) -> FloorUpdate:
@@ -64,7 +61,7 @@ def update_of(struct: Any) -> FloorUpdate:
         [
             Body(
                 body.number,
-                _KIND_OF[body.kind],
+                _KIND.from_idl(body.kind),
                 body.name,
                 body.radius,
                 tuple((point.x, point.y) for point in body.outline),
@@ -96,7 +93,7 @@ def elevators(states: dict[str, ElevatorState]) -> list[Any]:
 def elevators_of(structs: list[Any]) -> dict[str, ElevatorState]:
     return {
         one.name: ElevatorState(
-            one.height, one.cabin, _DOORS_OF[one.doors], one.opening, tuple(one.riders), tuple(one.queue)
+            one.height, one.cabin, _doors_of[one.doors], one.opening, tuple(one.riders), tuple(one.queue)
         )
         for one in structs
     }

@@ -8,17 +8,18 @@ from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import RemoteObject
 from robocorba.stubs import RoboCorba
 
-#: Timeouts to resolve the server, and of a call [s].
-RESOLVE_TIMEOUT_S, CALL_TIMEOUT_S = 0.5, 2.0
-
 
 class RegisteredRobots:
     """One call for all robots. Thread-safe."""
 
     def __init__(self, orb: Orb) -> None:
-        timeouts = RESOLVE_TIMEOUT_S, CALL_TIMEOUT_S
         self._server = RemoteObject(
-            orb, "SimulationServer", RoboCorba.SimulationServer, "the simulation server", *timeouts
+            orb,
+            "SimulationServer",
+            RoboCorba.SimulationServer,
+            "the simulation server",
+            resolve_timeout_s=0.5,
+            call_timeout_s=2.0,
         )
 
     def floors(self) -> dict[str, str]:

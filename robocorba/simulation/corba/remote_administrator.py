@@ -9,17 +9,15 @@ from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import FileObject
 from robocorba.stubs import RoboCorba
 
-#: Timeout of a call [s]; long, since `step` waits for the steps.
-CALL_TIMEOUT_S = 60.0
-
 
 class RemoteAdministrator:
     """The administrator whose reference is in `file`. Thread-safe. All methods raise NotReachable; the file is read by
     the first call."""
 
     def __init__(self, orb: Orb, file: Path) -> None:
-        interface = RoboCorba.SimulationAdministrator
-        self._administrator = FileObject(orb, file, interface, "the simulation's administrator", CALL_TIMEOUT_S)
+        interface, what = RoboCorba.SimulationAdministrator, "the simulation's administrator"
+        # A long timeout, since `step` waits for the steps.
+        self._administrator = FileObject(orb, file, interface, what, call_timeout_s=60.0)
 
     def set_limit(self, robots: int) -> None:
         """Raises InvalidChoice."""

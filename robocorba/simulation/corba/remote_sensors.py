@@ -13,10 +13,6 @@ from robocorba.simulation.load_balance import LoadBalance
 from robocorba.system.background import Workers
 from robocorba.system.backoff import Backoff
 
-#: Time for which a robot's call waits for a sensor server that answers [s].
-ASSIGN_TIMEOUT_S = 5.0
-#: Pauses between attempts to assign a sensor server.
-POLLING = Backoff(0.05, 0.05)
 #: Maximum number of calls that wait at the same time; each looks for a server 20 times a second.
 MAX_WAITING = 4
 #: Timeout of a call to a sensor server [s].
@@ -38,7 +34,8 @@ class RemoteSensors:
         reference = self._assign(robot)
         if reference is None and self._waiting.acquire(blocking=False):
             try:
-                reference = POLLING.poll(lambda: self._assign(robot), ASSIGN_TIMEOUT_S)
+                # An attempt every 0.05 s, for at most 5 s.
+                reference = Backoff(0.05, 0.05).poll(lambda: self._assign(robot), 5.0)
             finally:
                 self._waiting.release()
         if reference is None:

@@ -1,4 +1,4 @@
-"""Client of the simulation server and its Omni database, for virtual sensor servers."""
+"""Clients of the simulation server, one of them with its Omni database for virtual sensor servers."""
 
 from __future__ import annotations
 
@@ -11,26 +11,32 @@ from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.floor_update import FloorUpdate
 from robocorba.orb.calls import set_call_timeout
 from robocorba.orb.orb import Orb
-from robocorba.orb.remote_object import Answer, translated
+from robocorba.orb.remote_object import Answer, RemoteObject, translated
 from robocorba.simulation.corba import scans, sessions
 from robocorba.simulation.corba.remote_database import changes
 from robocorba.simulation.load_balance import Load
-from robocorba.simulation.robot_scans import IDLE_INTERVAL_S, LastScan, RobotScan
+from robocorba.simulation.robot_scans import LastScan, RobotScan
 from robocorba.simulation.sensor_admission import proof_of
 from robocorba.stubs import RoboCorba
 
-#: Timeouts to resolve the servers at start, and of calls [s].
-START_TIMEOUT_S, CALL_TIMEOUT_S = 300.0, 1.0
+#: Timeout of calls [s].
+CALL_TIMEOUT_S = 1.0
+
+
+def simulation_server(orb: Orb, resolve_timeout_s: float, call_timeout_s: float) -> RemoteObject:
+    """The RoboCorba::SimulationServer of a running system, resolved again after each failure."""
+    timeouts = resolve_timeout_s, call_timeout_s
+    return RemoteObject(orb, "SimulationServer", RoboCorba.SimulationServer, "the simulation server", *timeouts)
 
 
 class RemoteSimulation:
-    """Raises NotReachable if the servers are not found within `timeout_s`, and in calls while they do not answer."""
+    """Raises NotReachable if the servers are not found within 300 s, and in calls while they do not answer."""
 
-    def __init__(self, orb: Orb, timeout_s: float = START_TIMEOUT_S) -> None:
+    def __init__(self, orb: Orb) -> None:
         self._orb = orb
-        self._server = orb.resolve("SimulationServer", RoboCorba.SimulationServer, timeout_s, CALL_TIMEOUT_S)
+        self._server = orb.resolve("SimulationServer", RoboCorba.SimulationServer, 300.0, CALL_TIMEOUT_S)
         self._registration: Any = None
-        self._database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, timeout_s, CALL_TIMEOUT_S)
+        self._database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase, 300.0, CALL_TIMEOUT_S)
 
     def changes(self, floor: str, since: int) -> FloorUpdate:
         """Changes of a floor since a version. Raises UnknownFloor, NotReachable."""
@@ -41,12 +47,8 @@ class RemoteSimulation:
         NotReachable."""
         proof = proof_of(token, name, self._orb.uri(reference))
         with translated("the simulation server"):
-            try:
-                registration = self._server.registerSensor(name, reference, proof)
-            except CORBA.BAD_OPERATION:  # a server of an earlier version
-                registration = _EarlierServer(self._server, name, reference)
-            else:
-                set_call_timeout(registration, CALL_TIMEOUT_S)
+            registration = self._server.registerSensor(name, reference, proof)
+            set_call_timeout(registration, CALL_TIMEOUT_S)
         self._registration = registration
 
     @property
@@ -74,19 +76,3 @@ class RemoteSimulation:
             except (CORBA.OBJECT_NOT_EXIST, CORBA.NO_PERMISSION):  # it was restarted
                 self._registration = None
                 raise
-
-
-class _EarlierServer:
-    """The registration of a sensor server at a simulation server that knows no registrations."""
-
-    def __init__(self, server: Any, name: str, reference: Any) -> None:
-        self._server, self._name, self._reference = server, name, reference
-
-    def report(self, load: Any, latest: Any) -> None:
-        self._server.reportSensor(self._name, self._reference, load, latest)
-
-    def reportScans(self, latest: Any) -> float:
-        try:
-            return float(self._server.reportScans(self._name, latest))
-        except CORBA.BAD_OPERATION:
-            return IDLE_INTERVAL_S

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from omniORB import CORBA
@@ -19,64 +19,14 @@ from robocorba.simulation.sensing.scan import Mount, Noise, ScanResult, ScanSpec
 from robocorba.stubs import RoboCorba
 
 
-class _ScanDataStruct(NamedTuple):
-    time: float
-    firstAngle: float
-    step: float
-    distances: list[float]
-
-
-class _SensorDataStruct(NamedTuple):
-    robot: str
-    at: Pose
-    seen: _ScanDataStruct
-
-
-class _ScanSpecStruct(NamedTuple):
-    firstAngle: float
-    step: float
-    rays: int
-    range: float
-    rim: float
-    noise: Any
-
-
-class _RobotScanStruct(NamedTuple):
-    robot: str
-    at: Pose
-    where: Any
-    spec: _ScanSpecStruct
-    seen: _ScanDataStruct
-    hits: bytes
-
-
 def spec_of(struct: Any) -> ScanSpec:
     """Raises InvalidScan. Cached, since requests repeat and a fan keeps its rays."""
     noise = struct.noise
-    return _spec(
-        *(struct.firstAngle, struct.step, struct.rays, struct.range, struct.rim),
-        *(noise.sigma, noise.relative, noise.lost, noise.seed),
-    )
+    fan = _fan(struct.firstAngle, struct.step, struct.rays, struct.range)
+    return _spec(fan, struct.rim, _noise(noise.sigma, noise.relative, noise.lost), noise.seed)
 
 
-@lru_cache(maxsize=256)
-def _fan(first: float, step: float, rays: int, range_m: float) -> Fan:
-    return Fan(first, step, rays, range_m)
-
-
-@lru_cache(maxsize=256)
-def _spec(
-    first: float,
-    step: float,
-    rays: int,
-    range_m: float,
-    rim_m: float,
-    sigma_m: float,
-    relative: float,
-    lost: float,
-    seed: int,
-) -> ScanSpec:
-    return ScanSpec(_fan(first, step, rays, range_m), rim_m, Noise(sigma_m, relative, lost), seed)
+_fan, _noise, _spec = map(lru_cache(maxsize=256), (Fan, Noise, ScanSpec))
 
 
 def spec(wanted: ScanSpec) -> Any:
@@ -102,13 +52,12 @@ def pose_rows_of(structs: Sequence[Any]) -> Floats:
 
 def scan(result: ScanResult, spec: ScanSpec) -> Any:
     """The ScanData struct of a result that has one row of distances."""
-    return _ScanDataStruct(result.time, spec.fan.first_rad, spec.fan.step_rad, result.distances[0].tolist())
+    return RoboCorba.ScanData(result.time, spec.fan.first_rad, spec.fan.step_rad, result.distances[0].tolist())
 
 
 def last_scan(value: LastScan) -> Any:
-    return _SensorDataStruct(
-        value.robot, value.at, _ScanDataStruct(value.time, value.first_rad, value.step_rad, value.distances.tolist())
-    )
+    seen = RoboCorba.ScanData(value.time, value.first_rad, value.step_rad, value.distances.tolist())
+    return RoboCorba.SensorData(value.robot, value.at, seen)
 
 
 def last_scan_of(struct: Any) -> LastScan:
@@ -120,14 +69,10 @@ def last_scan_of(struct: Any) -> LastScan:
 def robot_scan(value: RobotScan) -> Any:
     distances = value.distances.tolist()
     frame = value.first_rad, value.step_rad
-    return _RobotScanStruct(
-        value.robot,
-        value.at,
-        RoboCorba.Mount(*value.mount),
-        _ScanSpecStruct(*frame, len(distances), value.range_m, value.rim_m, RoboCorba.ScanNoise(*value.noise)),
-        _ScanDataStruct(value.time, *frame, distances),
-        value.hits.astype(np.uint8).tobytes(),
-    )
+    noise = RoboCorba.ScanNoise(*value.noise)
+    spec = RoboCorba.ScanSpec(*frame, len(distances), value.range_m, value.rim_m, noise)
+    seen, hits = RoboCorba.ScanData(value.time, *frame, distances), value.hits.astype(np.uint8).tobytes()
+    return RoboCorba.RobotScan(value.robot, value.at, RoboCorba.Mount(*value.mount), spec, seen, hits)
 
 
 def robot_scan_of(struct: Any) -> RobotScan:

@@ -1,11 +1,9 @@
-"""Conversion of robots, sessions and the simulation server's state from and to the IDL.
-
-Some structs are named tuples with the members' names; omniORBpy marshals these like the generated classes."""
+"""Conversion of robots, sessions and the simulation server's state from and to the IDL."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from omniORB import CORBA
 
@@ -19,9 +17,8 @@ from robocorba.orb.structs import Converter, struct_converter
 from robocorba.simulation.elevator import RidePhase, RideStatus
 from robocorba.simulation.emergency_stops import StopAnswer, StopHold, StopState
 from robocorba.simulation.load_balance import Load, SensorServer
-from robocorba.simulation.registry import Description, RobotClient
+from robocorba.simulation.registry import Description, RobotClient, ServerState
 from robocorba.simulation.reservations import Reservation, ReservedAreas, check_alternatives, check_sizes
-from robocorba.simulation.server_state import ServerState
 from robocorba.stubs import RoboCorba
 
 _PHASES = {
@@ -30,26 +27,6 @@ _PHASES = {
     RidePhase.RIDING: RoboCorba.RIDING,
     RidePhase.ALIGHTING: RoboCorba.ALIGHTING,
 }
-_PHASE_OF = {struct: phase for phase, struct in _PHASES.items()}
-_NO_RIDE = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
-
-_NO_RESERVATION = RoboCorba.ReservationState(RoboCorba.NO_RESERVATION, 0, 0.0, 0.0)
-
-
-class _VelocityStruct(NamedTuple):
-    ahead: float
-    left: float
-    turn: float
-
-
-class _RobotStateStruct(NamedTuple):
-    time: float
-    at: Pose
-    moving: _VelocityStruct
-    holding: str
-    riding: Any
-    collisions: int
-    touched: str
 
 
 def pose_of(struct: Any) -> Pose:
@@ -57,7 +34,9 @@ def pose_of(struct: Any) -> Pose:
 
 
 _DESCRIPTION = struct_converter(
-    *(Description, RoboCorba.RobotDescription, {"start": "pose", "radius": "radius_m", "mass": "mass_kg"}),
+    Description,
+    RoboCorba.RobotDescription,
+    {"start": "pose", "radius": "radius_m", "mass": "mass_kg"},
     pose=Converter(lambda pose: pose, pose_of),
     limits=Converter(
         lambda limits: RoboCorba.MotionLimits(*limits),
@@ -77,19 +56,18 @@ def description(about: Description) -> Any:
 
 
 def robot_state(state: RobotMotion, holding: str, riding: RideStatus | None, collisions: int, touched: str) -> Any:
-    return _RobotStateStruct(
-        state.time, state.pose, _VelocityStruct(*state.velocity), holding, ride(riding), collisions, touched
-    )
+    moving = RoboCorba.Velocity(*state.velocity)
+    return RoboCorba.RobotState(state.time, state.pose, moving, holding, ride(riding), collisions, touched)
 
 
 def ride_of(struct: Any) -> RideStatus | None:
-    phase = _PHASE_OF.get(struct.phase)
+    phase = next((phase for phase, found in _PHASES.items() if found == struct.phase), None)
     return RideStatus(phase, struct.elevator, struct.origin, struct.destination, struct.ahead) if phase else None
 
 
 def ride(value: RideStatus | None) -> Any:
     if value is None:
-        return _NO_RIDE
+        return RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
     return RoboCorba.Ride(_PHASES[value.phase], value.elevator, value.origin, value.destination, value.ahead)
 
 
@@ -115,7 +93,7 @@ def _area_of(struct: Any) -> FloorArea:
 
 def reservation(value: Reservation | None) -> Any:
     if value is None:
-        return _NO_RESERVATION
+        return RoboCorba.ReservationState(RoboCorba.NO_RESERVATION, 0, 0.0, 0.0)
     phase = RoboCorba.AREAS_GRANTED if value.granted else RoboCorba.WAITING_FOR_AREAS
     return RoboCorba.ReservationState(phase, value.ahead, value.longest_wait_s, value.left_s)
 

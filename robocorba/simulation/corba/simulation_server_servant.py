@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from omniORB import CORBA
 
@@ -13,6 +13,7 @@ from robocorba.errors.simulation import SensorRefused
 from robocorba.orb.exceptions import translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.simulation.corba import scans, sessions
+from robocorba.simulation.corba.registered_sensors import RegisteredSensors
 from robocorba.simulation.emergency_stops import EmergencyStops
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.session import Session
@@ -30,7 +31,7 @@ class SimulationServerServant(ServerServant, RoboCorba__POA.SimulationServer):
         reference_of: Callable[[Session], Any],
         render: Callable[[str, int], bytes],
         stops: EmergencyStops,
-        sensors: SensorServers,
+        sensors: RegisteredSensors,
     ) -> None:
         self._agent, self._reference_of, self._render = agent, reference_of, render
         self._stops, self._sensors = stops, sensors
@@ -90,21 +91,11 @@ class SimulationServerServant(ServerServant, RoboCorba__POA.SimulationServer):
 
         return {"registerRobot": register_robot}
 
-    def _earlier_version(self, name: str) -> SensorRegistrationServant:
+    def _earlier_version(self, name: str) -> Any:
         try:
             return self._sensors.earlier_version(name)
         except SensorRefused:
             raise CORBA.NO_PERMISSION(0, CORBA.COMPLETED_NO) from None
-
-
-class SensorServers(Protocol):
-    """Admits virtual sensor servers."""
-
-    def register(self, name: str, reference: Any, proof: str) -> Any:
-        """A reference to the registration of a server. Raises SensorRefused."""
-
-    def earlier_version(self, name: str) -> SensorRegistrationServant:
-        """The registration of a server that has no token. Raises SensorRefused."""
 
 
 class SensorRegistrationServant(RoboCorba__POA.SensorRegistration):
@@ -135,9 +126,14 @@ def _measured(method: Callable[..., Any]) -> Callable[..., Any]:
             return translated(self, *arguments)
         finally:
             client.end_call()
-            client.record_latency(time.perf_counter() - began)
+            client.latency_s += 0.05 * (time.perf_counter() - began - client.latency_s)
 
     return call
+
+
+def _forwarded(method: Callable[..., Any]) -> Callable[..., Any]:
+    """An operation that a method of the session does."""
+    return _measured(lambda self, *arguments: method(self.session, *arguments))
 
 
 class RobotSessionServant(RoboCorba__POA.RobotSession):
@@ -147,6 +143,19 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
         self, session: Session, lease_s: float, sensor: Any, stops: EmergencyStops, uri: Callable[[Any], str]
     ) -> None:
         self.session, self._lease_s, self._sensor, self._stops, self._uri = session, lease_s, sensor, stops, uri
+
+    brake = _forwarded(Session.brake)
+    reportPosture = _forwarded(Session.report_posture)
+    heartbeat = _forwarded(Session.heartbeat)
+    release = _forwarded(Session.release)
+    callElevator = _forwarded(Session.call_elevator)
+    callElevatorTogether = _forwarded(Session.call_elevator)
+    callElevatorFor = _forwarded(Session.call_elevator)
+    longestElevatorWait = _forwarded(Session.longest_elevator_wait_s)
+    giveUpElevator = _forwarded(Session.cancel_elevator)
+    takeOverAreas = _forwarded(Session.take_over_areas)
+    releaseAreas = _forwarded(Session.release_areas)
+    deregister = _forwarded(Session.deregister)
 
     @_measured
     def _get_name(self) -> str:
@@ -163,22 +172,10 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
         self.session.command(wanted.ahead, wanted.left, wanted.turn, valid_for)
 
     @_measured
-    def brake(self) -> None:
-        self.session.brake()
-
-    @_measured
-    def reportPosture(self, joints: list[float]) -> None:
-        self.session.report_posture(joints)
-
-    @_measured
     def state(self) -> Any:
         session = self.session
         robot = session.robot
         return sessions.robot_state(session.state(), robot.holding, session.ride, robot.collisions, robot.touched)
-
-    @_measured
-    def heartbeat(self) -> None:
-        self.session.heartbeat()
 
     @_measured
     def _get_sensor(self) -> Any:
@@ -188,30 +185,6 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
     @_measured
     def grip(self, what: str, place: Any) -> None:
         self.session.grip(what, (place.x, place.y))
-
-    @_measured
-    def release(self) -> None:
-        self.session.release()
-
-    @_measured
-    def callElevator(self, elevator: str, destination: str) -> None:
-        self.session.call_elevator(elevator, destination)
-
-    @_measured
-    def callElevatorTogether(self, elevator: str, destination: str, party: str, size: int) -> None:
-        self.session.call_elevator_together(elevator, destination, party, size)
-
-    @_measured
-    def callElevatorFor(self, elevator: str, destination: str, party: str, size: int, boardingTime: float) -> None:
-        self.session.call_elevator_together(elevator, destination, party, size, boardingTime)
-
-    @_measured
-    def longestElevatorWait(self) -> float:
-        return self.session.longest_elevator_wait_s()
-
-    @_measured
-    def giveUpElevator(self) -> None:
-        self.session.cancel_elevator()
 
     @_measured
     def reserveAreas(self, areas: list[Any], limit: float) -> None:
@@ -226,24 +199,12 @@ class RobotSessionServant(RoboCorba__POA.RobotSession):
         return self.session.exchange_areas(sessions.areas_of(areas), least)
 
     @_measured
-    def takeOverAreas(self, former: str) -> None:
-        self.session.take_over_areas(former)
-
-    @_measured
     def reservation(self) -> Any:
         return sessions.reservation(self.session.reservation())
 
     @_measured
     def keepAreas(self, areas: list[Any]) -> None:
         self.session.keep_areas(sessions.areas_of(areas))
-
-    @_measured
-    def releaseAreas(self) -> None:
-        self.session.release_areas()
-
-    @_measured
-    def deregister(self) -> None:
-        self.session.deregister()
 
     @_measured
     def reportStopTarget(self, target: Any, standsWithBody: bool) -> None:

@@ -42,7 +42,9 @@ class Eye(NamedTuple):
 
 @kernel
 def direction(x: float, y: float) -> float:
-    """atan2(y, x) within SLACK_RAD at a tenth of its cost; it only preselects rays."""
+    """atan2(y, x) within SLACK_RAD at a tenth of its cost; it only preselects rays.
+
+    The polynomial for arctangents of 0 to 1 is that of https://math.stackexchange.com/a/1105038."""
     ax, ay = abs(x), abs(y)
     larger = max(ax, ay)
     if larger == 0.0:

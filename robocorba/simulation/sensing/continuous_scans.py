@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Protocol
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.map_editor.spatial.pose import Pose
@@ -16,21 +15,17 @@ from robocorba.system.repeating import Repeating
 OWN_SCAN_S = 1.0
 
 
-class Lasers(Protocol):
-    """Virtual lasers."""
-
-    def scans(self, robots: Sequence[tuple[str, Pose]], time_s: float) -> list[RobotScan]:
-        """A scan for each robot from its pose at a simulated time [s]."""
-
-
 class ContinuousScans:
-    """Scans in a thread of its own, `rate_hz` times a second, until `close`. places: of the robots, and their simulated
-    time [s]."""
+    """Scans in a thread of its own, `rate_hz` times a second, until `close`. scans_of: scans for each of these robots
+    from its pose at a simulated time [s]. places: of the robots, and their simulated time [s]."""
 
     def __init__(
-        self, lasers: Lasers, places: Callable[[], tuple[float, Mapping[str, RobotPlace]]], rate_hz: float
+        self,
+        scans_of: Callable[[Sequence[tuple[str, Pose]], float], list[RobotScan]],
+        places: Callable[[], tuple[float, Mapping[str, RobotPlace]]],
+        rate_hz: float,
     ) -> None:
-        self._lasers, self._places = lasers, places
+        self._scans_of, self._places = scans_of, places
         self._lock = threading.Lock()
         self._own_scan_at_s: dict[str, float] = {}
         self._last_s = -1.0
@@ -70,7 +65,7 @@ class ContinuousScans:
             return
         try:
             scans = [
-                scan._replace(time=places[scan.robot].time_s) for scan in self._lasers.scans(robots, time_s)
+                scan._replace(time=places[scan.robot].time_s) for scan in self._scans_of(robots, time_s)
             ]  # each is from where its robot was at the time of its floor
             with self._lock:
                 self._taken, self._last_s, self.problem = scans, time_s, ""

@@ -50,9 +50,3 @@ class Fan:
     def rays(self) -> tuple[Floats, Floats]:
         """Cosines and sines of the rays."""
         return np.cos(self.angles), np.sin(self.angles)
-
-
-#: The paper's laser range finder at the waist: half a turn ahead, one ray per degree.
-LASER = Fan(-math.pi / 2, math.pi / 180, 181, 8.0)
-#: The paper's ring of eight proximity sensors around the base.
-PROXIMITY = Fan(0.0, math.pi / 4, 8, 1.0)

@@ -19,8 +19,6 @@ from robocorba.simulation.sensing.virtual_sensor import VirtualSensor
 SCAN_WINDOW_S = 2.0
 #: Interval between updates of a floor that nobody scans [s]. Below the age that scans allow, for the server's load.
 QUIET_INTERVAL_S = 0.5
-#: Maximum time that a first scan waits for an update under way [s]; it then takes what is there.
-FIRST_SCAN_LIMIT_S = 0.5
 
 
 class FloorFollower:
@@ -35,7 +33,7 @@ class FloorFollower:
         changes: Callable[[str, int], FloorUpdate],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._sensor, self._changes, self._clock = sensor, changes, clock
+        self.sensor, self._changes, self._clock = sensor, changes, clock
         #: Held during an update of a floor, from its request on.
         self._lock = threading.Lock()
         self._scanned_at: dict[str, float] = {}
@@ -46,8 +44,8 @@ class FloorFollower:
         for floor in building.floors:
             fixed_obstacles(building, floor)  # computed before scans have to wait; the results are cached
         with self._lock:
-            self._sensor.set_map(building)
-            for floor in self._updated_at.keys() - set(self._sensor.floors):
+            self.sensor.set_map(building)
+            for floor in self._updated_at.keys() - set(self.sensor.floors):
                 del self._updated_at[floor]
                 self._scanned_at.pop(floor, None)
 
@@ -55,8 +53,9 @@ class FloorFollower:
         """Update all floors that are scanned, and those that nobody scans every QUIET_INTERVAL_S.
 
         Raises UpdateMismatch."""
-        for floor in self._sensor.floors:
-            if self._is_scanned(floor) or self._age_s(floor) >= QUIET_INTERVAL_S:
+        for floor in self.sensor.floors:
+            age_s = self._clock() - self._updated_at.get(floor, float("-inf"))
+            if self._is_scanned(floor) or age_s >= QUIET_INTERVAL_S:
                 with self._lock:
                     self._update(floor)
 
@@ -71,8 +70,8 @@ class FloorFollower:
 
     @contextlib.contextmanager
     def _locked_for_scan(self) -> Iterator[bool]:
-        """Try to hold the lock; yields whether it is held."""
-        is_mine = self._lock.acquire(timeout=FIRST_SCAN_LIMIT_S)
+        """Try to hold the lock for 0.5 s; yields whether it is held. Else a scan takes what is there."""
+        is_mine = self._lock.acquire(timeout=0.5)
         try:
             yield is_mine
         finally:
@@ -82,12 +81,9 @@ class FloorFollower:
     def _is_scanned(self, floor: str) -> bool:
         return self._clock() - self._scanned_at.get(floor, float("-inf")) < SCAN_WINDOW_S
 
-    def _age_s(self, floor: str) -> float:
-        return self._clock() - self._updated_at.get(floor, float("-inf"))
-
     def _update(self, floor: str) -> None:
         """Request and apply the changes of a floor. Raises UpdateMismatch."""
         with contextlib.suppress(NotReachable, UnknownFloor):
             requested_at = self._clock()
-            self._sensor.follow(self._changes(floor, self._sensor.version(floor)), requested_at)
+            self.sensor.follow(self._changes(floor, self.sensor.version(floor)), requested_at)
             self._updated_at[floor] = requested_at

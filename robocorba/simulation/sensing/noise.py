@@ -1,4 +1,4 @@
-"""Sensor noise: pseudo-random, and reproducible for the same seed, robot and scan."""
+"""Sensor noise: pseudo-random, and reproducible for the same seed and robot."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _STEP, _MIX_1, _MIX_2 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E
 _30, _27, _31, _11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
 
 
-def disturb(noise: Noise, distances: Floats, range_m: float, seed: int, robots: NDArray[np.int64], scan: int) -> Floats:
-    """Distances (m, rays) with noise. robots: (m,) numbers of the robots that scan. scan: number of the scan."""
+def disturb(noise: Noise, distances: Floats, range_m: float, seed: int, robots: NDArray[np.int64]) -> Floats:
+    """Distances (m, rays) with noise. robots: (m,) numbers of the robots that scan."""
     keys = robots.astype(np.uint64)
     sigma_m, relative, lost = noise.sigma_m, noise.relative, noise.lost
-    return _disturb(distances, range_m, sigma_m, relative, lost, np.uint64(seed), keys, np.uint64(scan))
+    return _disturb(distances, range_m, sigma_m, relative, lost, np.uint64(seed), keys)
 
 
 @kernel
@@ -40,11 +40,10 @@ def _disturb(
     lost: float,
     seed: np.uint64,
     robots: NDArray[np.uint64],
-    scan: np.uint64,
 ) -> Floats:
     readings = distances.copy()
     for m in range(distances.shape[0]):
-        state = _mixed(_mixed(_mixed(seed) + robots[m]) + scan)
+        state = _mixed(_mixed(_mixed(seed) + robots[m]))
         for k in range(distances.shape[1]):
             uniforms = np.empty(3)
             for u in range(3):

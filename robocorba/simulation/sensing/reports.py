@@ -9,7 +9,7 @@ from collections.abc import Callable
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.load_balance import Load
 from robocorba.simulation.robot_scans import LastScan, LastScans, RobotScan
-from robocorba.simulation.sensing.scan import Mount, ScanResult, ScanSpec
+from robocorba.simulation.sensing.scan import Mount, ScanResult, ScanSpec, robot_scan
 from robocorba.simulation.sensing.virtual_sensor import VirtualSensor
 
 
@@ -36,7 +36,7 @@ class Reports:
 
     def record_scan(self, robot: str | None, at: Pose, mount: Mount, spec: ScanSpec, result: ScanResult) -> None:
         """Count a scan, and keep it as the last one of `robot`, which is at a pose, unless that is None."""
-        scan = _robot_scan(robot, at, mount, spec, result) if robot is not None else None
+        scan = robot_scan(robot, at, mount, spec, result) if robot is not None else None
         with self._lock:
             self._scans += 1
             if scan:
@@ -64,14 +64,6 @@ class Reports:
         with self._lock:
             last, self._robot_scans = self._robot_scans, LastScans()
         return last.all()
-
-
-def _robot_scan(robot: str, at: Pose, mount: Mount, spec: ScanSpec, result: ScanResult) -> RobotScan:
-    fan, noise, distances = spec.fan, spec.noise, result.distances[0]
-    return RobotScan(
-        *(robot, result.time, at, mount, fan.first_rad, fan.step_rad, fan.range_m, spec.rim_m),
-        *((noise.sigma_m, noise.relative, noise.lost, spec.seed), distances, distances < fan.range_m),
-    )
 
 
 def _last_scan(robot: str, floor: str, spec: ScanSpec, result: ScanResult) -> LastScan:

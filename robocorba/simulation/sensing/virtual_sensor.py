@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.sensing import InvalidScan, SensorBehind
@@ -18,12 +17,11 @@ from robocorba.map_editor.model import Building, Floor
 from robocorba.map_editor.movable import fixed_obstacles, landing_doors
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.map_editor.spatial.elevator_state import Doors
-from robocorba.map_editor.spatial.floor_update import BodyKind, FloorUpdate, FloorView, Motions
+from robocorba.map_editor.spatial.floor_update import BodyKind, FloorUpdate, FloorView
 from robocorba.map_editor.spatial.grids import column_of, row_of
 from robocorba.simulation.sensing.casting import ObstacleGrids, cast
-from robocorba.simulation.sensing.fan import LASER
 from robocorba.simulation.sensing.noise import disturb
-from robocorba.simulation.sensing.scan import Mount, Noise, ScanResult, ScanSpec
+from robocorba.simulation.sensing.scan import LASER, Mount, Noise, ScanResult, ScanSpec
 from robocorba.simulation.sensing.visible_obstacles import NO_ROBOT, VisibleObstacles, border_segments
 from robocorba.system.kernels import kernel
 
@@ -72,9 +70,8 @@ class VirtualSensor:
     def warm_up(self) -> None:
         """Compile or load the kernels, so that the first update and scan take no longer than the others."""
         for floor in list(self._floors.values())[:1]:
-            place_discs(floor.view.motions, floor.view.moved, floor.view.moved, np.empty(0, bool), np.empty((0, 4)))
             scan_from(floor.obstacles.grids, np.zeros((1, 3)), Mount(), NO_ROBOT, LASER.rays, ScanSpec(LASER).frame)
-        disturb(Noise(0.01), np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64), 0)
+        disturb(Noise(0.01), np.ones((1, 8)), 2.0, 0, np.zeros(1, np.int64))
 
     def view(self, floor: str) -> FloorView:
         """The copy of a floor. Raises UnknownFloor."""
@@ -109,7 +106,7 @@ class VirtualSensor:
         if not is_finite:
             raise InvalidScan("robot", "the pose of the robot or of its sensor is not finite")
         if spec.noise:
-            distances = disturb(spec.noise, distances, fan.range_m, spec.seed, own_robots, 0)
+            distances = disturb(spec.noise, distances, fan.range_m, spec.seed, own_robots)
         return ScanResult(time_s, sensors, distances)
 
     def scan_many(
@@ -177,11 +174,11 @@ class _SensedFloor:
         has_changed = self.view.apply(update)
         if has_changed:
             self._rebuild()
-        view = self.view
-        discs, has_object_moved = place_discs(view.motions, view.moved, self._robots, self._is_object, self._discs)
-        has_new_segments = has_changed or update.elevators or has_object_moved
-        self.obstacles.set_moving(discs, self._moving_segments() if has_new_segments else None)
-        self._discs, self.valid_at = discs, requested_at
+        robots = self.view.motions[self._robots]
+        self._discs = np.column_stack([robots["x"], robots["y"], self._discs[:, 2:]])
+        has_new_segments = has_changed or update.elevators or self._is_object[self.view.moved].any()
+        self.obstacles.set_moving(self._discs, self._moving_segments() if has_new_segments else None)
+        self.valid_at = requested_at
         self.current = self.obstacles.grids, self.numbers
 
     def _rebuild(self) -> None:
@@ -200,41 +197,17 @@ class _SensedFloor:
 
     def _moving_segments(self) -> Floats:
         """Segments (n, 4) of movable objects and of elevator doors that are not open."""
-        objects = place_sides(self.view.motions, self._side_of, self._sides)
+        at, objects = self.view.motions[self._side_of], np.empty_like(self._sides)
+        c, s = np.cos(at["heading"]), np.sin(at["heading"])
+        for end in (0, 2):
+            x, y = self._sides[:, end], self._sides[:, end + 1]
+            objects[:, end] = at["x"] + c * x - s * y
+            objects[:, end + 1] = at["y"] + s * x + c * y
         return np.concatenate([objects, *(lines for name, lines in self._doors.items() if not self._is_open(name))])
 
     def _is_open(self, elevator: str) -> bool:
         state = self.view.elevators.get(elevator)
         return bool(state and state.floor == self.view.floor and state.doors is Doors.OPEN)
-
-
-@kernel
-def place_discs(
-    motions: Motions, moved: Longs, robots: Longs, is_object: NDArray[np.bool_], discs: Floats
-) -> tuple[Floats, bool]:
-    """Current discs (n, 4) of the robots in rows `robots`, and whether one of the rows `moved` is an object."""
-    placed = discs.copy()
-    for disc in range(len(robots)):
-        motion = motions[robots[disc]]
-        placed[disc, 0], placed[disc, 1] = motion.x, motion.y
-    for row in moved:
-        if is_object[row]:
-            return placed, True
-    return placed, False
-
-
-@kernel
-def place_sides(motions: Motions, side_of: Longs, sides: Floats) -> Floats:
-    """Transform sides (n, 4) from the objects' frames to the floor; `side_of` has the row of each side's object."""
-    placed = np.empty_like(sides)
-    for side in range(len(sides)):
-        motion = motions[side_of[side]]
-        c, s = math.cos(motion.heading), math.sin(motion.heading)
-        for end in (0, 2):
-            x, y = sides[side, end], sides[side, end + 1]
-            placed[side, end] = motion.x + c * x - s * y
-            placed[side, end + 1] = motion.y + s * x + c * y
-    return placed
 
 
 @kernel
@@ -265,9 +238,17 @@ def scan_from(
         total += 0.0 * (sensors[row, 0] + sensors[row, 1] + sensors[row, 2])
     if total != 0.0:
         return False, sensors, own_robots, np.empty((0, 0))
-    if own_robot == ROBOT_AT_POSE:
+    if own_robot == ROBOT_AT_POSE:  # the one whose disc contains the place, the deepest if there are several
+        grid = obstacles.static.frame
         for row in range(m):
-            own_robots[row] = robot_at(robots[row, 0], robots[row, 1], obstacles)
+            x, y, _ = robots[row]
+            nearest_m, own_robots[row] = 0.0, NO_ROBOT
+            cell = row_of(grid, y) * int(grid[3]) + column_of(grid, x)
+            for at in range(obstacles.disc_start[cell], obstacles.disc_start[cell + 1]):
+                disc_x, disc_y, radius, number = obstacles.discs[obstacles.disc_items[at]]
+                distance_m = math.hypot(disc_x - x, disc_y - y) - radius
+                if distance_m <= nearest_m:
+                    nearest_m, own_robots[row] = distance_m, int(number)
     distances = cast(obstacles, sensors, own_robots, cosines, sines, first, step, range_m + rim_m)
     if rim_m > 0.0:
         for row in range(m):
@@ -275,17 +256,3 @@ def scan_from(
                 is_hit = distances[row, k] < range_m + rim_m
                 distances[row, k] = max(distances[row, k] - rim_m, 0.0) if is_hit else range_m
     return True, sensors, own_robots, distances
-
-
-@kernel
-def robot_at(x: float, y: float, obstacles: ObstacleGrids) -> int:
-    """Number of the robot whose disc contains a point; NO_ROBOT for none."""
-    found, nearest_m = NO_ROBOT, 0.0
-    frame = obstacles.static.frame
-    cell = row_of(frame, y) * int(frame[3]) + column_of(frame, x)
-    for at in range(obstacles.disc_start[cell], obstacles.disc_start[cell + 1]):
-        disc_x, disc_y, radius, number = obstacles.discs[obstacles.disc_items[at]]
-        distance_m = math.hypot(disc_x - x, disc_y - y) - radius
-        if distance_m <= nearest_m:
-            nearest_m, found = distance_m, int(number)
-    return found

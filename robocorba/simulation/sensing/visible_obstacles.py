@@ -22,12 +22,6 @@ from robocorba.simulation.sensing.casting import ObstacleGrids, cast
 from robocorba.simulation.sensing.fan import Fan
 from robocorba.system.kernels import kernel
 
-#: Target average of static segments per grid cell.
-STATIC_SEGMENTS_PER_CELL = 4.0
-#: Bounds of the side of a cell [m].
-MIN_CELL_M, MAX_CELL_M = 1.0, 8.0
-#: Margin of the grid around all obstacles [m]: the grid is rebuilt only for a body that moves beyond it.
-MARGIN_M = 5.0
 #: Number in place of a robot's for a sensor that is not mounted on a robot.
 NO_ROBOT = -1
 
@@ -57,7 +51,9 @@ class VisibleObstacles:
         static, moving = self.grids.static, self.grids.moving
         is_covered, start, items = discs_by_cell(self._discs, static.frame)
         if segments is not None:
-            is_covered = is_covered and covers(static.frame, self._moving)
+            low, cell_m, cells = static.frame[:2], static.frame[2], static.frame[3:]
+            ends = self._moving.reshape(-1, 2)
+            is_covered = is_covered and bool(((ends >= low) & (ends < low + cells * cell_m)).all())
             moving = build_grid(self._moving, static.frame)
         if is_covered:
             self.grids = ObstacleGrids(static, moving, self._discs, start, items)
@@ -81,15 +77,16 @@ class VisibleObstacles:
         corners = [self._static, self._moving, boxes]
         everything = np.concatenate([part for part in corners if len(part)] or [np.zeros((1, 4))])
         low, high = everything.reshape(-1, 2).min(axis=0), everything.reshape(-1, 2).max(axis=0)
-        frame = frame_over(np.array([[*(low - MARGIN_M), *(high + MARGIN_M)]]), self._cell_m(high - low))
+        margin_m = 5.0  # around all obstacles: the grid is rebuilt only for a body that moves beyond it
+        frame = frame_over(np.array([[*(low - margin_m), *(high + margin_m)]]), self._cell_m(high - low))
         _, start, items = discs_by_cell(self._discs, frame)
         static, moving = build_grid(self._static, frame), build_grid(self._moving, frame)
         self.grids = ObstacleGrids(static, moving, self._discs, start, items)
 
     def _cell_m(self, extent: Floats) -> float:
+        """The side of a cell [m], 1 to 8, so that it has 4 static segments on average."""
         width, depth = np.maximum(extent, 1.0)
-        side = math.sqrt(STATIC_SEGMENTS_PER_CELL * width * depth / max(1, len(self._static)))
-        return min(max(side, MIN_CELL_M), MAX_CELL_M)
+        return min(max(math.sqrt(4.0 * width * depth / max(1, len(self._static))), 1.0), 8.0)
 
 
 @kernel
@@ -121,18 +118,6 @@ def _fill_discs(discs: Floats, frame: Floats, position: Longs, items: Longs) -> 
                 if items.shape[0]:
                     items[position[cell]] = disc
                 position[cell] += 1
-
-
-@kernel
-def covers(frame: Floats, segments: Floats) -> bool:
-    """Whether a grid's frame contains all ends of segments (n, 4)."""
-    x0, y0 = frame[0], frame[1]
-    x1, y1 = x0 + frame[3] * frame[2], y0 + frame[4] * frame[2]
-    for row in range(len(segments)):
-        ax, ay, bx, by = segments[row]
-        if min(ax, bx) < x0 or max(ax, bx) >= x1 or min(ay, by) < y0 or max(ay, by) >= y1:
-            return False
-    return True
 
 
 def border_segments(shapes: Sequence[BaseGeometry]) -> Floats:

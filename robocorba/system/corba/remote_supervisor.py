@@ -10,16 +10,14 @@ from robocorba.stubs import RoboCorba
 from robocorba.system.corba import processes as conversion
 from robocorba.system.processes import ProcessState, RobotOrder
 
-#: Timeout of a call [s]; an order to start a robot asks other servers first.
-CALL_TIMEOUT_S = 8.0
-
 
 class RemoteSupervisor:
     """robocorba.system.processes.Processes of the system whose supervisor's reference is in `file`. Thread-safe. All
     methods raise NotReachable; the file is read by the first call."""
 
     def __init__(self, orb: Orb, file: Path) -> None:
-        self._supervisor = FileObject(orb, file, RoboCorba.Supervisor, "the supervisor", CALL_TIMEOUT_S)
+        # An order to start a robot asks other servers first, so that a call may take 8 s.
+        self._supervisor = FileObject(orb, file, RoboCorba.Supervisor, "the supervisor", 8.0)
 
     def processes(self) -> list[ProcessState]:
         structs = self._supervisor.call(lambda supervisor: supervisor.processes())

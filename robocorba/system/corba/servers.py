@@ -64,7 +64,6 @@ _SIMULATION = {
     "MissionControl": Probe(RoboCorba.MissionControl, lambda control: control._non_existent()),
 }
 _SENSOR = Probe(RoboCorba.VirtualSensor, lambda sensor: sensor._get_load())
-_ROBOT = Probe(RoboCorba.RobotAgent, lambda agent: agent._get_state())
 _CHANNEL = Probe(RoboCorba.EventChannel, lambda channel: channel._get_name())
 
 
@@ -83,7 +82,8 @@ def servers(subnets: Sequence[str], sensors: int, bidirectional: bool = False) -
 
 def probe_of(name: str) -> Probe | None:
     """The probe for the object bound to `name`; None where no process of this version binds it."""
-    contexts = {CHANNELS: _CHANNEL, SENSORS: _SENSOR, ROBOTS: _ROBOT}
+    robot = Probe(RoboCorba.RobotAgent, lambda agent: agent._get_state())
+    contexts = {CHANNELS: _CHANNEL, SENSORS: _SENSOR, ROBOTS: robot}
     return contexts.get(name.partition("/")[0]) or {**_MAP_EDITOR, **_SIMULATION}.get(name)
 
 

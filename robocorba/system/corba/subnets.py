@@ -18,9 +18,6 @@ from robocorba.system.names import CHANNELS
 from robocorba.system.settings import InvalidSetting
 from robocorba.system.state_folder import StateFolder
 
-#: Timeout for each channel [s].
-TIMEOUT_S = 2.0
-
 _log = logging.getLogger(__name__)
 
 
@@ -61,7 +58,7 @@ def remove_former_links(folder: StateFolder, subnets: Sequence[str], orb: Orb) -
 
 
 def _unlink(orb: Orb, name: str, former: Sequence[str]) -> None:
-    channel = orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel, TIMEOUT_S, call_timeout_s=TIMEOUT_S)
+    channel = orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel, 2.0, call_timeout_s=2.0)
     for peer in former:
         with contextlib.suppress(RoboCorba.UnknownPeer):
             channel.removePeer(peer)

@@ -26,9 +26,6 @@ from robocorba.system.names import ACCESS
 from robocorba.system.roles import Role
 from robocorba.system.settings import Address, RoleNaming, robot_files, robot_keys, role_file
 
-#: The key of the observers' naming context, which is that of every naming service.
-OPEN_KEY = "NameService"
-
 
 @dataclass(frozen=True)
 class Access:
@@ -84,7 +81,9 @@ class Access:
 
     def key(self, role: Role) -> str:
         """The object key of the naming context of a role."""
-        return OPEN_KEY if role is Role.OBSERVER else f"{ACCESS}/{role.name.lower()}/{self.keys[role.name.lower()]}"
+        if role is Role.OBSERVER:
+            return "NameService"  # that of every naming service
+        return f"{ACCESS}/{role.name.lower()}/{self.keys[role.name.lower()]}"
 
     def robot(self, name: str) -> Path:
         """The file of one robot, with a new key unless it has one. Raises ServiceError."""

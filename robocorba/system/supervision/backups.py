@@ -52,13 +52,9 @@ FILES = (
     r"map\.origin\.json",
     re.escape(_NAMING_DATA),
 )
-#: Maximum size of the list of files [bytes].
-MAX_LIST = 1024 * 1024
-#: Timeout for a server to let this process read [s].
-READ_LIMIT_S = 10.0
 _LIST = "backup.json"
-#: Where a backup is unpacked in the state folder, and what the name of the folder with the former state begins with.
-_NEW, _FORMER = "restore.new", "before-restore-"
+#: What the name of the folder with the former state begins with.
+_FORMER = "before-restore-"
 
 
 class BackupList(msgspec.Struct):
@@ -72,8 +68,7 @@ class BackupList(msgspec.Struct):
 def back_up(state: Path, file: Path, overwrite: bool = False) -> BackupList:
     """Write a backup of a state folder, whose system may run, and note in the folder where it is.
 
-    Raises ServiceError: nothing is there to copy, a database is damaged, the file can't be written; OutputExists,
-    OutputIsInput."""
+    Raises ServiceError: nothing is there to copy, a database is damaged, the file can't be written; OutputError."""
     os.umask(private_files.UMASK)
     file = file.absolute()
     names = list(_names_in(state))
@@ -107,7 +102,7 @@ def restore(file: Path, state: Path) -> Path | None:
     with StateFolder(state).locked(), contextlib.ExitStack() as locks, _reporting(file):
         for name in _databases_in(state):
             locks.callback(os.close, sqlite_files.lock(state / name))
-        new = state / _NEW
+        new = state / "restore.new"
         shutil.rmtree(new, ignore_errors=True)
         try:
             content = _unpack(file, new)
@@ -183,7 +178,7 @@ def _unless_in_use(file: Path) -> Iterator[bool]:
 
 def _copy_database(source: Path, target: Path) -> None:
     uri = f"{source.absolute().as_uri()}?mode=rw"  # a reader, too, writes to what processes share
-    with closing(sqlite3.connect(uri, uri=True, timeout=READ_LIMIT_S)) as connection:
+    with closing(sqlite3.connect(uri, uri=True, timeout=10.0)) as connection:
         try:
             sqlite_files.copy(connection, target)
         except sqlite3.DatabaseError as error:
@@ -233,7 +228,7 @@ def _unpack(file: Path, folder: Path) -> BackupList:
 
 def _read_list(archive: tarfile.TarFile) -> BackupList:
     first = archive.next()
-    if first is None or first.name != _LIST or not first.isfile() or first.size > MAX_LIST:
+    if first is None or first.name != _LIST or not first.isfile() or first.size > 1024 * 1024:
         raise ValueError(f"it does not begin with {_LIST}")
     data = archive.extractfile(first)
     assert data is not None

@@ -9,12 +9,10 @@ import os
 import signal
 import sys
 
-_PR_SET_PDEATHSIG = 1
-
 
 def bind_to_parent(number: int) -> None:
     """Let the kernel send this signal to the present process when its parent ends."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
+    ctypes.CDLL(None).prctl(1, number)  # PR_SET_PDEATHSIG
 
 
 def main(parent: int, cores: str, command: list[str]) -> None:

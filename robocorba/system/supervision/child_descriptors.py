@@ -12,9 +12,6 @@ from pathlib import Path
 
 from robocorba.orb.connections import check_tcp
 
-#: Number of the system call pidfd_getfd (Linux 5.6), the same on all processors.
-_PIDFD_GETFD = 438
-
 
 class ChildDescriptors:
     """Those of the child whose process id `pid` returns; 0 while there is none. Where the operating system does not let
@@ -53,7 +50,8 @@ class ChildDescriptors:
     @contextlib.contextmanager
     def borrowed(self, descriptor: int) -> Iterator[socket.socket]:
         """A copy, which is closed again."""
-        copy = self._library.syscall(_PIDFD_GETFD, self._handle, descriptor, 0)
+        # 438 is pidfd_getfd (Linux 5.6) on all processors.
+        copy = self._library.syscall(438, self._handle, descriptor, 0)
         if copy < 0:
             raise OSError(ctypes.get_errno(), "pidfd_getfd")
         try:

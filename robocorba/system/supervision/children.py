@@ -8,8 +8,6 @@ import ctypes
 import os
 import signal
 
-_PR_SET_CHILD_SUBREAPER = 36
-
 
 class Children:
     """The ends of child processes that lead sessions. Processes below this one whose own parents end become its
@@ -59,4 +57,4 @@ def kill_session(leader: int) -> None:
 
 
 def set_subreaper(is_one: bool) -> None:
-    ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, int(is_one))
+    ctypes.CDLL(None).prctl(36, int(is_one))  # PR_SET_CHILD_SUBREAPER

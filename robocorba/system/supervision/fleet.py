@@ -19,15 +19,6 @@ from robocorba.system.supervision.process import GRACE_PERIOD_S, ProcessSpec, Su
 from robocorba.system.supervision.robots import STARTING, ProgressLines, Robots, robot_spec
 from robocorba.system.supervision.starter import Starter
 
-#: Shortest interval between two views [s].
-VIEW_INTERVAL_S = 0.25
-#: Interval between questions for the floors of all robots [s].
-FLOORS_INTERVAL_S = 2.0
-#: Additional time for each robot of the fleet to log off when all end together [s].
-GRACE_PER_ROBOT_S = 0.2
-#: Interval between views while all robots end [s].
-END_VIEW_INTERVAL_S = 0.5
-
 
 class Row(NamedTuple):
     """A robot as it is shown. doing: such as starting, idle, running or ended. task: its present or last program or
@@ -63,9 +54,6 @@ class FleetOptions:
     start_limit_s: float = 180.0
 
 
-DEFAULT_OPTIONS = FleetOptions()
-
-
 class Fleet:
     """orders: the robots. state: the state folder, naming: the naming service of all of them."""
 
@@ -75,7 +63,7 @@ class Fleet:
         state: Path,
         naming: Address,
         view: View,
-        options: FleetOptions = DEFAULT_OPTIONS,
+        options: FleetOptions,
     ) -> None:
         self._orders, self._state, self._naming, self._view, self._options = orders, state, naming, view, options
         self._processes: dict[str, Supervised] = {}
@@ -114,7 +102,7 @@ class Fleet:
         ending = asyncio.create_task(robots.close())
         while not ending.done():
             self._view.end(len(self._orders), sum(process.pid != 0 for process in robots.processes))
-            await asyncio.wait({ending}, timeout=END_VIEW_INTERVAL_S)
+            await asyncio.wait({ending}, timeout=0.5)
         ending.result()
         self._view.end(len(self._orders), 0)
 
@@ -129,7 +117,7 @@ class Fleet:
                 self._view.started()
             if all(each.state == "ended" for each in processes):
                 return
-            await asyncio.sleep(VIEW_INTERVAL_S)
+            await asyncio.sleep(0.25)  # between two views at least
             await self._changed.wait()
 
     async def _watch_floors(self, registered: RegisteredRobots) -> None:
@@ -139,13 +127,13 @@ class Fleet:
                 if floors != self._floors:
                     self._floors = floors
                     self._changed.set()
-            await asyncio.sleep(FLOORS_INTERVAL_S)
+            await asyncio.sleep(2.0)
 
     def _spec(self, order: RobotOrder) -> ProcessSpec:
         lines = self._lines[order.name] = ProgressLines(order.process, self._changed.set)
-        grace_period_s = GRACE_PERIOD_S + GRACE_PER_ROBOT_S * len(self._orders)
-        place = self._state, self._naming, self._options.start_limit_s
-        return robot_spec(order, *place, lines, grace_period_s)
+        grace_period_s = GRACE_PERIOD_S + 0.2 * len(self._orders)  # they log off all together
+        start_limit_s = self._options.start_limit_s
+        return robot_spec(order, self._state, self._naming, start_limit_s, lines, grace_period_s)
 
     def rows(self) -> list[Row]:
         """The robots in their order."""
@@ -159,14 +147,10 @@ def row_of(order: RobotOrder, process: Supervised, lines: ProgressLines, floor: 
     """A robot with its floor; a robot that is not logged on yet has that of its order."""
     floor = floor or order.floor
     if process.state != "running":
-        return Row(order.name, floor, process.state, "", process.restarts, _short(order.process, process.problem))
+        problem = process.problem.removeprefix(f"{order.process} ")
+        return Row(order.name, floor, process.state, "", process.restarts, problem)
     progress = lines.progress
     note = progress.reason if progress.condition == "stopped" or not progress.result else progress.result
     if progress.result and progress.reason and note == progress.result:
         note += f": {progress.reason}"
     return Row(order.name, floor, progress.condition, progress.task, process.restarts, note)
-
-
-def _short(process: str, problem: str) -> str:
-    """Why a robot is not running, without its name."""
-    return problem.removeprefix(f"{process} ")

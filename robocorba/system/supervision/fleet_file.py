@@ -31,10 +31,6 @@ from robocorba.system.processes import RobotOrder
 from robocorba.system.supervision.order_checker import check_order, checked_places
 from robocorba.system.supervision.robots import MAX_ROBOTS
 
-LIMITS = YamlLimits(size_bytes=256 * 1024, values=20_000, depth=8)
-#: Keys of a fleet file, by the fields of orders that they set.
-_KEYS = {"adaptorArguments": "arguments", "onFloor": "floor", "x": "at", "y": "at", "heading": "at"}
-
 
 class InvalidFleet(ServiceError):
     """A robot of a fleet is impossible: `key` names what is wrong, empty for the whole fleet."""
@@ -98,7 +94,7 @@ def read_fleet(file: Path) -> Callable[[Sequence[str], Sequence[str]], list[Robo
     """Read a file, and check what needs no system; returns `orders_of` for it, which needs floors and channels. Raises
     MapFileError, with line, key and robot."""
     try:
-        source = read_yaml(file, LIMITS)
+        source = read_yaml(file, YamlLimits(size_bytes=256 * 1024, values=20_000, depth=8))
     except MapFileError as error:
         raise _single_line(error) from None
     content = _converted(source)
@@ -182,7 +178,8 @@ def orders_of(
         except InvalidFleet as error:
             raise complain(index, error.key, error.reason) from None
         except InvalidChoice as error:
-            raise complain(index, _KEYS.get(error.field, error.field), error.reason) from None
+            keys = {"adaptorArguments": "arguments", "onFloor": "floor", "x": "at", "y": "at", "heading": "at"}
+            raise complain(index, keys.get(error.field, error.field), error.reason) from None
     return orders
 
 

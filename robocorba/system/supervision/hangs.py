@@ -16,8 +16,6 @@ from robocorba.system.supervision.starter import Child
 
 #: Calls within the limit. All must fail: a pause of this process itself, or of the whole machine, is no hang.
 CALLS = 5
-#: States of a process that a debugger or SIGSTOP holds.
-_HELD = (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP)
 
 _log = logging.getLogger(__name__)
 
@@ -30,9 +28,6 @@ class HangLimit:
 
     limit_s: float = 10.0
     spares_held: bool = False
-
-
-DEFAULT = HangLimit()
 
 
 async def watch_for_hang(process: Child, is_alive: Callable[[], None] | None, limit: HangLimit) -> str:
@@ -60,7 +55,8 @@ async def watch_for_hang(process: Child, is_alive: Callable[[], None] | None, li
 
 
 def _is_held(pid: int) -> bool:
+    """Whether a debugger or SIGSTOP holds a process."""
     try:
-        return psutil.Process(pid).status() in _HELD
+        return psutil.Process(pid).status() in (psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP)
     except psutil.Error:
         return False

@@ -23,7 +23,6 @@ _WITHOUT_CURRENT_DIRECTORY = (
     "runpy.run_module(sys.argv[0], run_name='__main__', alter_sys=True)"
 )
 _RUN_MODULE = ("-P", "-m") if sys.version_info >= (3, 11) else ("-c", _WITHOUT_CURRENT_DIRECTORY)
-_CHILD = str(Path(__file__).with_name("child.py"))
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,9 @@ def module_of(command: Sequence[str]) -> ModuleRun | None:
 def bound_command(*command: str, cores: Sequence[int] = ()) -> tuple[str, ...]:
     """The command line that runs `command`, on `cores` or on all, and is killed when this process ends. Start it in the
     main thread: the kernel kills it when the thread that started it ends."""
+    child = str(Path(__file__).with_name("child.py"))
     # -I -S: a bare interpreter starts in 20 ms and ignores the environment.
-    return (sys.executable, "-I", "-S", _CHILD, str(os.getpid()), ",".join(map(str, cores)), *command)
+    return (sys.executable, "-I", "-S", child, str(os.getpid()), ",".join(map(str, cores)), *command)
 
 
 class ChildProcess(subprocess.Popen[str]):

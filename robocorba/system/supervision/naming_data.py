@@ -9,6 +9,7 @@ Each line is a change; a kill or a full disk can cut the last one. omninames.bak
 
 from __future__ import annotations
 
+import itertools
 import logging
 import re
 from pathlib import Path
@@ -18,14 +19,13 @@ from robocorba.system.damaged_files import SUFFIX, set_aside
 
 DATA, EARLIER = "omninames.dat", "omninames.bak"
 #: Lines that a file begins with.
-_HEADER = (rb"port \d+", rb"persistent [0-9a-f]+", rb"create [0-9a-f]+")
+_HEADER = tuple(map(re.compile, (rb"port \d+", rb"persistent [0-9a-f]+", rb"create [0-9a-f]+")))
 #: Each line after these. In names and kinds, white space is escaped.
 _CHANGE = re.compile(
     rb"create [0-9a-f]+|destroy IOR:[0-9a-f]+|unbind IOR:[0-9a-f]+ .*"
     rb"|bind IOR:[0-9a-f]+ .* n(object|context) IOR:[0-9a-f]+",
     re.DOTALL,
 )
-_END = b"\n"
 _log = logging.getLogger(__name__)
 
 
@@ -45,10 +45,11 @@ def mend_naming_data(folder: Path) -> None:
         if kept == content:
             return
         former = intact_part(earlier.read_bytes()) if not kept and earlier.exists() else b""
-        lines = content.count(_END) - kept.count(_END)
+        kept_lines = kept.count(b"\n")
+        lines = content.count(b"\n") - kept_lines
         if kept or former:
             _write(new, kept or former)  # first: on a full disk, all stays as it is until there is room
-        set_aside(file, f"line {kept.count(_END) + 1}", _consequence(lines, kept, former))
+        set_aside(file, f"line {kept_lines + 1}", _consequence(lines, kept, former))
         if earlier.exists():
             earlier.replace(earlier.with_name(earlier.name + SUFFIX))
         if new.exists():
@@ -92,14 +93,6 @@ def _consequence(lines: int, kept: bytes, former: bytes) -> str:
 def intact_part(content: bytes) -> bytes:
     """The complete lines before the first one that omniNames does not write; empty if it is one of the first three."""
     lines = content.split(b"\n")[:-1]  # what follows the last line break is no complete line
-    if len(lines) < len(_HEADER):
-        return b""
-    for line, pattern in zip(lines, _HEADER, strict=False):
-        if not re.fullmatch(pattern, line):
-            return b""
-    size = 0
-    for number, line in enumerate(lines):
-        if number >= len(_HEADER) and not _CHANGE.fullmatch(line):
-            break
-        size += len(line) + 1
-    return content[:size]
+    patterns = itertools.chain(_HEADER, itertools.repeat(_CHANGE))
+    intact = list(itertools.takewhile(lambda each: each[1].fullmatch(each[0]), zip(lines, patterns, strict=False)))
+    return b"".join(line + b"\n" for line, _ in intact) if len(intact) >= len(_HEADER) else b""

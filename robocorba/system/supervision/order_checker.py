@@ -15,23 +15,13 @@ from robocorba.simulation.registry import Description
 from robocorba.system.names import CHANNELS
 from robocorba.system.processes import RobotOrder
 
-#: Maximum number of arguments for an adaptor, and of characters of all of them.
-MAX_ARGUMENTS, MAX_ARGUMENTS_LENGTH = 64, 4096
-#: Timeout to ask for floors and channels [s].
-ASK_TIMEOUT_S = 2.0
 
-
-class OrderChecker:
-    """Checks orders against the running system. Thread-safe."""
-
-    def __init__(self, orb: Orb) -> None:
-        self._orb, self._database = orb, RemoteDatabase(orb, ASK_TIMEOUT_S)
-
-    def __call__(self, order: RobotOrder) -> RobotOrder:
-        """The order; a placed robot gets its floor by name. Raises InvalidChoice, NotReachable."""
-        check_order(order, model_switcher.installed())
-        channels = self._orb.names(CHANNELS, ASK_TIMEOUT_S) if order.channel else []
-        return checked_places(order, self._database.floors() if order.floor or order.at else [], channels)
+def checked(orb: Orb, order: RobotOrder, timeout_s: float = 2.0) -> RobotOrder:
+    """The order, checked against the running system; a placed robot gets its floor by name. timeout_s: to ask for
+    floors, and for channels [s]. Raises InvalidChoice, NotReachable."""
+    check_order(order, model_switcher.installed())
+    floors = RemoteDatabase(orb, timeout_s).floors() if order.floor or order.at else []
+    return checked_places(order, floors, orb.names(CHANNELS, timeout_s) if order.channel else [])
 
 
 def check_order(order: RobotOrder, adaptors: Collection[str]) -> None:
@@ -43,9 +33,8 @@ def check_order(order: RobotOrder, adaptors: Collection[str]) -> None:
     if order.adaptor not in adaptors:
         raise InvalidChoice("adaptor", f"{order.adaptor[:80]!r} is not installed; there are {', '.join(adaptors)}")
     arguments = order.adaptor_arguments
-    if len(arguments) > MAX_ARGUMENTS or sum(map(len, arguments)) > MAX_ARGUMENTS_LENGTH:
-        limits = f"{MAX_ARGUMENTS} with {MAX_ARGUMENTS_LENGTH} characters"
-        raise InvalidChoice("adaptorArguments", f"more than {limits} in all")
+    if len(arguments) > 64 or sum(map(len, arguments)) > 4096:
+        raise InvalidChoice("adaptorArguments", "more than 64 with 4096 characters in all")
 
 
 def checked_places(order: RobotOrder, floors: Sequence[str], channels: Sequence[str]) -> RobotOrder:

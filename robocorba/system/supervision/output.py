@@ -12,18 +12,16 @@ from robocorba.errors.services import NotReachable
 
 #: What a process prints that is ready by its own account.
 READY = "ready"
-#: Longer lines are split [bytes].
-MAX_LINE = 16 * 1024
 
 _log = logging.getLogger(__name__)
-_LEVELS = {"WARNING": logging.WARNING, "ERROR": logging.ERROR, "CRITICAL": logging.CRITICAL}
 
 
 def relay(name: str, line: str) -> None:
     """Log a line of a process with its own level; lines without one are warnings."""
+    levels = {"WARNING": logging.WARNING, "ERROR": logging.ERROR, "CRITICAL": logging.CRITICAL}
     level, _, text = line.partition(" ")
-    text = text if level in _LEVELS else line
-    _log.log(_LEVELS.get(level, logging.WARNING), "%s: %s", name, text)
+    text = text if level in levels else line
+    _log.log(levels.get(level, logging.WARNING), "%s: %s", name, text)
 
 
 class Pipe:
@@ -55,7 +53,7 @@ class Pipe:
         rest = b""
         while chunk := await self._reader.read(65536):
             *lines, rest = (rest + chunk).split(b"\n")
-            if len(rest) > MAX_LINE:
+            if len(rest) > 16 * 1024:  # longer lines are split
                 lines, rest = [*lines, rest], b""
             for line in lines:
                 _handle(line, handle)

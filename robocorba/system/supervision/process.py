@@ -18,15 +18,11 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import ServiceError, StartFailed
 from robocorba.system.backoff import Backoff
 from robocorba.system.supervision.children import kill_session
-from robocorba.system.supervision.hangs import DEFAULT, HangLimit, watch_for_hang
+from robocorba.system.supervision.hangs import HangLimit, watch_for_hang
 from robocorba.system.supervision.launch import ModuleRun
 from robocorba.system.supervision.output import Pipe
 from robocorba.system.supervision.starter import Child, Starter, cause
 
-#: A process that ran at least this long is restarted immediately [s].
-STEADY_RUN_S = 2.0
-#: Pauses before the restarts of a process that ran shorter.
-BACKOFF = Backoff(0.1, 5.0)
 #: Time from SIGTERM to SIGKILL [s].
 GRACE_PERIOD_S = 5.0
 #: Interval between probes while a process starts [s].
@@ -71,7 +67,7 @@ class Supervised:
 
     spec: ProcessSpec
     starter: Starter
-    hang_limit: HangLimit = DEFAULT
+    hang_limit: HangLimit = field(default_factory=HangLimit)
     changed: Callable[[], None] = lambda: None
     turns: AbstractAsyncContextManager[object] = field(default_factory=contextlib.nullcontext)
     state: str = "waiting"
@@ -125,13 +121,13 @@ class Supervised:
         return (errors or list(self._lines) or [""])[-1]
 
     def _restart_delays(self) -> Iterator[float]:
-        """Delay before each start [s]: 0 for the first two and after a steady run, else growing."""
-        short_runs = 0
+        """Delay before each start [s]: 0 for the first two and after a steady run of 2 s, else growing."""
+        short_runs, backoff = 0, Backoff(0.1, 5.0)
         yield 0.0
         while True:
-            if time.monotonic() - self._started_at >= STEADY_RUN_S:
+            if time.monotonic() - self._started_at >= 2.0:
                 short_runs = 0
-            yield BACKOFF.pause_s(short_runs)
+            yield backoff.pause_s(short_runs)
             short_runs += 1
 
     async def _start(self) -> tuple[Child, asyncio.Task[None]]:

@@ -51,7 +51,11 @@ def robot_spec(
     command = ModuleRun("robocorba.clients.robot", (order.name, *options, "--", *order.adaptor_arguments))
     output = progress or ReadyLine(order.process)
     return ProcessSpec(
-        *(order.process, command, state, output.probe, output),
+        order.process,
+        command,
+        state,
+        output.probe,
+        output,
         start_limit_s=start_limit_s,
         names=(f"{CONTEXT}/{ROBOTS}/{order.name}",),
         grace_period_s=grace_period_s,

@@ -25,11 +25,6 @@ from robocorba.system.supervision.launch import ModuleRun, bound_command, module
 from robocorba.system.supervision.output import Pipe, relay
 from robocorba.system.supervision.warm_parent import ENVIRONMENT, MAX_REQUEST
 
-#: Timeout for the warm parent to load a module, whose kernels may have to be compiled, and to fork [s].
-FORK_LIMIT_S = 600.0
-#: Pauses before the starts of a warm parent that has ended.
-BACKOFF = Backoff(0.05, 10.0)
-
 _log = logging.getLogger(__name__)
 
 
@@ -169,9 +164,10 @@ class _WarmParent:
             await self._start()
         assert self._process and self._channel
         loop = asyncio.get_running_loop()
+        limit_s = 600.0  # it may have to compile the kernels of a module
         try:
             socket.send_fds(self._channel, [json.dumps(request).encode()], descriptors)
-            if answer := await asyncio.wait_for(loop.sock_recv(self._channel, MAX_REQUEST), FORK_LIMIT_S):
+            if answer := await asyncio.wait_for(loop.sock_recv(self._channel, MAX_REQUEST), limit_s):
                 return dict(json.loads(answer))
         except (OSError, asyncio.TimeoutError) as error:
             _log.error("the warm parent does not answer (%s)", type(error).__name__)
@@ -215,7 +211,7 @@ class _WarmParent:
             return
         _log.error("the warm parent ended %s", cause(code))
         self._failures += 1
-        await asyncio.sleep(BACKOFF.pause_s(self._failures))
+        await asyncio.sleep(Backoff(0.05, 10.0).pause_s(self._failures))
         for name in self._loaded:
             try:
                 await self._ask({"module": name})

@@ -18,13 +18,6 @@ from robocorba.system.supervision.robots import Robots
 #: Timeout for the event loop to carry out a call [s].
 TIMEOUT_S = 3.0
 Answer = TypeVar("Answer")
-_PHASES = {
-    "starting": ProcessPhase.STARTING,
-    "waiting": ProcessPhase.STARTING,
-    "running": ProcessPhase.READY,
-    "stopping": ProcessPhase.STOPPING,
-    "ended": ProcessPhase.ENDED,
-}
 
 
 class Supervisor:
@@ -88,7 +81,8 @@ class Supervisor:
 
 def state_of(process: Supervised) -> ProcessState:
     """A process as others see it."""
-    phase = _PHASES[process.state]
+    phases = {"waiting": ProcessPhase.STARTING, "running": ProcessPhase.READY}
+    phase = phases.get(process.state) or ProcessPhase(process.state)
     return ProcessState(
         process.spec.name,
         phase,

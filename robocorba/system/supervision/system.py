@@ -13,7 +13,7 @@ import secrets
 import shutil
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 
@@ -25,18 +25,17 @@ from robocorba.system import logs
 from robocorba.system.corba.servers import Server
 from robocorba.system.corba.supervisor_servant import SupervisorServant
 from robocorba.system.endpoints import is_free
-from robocorba.system.names import SUPERVISOR
+from robocorba.system.names import ADMINISTRATOR, CONSOLE, SUPERVISOR
 from robocorba.system.processes import RobotOrder
 from robocorba.system.roles import Role
 from robocorba.system.settings import Address, omniorb_trace
 from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemRecord, started_s
 from robocorba.system.supervision.access import Access, remove_access
 from robocorba.system.supervision.child_descriptors import ChildDescriptors
-from robocorba.system.supervision.console import console_spec
-from robocorba.system.supervision.hangs import DEFAULT, HangLimit
+from robocorba.system.supervision.hangs import HangLimit
 from robocorba.system.supervision.launch import ModuleRun
 from robocorba.system.supervision.naming_data import mend_naming_data
-from robocorba.system.supervision.output import relay
+from robocorba.system.supervision.output import ReadyLine, relay
 from robocorba.system.supervision.process import ProcessSpec, Supervised
 from robocorba.system.supervision.robots import Robots, robot_spec
 from robocorba.system.supervision.starter import Starter
@@ -69,7 +68,7 @@ class System:
     building: Path | None = None
     start_limit_s: float = 60.0
     console: Address | None = None
-    hang_limit: HangLimit = DEFAULT
+    hang_limit: HangLimit = field(default_factory=HangLimit)
     is_guarded: bool = False
     certificates: Path | None = None
 
@@ -167,11 +166,9 @@ class System:
         loop = asyncio.get_running_loop()
 
         def check(order: RobotOrder) -> RobotOrder:
-            from robocorba.system.supervision.order_checker import (
-                OrderChecker,  # loads half of RoboCorba: not before `ready`
-            )
+            from robocorba.system.supervision.order_checker import checked  # loads half of RoboCorba
 
-            return OrderChecker(orb)(order)
+            return checked(orb, order)
 
         supervisor = Supervisor(loop, processes, robots, check, self.folder.logs)
         # Its secret key is the right to call it.
@@ -180,7 +177,14 @@ class System:
         write_reference(orb, reference, self.folder.path / SUPERVISOR)
 
     def _console(self, address: Address) -> ProcessSpec:
-        return console_spec(address, self.folder.path, self._naming(Role.OPERATOR), self.start_limit_s)
+        """With the rights of the administrator and to start robots."""
+        state, naming = self.folder.path, self._naming(Role.OPERATOR).setting
+        options = ["--host", address.host, "--port", str(address.port), "--naming", naming, "--state", str(state)]
+        options += ["--administrator", str(state / ADMINISTRATOR), "--supervisor", str(state / SUPERVISOR)]
+        command, output = ModuleRun("robocorba.clients.console", tuple(options)), ReadyLine(CONSOLE, ignored="http")
+        return ProcessSpec(
+            CONSOLE, command, state, output.probe, output, start_limit_s=self.start_limit_s, endpoint=str(address)
+        )
 
     def _robot(self, order: RobotOrder) -> ProcessSpec:
         return robot_spec(order, self.folder.path, self._naming(Role.ROBOT), self.start_limit_s)
@@ -194,7 +198,10 @@ class System:
         naming = self._naming(Role.SERVER).setting
         arguments = ("--state", str(self.folder.path), "--endpoint", endpoint, "--naming", naming)
         return ProcessSpec(
-            *(name, ModuleRun("robocorba.servers.names", arguments), self.folder.path, orb.check_naming),
+            name,
+            ModuleRun("robocorba.servers.names", arguments),
+            self.folder.path,
+            orb.check_naming,
             functools.partial(relay, name),
             start_limit_s=self.start_limit_s,
             is_alive=orb.check_naming,
@@ -209,7 +216,11 @@ class System:
             log.info("%s", re.sub(r"^omniNames: \(\d+\) [\d-]+ [\d:.]+: ", "", line))  # without its own time
 
         return ProcessSpec(
-            *(NAMING_SERVICE, command, self.folder.path, orb.check_naming, log_line),
+            NAMING_SERVICE,
+            command,
+            self.folder.path,
+            orb.check_naming,
+            log_line,
             start_limit_s=self.start_limit_s,
             is_alive=orb.check_naming,
             endpoint=str(self.naming),
@@ -235,7 +246,11 @@ class System:
 
         # In the state folder, so that files in the user's folder cannot replace modules.
         return ProcessSpec(
-            *(server.name, module, self.folder.path, probe, functools.partial(relay, server.name)),
+            server.name,
+            module,
+            self.folder.path,
+            probe,
+            functools.partial(relay, server.name),
             start_limit_s=self.start_limit_s,
             is_alive=is_alive,
             endpoint=endpoint,
@@ -256,8 +271,9 @@ def _interrupted_by_signals() -> Iterator[None]:
 
 def _row(process: Supervised) -> ProcessRecord:
     spec = process.spec
-    place = spec.endpoint, spec.names
-    return ProcessRecord(spec.name, process.state, process.pid, *place, process.started, process.restarts)
+    return ProcessRecord(
+        spec.name, process.state, process.pid, spec.endpoint, spec.names, process.started, process.restarts
+    )
 
 
 def naming_service_command(naming: Address, data: Path) -> tuple[str, ...]:

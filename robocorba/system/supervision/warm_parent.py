@@ -40,8 +40,6 @@ from robocorba.system.supervision.child import bind_to_parent
 
 #: Maximum length of a request [bytes].
 MAX_REQUEST = 128 * 1024
-#: Timeout for the kernel to make a new process a child of the process that asked for it [s].
-ADOPTION_LIMIT_S = 10.0
 #: Libraries would start threads for linear algebra when they are loaded; after a fork these are missing.
 ENVIRONMENT = ("OPENBLAS_NUM_THREADS=1", "OMP_NUM_THREADS=1", "MKL_NUM_THREADS=1")
 
@@ -179,7 +177,7 @@ def _renew(*ends: int) -> None:
 
 def _bind_to(supervisor: int) -> None:
     """End with the process that asked for this one; wait until that is the parent."""
-    deadline = time.monotonic() + ADOPTION_LIMIT_S
+    deadline = time.monotonic() + 10.0
     while os.getppid() != supervisor:
         if time.monotonic() > deadline:
             sys.exit("the supervisor has ended, or is no subreaper")

@@ -15,16 +15,14 @@ from mcap.reader import make_reader
 
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.map_editor.model import Building
-from robocorba.map_editor.spatial.floor_update import FloorUpdate
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.map_editor.spatial.posture import Posture
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.simulation.management_agent import ManagementAgent
-from robocorba.simulation.mission_record import MissionContent, MissionResult, PhaseRecord
-from robocorba.simulation.recorded_entries import RecordedMission, dump_mission
+from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState, PhaseRecord
+from robocorba.simulation.recorded_entries import dump_mission
 from robocorba.simulation.recording import Recorder, Recording
-from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_changes import SystemChanges
 from tests.simulation.places import recorded_drive, scan, tower
 from tests.simulation.test_system_view import HOUSE, cabin, update
@@ -157,16 +155,17 @@ def test_scans_joints_and_missions(messages: Messages) -> None:
 
 
 def test_a_recording_has_what_was_written(recording: Recording) -> None:
-    entries = [entry for _, entry in recording.entries() if not isinstance(entry, FloorUpdate)]
-    posture, seen, begun, ended = entries
+    moments = list(recording.changes())
+    (posture,) = (posture for moment in moments for posture in moment.postures)
+    (seen,) = (scan for moment in moments for scan in moment.scans)
+    begun, ended = (mission for moment in moments for mission in moment.missions)
     assert posture == POSTURE
-    assert isinstance(seen, RobotScan)
     assert seen._replace(distances=0, hits=0) == SCAN._replace(distances=0, hits=0)  # type: ignore[arg-type]
     assert (seen.distances.tolist(), seen.hits.tolist()) == (SCAN.distances.tolist(), SCAN.hits.tolist())
-    assert begun == RecordedMission("m1", MISSION)
+    assert begun == MissionState("m1", 0, MISSION)
     assert b'"attempts"' not in dump_mission("m1", MISSION)  # mission control's states don't have it
-    assert isinstance(ended, RecordedMission) and ended.content.reason == "no way"
-    assert recording.count == sum(isinstance(entry, FloorUpdate) for _, entry in recording.entries())
+    assert ended.content.reason == "no way"
+    assert recording.count == sum(len(moment.updates) for moment in moments)
 
 
 def test_what_an_edit_of_the_map_removes_is_deleted(recording: Recording, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from robocorba.bridges.openrtm.connections import Connection, Connections
-from robocorba.bridges.openrtm.data_ports import DataPort, InvalidData
+from robocorba.bridges.openrtm.data_ports import DataPort, InvalidValue
 from robocorba.bridges.openrtm.life_cycle import ReturnCode
 from robocorba.errors.services import NotReachable
 
@@ -24,7 +24,7 @@ class NumberType:
         try:
             return float(struct.unpack("<d" if is_little else ">d", data)[0])
         except struct.error as error:
-            raise InvalidData(str(error)) from None
+            raise InvalidValue(str(error)) from None
 
 
 class Objects:

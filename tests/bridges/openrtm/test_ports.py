@@ -41,7 +41,7 @@ class Port(LocalPeer):
         self.refuses: set[str] = set()
         self.begun: dict[str, Mapping[str, Any]] = {}
         self.offered: set[str] = set()
-        self.own = self.connections = Connections(self, self)
+        self.own = self.connections = Connections(self, self.offer, self.begin, self.end)
 
     def offer(self, connection: Connection) -> Mapping[str, str]:
         self._refuse("offer")

@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 
-from robocorba.bridges.ros2.bag import _BagTypes
+from robocorba.bridges.ros2.bag import BagTopics
 from robocorba.bridges.ros2.frames import Frames
-from robocorba.bridges.ros2.goals import InvalidGoal, goal_in_building
-from robocorba.bridges.ros2.messages import MessageTypes, heading_of, yaw
+from robocorba.bridges.ros2.goals import goal_in_building
+from robocorba.bridges.ros2.messages import heading_of, yaw
 from robocorba.bridges.ros2.publisher import RosPublisher
+from robocorba.errors.robots import RobotError
 from robocorba.map_editor.spatial.floor_update import FloorUpdate
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.system_changes import SystemChanges
@@ -43,9 +44,9 @@ def test_frames(frame: str, goal: Pose) -> None:
 
 
 def test_what_is_no_goal() -> None:
-    with pytest.raises(InvalidGoal, match=r"'B/base_link'; known are map, A/odom, A/base_link, floor/L1, floor/L2"):
+    with pytest.raises(RobotError, match=r"'B/base_link'; known are map, A/odom, A/base_link, floor/L1, floor/L2"):
         goal_in_building("B/base_link", 1.0, 0.0, 0.0, PLACE, Frames(), "A", FLOORS)
-    with pytest.raises(InvalidGoal, match="not finite"):
+    with pytest.raises(RobotError, match="not finite"):
         goal_in_building("map", math.nan, 0.0, 0.0, PLACE, Frames(), "A", FLOORS)
 
 
@@ -59,18 +60,15 @@ def test_headings_of_quaternions_of_any_length(heading: float) -> None:
 # ---- times ----
 
 
-class Topics:
+class Topics(BagTopics):
     """Keeps messages by topic."""
 
     def __init__(self) -> None:
-        self.types: MessageTypes = _BagTypes()
+        super().__init__(None)  # type: ignore[arg-type]
         self.sent: dict[str, list[Any]] = defaultdict(list)
 
     def publish(self, topic: str, type: str, message: Any, time_s: float, is_latched: bool = False) -> None:
         self.sent[topic].append(message)
-
-    def close(self, topic: str) -> None:
-        pass
 
     def odometry(self, robot: str) -> list[tuple[float, float]]:
         """Times and places x of a robot's messages."""

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from robocorba.map_editor.formats import Imported, openrmf
+from robocorba.map_editor.formats.map_format import ReadOptions
 from robocorba.map_editor.yaml_file import parse_yaml
 
 RMF = Path(__file__).resolve().parents[4] / "shared" / "data" / "rmf"
@@ -98,4 +99,4 @@ def written(data: Any) -> bytes:
 
 def imported(data: Any) -> Imported:
     """What the importer makes of data, written as YAML first."""
-    return openrmf.read(parse_yaml(written(data), "test.building.yaml"))
+    return openrmf.read(parse_yaml(written(data), "test.building.yaml"), ReadOptions())

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.map_editor.formats import openrmf, openrmf_export, read_map, write_map
+from robocorba.map_editor.formats.map_format import ReadOptions
 from robocorba.map_editor.geometry import obstacles
 from robocorba.map_editor.model import (
     Area,
@@ -57,7 +58,7 @@ NAMES = [
 
 def _read(building: Building) -> Building:
     """A building as it is written."""
-    return openrmf.read(parse_yaml(openrmf_export.dumps(building)[0].encode(), "written")).building
+    return openrmf.read(parse_yaml(openrmf_export.dumps(building)[0].encode(), "written"), ReadOptions()).building
 
 
 @settings(max_examples=60, deadline=None)

@@ -22,15 +22,6 @@ from tests.map_editor.formats.hostile import HOSTILE, changed, places
 from tests.map_editor.formats.rmf_files import imported, small, written
 
 
-def test_each_format_is_recognised(tmp_path: Path) -> None:
-    building = Building("b", {"G": FloorMap(Floor(name="G", level=0, elevation=0.0))})
-    for format in ("native", "openrmf", "ros"):
-        write_map(building, tmp_path / f"{format}.yaml", format)
-        result = read_map(tmp_path / f"{format}.yaml")
-        assert (result.format, len(result.building.floors)) == (format, 1)
-        assert format == "ros" or result.building == building
-
-
 @pytest.mark.parametrize(
     ("content", "line"),
     [
@@ -142,9 +133,8 @@ def test_a_floor_without_edges_has_no_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("format", ["native", "openrmf", "ros", "nav2"])
-def test_a_folder_that_is_not_there_is_named(format: str, tmp_path: Path) -> None:
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="nowhere"):
-        write_map(imported(small()).building, tmp_path / "nowhere" / "x.yaml", format)
+        write_map(imported(small()).building, tmp_path / "nowhere" / "x.yaml", "ros")
     with pytest.raises(MapFileError, match="'svg' can't be written"):
         write_map(imported(small()).building, tmp_path / "x.svg", "svg")

@@ -231,18 +231,6 @@ def _ground(path: Path, **options: str) -> shapely.Geometry:
     return shapely.Polygon(outline).difference(shapely.union_all(solid))
 
 
-def test_roads_stay_in_the_white_room_of_a_black_picture(tmp_path: Path) -> None:
-    cells = np.full((200, 200), BLACK)
-    cells[60:140, 50:120] = WHITE
-    path = write_ros(tmp_path, cells)
-    building = read_map(path).building
-    roads = topological_map(building, "map", 0.3)
-    assert roads.nodes
-    assert all(cells[199 - int(node.at[1] / 0.1), int(node.at[0] / 0.1)] == WHITE for node in roads.nodes.values())
-    assert _ground(path).area == pytest.approx(56.0)
-    assert not FloorSpace(building, "map").is_ground(2.0, 2.0)
-
-
 @pytest.mark.parametrize("thick", [1, 2])
 def test_the_inside_of_a_thin_wall_is_no_ground(thick: int, tmp_path: Path) -> None:
     cells = np.full((60, 80), WHITE)

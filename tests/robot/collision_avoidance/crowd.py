@@ -16,17 +16,14 @@ from robocorba.map_editor.polygons import FloorArea
 from robocorba.map_editor.spatial.pose import Pose, Pose2D
 from robocorba.map_editor.topology import topological_map
 from robocorba.planning.planner import PathPlanner
-from robocorba.robot.collision_avoidance.neighbours import PoolNearby
+from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.robot.high_controller import HighController
 from robocorba.robot.kinematics.inverse import InverseKinematics
-from robocorba.robot.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, RADIUS_M
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.robot import Robot
-from robocorba.robot.sensors import Sensors
 from robocorba.robot.session import SessionState
 from robocorba.robot.simulated_adaptor import SimulatedAdaptor
-from robocorba.simulation.emergency_stops import NOT_HELD, StopHold
 from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.registry import Description
 from robocorba.simulation.reservations import Reservation, area_request, canonical_areas
@@ -62,12 +59,12 @@ class Crowd:
         for name, pool in self._pools.items():
             session = InStep(self.world, name, self._changing)
             session.state()
-            controller = Stepped(SimulatedAdaptor(session), BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, JOINT_SPEED)
+            controller = Stepped(SimulatedAdaptor(session))
             controller.start(())
-            sensors = Sensors(session, lambda controller=controller: controller.state, RADIUS_M)
             self._controllers.append(controller)
-            nearby = PoolNearby(pool, name, policy)
-            self.robots[name] = Robot(controller, session, sensors, _KINEMATICS, planner, nearby, CHECK_INTERVAL_S)
+            nearby = Nearby(pool, name, policy)
+            self.robots[name] = Robot(controller, session, _KINEMATICS, planner, nearby)
+            self.robots[name].execution.check_interval_s = CHECK_INTERVAL_S
         self.touched: list[tuple[str, ...]] = []
         for _ in range(FOLLOW_STEPS):
             self._step()
@@ -142,19 +139,13 @@ class Stepped(HighController):
 
 
 class InStep:
-    """A BuildingSession of a robot in a building that the test steps."""
+    """The part of a BuildingSession that movements and reservations use, in a building that the test steps."""
 
     def __init__(self, world: Any, name: str, changing: AbstractContextManager[Any]) -> None:
         self._world, self._robot, self._changing = world, world.occupants.robots[name], changing
         self.latest: SessionState
 
     def log_on(self, at: Pose | None = None) -> None:
-        pass
-
-    def log_off(self) -> None:
-        pass
-
-    def heartbeat(self) -> None:
         pass
 
     def state(self) -> SessionState:
@@ -170,21 +161,6 @@ class InStep:
     def brake(self) -> None:
         self._robot.brake()
 
-    def announce_body(self, is_robot: bool) -> None:
-        pass
-
-    def hold(self) -> StopHold:
-        return NOT_HELD
-
-    def report_stop(self, reason: str) -> tuple[bool, StopHold]:
-        raise NotImplementedError
-
-    def end_stops(self, number: int) -> StopHold:
-        raise NotImplementedError
-
-    def scan(self, *_: Any) -> Any:
-        raise NotImplementedError
-
     def grip(self, what: str, x: float, y: float) -> None:
         with self._changing:
             self._world.occupants.grip(self._robot.name, what, (x, y))
@@ -192,14 +168,6 @@ class InStep:
     def release(self) -> None:
         with self._changing:
             self._world.occupants.release(self._robot.name)
-
-    def longest_elevator_wait_s(self) -> float:
-        return 0.0
-
-    def call_elevator(
-        self, elevator: str, destination: str, party: str = "", size: int = 1, boarding_s: float = 0.0
-    ) -> None:
-        raise NotImplementedError
 
     def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
         with self._changing:

@@ -8,94 +8,73 @@ from shapely import Point, Polygon
 from robocorba.errors.services import NotReachable
 from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.robot.base import PATH_CLEARANCES_M
-from robocorba.robot.collision_avoidance.neighbours import PoolNearby
-from robocorba.robot.collision_avoidance.policy import GivingWayPolicy
-from robocorba.robot.collision_avoidance.temporary_obstacles import (
-    CLEARANCE_M,
-    MIN_CLEARANCE_M,
-    movable_objects,
-    parked_robots,
-    temporary_obstacles,
-)
+from robocorba.robot.collision_avoidance.neighbours import CLEARANCE_M, MIN_CLEARANCE_M, Nearby
+from robocorba.robot.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.robot.data_pool.pool import STALE_S
-from robocorba.robot.data_pool.snapshot import FloorSnapshot
 from robocorba.robot.kinematics.smartpal import RADIUS_M
 from tests.robot.data_pool.places import Place
 from tests.simulation.places import robot
 
 
-def seen_by_a(*others_y: float) -> FloorSnapshot:
-    """By A at (7, 1); C drives."""
+def seen_by_a(other_y: float, name: str = "A", policy: GivingWayPolicy = DEFAULT_POLICY) -> Nearby:
+    """By A at (7, 1); B stands at (7, other_y), C drives."""
     place = Place()
     place.world.refresh()
-    place.world.add(robot("A", y=1.0))
-    for number, y in enumerate(others_y):
-        place.world.add(robot(f"B{number}", y=y))
-    place.world.add(robot("C", y=9.0))
+    for who, y in (("A", 1.0), ("B", other_y), ("C", 9.0)):
+        place.world.add(robot(who, y=y))
     place.world.occupants.robots["C"].command(1.0, 0.0, 0.0, 5.0)
     place.run(1.0)
     pool = place.pool(own_name="A")
     pool.follow()
-    return pool.snapshot()
+    return Nearby(pool, name, policy)
 
 
-def test_stationary_robots_and_present_poses_of_objects() -> None:
+def areas(found: TemporaryObstacles) -> list[Polygon]:
+    assert {floor for floor, _ in found.forbidden_areas} == {"L1"}
+    return [Polygon(corners) for _, corners in found.forbidden_areas]
+
+
+def test_stationary_robots_and_present_poses_of_objects_without_the_held_one() -> None:
     seen = seen_by_a(3.0)
-    found = temporary_obstacles(seen, "A")
-    assert found.without_movables == ("L1",)
-    disc, table = (Polygon(corners) for floor, corners in found.forbidden_areas if floor == "L1")
+    found = seen.temporary_obstacles()
+    disc, table = areas(found)
+    assert (found.without_movables, found.names) == (("L1",), ("B", "T1"))
     assert disc.centroid.distance(Point(7.0, 3.0)) < 0.001
     assert disc.contains(Point(7.0, 3.0).buffer(RADIUS_M + CLEARANCE_M - 0.001))
     assert disc.area == pytest.approx(Point(0.0, 0.0).buffer(RADIUS_M + CLEARANCE_M).area, rel=0.05)
     assert (table.centroid.x, table.centroid.y, table.area) == pytest.approx((2.0, 2.0, 0.6))
-    assert temporary_obstacles(seen, "nobody") == TemporaryObstacles()
-    assert len(temporary_obstacles(seen, "A", also="C").forbidden_areas) == 3
+    assert len(areas(seen.temporary_obstacles(also="C"))) == 3
+    assert seen.movable_objects() == found._replace(forbidden_areas=found.forbidden_areas[1:], names=("T1",))
+    assert seen.movable_objects("T1") == TemporaryObstacles((), ("L1",))
+    nobody = seen_by_a(3.0, "nobody")
+    assert nobody.temporary_obstacles() == nobody.movable_objects() == TemporaryObstacles()
 
 
-def test_movable_objects_without_the_held_one() -> None:
-    seen = seen_by_a(3.0)
-    found = movable_objects(seen, "A")
-    both = temporary_obstacles(seen, "A")
-    assert found == both._replace(forbidden_areas=both.forbidden_areas[1:], names=("T1",))
-    assert both.names == ("B0", "T1")
-    (held,) = [thing.name for thing in seen.objects() if thing.is_movable]
-    assert movable_objects(seen, "A", held) == TemporaryObstacles((), ("L1",))
-    assert movable_objects(seen, "nobody") == TemporaryObstacles()
-
-
-def test_parked_robots_in_full_size() -> None:
-    found = parked_robots(seen_by_a(1.83), "A")
-    assert found.names == ("B0",)
-    disc = Polygon(found.forbidden_areas[0][1])
-    assert disc.area == pytest.approx(Point(0.0, 0.0).buffer(RADIUS_M).area, rel=0.05)
-
-
-def test_the_robot_is_outside_the_area_of_a_near_robot() -> None:
-    near, *_ = (Polygon(corners) for _, corners in temporary_obstacles(seen_by_a(1.83), "A").forbidden_areas)
+def test_robots_and_goals_are_outside_the_area_of_a_near_robot_whose_full_size_is_known() -> None:
+    seen = seen_by_a(1.83)
+    near, *_ = areas(seen.temporary_obstacles())
     assert near.distance(Point(7.0, 1.0)) >= RADIUS_M + MIN_CLEARANCE_M - 1e-6
-
-
-def test_the_goal_is_outside_the_area_of_a_near_robot() -> None:
-    near, *_ = (
-        Polygon(corners) for _, corners in temporary_obstacles(seen_by_a(4.0), "A", goal=(7.0, 4.85)).forbidden_areas
-    )
+    (parked,) = areas(seen.parked_robots())
+    assert seen.parked_robots().names == ("B",)
+    assert parked.area == pytest.approx(Point(0.0, 0.0).buffer(RADIUS_M).area, rel=0.05)
+    near, *_ = areas(seen_by_a(4.0).temporary_obstacles(goal=(7.0, 4.85)))
     assert near.distance(Point(7.0, 4.85)) >= RADIUS_M + MIN_CLEARANCE_M - 1e-6
     assert near.contains(Point(7.0, 4.0).buffer(0.42 - PATH_CLEARANCES_M[0]))  # the clearance of paths
 
 
 def test_too_many_objects_are_left_to_the_map() -> None:
-    found = temporary_obstacles(seen_by_a(3.0), "A", policy=GivingWayPolicy(max_objects=0))
+    found = seen_by_a(3.0, policy=GivingWayPolicy(max_objects=0)).temporary_obstacles()
     assert (len(found.forbidden_areas), found.without_movables) == (1, ())
 
 
-def test_positions_are_extrapolated() -> None:
+def test_positions_are_extrapolated_and_robots_are_no_obstacles_on_the_map() -> None:
     place = Place()
     for name, y in (("A", 1.0), ("B", 3.0), ("far", 9.0)):
         place.world.add(robot(name, y=y))
     place.world.occupants.robots["B"].command(0.5, 0.0, 0.0, 5.0)
     place.run(1.0)
     pool = place.pool(own_name="A")
-    nearby = PoolNearby(pool, "A")
+    nearby = Nearby(pool, "A")
     with pytest.raises(NotReachable, match="has not been requested yet"):
         nearby.others(7.0, 1.0)
     pool.follow()
@@ -108,11 +87,4 @@ def test_positions_are_extrapolated() -> None:
     place.clock.now += STALE_S
     with pytest.raises(NotReachable, match="lags"):
         nearby.others(7.0, 1.0)
-
-
-def test_clearance_ignores_robots() -> None:
-    place = Place()
-    place.world.add(robot("B", x=7.0, y=2.0))
-    pool = place.pool(own_name="A")
-    pool.follow()
-    assert PoolNearby(pool, "A").clearance_m(7.0, 1.0) == pytest.approx(1.0)  # the bounds of the floor, not B
+    assert nearby.clearance_m(7.0, 2.0) == pytest.approx(2.0)  # to the bounds of the floor, not to B

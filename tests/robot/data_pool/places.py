@@ -41,7 +41,7 @@ class Place:
         return self.world.building
 
     def pool(self, floor: str = "L1", own_name: str = "") -> DataPool:
-        return DataPool(self, self.map_of, floor, own_name, self.clock)
+        return DataPool(self.changes, self.map_of, floor, own_name, self.clock)
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / STEP_S)):

@@ -145,10 +145,10 @@ def test_robots_near(x: float, y: float, range_m: float, own_name: str) -> None:
             beside[one.name] = math.dist((x, y), (at.x, at.y)) - one.description.radius_m
     assume(all(abs(away - range_m) > 1e-9 for away in beside.values()))
     found = pool.snapshot().robots_near(x, y, range_m)
-    assert {near.robot.name for near in found} == {name for name, away in beside.items() if away <= range_m}
-    for near in found:
-        assert near.distance_m == pytest.approx(max(0.0, beside[near.robot.name]), abs=1e-9)
-    assert [near.distance_m for near in found] == sorted(near.distance_m for near in found)
+    assert {other.name for _, other in found} == {name for name, away in beside.items() if away <= range_m}
+    for distance_m, other in found:
+        assert distance_m == pytest.approx(max(0.0, beside[other.name]), abs=1e-9)
+    assert [distance_m for distance_m, _ in found] == sorted(distance_m for distance_m, _ in found)
 
 
 def test_invalid_points_are_refused() -> None:

@@ -288,7 +288,7 @@ def test_readers_never_see_two_floors_at_once() -> None:
             near = snapshot.robots_near(5.0, 1.5, 0.1)
             if names != {snapshot.floor} or snapshot.walls is None or snapshot.walls.floor != snapshot.floor:
                 wrong.append((snapshot.floor, names))
-            if [other.robot.name for other in near] != [f"{snapshot.floor}-1"] or len(snapshot.robots) != 3:
+            if [other.name for _, other in near] != [f"{snapshot.floor}-1"] or len(snapshot.robots) != 3:
                 wrong.append((snapshot.floor, near))
 
     def follow() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from robocorba.map_editor.spatial.floor_update import WHOLE, FloorView
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.robot.data_pool.pool import DataPool
-from robocorba.robot.data_pool.recent import MAX_UPDATES
+from robocorba.robot.data_pool.snapshot import MAX_UPDATES
 from tests.robot.data_pool.places import Place
 from tests.simulation.places import robot
 

@@ -12,7 +12,7 @@ import pytest
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.appearance import PAINTS, Part, Shape, parts
 from robocorba.robot.kinematics.body import SmartPalBody
-from robocorba.robot.kinematics.link_tree import as_json, links, mounts
+from robocorba.robot.kinematics.link_tree import as_json, links
 from robocorba.robot.kinematics.model import BASE_BACK_M, BASE_FRONT_M, BASE_HALF_WIDTH_M, LASER_M, PROXIMITY_HEIGHT_M
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import HEIGHT_M, JOINTS, Side
@@ -98,12 +98,12 @@ def test_the_tree_moves_links_and_mounts_as_the_model_does(body: SmartPalBody) -
                 turn = _turn(joint["axis"], joints[joint["number"]])
                 frame = frame @ _shift(joint["at"]) @ turn @ _shift(-np.array(joint["at"]))
             frames[link["name"]] = frame
-        for mount in mounts():
-            if mount.name.endswith("_hand"):
-                own = _shift(mount.at)
-                own[:3, :3] = _of_quaternion(mount.attitude)
-                found = frames[mount.link] @ own
-                hand = body.hand(Side(mount.name.partition("_")[0]), joints)
+        for mount in tree["mounts"]:
+            if mount["name"].endswith("_hand"):
+                own = _shift(mount["at"])
+                own[:3, :3] = _of_quaternion(mount["attitude"])
+                found = frames[mount["link"]] @ own
+                hand = body.hand(Side(mount["name"].partition("_")[0]), joints)
                 assert found[:3, 3] == pytest.approx(hand.position, abs=1e-9)
                 assert found[:3, :3] == pytest.approx(hand.rotation, abs=1e-6)
     assert tree["joints"] == JOINTS

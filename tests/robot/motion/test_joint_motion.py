@@ -105,7 +105,7 @@ def test_fingers_stop_at_an_object_and_press_on_it() -> None:
     finger = GRIP[Side.LEFT]
     begin[finger], end[finger] = -0.8, SHUT_RAD
     arms = Arms(begin, blocked=finger, stop_at=-0.2)
-    motion = GripMotion(begin, end, [finger], JOINTS, JOINT_SPEED, JOINT_ACCELERATION, 20.0)
+    motion = GripMotion(np.array([begin, end]), JOINTS, JOINT_SPEED, JOINT_ACCELERATION, [finger], 20.0)
     arms.run(motion)
     command = motion.command(arms._state(), 0.0)
     assert command is not None and command.joints is not None
@@ -118,7 +118,7 @@ def test_fingers_without_an_object_close() -> None:
     finger = GRIP[Side.RIGHT]
     begin[finger], end[finger] = -0.8, SHUT_RAD
     arms = Arms(begin)
-    arms.run(GripMotion(begin, end, [finger], JOINTS, JOINT_SPEED, JOINT_ACCELERATION, 5.0))
+    arms.run(GripMotion(np.array([begin, end]), JOINTS, JOINT_SPEED, JOINT_ACCELERATION, [finger], 5.0))
     assert arms.servo.joints[finger] == pytest.approx(SHUT_RAD, abs=0.02)
 
 

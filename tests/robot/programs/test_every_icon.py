@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 from typing import Any
-from unittest.mock import MagicMock
+from unittest.mock import MagicMock, create_autospec
 
 import msgspec
 import pytest
@@ -63,14 +63,13 @@ def test_every_icon_is_known_everywhere(name: str) -> None:
 
 @pytest.mark.parametrize("name", OWN)
 def test_every_icon_is_run(name: str) -> None:
-    robot = MagicMock(spec=Robot)
+    robot = create_autospec(Robot, instance=True)
     robot.joints, robot.kinematics = [0.0] * len(JOINTS), InverseKinematics()
-    robot.sensors, robot.execution, robot.holds = MagicMock(), MagicMock(), MagicMock(return_value=True)
-    robot.sensors.nearest_m.return_value = 1.0
+    robot.execution, robot.holds.return_value, robot.nearest_m.return_value = MagicMock(), True, 1.0
     others = MagicMock()
     report = Runner(Program(name="a", icons=(example(name),)), robot, others).run()
     assert (report.result.name, report.reason) == ("DONE", "")
-    calls = robot.mock_calls + robot.sensors.mock_calls + others.mock_calls
+    calls = robot.mock_calls + others.mock_calls
     assert [each for each in calls if "subscribe" not in each[0]], "it does nothing"
 
 

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.smartpal import ARM, MASS_KG, Side
 from robocorba.robot.smartpal_stand_in.dynamics import BASE_AXES, JOINT_NOISE_RAD, SERVO_LAG_S, STEP_S, Dynamics
-from robocorba.robot.smartpal_stand_in.robot import RealTime
+from robocorba.robot.smartpal_stand_in.robot import SmartPal
 from robocorba.robot.smartpal_stand_in.setpoint import Setpoint
+from robocorba.system.repeating import Repeating
 from robocorba.system.settings import InvalidSetting, SmartPalSettings
 from testkit.processes import eventually
 from tests.robot.smartpal.robots import ready, run, speed
@@ -111,7 +112,7 @@ def test_a_setpoint_stops_within_its_braking_distance() -> None:
     assert abs(setpoint.position - 0.25) < 0.002
 
 
-def test_time_passes_until_it_is_closed_and_outlives_a_fault() -> None:
+def test_time_passes_until_it_is_closed_and_outlives_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     passed: list[float] = []
 
     def step() -> None:
@@ -119,7 +120,9 @@ def test_time_passes_until_it_is_closed_and_outlives_a_fault() -> None:
         if len(passed) == 5:
             raise RuntimeError("by the test")
 
-    clock = RealTime(step)
+    robot = SmartPal()
+    monkeypatch.setattr(robot, "step", step)
+    clock = Repeating("dynamics", robot.catch_up, 0.003)
     began = time.monotonic()
     clock.start()
     eventually(lambda: len(passed) > 50)

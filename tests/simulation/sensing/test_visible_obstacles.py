@@ -14,7 +14,8 @@ from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.sensing import InvalidScan
 from robocorba.map_editor.spatial.arrays import Floats
-from robocorba.simulation.sensing.fan import PROXIMITY, Fan
+from robocorba.simulation.sensing.fan import Fan
+from robocorba.simulation.sensing.scan import PROXIMITY
 from robocorba.simulation.sensing.visible_obstacles import VisibleObstacles, border_segments
 
 coordinate = st.floats(-20, 20).map(lambda value: round(value, 2))

@@ -17,9 +17,6 @@ from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import translated
 from robocorba.stubs import RTC, OpenRTM
 
-#: Timeout of a call to a port, which may call others, for data, and for the question whether it is there [s].
-CALL_TIMEOUT_S, PUT_TIMEOUT_S, LOOK_TIMEOUT_S = 5.0, 1.0, 1.0
-
 
 class RemotePort:
     """A port by its reference (robocorba.bridges.openrtm.connections.Peer)."""
@@ -34,7 +31,7 @@ class RemotePort:
         if self.reference is None:
             return False
         try:
-            set_call_timeout(self.reference, LOOK_TIMEOUT_S)
+            set_call_timeout(self.reference, 1.0)
             return not self.reference._non_existent()
         except CORBA.SystemException:
             return False
@@ -49,14 +46,14 @@ class RemotePort:
     def _call(self, operation: str, argument: Any) -> Any:
         if self.reference is None:
             raise NotReachable("the connection has a port that is nil")
-        set_call_timeout(self.reference, CALL_TIMEOUT_S)
+        set_call_timeout(self.reference, 5.0)  # the port may call others
         with translated("a port of the connection"):
             return invoke(self.reference, RTC.PortService, operation, argument)
 
 
 def put_to(orb: Orb, ior: str) -> Callable[[bytes], None]:
     """What puts data into an in port. Raises NotReachable, also for each transmission that it does not take."""
-    port = orb.reference(ior, OpenRTM.InPortCdr, PUT_TIMEOUT_S)
+    port = orb.reference(ior, OpenRTM.InPortCdr, 1.0)
 
     def put(data: bytes) -> None:
         with translated("the connected port"):

@@ -9,12 +9,12 @@ from omniORB import CORBA
 
 from robocorba import __version__
 from robocorba.bridges.openrtm.corba import rt_profiles
+from robocorba.bridges.openrtm.data_ports import InvalidValue
 from robocorba.bridges.openrtm.life_cycle import ReturnCode, State
-from robocorba.bridges.openrtm.robot_component import InvalidParameter, RobotComponent
+from robocorba.bridges.openrtm.robot_component import RobotComponent
 from robocorba.stubs import RTC, RTC__POA, OpenRTM__POA, SDOPackage, SDOPackage__POA
 
 TYPE, VENDOR, CATEGORY = "RoboCorbaRobot", "RoboCorba", "Mobile robot"
-DESCRIPTION = "A robot of RoboCorba: pose, floor and ranges out, velocity in"
 #: Handle of the component's own execution context.
 OWN = 0
 
@@ -45,12 +45,9 @@ class ComponentServant(OpenRTM__POA.DataFlowComponent):
     def get_component_profile(self) -> Any:
         name = self._component.name
         about = {"robot": self._component.robot, "error": self._component.life_cycle.reason}
-        return RTC.ComponentProfile(
-            *(name, TYPE, DESCRIPTION, __version__, VENDOR, CATEGORY),
-            [profile() for _, profile in self._ports],
-            None,
-            rt_profiles.properties(about),
-        )
+        description = "A robot of RoboCorba: pose, floor and ranges out, velocity in"
+        ports, properties = [profile() for _, profile in self._ports], rt_profiles.properties(about)
+        return RTC.ComponentProfile(name, TYPE, description, __version__, VENDOR, CATEGORY, ports, None, properties)
 
     def get_ports(self) -> list[Any]:
         return [port for port, _ in self._ports]
@@ -221,7 +218,7 @@ class ConfigurationServant(SDOPackage__POA.Configuration):
     def _configure(self, values: Iterable[Any]) -> bool:
         try:
             self._component.configure(rt_profiles.properties_of(values))
-        except InvalidParameter as error:
+        except InvalidValue as error:
             raise SDOPackage.InvalidParameter(str(error)) from None
         return True
 

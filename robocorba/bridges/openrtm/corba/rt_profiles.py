@@ -34,7 +34,10 @@ def properties(values: Mapping[str, Any]) -> list[Any]:
 
 def properties_of(values: Iterable[Any]) -> dict[str, Any]:
     """By name: texts, and other values as an any."""
-    return {each.name: _text_or_any(each.value) for each in values}
+    found = {each.name: each.value for each in values}
+    return {
+        name: value.value() if value.typecode().kind() == CORBA.tk_string else value for name, value in found.items()
+    }
 
 
 def connection_of(profile: Any, peer: Callable[[Any], Peer]) -> Connection:
@@ -47,7 +50,3 @@ def connector_profile(connection: Connection, reference: Callable[[Any], Any]) -
     """reference: of a port."""
     ports = [reference(port) for port in connection.ports]
     return RTC.ConnectorProfile(connection.name, connection.id, ports, properties(connection.properties))
-
-
-def _text_or_any(value: Any) -> Any:
-    return value.value() if value.typecode().kind() == CORBA.tk_string else value
