@@ -15,7 +15,7 @@ from shapely import Polygon
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.grids import Grid, segments_of
 from robocorba.planning.space import line_clearance
-from robocorba.system.kernels import inner_kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Poses are tested until no point of the body moves farther than this between two of them [m]. In between, the
 #: clearance is smaller by at most half of it.
@@ -68,7 +68,7 @@ def body_clearance(grid: Grid, body: CapsuleBody, x: float, y: float, heading: f
     return best
 
 
-@inner_kernel
+@kernel
 def body_passes(
     grid: Grid, body: CapsuleBody, a: Floats, b: Floats, clear_a: float, clear_b: float, margin: float
 ) -> bool:

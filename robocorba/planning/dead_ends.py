@@ -71,7 +71,7 @@ def near_core(mesh: Mesh, xy: Floats, exit_triangle: Longs, reach: float) -> Fla
     stack = np.empty(mesh.corner.shape[0], np.int64)
     for t in range(mesh.corner.shape[0]):
         if exit_triangle[t] == IN_CORE:
-            _stamp_triangle(mesh, xy, exit_triangle, t, reach, stamp, 1, stack)
+            _stamp_triangle(mesh, xy, exit_triangle, t, reach, stamp, np.int64(1), stack)
     return stamp == 1
 
 
@@ -89,7 +89,7 @@ def stamp_exit_route(mesh: Mesh, xy: Floats, ends: DeadEnds, x: float, y: float,
         t = ends.exit_triangle[t]
 
 
-@inner_kernel
+@kernel
 def _stamp_triangle(
     mesh: Mesh, xy: Floats, exit_triangle: Longs, triangle: int, reach: float, stamp: Longs, epoch: int, stack: Longs
 ) -> None:

@@ -189,7 +189,7 @@ def is_slowed(lanes: Floats, ax: float, ay: float, bx: float, by: float, radius:
     return False
 
 
-@kernel
+@inner_kernel
 def limits_along(lanes: Floats, ax: float, ay: float, bx: float, by: float, radius: float) -> tuple[Floats, Floats]:
     """The drive from a to b in parts with the same speed limit: the shares at which they end, and the limits [m/s]."""
     count = 0
@@ -200,10 +200,13 @@ def limits_along(lanes: Floats, ax: float, ay: float, bx: float, by: float, radi
             if last > first and lanes[i, SPEED + direction] < np.inf:
                 spans[count, 0], spans[count, 1], spans[count, 2] = first, last, lanes[i, SPEED + direction]
                 count += 1
-    marks = np.ones(2 * count + 1)
-    for i in range(count):
-        marks[2 * i], marks[2 * i + 1] = spans[i, 0], spans[i, 1]
-    marks.sort()
+    marks = np.ones(2 * count + 1)  # sorted while they are few: numba's sort compiles for longer than all of this
+    for i in range(2 * count):
+        mark, at = spans[i // 2, i % 2], i
+        while at > 0 and marks[at - 1] > mark:
+            marks[at] = marks[at - 1]
+            at -= 1
+        marks[at] = mark
     ends, limits = np.empty(marks.shape[0]), np.empty(marks.shape[0])
     size, before = 0, 0.0
     for mark in marks:

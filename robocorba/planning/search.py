@@ -167,16 +167,9 @@ def cheapest_route(
         )
         if found >= 0.0:
             return found, nodes, edges
-    xy, first = roads.xy, roads.first
-    count = xy.shape[0]
+    first, count = roads.first, roads.xy.shape[0]
     metres_per_cost = speed_m_s if speed_m_s != COST_IN_METRES else 1.0
-    cabin_bounds = np.full(heuristics.node.shape[0], np.inf)
-    for c in range(cabin_bounds.shape[0]):
-        for g in range(heuristics.start[goal_floor], heuristics.start[goal_floor + 1]):
-            node = heuristics.node[g]
-            rest = math.hypot(xy[node, 0] - goal_x, xy[node, 1] - goal_y) / metres_per_cost
-            cabin_bounds[c] = min(cabin_bounds[c], heuristics.bound[c, g] + rest)
-
+    cabin_bounds = _cabin_bounds(roads, heuristics, goal_floor, goal_x, goal_y, metres_per_cost)
     cost = np.full(count, np.inf)
     parent = np.empty(count, np.int64)  # parent and via are valid only where the cost is finite:
     via = np.empty(count, np.int64)  # filling them would take longer than many searches
@@ -219,20 +212,44 @@ def cheapest_route(
                     cost[other] = cost[node] + step
                     parent[other], via[other] = node, edge
                     heapq.heappush(queue, (cost[other] + estimate, other))
-    steps = 0
-    node = last
+    nodes, edges = _traced_back(parent, via, last)
+    return best, nodes, edges
+
+
+@inner_kernel
+def _cabin_bounds(
+    roads: RoadmapArrays,
+    heuristics: HeuristicTables,
+    goal_floor: int,
+    goal_x: float,
+    goal_y: float,
+    metres_per_cost: float,
+) -> Floats:
+    """Lower bounds (c,) of the cost from the nodes in cabins to the goal."""
+    bounds = np.full(heuristics.node.shape[0], np.inf)
+    for c in range(bounds.shape[0]):
+        for g in range(heuristics.start[goal_floor], heuristics.start[goal_floor + 1]):
+            x, y = roads.xy[heuristics.node[g]]
+            rest = math.hypot(x - goal_x, y - goal_y) / metres_per_cost
+            bounds[c] = min(bounds[c], heuristics.bound[c, g] + rest)
+    return bounds
+
+
+@inner_kernel
+def _traced_back(parent: Longs, via: Longs, last: int) -> tuple[Longs, Longs]:
+    """The nodes of the route that ends at node `last`, none for -1, and the edges between them."""
+    steps, node = 0, last
     while node >= 0:
         steps += 1
         node = parent[node]
-    nodes = np.empty(steps, np.int64)
-    edges = np.empty(max(steps - 1, 0), np.int64)
+    nodes, edges = np.empty(steps, np.int64), np.empty(max(steps - 1, 0), np.int64)
     node = last
     for i in range(steps - 1, -1, -1):
         nodes[i] = node
         if i > 0:
             edges[i - 1] = via[node]
         node = parent[node]
-    return best, nodes, edges
+    return nodes, edges
 
 
 @inner_kernel
@@ -487,7 +504,9 @@ def _slowed(lanes: Floats, ax: float, ay: float, bx: float, by: float, radius: f
     """Length of the drive from a to b, see slowed_length; in metres with COST_IN_METRES."""
     if speed_m_s == COST_IN_METRES or not lanes.shape[0]:
         return math.hypot(bx - ax, by - ay)
-    return slowed_length(lanes, np.array([[ax, ay], [bx, by]]), radius, speed_m_s)
+    line = np.empty((2, 2))
+    line[0, 0], line[0, 1], line[1, 0], line[1, 1] = ax, ay, bx, by
+    return slowed_length(lanes, line, radius, speed_m_s)
 
 
 @inner_kernel
@@ -618,9 +637,9 @@ def _without_straight_stops(rules: RoadRules, route: Floats, radius: float) -> F
             if straight and ax * bx + ay * by >= 0.0 and route[i, LIMIT] == route[before, LIMIT]:
                 if route[i, ROAD] != OFF_ROAD and route[before, ROAD] != OFF_ROAD:
                     continue
-                lanes, far = lanes_on(rules, int(route[i, FLOOR])), route[i + 1]
-                line = (route[before, X], route[before, Y], far[X], far[Y])
-                if not breaks_rule(lanes, *line, radius) and not is_slowed(lanes, *line, radius):
+                lanes = lanes_on(rules, int(route[i, FLOOR]))
+                ax, ay, bx, by = route[before, X], route[before, Y], route[i + 1, X], route[i + 1, Y]
+                if not breaks_rule(lanes, ax, ay, bx, by, radius) and not is_slowed(lanes, ax, ay, bx, by, radius):
                     continue
         kept[size] = i
         size += 1

@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from robocorba.errors.paths import PlanningTimeout
+from robocorba.map_editor.model import Building, Floor, Wall
 from robocorba.map_editor.spatial.arrays import Floats
-from robocorba.map_editor.spatial.pose import XY
+from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M, XY
 from robocorba.planning.dead_ends import DeadEnds, near_core
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.road_rules import NO_LANES, path_breaks_rule
@@ -33,7 +34,6 @@ from robocorba.planning.tangent_search import (
     Labels,
     Lines,
     Radii,
-    reach_m,
     search,
 )
 from robocorba.planning.turns import ALONE, Turn
@@ -68,10 +68,10 @@ class TangentGraph:
         vertices = len(self._mesh.xy)
         turn = max(self.radius, 0.01) + self._mesh.merged_m  # [m]; with radius 0 a wall would have no corner to turn at
         same = max(2 * self._mesh.merged_m, 2 * float(self._mesh.mesh.frame[2]))
-        self._radii = Radii(self.radius, turn, same)
+        self._radii = Radii(self.radius, turn, same, 2.0 * turn + same)
         self._scratch = make_scratch(self._mesh.mesh)
         exit_triangle = self._mesh.exit_triangle
-        near = near_core(self._mesh.mesh, self._mesh.xy, exit_triangle, reach_m(self._radii))
+        near = near_core(self._mesh.mesh, self._mesh.xy, exit_triangle, self._radii.reach_m)
         self._dead_ends = DeadEnds(exit_triangle, near, np.zeros(vertices, np.int64))
         self._arcs = Arcs(
             self._mesh.low,
@@ -181,3 +181,10 @@ class TangentGraph:
                 return [self._obeying(leg, lanes, outbound) for leg in legs] if len(lanes) else legs
             if status != NO_ROOM:
                 budget *= 2
+
+
+def warm_up() -> None:
+    """Compile or load the kernels of paths through free space."""
+    room = Floor("L1", 1, 0.0, outline=((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)))
+    building = Building("warm-up").with_element("", room).with_element("L1", Wall("wall", (2.0, 0.0), (2.0, 2.0)))
+    TangentGraph(FloorSpace(building, "L1"), SMARTPAL_RADIUS_M).legs((1.0, 1.0), [(3.0, 1.0)])

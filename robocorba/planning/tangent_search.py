@@ -81,11 +81,12 @@ class Labels(NamedTuple):
 
 class Radii(NamedTuple):
     """Radius of the robot, and of the circles on which it turns, which is not smaller [m]. Ends of walls less than
-    `same_m` apart are one vertex."""
+    `same_m` apart are one vertex. reach_m: how far inside a dead end a passing path may turn, see dead_ends.py."""
 
     robot: float
     turn: float
     same_m: float
+    reach_m: float
 
 
 @inner_kernel
@@ -156,12 +157,6 @@ def _find_lines(
         lines.number[2 * v + side] = at - lines.first[2 * v + side]
     lines.used[0] = at
     return visited + 4 * seen
-
-
-@kernel
-def reach_m(radii: Radii) -> float:
-    """How far inside a dead end a passing path may turn [m]; see dead_ends.py."""
-    return 2.0 * radii.turn + radii.same_m
 
 
 @inner_kernel
@@ -273,9 +268,9 @@ def search(
     found_by = np.full(wanted, -1, np.int64)
     labels.epoch[0] += 1
     epoch = labels.epoch[0]
-    stamp_exit_route(mesh, xy, ends, start_x, start_y, reach_m(radii), epoch)
+    stamp_exit_route(mesh, xy, ends, start_x, start_y, radii.reach_m, epoch)
     for g in range(wanted):
-        stamp_exit_route(mesh, xy, ends, goals[g, 0], goals[g, 1], reach_m(radii), epoch)
+        stamp_exit_route(mesh, xy, ends, goals[g, 0], goals[g, 1], radii.reach_m, epoch)
     records, size = np.empty((256, 6)), 0
     links, linked = np.empty((64, 4)), 0
     queue = [(0.0, 0) for _ in range(0)]
