@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import queue
+import runpy
 import subprocess
 import sys
 import threading
@@ -14,6 +15,7 @@ from typing import Any
 
 import numba
 import pytest
+from numba.core import config
 from numba.core.caching import IndexDataCacheFile
 
 from robocorba.system import kernel_store, kernels
@@ -171,11 +173,11 @@ def doubled(x: Any) -> Any:
     return x + x
 
 
-def compiled(cache: Path) -> Any:
+def compiled(cache: Path, function: Any = doubled) -> Any:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(numba.config, "CACHE_DIR", str(cache / "version"))
-        dispatcher: Any = numba.njit(doubled)
-        dispatcher._cache = KernelCache(doubled)
+        dispatcher: Any = numba.njit(function)
+        dispatcher._cache = KernelCache(function)
         return dispatcher
 
 
@@ -209,6 +211,18 @@ def test_two_that_write_at_once_both_keep_their_signature(tmp_path: Path, monkey
     assert hits(loaded) == 2
 
 
+def test_a_source_that_is_written_again_keeps_its_kernels(tmp_path: Path) -> None:
+    """As by an installation, or by git on the way to another branch and back."""
+    source = tmp_path / "source.py"
+    source.write_text("def same(x):\n    return x\n")
+    found = []
+    for written_at in (1.0, 2.0):
+        os.utime(source, (written_at, written_at))
+        dispatcher = compiled(tmp_path, runpy.run_path(str(source))["same"])
+        found.append((dispatcher(2), hits(dispatcher)))
+    assert found == [(2, 0), (2, 1)]
+
+
 @pytest.mark.parametrize("pattern", ["*.nbi", "*.nbc"])
 @pytest.mark.parametrize("content", [b"", b"damaged", bytes(100)])
 def test_damaged_files_are_replaced(tmp_path: Path, pattern: str, content: bytes) -> None:
@@ -233,7 +247,7 @@ def test_kernels_run_where_they_cannot_be_kept(tmp_path: Path, monkeypatch: pyte
 def test_a_file_in_the_current_folder_sets_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / ".numba_config.yaml").write_text("disable_jit: 1")
     monkeypatch.chdir(tmp_path)
-    numba.core.config.reload_config()
-    assert not numba.core.config.DISABLE_JIT
+    config.reload_config()
+    assert not vars(config)["DISABLE_JIT"]
     code = "from robocorba.system import kernels; import numba; print(numba.core.config.DISABLE_JIT)"
     assert subprocess.check_output([sys.executable, "-c", code], text=True, timeout=60).strip() == "0"

@@ -28,7 +28,7 @@ def compile_with_progress(logs: Path) -> None:
         return
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}")
     with ProgressBar(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(TITLE, total=1.0, text="")  # others may be compiling them: nothing is reported then
+        task = bar.add_task(TITLE, total=1.0, text="")
         compile_kernels(lambda progress: bar.update(task, completed=progress.share, text=str(progress)), logs)
 
 

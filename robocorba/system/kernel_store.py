@@ -18,7 +18,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -32,8 +32,6 @@ from robocorba.system.private_files import exposure, make_folder
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 #: Maximum number of versions in the folder, 17 MB each.
 MAX_VERSIONS = 7
-#: Interval between attempts to lock a file [s].
-_INTERVAL_S = 0.01
 _KERNEL = re.compile(r"^@kernel\ndef (\w+)(.*?)(?=\n\n\n|\Z)", re.DOTALL | re.MULTILINE)
 _IMPORT = re.compile(r"^\s*from (\S+) import (\([^)]*\)|[^\n]*)|^\s*import (\S+)", re.MULTILINE)
 #: What is removed: versions, and files and folders of former releases.
@@ -52,19 +50,21 @@ class KernelStore:
             digest.update(f"{path.relative_to(root)}\0".encode() + path.read_bytes())
         self.folder = cache / digest.hexdigest()[:20] if cache else None
 
+    @functools.cached_property
+    def _sizes(self) -> dict[str, int]:
+        found: dict[str, int] = {}
+        for path in sources(self._root):
+            module = ".".join(path.relative_to(self._root.parent).with_suffix("").parts)
+            found |= {f"{module}.{name}": len(text) for name, text in _KERNEL.findall(path.read_text())}
+        return found
+
     @property
     def missing(self) -> dict[str, int]:
-        """The kernels, such as "robocorba.planning.packing.rows", that have not been compiled for any signature, and
+        """The kernels, such as "robocorba.planning.world.unpack", that have not been compiled for any signature, and
         the size of each [characters]."""
         files = self.folder.glob("*/*.nbi") if self.folder else ()
         compiled = {f"{path.parent.name.rpartition('_')[0]}.{path.name.split('-')[0]}" for path in files}
-        found = {}
-        for path in sources(self._root):
-            module = ".".join(path.relative_to(self._root.parent).with_suffix("").parts)
-            for name, text in _KERNEL.findall(path.read_text()):
-                if f"{path.parent.name}.{path.stem}.{name}" not in compiled:
-                    found[f"{module}.{name}"] = len(text)
-        return found
+        return {name: size for name, size in self._sizes.items() if ".".join(name.split(".")[-3:]) not in compiled}
 
     @property
     def is_complete(self) -> bool:
@@ -79,15 +79,16 @@ class KernelStore:
         """All kernels are compiled. Removes the versions that were used longest ago, beyond MAX_VERSIONS."""
         if not self._cache or not self.folder:
             return
-        make_folder(self.folder)
-        (self.folder / "complete").touch()
-        found = [path for path in self._cache.iterdir() if _OURS.fullmatch(path.name) and path != self.folder]
-        versions = sorted((path for path in found if path.is_dir()), key=_used_at, reverse=True)
-        for path in found:
-            if path not in versions:
-                path.unlink(missing_ok=True)
-        for path in versions[MAX_VERSIONS - 1 :]:
-            shutil.rmtree(path, ignore_errors=True)
+        with contextlib.suppress(OSError):  # on a full disk the next start looks for them again
+            make_folder(self.folder)
+            (self.folder / "complete").touch()
+            found = [path for path in self._cache.iterdir() if _OURS.fullmatch(path.name) and path != self.folder]
+            versions = sorted((path for path in found if path.is_dir()), key=_used_at, reverse=True)
+            for path in found:
+                if path not in versions:
+                    path.unlink(missing_ok=True)
+            for path in versions[MAX_VERSIONS - 1 :]:
+                shutil.rmtree(path, ignore_errors=True)
 
 
 @functools.lru_cache
@@ -138,12 +139,16 @@ def cache_folder() -> Path | None:
                 continue
             with tempfile.TemporaryFile(dir=folder):
                 return folder
+    _log.warning("compiled kernels are not kept: no folder is writable (%s)", ", ".join(map(str, folders)))
     return None
 
 
 @contextlib.contextmanager
-def lock(path: Path, limit_s: float) -> Iterator[None]:
-    """Hold a lock between processes; without it after `limit_s` [s], or where the file system has no locks."""
+def lock(
+    path: Path, limit_s: float, interval_s: float = 0.01, meanwhile: Callable[[], None] = lambda: None
+) -> Iterator[None]:
+    """Hold a lock between processes; without it after `limit_s` [s], or where the file system has no locks. Tries at
+    intervals [s], and calls `meanwhile` before each."""
     deadline = time.monotonic() + limit_s
     with path.open("a") as file:
         while True:
@@ -153,7 +158,8 @@ def lock(path: Path, limit_s: float) -> Iterator[None]:
             except OSError as error:
                 if not isinstance(error, BlockingIOError) or time.monotonic() > deadline:
                     break
-            time.sleep(_INTERVAL_S)
+            meanwhile()
+            time.sleep(interval_s)
         yield
 
 

@@ -35,6 +35,10 @@ class KernelCache(FunctionCache):
     numba reads and writes the index of a function's signatures without a lock: of two processes that do so at once one
     would lose its entry, or find the code of the other's signature under its own. Here they take turns."""
 
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file._source_stamp = ""  # not when the file was written: the folder is for what is in it
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled signature, None if it has to be compiled."""
         try:

@@ -1,11 +1,12 @@
-"""Compiles all kernels before anything needs them, once on a machine, in one process that all others wait for."""
+"""Compiles all kernels before anything needs them, once on a machine, by one process that all others wait for."""
 
 from __future__ import annotations
 
 import contextlib
 import logging
+import subprocess
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 from robocorba.system.kernel_store import KernelStore, lock, store
@@ -13,7 +14,7 @@ from robocorba.system.supervision.launch import LoggedProcess, module_command
 from robocorba.system.supervision.warm_parent import ENVIRONMENT
 
 WORKER = "robocorba.system.supervision.compile_worker"
-#: Timeout for all kernels [s]. One slow core takes 100 s.
+#: Timeout for all kernels [s]. One slow core takes 120 s.
 LIMIT_S = 900.0
 #: Share of the work after which its pace tells how long the rest takes: the first kernels alone say little.
 MIN_SHARE = 0.1
@@ -30,9 +31,9 @@ class Progress:
         self._sizes, self._clock = sizes, clock
         self._began, self._compiled = clock(), set[str]()
 
-    def add(self, name: str) -> None:
-        """A kernel is compiled, perhaps for another signature."""
-        self._compiled |= {name} & self._sizes.keys()
+    def update(self, missing: Collection[str]) -> None:
+        """These are not compiled yet."""
+        self._compiled = self._sizes.keys() - missing
 
     @property
     def share(self) -> float:
@@ -57,28 +58,34 @@ def compile_kernels(report: Callable[[Progress], None], logs: Path, kernels: Ker
     kernels = kernels or store()
     if kernels.is_complete or not kernels.folder:
         return bool(kernels.folder)
-    with lock(kernels.folder.parent / "compiling.lock", LIMIT_S):
+    progress = Progress(kernels.missing)
+
+    def report_progress() -> None:
+        progress.update(kernels.missing)
+        report(progress)
+
+    with lock(kernels.folder.parent / "compiling.lock", LIMIT_S, _INTERVAL_S, report_progress):
         if kernels.is_complete:  # another process has compiled them meanwhile
             return True
         command = ("env", *ENVIRONMENT, *module_command(WORKER))
         # It has nothing to put in order when it is told to end.
         with LoggedProcess(logs / "compile.log", *command, cwd="/", grace_period_s=2.0) as worker:
-            is_done = _wait(worker, Progress(kernels.missing), report)
-        if is_done:
-            kernels.set_complete()
-        return is_done
+            if not _ends_well(worker, report_progress):
+                return False
+        if missing := kernels.missing:  # the disk is full
+            _log.error("%d compiled kernels can't be kept in %s; see %s", len(missing), kernels.folder, worker.log)
+            return False
+        kernels.set_complete()
+        return True
 
 
-def _wait(worker: LoggedProcess, progress: Progress, report: Callable[[Progress], None]) -> bool:
-    """Whether the process ends well, in time."""
+def _ends_well(worker: LoggedProcess, report_progress: Callable[[], None]) -> bool:
+    """Whether the process ends without an error, in time."""
     deadline = time.monotonic() + LIMIT_S
     while time.monotonic() < deadline:
-        report(progress)
-        with contextlib.suppress(TimeoutError):
-            while line := worker.read_line(_INTERVAL_S):
-                progress.add(line.strip())
-            report(progress)
-            if code := worker.wait(LIMIT_S):
+        report_progress()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            if code := worker.wait(_INTERVAL_S):
                 last = worker.log_tail().strip().rpartition("\n")[2]
                 _log.error("the process that compiles kernels ended: exit code %d (%s); see %s", code, last, worker.log)
             return code == 0
