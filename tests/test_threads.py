@@ -106,6 +106,26 @@ def test_the_interval_may_change_and_failures_are_logged(caplog: pytest.LogCaptu
     assert "test failed" in caplog.text
 
 
+def test_closing_waits_for_the_call_in_progress_and_no_other_is_made() -> None:
+    begun, go_on, calls = threading.Event(), threading.Event(), list[int]()
+
+    def call() -> None:
+        begun.set()
+        go_on.wait(LIMIT_S)
+        calls.append(1)
+
+    repeating = Repeating("test", call, 0.0).start()
+    assert begun.wait(LIMIT_S)
+    closing = threading.Thread(target=repeating.close)
+    closing.start()
+    repeating.wake()
+    closing.join(0.1)
+    assert (closing.is_alive(), calls) == (True, [])
+    go_on.set()
+    closing.join(LIMIT_S)
+    assert (closing.is_alive(), calls) == (False, [1])
+
+
 def test_each_order_ends_with_a_report_and_the_next_one_has_its_chance() -> None:
     reports: queue.Queue[str] = queue.Queue()
 
